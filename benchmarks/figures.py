@@ -24,7 +24,10 @@ import numpy as np
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.session import fit_session
 from fitting.trial.trial import Trial, build_trial
-from solver.redundancy.motion import RedundancyOptions, build_redundancy, evaluate_motion, solve_redundancy
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.problem import build_redundancy
+from solver.redundancy.scenarios import solve_redundancy
 from station.fit import fit_session_folder
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.diagnosis.test_diagnosis import DEFECTS

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,10 @@ from solver.personalisation.anthropometry import ARM_SEGMENTS
 from solver.personalisation.tendons import fit_tendons
 from solver.redundancy.force_agreement import force_agreement, glenoid_axes
 from solver.redundancy.glenoid import JOINT, GlenoidCone, cone_rows, glenoid_cone
-from solver.redundancy.motion import Mechanics, RedundancyProblem, build_redundancy, solve_redundancy
+from solver.redundancy.mechanics import Mechanics
+from solver.redundancy.problem import RedundancyProblem, build_redundancy
 from solver.redundancy.response_maps import response_maps
+from solver.redundancy.scenarios import solve_redundancy
 from station.validation.variants import CUTOFF_HZ, GIRDLE_AND_SHOULDER, published_options
 
 Array = NDArray[np.float64]
@@ -46,7 +48,10 @@ GIRDLE = (
     "scapula_upward_rot",
     "scapula_winging",
 )
-ROTATION, PLANE = "scapula_upward_rot", "plane_elv"
+ROTATION, PLANE, FOREARM = "scapula_upward_rot", "plane_elv", ("elbow_flexion", "pro_sup")
+ANGLE_OF_SCAPULA, BESIDE = "AI", "AA"
+TO_FINGERS = np.array([0.0, -1.0, 0.0])
+"""Direction in the model's hand."""
 STIFF = 1.0  # m²/rad²: the coordinate takes the value of its task
 CONTACT_SCALE = 1e-3  # 1/N
 
@@ -57,14 +62,18 @@ class ContactVariant:
 
     rim            (along, across) tangents of the glenoid's rim; None for no cone
     tilt           (up, forward) of the cone's axis [deg]
-    weighting      of muscles: equal, or by strength (maximum isometric force over its mean)
+    weighting      of muscles: equal, or by strength or volume (maximum isometric force, or its product with the optimal
+                   fibre length, over the mean)
     exponent       of the activations in the effort
     reserve        weight of the actuators of girdle and shoulder
     arm_masses     published, or own: those of the patient's body mass (de Leva 1996)
     held           mass in the hand beside that of the model [kg]
+    grip           distance by which the load is nearer to the fingers than the hand's mass centre in the model [m]
     passive        factor on the passive force of all muscles
     fibres         least and greatest normalised fibre length in the person's lift, kept by tendon slack lengths
     is_plane_free  plane_elv is not locked
+    is_forearm_free  elbow_flexion and pro_sup are not locked
+    is_angle_tracked the inferior angle of the scapula (AI) is tracked with the weight of its other markers
     girdle         weight of coordinate tasks that hold the girdle near its default posture [m²/rad²]
     rotation       added to the upward rotation of the scapula [deg]
     subscapularis  factor on its strength, as after its release in surgery
@@ -73,19 +82,32 @@ class ContactVariant:
 
     rim: tuple[float, float] | None = (0.5, 0.5)
     tilt: tuple[float, float] = (0.0, 0.0)
-    weighting: Literal["equal", "strength"] = "equal"
+    weighting: Literal["equal", "strength", "volume"] = "equal"
     exponent: Literal[2, 3] = 2
     reserve: float = 10.0
     arm_masses: Literal["published", "own"] = "published"
     held: float = 0.0
+    grip: float = 0.0
     passive: float = 1.0
     fibres: tuple[float, float] | None = None
     is_plane_free: bool = False
+    is_forearm_free: bool = False
+    is_angle_tracked: bool = False
     girdle: float = 0.0
     rotation: float = 0.0
     subscapularis: float = 1.0
     shear: float = 0.0
     force: float = 0.0
+
+
+class PosedBody(NamedTuple):
+    """The assumptions of ContactVariant that decide the posture."""
+
+    is_plane_free: bool
+    is_forearm_free: bool
+    is_angle_tracked: bool
+    girdle: float
+    rotation: float
 
 
 class Lift:
@@ -97,20 +119,31 @@ class Lift:
         setup = read_ik_setup(data / f"{name}_ik_setup.xml")
         table = read_trc(data / f"{name}.trc", tracked=setup.markers)
         self.tasks = setup.tasks(self.model, table.labels, table.time_s)
-        self.observed = 1e-3 * table.positions[:, [table.labels.index(marker.name) for marker in self.tasks.markers]]
+        angle = self.model.marker(ANGLE_OF_SCAPULA)
+        beside = next(k for k, marker in enumerate(self.tasks.markers) if marker.name == BESIDE)
+        self.tasks_with_angle = replace(
+            self.tasks,
+            markers=(*self.tasks.markers, angle),
+            weights=np.append(self.tasks.weights, self.tasks.weights[beside]),
+        )
+        labels = [marker.name for marker in self.tasks_with_angle.markers]
+        self.observed = 1e-3 * table.positions[:, [table.labels.index(label) for label in labels]]
         self.time = table.time_s - table.time_s[0]
         weight = read_joint_force(data / f"{name}_measured_force.txt").body_weight
         if weight is None:
             raise SystemExit(f"{name}_measured_force.txt has no BodyWeight [N]; add the line")
         self.body_weight = weight
         record = read_joint_force(data / f"{name}_measured_force_glenoid.txt")
-        self.measured = np.interp(self.time, record.time_s, record.resultant)
+        self.measured = record.at(self.time)[1]
         self.repeats = self._repeats(float(read_motion(data / f"{name}.mot", self.model).time[-1]))
         self._cache: dict[Hashable, object] = {}
 
     def errors(self, variant: ContactVariant) -> Array:
         """RMSE of each repeat (3,) [% of body weight]."""
-        force = self.predicted(variant)
+        return self.errors_of(self.predicted(variant))
+
+    def errors_of(self, force: Array) -> Array:
+        """RMSE of a force (frames,) [N] in each repeat (3,) [% of body weight]."""
         errors = [force_agreement(force[part], self.measured[part]).rmse for part in self.repeats]
         return 100.0 * np.array(errors) / self.body_weight
 
@@ -119,9 +152,9 @@ class Lift:
         model, mechanics = self._mechanics(variant)
         options = replace(published_options(model), has_glenoid_cone=False, exponent=variant.exponent)
         weights = {name: variant.reserve for name in options.weights if name in GIRDLE_AND_SHOULDER}
-        if variant.weighting == "strength":
-            strengths = np.array([muscle.max_isometric_force for muscle in model.muscles])
-            weights |= dict(zip(model.muscle_names, (strengths / strengths.mean()).tolist(), strict=True))
+        if variant.weighting != "equal":
+            sizes = np.array([_size(muscle, variant.weighting) for muscle in model.muscles])
+            weights |= dict(zip(model.muscle_names, (sizes / sizes.mean()).tolist(), strict=True))
         problem = build_redundancy(model, mechanics, replace(options, weights=weights))
         cone = tilted(glenoid_cone(model), *variant.tilt)
         rotation = mechanics.state.rotation_to_ground[:, cone.body]
@@ -138,22 +171,23 @@ class Lift:
         is_lost = np.isnan(solution.controls[0]).any(axis=1)
         return np.where(is_lost, np.nan, np.linalg.norm(solution.reaction[0, :, 3:], axis=1))
 
-    def posed_motion(self, is_plane_free: bool, girdle: float, rotation: float) -> Motion:
+    def posed_motion(self, posture: PosedBody) -> Motion:
         """Inverse kinematics of the whole trial, with these assumptions of ContactVariant."""
-        model, tasks = self._base(is_plane_free=is_plane_free), self.tasks
-        held = {name: max(tasks.coordinate_weights.get(name, 0.0), girdle) for name in GIRDLE if girdle}
+        model = self._base(posture)
+        tasks = self.tasks_with_angle if posture.is_angle_tracked else self.tasks
+        observed = self.observed[:, : len(tasks.markers)]
+        held = {name: max(tasks.coordinate_weights.get(name, 0.0), posture.girdle) for name in GIRDLE if posture.girdle}
         tasks = replace(tasks, coordinate_weights={**tasks.coordinate_weights, **held})
-        coordinates = solve_inverse_kinematics(model, self.observed, tasks).coordinates
-        if rotation:
-            target = coordinates[:, model.coordinate_index(ROTATION)] + np.radians(rotation)
-            coordinates = solve_inverse_kinematics(model, self.observed, _turned(tasks, target)).coordinates
+        coordinates = solve_inverse_kinematics(model, observed, tasks).coordinates
+        if posture.rotation:
+            target = coordinates[:, model.coordinate_index(ROTATION)] + np.radians(posture.rotation)
+            coordinates = solve_inverse_kinematics(model, observed, _turned(tasks, target)).coordinates
         return Motion(model.coordinate_names, self.time, coordinates)
 
-    def _base(self, *, is_plane_free: bool) -> Model:
-        """The model as solved; without the lock, muscles have to produce the moment that the lock carried."""
-        if not is_plane_free:
-            return self.model
-        kept = (c for c in self.model.constraints if not (isinstance(c, CoordinateLock) and c.name == PLANE))
+    def _base(self, posture: PosedBody) -> Model:
+        """The model as solved; without a lock, muscles have to produce the moment that it carried."""
+        freed = (PLANE,) * posture.is_plane_free + FOREARM * posture.is_forearm_free
+        kept = (c for c in self.model.constraints if not (isinstance(c, CoordinateLock) and c.name in freed))
         return replace(self.model, constraints=tuple(kept))
 
     def _repeats(self, first_end: float) -> list[slice]:
@@ -161,15 +195,15 @@ class Lift:
         first = int(np.searchsorted(self.time, first_end))
         rest = len(self.time) - first
         middle = slice(first + int(0.3 * rest), first + int(0.7 * rest))
-        split = middle.start + int(self.measured[middle].argmin())
+        split = middle.start + int(np.nanargmin(self.measured[middle]))
         return [slice(0, first), slice(first, split), slice(split, len(self.time))]
 
     def _mechanics(self, variant: ContactVariant) -> tuple[Model, Mechanics]:
-        posture = (variant.is_plane_free, variant.girdle, variant.rotation)
-        motion = self._cached(("motion", posture), lambda: self.posed_motion(*posture))
-        base = self._base(is_plane_free=variant.is_plane_free)
+        posture = PosedBody(*(getattr(variant, name) for name in PosedBody._fields))
+        motion = self._cached(("motion", posture), lambda: self.posed_motion(posture))
+        base = self._base(posture)
         kinematics, state, paths = self._cached(("paths", posture), lambda: _evaluated(base, motion))
-        body = (variant.arm_masses, variant.held, variant.fibres, variant.subscapularis)
+        body = (variant.arm_masses, variant.held, variant.grip, variant.fibres, variant.subscapularis)
 
         def bodied() -> tuple[Model, EquationsOfMotion]:
             model = with_masses(base, variant, self.body_weight / GRAVITY)
@@ -245,8 +279,11 @@ def with_masses(model: Model, variant: ContactVariant, body_mass: float) -> Mode
     bodies = []
     for body in model.bodies:
         added = (ratios[body.name] - 1.0) * bare[body.name] + (variant.held if body.name == "hand" else 0.0)
-        factor = 1.0 + added / body.mass if body.mass else 1.0
-        bodies.append(replace(body, mass=body.mass + added, inertia=factor * body.inertia))
+        mass = body.mass + added
+        factor = mass / body.mass if body.mass else 1.0
+        held = HELD_MASS + variant.held if body.name == "hand" else 0.0
+        centre = body.mass_center + (held * variant.grip / mass * TO_FINGERS if held else 0.0)
+        bodies.append(replace(body, mass=mass, mass_center=centre, inertia=factor * body.inertia))
     return replace(model, bodies=tuple(bodies))
 
 
@@ -259,6 +296,11 @@ def _evaluated(model: Model, motion: Motion) -> tuple[Kinematics, Postures, Path
 def _weakened(muscle: Muscle, variant: ContactVariant) -> Muscle:
     factor = variant.subscapularis if muscle.name.startswith("Subscapularis") else 1.0
     return replace(muscle, max_isometric_force=factor * muscle.max_isometric_force)
+
+
+def _size(muscle: Muscle, weighting: Literal["strength", "volume"]) -> float:
+    strength = muscle.max_isometric_force
+    return strength if weighting == "strength" else strength * muscle.optimal_fiber_length
 
 
 def _turned(tasks: TrackingTasks, target: Array) -> TrackingTasks:

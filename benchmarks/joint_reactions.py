@@ -22,7 +22,9 @@ from solver.multibody.joint_reactions import Axes, JointReactions, ReactionReque
 from solver.multibody.postures import speeds_from_rates
 from solver.osim.loads import read_external_loads
 from solver.osim.reader import read_osim
-from solver.redundancy.motion import MotionSolution, evaluate_motion, solve_motion
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import RedundancyOptions, options_for
 from solver.redundancy.reactions import SolvedForces, solved_reactions
 from solver.redundancy.reserves import Reserve, with_reserves

@@ -35,7 +35,8 @@ from solver.multibody.postures import points_in_ground, postures
 from solver.osim.ik_setup import read_ik_setup
 from solver.osim.reader import read_osim
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import MotionSolution, solve_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import MotionSolution
 from solver.stream.stream_frame import StreamFrame
 from solver.stream.stream_scenario import StreamScenario
 from solver.stream.stream_solver import StreamSolver

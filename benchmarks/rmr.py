@@ -44,19 +44,18 @@ from solver.multibody.postures import postures  # noqa: E402
 from solver.muscle import muscle_forces  # noqa: E402
 from solver.paths import evaluate_paths  # noqa: E402
 from solver.raise_arm import simulate_arm_raise  # noqa: E402
-from solver.redundancy.motion import (  # noqa: E402
+from solver.redundancy.mechanics import evaluate_motion  # noqa: E402
+from solver.redundancy.motion import solve_motion  # noqa: E402
+from solver.redundancy.options import RedundancyOptions  # noqa: E402
+from solver.redundancy.problem import RedundancyProblem, build_redundancy  # noqa: E402
+from solver.redundancy.response_maps import response_maps  # noqa: E402
+from solver.redundancy.scenarios import (  # noqa: E402
     CONE_FORCE_SCALE,
-    FrameOutcome,
     LoadResponse,
-    RedundancyOptions,
-    RedundancyProblem,
     ScenarioSolutions,
-    build_redundancy,
-    evaluate_motion,
-    solve_motion,
     solve_redundancy,
 )
-from solver.redundancy.response_maps import response_maps  # noqa: E402
+from solver.redundancy.sequence import FrameOutcome  # noqa: E402
 
 Array = NDArray[np.float64]
 Clock = Callable[[], float]

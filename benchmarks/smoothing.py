@@ -21,7 +21,9 @@ from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.inverse_kinematics.uncertainty import estimate_marker_noise
 from solver.model import Model
 from solver.motion import Kinematics, Motion, decimate, differentiate
-from solver.redundancy.motion import MotionSolution, RedundancyOptions, solve_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.options import RedundancyOptions
 from tests.solver.inverse_kinematics.known_motions import (
     INTERVAL,
     MODEL,

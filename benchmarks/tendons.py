@@ -24,8 +24,9 @@ from scipy.optimize import OptimizeResult
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.constraints import is_held
-from solver.redundancy.motion import MotionSolution, RedundancyOptions, solve_motion
-from solver.redundancy.options import Tendons, options_for
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.options import RedundancyOptions, Tendons, options_for
 from solver.redundancy.reserves import Reserve, with_reserves
 from station.assessment.given_motion import GivenMotion, MotionCut, MuscleInputs, read_given_motion
 

@@ -26,8 +26,9 @@ from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from solver.suit.uncertainty import DrawSettings
 from solver.uncertainty.cubes import CubesComparison
+from solver.uncertainty.figures import IndexedFigure
 from solver.uncertainty.indices import SobolIndices
-from solver.uncertainty.total import IndexedFigure, TotalUncertainty
+from solver.uncertainty.total import TotalUncertainty
 from station.assessment.budget_file import read_budget
 from station.assessment.case import AssessedCase
 from station.assessment.decision_json import plain_decision

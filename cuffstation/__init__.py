@@ -25,7 +25,8 @@ from solver.errors import SolverError
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.joint_reactions import ReactionRequest
-from solver.redundancy.motion import MotionSolution, RedundancyOptions
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.options import RedundancyOptions
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import Assessment

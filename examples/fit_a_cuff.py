@@ -24,14 +24,12 @@ for cause, part in cuff.stiffness.parts.items():
 print(cuff.verdict)
 
 # %% [markdown]
-# The same fit without the last trial.
+# The same fit without the last trial. The bounce calibrates the load cell.
 
 # %%
-files = [SESSION / trial.file for trial in cuff.trials if trial.state == "used"]
-fewer = cs.fit_donning(files[:-1])
-print(fewer)
-shift = fewer.stiffness.value - cuff.stiffness.value
-print(f"without {files[-1].name} the stiffness changes by {shift:+.1f} N/m")
+used = [SESSION / trial.file for trial in cuff.trials if trial.state == "used"]
+fewer = cs.fit_donning([*SESSION.glob("test-bounce_*.mcap"), *used[:-1]])
+print(f"with all trials: {cuff}", f"without {used[-1].name}: {fewer}", sep="\n")
 
 # %% [markdown]
 # Write the cuffs to a file, which `station assess` also reads.

@@ -33,6 +33,7 @@ from solver.inverse_kinematics.uncertainty import posture_uncertainty
 from solver.model import Marker, Model
 from solver.motion import differentiate
 from solver.multibody.bodies import move_bodies
+from solver.multibody.dynamics import equations_of_motion, response_to_loads
 from solver.multibody.masses import mass_matrix_and_bias
 from solver.multibody.postures import points_in_ground, postures
 from solver.multibody.responses import fill_responses
@@ -91,10 +92,17 @@ def compile_ahead() -> None:
 
 
 def compile_last_first() -> None:
-    """Compile the solver of the redundancy problem, on a problem of one frame that needs no model, then the rest."""
+    """Compile what a first process needs after the muscle paths, which take it longest, and then the rest.
+
+    Nothing of this needs the paths: to call what does, this process would wait until the first has compiled them.
+    """
     one, equation, no_cone = np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 3, 1))
     problem = FrameSequence(one, equation, equation, no_cone, np.eye(1, 3)[None], rise=one, fall=one)
     solve_sequence(problem, progress=lambda *_: None, workers=1)
+    model = bundled_model()
+    rest = model.default_coordinates[None]
+    equations = equations_of_motion(model, postures(model, rest, np.zeros_like(rest)))
+    response_to_loads(equations, np.zeros((1, 1, len(model.bodies), 6)))
     compile_ahead()
 
 

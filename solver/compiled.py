@@ -18,7 +18,7 @@ from numba.core.caching import FunctionCache, NullCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import unliteral
 
-from solver.linked import LinkedCompiler
+from solver.linked import KernelCompiler, LinkedCompiler, PrivateKernelCompiler
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -49,7 +49,25 @@ def compiled_for_python(function: Function) -> Function:
 
     Where no folder is writable for the cache, each process compiles it, and the first kernel says so.
     """
-    kernel: Any = njit(error_model="numpy", nogil=True)(function)
+    return _kernel(function, KernelCompiler)
+
+
+def compiled_with_private_functions(function: Function) -> Function:
+    """Like compiled_for_python, with the functions that it calls private to it, so that LLVM may change how they are
+    called: a third faster where they pass many arrays to one another, and half a second longer to compile
+    (docs/decisions/0055-private-functions-of-a-kernel.md).
+    """
+    return _kernel(function, PrivateKernelCompiler)
+
+
+def _kernel(function: Function, compiler: type) -> Function:
+    options: dict[str, Any] = {
+        "error_model": "numpy",
+        "nogil": True,
+        "no_cfunc_wrapper": True,
+        "pipeline_class": compiler,
+    }
+    kernel: Any = njit(**options)(function)
     try:
         kernel._cache = _CodeCache(function)
     except RuntimeError:  # numba found no folder

@@ -42,6 +42,7 @@ class SolverCode(StrEnum):
     LOAD_PRESENT = "model_unusable.load_present"
     NOT_POSITIVE = "model_unusable.not_positive"
     NOT_NAMED = "model_unusable.not_named"
+    WRONG_PENNATION = "model_unusable.wrong_pennation"
     NO_TENDON = "model_unusable.no_elastic_tendon"
 
     MOTION = "motion_unusable"
@@ -54,6 +55,7 @@ class SolverCode(StrEnum):
     WRONG_CUTOFF = "motion_unusable.wrong_cutoff"
     NOT_COVERED = "motion_unusable.not_covered"
     NO_ACCELERATIONS = "motion_unusable.no_accelerations"
+    IMPOSSIBLE_VALUE = "motion_unusable.impossible_value"
     OPEN_JOINT = "motion_unusable.open_joint"
     OUT_OF_RANGE = "motion_unusable.coordinate_out_of_range"
 

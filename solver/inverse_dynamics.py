@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solver.model import Model
 from solver.motion import Kinematics
-from solver.multibody.dynamics import equations_of_motion
+from solver.multibody.dynamics import mass_matrix_and_bias_force
 from solver.multibody.external_loads import ExternalForce, load_wrenches
 from solver.multibody.postures import postures
 from solver.multibody.rotations import rotate
@@ -28,11 +28,11 @@ Array = NDArray[np.float64]
 def inverse_dynamics(model: Model, kinematics: Kinematics, loads: Sequence[ExternalForce] = ()) -> Array:
     """τ (frames, coordinates) [N m for angles, N for translations]; loads are sampled at the frames of the motion.
 
-    Raises ModelError where the mass matrix is singular in all frames.
+    Bodies may lack mass: nothing is inverted.
     """
     state = postures(model, kinematics.positions, kinematics.speeds, kinematics.time)
-    equations = equations_of_motion(model, state, model.joints[0].name)
-    forces = rotate(equations.mass_matrix, kinematics.accelerations) + equations.bias_force
+    mass_matrix, bias_force = mass_matrix_and_bias_force(model, state)
+    forces = rotate(mass_matrix, kinematics.accelerations) + bias_force
     if loads:
         beyond = tables_of(model).moves.T @ load_wrenches(loads, state)  # of each coordinate
         forces -= (beyond * state.screws).sum(axis=-1)

@@ -1,17 +1,35 @@
-"""A compiler for functions that only other compiled functions call: they are linked into these and optimised there.
+"""Compilers for kernels and for functions that only other compiled functions call: these are optimised in the kernels.
 
 numba optimises a function together with all that it calls, and generates machine code for it, before its callers link
 it, optimise it again and generate machine code for it again. Few of the solver's functions are called from Python;
 for the other ones that machine code is never run (docs/decisions/0015-linking-of-compiled-functions.md).
+
+Most of the rest is numba's own Python code. What of it is repeated or unused is avoided here, without a change in the
+result (docs/decisions/0056-first-use-in-two-processes.md).
 """
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, cast
 
 from numba.core import codegen, compiler, compiler_machinery, types
 from numba.core.typed_passes import AnnotateTypes, NativeLowering
+from numba.core.untyped_passes import (
+    FindLiterallyCalls,
+    InlineClosureLikes,
+    InlineInlinables,
+    LiteralPropagationSubPipelinePass,
+    LiteralUnroll,
+    MakeFunctionToJitFunction,
+    RewriteDynamicRaises,
+    WithLifting,
+)
+
+from solver.operator_signatures import remember_signatures
 
 _Library: Any = codegen.JITCodeLibrary  # all of these are without types
 _Compiler: Any = compiler.CompilerBase
@@ -21,15 +39,70 @@ _register_pass: Any = compiler_machinery.register_pass
 _functions: Any = import_module("numba._dynfunc")
 
 
+class KernelCompiler(_Compiler):  # type: ignore[misc]
+    """For njit(pipeline_class=...) of a function that Python calls: numba's own passes, and what speeds them up."""
+
+    def compile_extra(self, function: Callable[..., object]) -> Any:
+        remember_signatures(self.state.typingctx)
+        with _collection_paused():
+            return super().compile_extra(function)
+
+    def define_pipelines(self) -> list[Any]:
+        return [_short_pipeline(self.state, "kernel")]
+
+
+class PrivateKernelCompiler(KernelCompiler):
+    """For a kernel as well, with the linked functions private to it."""
+
+    def define_pipelines(self) -> list[Any]:
+        pipeline = _short_pipeline(self.state, "private kernel")
+        pipeline.add_pass_after(_ChooseKernelLibrary, AnnotateTypes)
+        pipeline.finalize()
+        return [pipeline]
+
+
 class LinkedCompiler(_Compiler):  # type: ignore[misc]
     """For njit(pipeline_class=...): numba's own passes, and around the lowering to LLVM one before and one after it."""
 
     def define_pipelines(self) -> list[Any]:
-        pipeline = _Passes.define_nopython_pipeline(self.state, "linked")
+        pipeline = _short_pipeline(self.state, "linked")
         pipeline.add_pass_after(_ChooseLibrary, AnnotateTypes)
         pipeline.add_pass_after(_OfferToCallers, NativeLowering)
         pipeline.finalize()
         return [pipeline]
+
+
+def _short_pipeline(state: Any, name: str) -> Any:
+    """numba's passes but for those that the solver's functions do not need."""
+    pipeline = _Passes.define_nopython_pipeline(state, name)
+    pipeline.passes = [described for described in pipeline.passes if described[0] not in _UNNEEDED]
+    pipeline.finalize()
+    return pipeline
+
+
+_UNNEEDED = {
+    WithLifting,
+    InlineClosureLikes,
+    MakeFunctionToJitFunction,
+    InlineInlinables,
+    FindLiterallyCalls,
+    LiteralUnroll,
+    LiteralPropagationSubPipelinePass,
+    RewriteDynamicRaises,
+}
+"""Passes for with, closures, comprehensions, functions that are inlined as Python, literally, and raise with values."""
+
+
+@contextmanager
+def _collection_paused() -> Iterator[None]:
+    """Without garbage collection, which in vain looks through the many objects of the compiler again and again."""
+    is_paused = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if is_paused:
+            gc.enable()
 
 
 class _LinkedLibrary(_Library):  # type: ignore[misc]
@@ -42,6 +115,20 @@ class _LinkedLibrary(_Library):  # type: ignore[misc]
         """Ready to be linked. The module is not given to the execution engine, which would generate machine code."""
         self._finalize_dynamic_globals()
         self._finalized = True
+
+
+class _KernelLibrary(_Library):  # type: ignore[misc]
+    """Code of a kernel. Nothing else calls the functions linked into it, so LLVM may change how they are called.
+
+    They are private, not internal: internal ones keep their names, by which another kernel of the process would find
+    them in place of its own (docs/decisions/0055-private-functions-of-a-kernel.md).
+    """
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "linkonce_odr":
+                function.linkage = "private"
+        super()._optimize_final_module()
 
 
 @_register_pass(mutates_CFG=False, analysis_only=False)
@@ -60,8 +147,21 @@ class _ChooseLibrary(_Pass):  # type: ignore[misc]
         return True
 
 
+@_register_pass(mutates_CFG=False, analysis_only=False)
+class _ChooseKernelLibrary(_Pass):  # type: ignore[misc]
+    _name = "choose_kernel_library"
+
+    def __init__(self) -> None:  # abstract in numba
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _KernelLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()  # as numba does for a library of its own
+        return True
+
+
 def _has_array(returned: Any) -> bool:
-    """Whether an array is in the type of a returned value: its caller would release a reference that nobody counted."""
+    """Whether an array is in the type of a returned value: its caller would release an uncounted reference."""
     if isinstance(returned, types.BaseTuple):
         return any(_has_array(part) for part in tuple(cast(Any, returned)))
     return isinstance(returned, types.Array)

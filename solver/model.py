@@ -179,6 +179,7 @@ class Muscle:
     tendon          its force-length curve, for elastic tendons (solver/tendons); None for a tendon that stays rigid
     fiber_damping   damping force at the greatest velocity, over the greatest isometric force; with elastic tendons only
     min_control, max_control  limits of the activation in static optimisation
+    activation_time_constant, deactivation_time_constant  0 for an activation that takes any value at once
     """
 
     name: str

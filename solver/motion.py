@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 from documents.regular_file import LARGEST_TABLE, read_regular
 from solver.errors import SolverCode, SolverError
 from solver.model import Model
+from solver.time_grid import even_grid, interpolated, is_even
 
 Array = NDArray[np.float64]
 Derivatives = Literal["differences", "splines"]
+LARGEST_COORDINATE = 1e6
+"""[rad or m] Beyond any motion, also one in degrees or millimetres; a filter would spread it over all frames."""
+_FILLING = " \t,;"
 
 
 class MotionError(SolverError):
@@ -32,12 +36,14 @@ class Motion:
     time         (frames,) [s], evenly spaced
     coordinates  (frames, coordinates) [rad], translations [m]
     missing      names of the coordinates without data, which keep their default values
+    steps        shortest and longest step of the recorded times [s], if they were uneven; None if they were even
     """
 
     names: tuple[str, ...]
     time: Array
     coordinates: Array
     missing: tuple[str, ...] = ()
+    steps: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,6 +55,7 @@ class Kinematics:
     speeds        u [rad/s or m/s];  accelerations [rad/s² or m/s²]
     cutoff        of the low-pass filter [Hz], None where none was used
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
+    steps         of the recorded times, as in Motion
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
     angular velocity. Over a slow arm raise the two differ by up to 0.1 rad/s; published activations compare only so.
@@ -61,11 +68,25 @@ class Kinematics:
     accelerations: Array
     cutoff: float | None
     derivatives: Derivatives = "differences"
+    steps: tuple[float, float] | None = None
+
+    def cut(self, frames: slice) -> Kinematics:
+        """These frames alone, without a step between them."""
+        return replace(
+            self,
+            time=self.time[frames],
+            positions=self.positions[frames],
+            speeds=self.speeds[frames],
+            accelerations=self.accelerations[frames],
+        )
 
     def __repr__(self) -> str:
         frames, coordinates = self.positions.shape
         span = f"{self.time[0]:g} to {self.time[-1]:g} s" if frames else "no frames"
-        return f"Kinematics: {frames} frames of {coordinates} coordinates, {span}; low-pass filter: {self.filter}"
+        described = f"Kinematics: {frames} frames of {coordinates} coordinates, {span}; low-pass filter: {self.filter}"
+        if self.steps is None:
+            return described
+        return f"{described}; interpolated from steps of {self.steps[0]:.6g} to {self.steps[1]:.6g} s"
 
     @property
     def filter(self) -> str:
@@ -83,7 +104,8 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
     (/jointset/hip_r/hip_flexion_r/value).
     Angles are converted to radians if the header has inDegrees=yes. Columns without a coordinate are ignored. A
     coordinate without a column is refused; with_defaults it keeps its default value, as in OpenSim, unless all are
-    missing. Raises MotionError, which names the file and the missing or malformed part.
+    missing. A motion with uneven steps, as OpenSim's RRA and CMC write it, is interpolated to an even grid; one with a
+    gap is refused. Raises MotionError, which names the file and the missing or malformed part.
     """
     names = model.coordinate_names
     columns, table, in_degrees = read_table(path)
@@ -104,14 +126,26 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
             f"{', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'} or use another model",
             SolverCode.MISSING_COLUMN,
         )
+    doubled = [name for name in ("time", *names) if columns.count(name) > 1]
+    if doubled:
+        sentence = f"{path.name} should have one column for each coordinate and has several for {', '.join(doubled)}"
+        raise MotionError(f"{sentence}; keep one of them", SolverCode.MALFORMED_TABLE)
     time = table[:, columns.index("time")]
-    _ensure_even_time(path, time)
     coordinates = np.tile(model.default_coordinates, (len(time), 1))
     for index, coordinate in enumerate(model.coordinates):
         if coordinate.name not in missing:
             is_angle = in_degrees and coordinate.motion == "rotation"
             coordinates[:, index] = table[:, columns.index(coordinate.name)] * (np.pi / 180 if is_angle else 1.0)
-    return Motion(names=names, time=time, coordinates=coordinates, missing=missing)
+    _ensure_possible(path, model, coordinates)
+    if is_even(time):
+        return Motion(names=names, time=time, coordinates=coordinates, missing=missing)
+    steps, grid = np.diff(time), even_grid(time)
+    if grid is None:
+        raise MotionError(
+            f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; resample it",
+            SolverCode.UNEVEN_TIME,
+        )
+    return Motion(names, grid, interpolated(time, coordinates, grid), missing, (float(steps.min()), float(steps.max())))
 
 
 def differentiate(
@@ -127,7 +161,8 @@ def differentiate(
     speeds = np.gradient(positions, interval, axis=0)
     accelerations = np.gradient(speeds, interval, axis=0)
     kept = frames_between(motion.time, start, end)
-    return Kinematics(motion.time[kept], interval, positions[kept], speeds[kept], accelerations[kept], cutoff)
+    moved = (positions[kept], speeds[kept], accelerations[kept])
+    return Kinematics(motion.time[kept], interval, *moved, cutoff, steps=motion.steps)
 
 
 def frames_between(time: Array, start: float | None, end: float | None) -> NDArray[np.bool_]:
@@ -199,69 +234,88 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
     Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. Raises MotionError.
     """
     try:
-        lines = read_regular(path, LARGEST_TABLE).decode("utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        raw = read_regular(path, LARGEST_TABLE)
+    except OSError as error:
         sentence = f"{path} should be a motion file and cannot be read ({error}); check the path"
         raise MotionError(sentence, SolverCode.UNREADABLE_TABLE) from error
+    try:
+        lines = raw.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:  # a name with an accent in the header of an older program
+        lines = raw.decode("latin-1").splitlines()
+    if path.suffix.lower() == ".trc":
+        sentence = f"{path.name} should be a table over time (.mot, .sto, .csv) and holds markers; see `station ik`"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
     in_degrees, first = False, 0
     if path.suffix != ".csv":
-        ends = [i for i, line in enumerate(lines) if line.strip() == "endheader"]
+        ends = [i for i, line in enumerate(lines) if line.strip(_FILLING) == "endheader"]
         if not ends:
             sentence = f"{path.name} should have a line 'endheader' above its table and has none; check it"
             raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
         first = ends[0] + 1
-        header = {line.replace(" ", "").lower() for line in lines[:first]}
-        in_degrees = "indegrees=yes" in header or (path.suffix == ".mot" and _is_of_simm(header))
-    rows = [line.replace(",", " ").split() for line in lines[first:] if line.strip() and line[0] != "#"]
+        in_degrees = _is_in_degrees(lines[: ends[0]], is_mot=path.suffix == ".mot")
+    rows = [line.replace(",", " ") for line in lines[first:] if line.strip() and line[0] != "#"]
     if len(rows) < 3:
         sentence = f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows"
         raise MotionError(sentence, SolverCode.NO_FRAMES)
-    for number, row in enumerate(rows):
-        if len(row) != len(rows[0]):
-            raise MotionError(
-                f"{path.name} should have {len(rows[0])} columns in every row and has {len(row)} in frame {number}; "
-                "the file may be cut",
-                SolverCode.MALFORMED_TABLE,
-            )
+    names = rows[0].split()
     try:
-        table = np.array(rows[1:], dtype=np.float64)
+        table = np.loadtxt(rows[1:], comments=None, ndmin=2)
     except ValueError as error:
+        _ensure_same_length(path, rows)
         sentence = f"{path.name} should hold numbers below its names ({error}); check the file"
         raise MotionError(sentence, SolverCode.MALFORMED_TABLE) from error
+    if table.shape[1] != len(names):
+        _ensure_same_length(path, rows)
     if not np.isfinite(table).all():
         frame = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
         sentence = f"{path.name} should hold finite numbers and frame {frame} does not; fill or cut the gap"
         raise MotionError(sentence, SolverCode.NOT_FINITE)
-    return rows[0], table, in_degrees
+    return names, table, in_degrees
 
 
-def _is_of_simm(header: set[str]) -> bool:
-    """Whether it is that of a motion file of SIMM, as OpenSim 1 wrote it: without a version and in degrees."""
-    return not any(line.startswith(("version=", "indegrees=")) for line in header)
+def _ensure_same_length(path: Path, rows: Sequence[str]) -> None:
+    """Raise MotionError for the first row that has not as many columns as the row of names."""
+    lengths = [len(row.split()) for row in rows]
+    for number, length in enumerate(lengths):
+        if length != lengths[0]:
+            raise MotionError(
+                f"{path.name} should have {lengths[0]} columns in every row and has {length} in frame {number}; "
+                "the file may be cut",
+                SolverCode.MALFORMED_TABLE,
+            )
+
+
+def _is_in_degrees(header: Sequence[str], *, is_mot: bool) -> bool:
+    """As the header says. A motion file of SIMM, as OpenSim 1 wrote it, has no version and is in degrees.
+
+    Spreadsheets fill the lines of a header with tabs or commas, up to the number of columns.
+    """
+    fields = {}
+    for line in header:
+        key, *value = line.strip(_FILLING).lower().replace("=", " ").split() or [""]
+        fields[key] = " ".join(value)
+    if "indegrees" in fields:
+        return fields["indegrees"] in ("yes", "y")
+    return "version" not in fields and (is_mot or fields.get("angles") == "are in degrees.")
+
+
+def _ensure_possible(path: Path, model: Model, coordinates: Array) -> None:
+    """Raise MotionError for a value beyond LARGEST_COORDINATE, such as the mark of a gap."""
+    frame, index = np.unravel_index(int(np.abs(coordinates).argmax()), coordinates.shape)
+    value, coordinate = coordinates[frame, index], model.coordinates[int(index)]
+    if abs(value) > LARGEST_COORDINATE:
+        unit = {"rotation": "rad", "translation": "m"}.get(coordinate.motion, "rad or m")
+        raise MotionError(
+            f"{path.name} should have {coordinate.name} below {LARGEST_COORDINATE:g} {unit} and has {value:.3g} {unit} "
+            f"in frame {frame}; correct the value or cut the frame",
+            SolverCode.IMPOSSIBLE_VALUE,
+        )
 
 
 def _coordinate_of(column: str) -> str:
     """Name of the coordinate of a column: OpenSim 4 writes /jointset/JOINT/COORDINATE/value into tables of states."""
     parts = column.split("/")
     return parts[-2] if len(parts) > 2 and parts[-1] == "value" else column
-
-
-def _ensure_even_time(path: Path, time: Array) -> None:
-    """Steps within 1 % of each other, or times that were even before they were printed with few decimals."""
-    steps = np.diff(time)
-    step = float(np.median(steps))
-    if step <= 0 or (np.abs(steps - step).max() > 0.01 * step and not _is_rounded_grid(time)):
-        raise MotionError(
-            f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; resample it",
-            SolverCode.UNEVEN_TIME,
-        )
-
-
-def _is_rounded_grid(time: Array) -> bool:
-    """Whether times are those of an even grid, rounded to a decimal that is at most a tenth of a step: 60 Hz in ms."""
-    decimal = next((10.0**-digits for digits in range(10) if np.allclose(time, time.round(digits), 0, 1e-12)), 0.0)
-    grid = np.linspace(time[0], time[-1], len(time))
-    return decimal <= 0.1 * (grid[1] - grid[0]) and float(np.abs(time - grid).max()) <= 1.001 * decimal
 
 
 def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:

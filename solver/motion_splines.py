@@ -43,23 +43,25 @@ def differentiate_by_splines(
         sentence = f"splines need at least {LEAST_FRAMES} frames and the motion has {frames}; give a longer motion"
         raise MotionError(sentence, SolverCode.NO_FRAMES)
     interval = float(motion.time[-1] - motion.time[0]) / (frames - 1)
-    time, positions = motion.time, motion.coordinates
-    if cutoff is not None:
-        time, positions = _padded(motion, frames // 2)
+    at, time, positions = motion.time, motion.time, motion.coordinates
+    if cutoff is not None:  # it takes samples as even; so times that were rounded must not make its result uneven
+        at = np.linspace(motion.time[0], motion.time[-1], frames)
+        time, positions = _padded(at, positions, frames // 2)
         positions = _low_pass(positions, cutoff, interval)
     spline = _natural_spline(time, positions)
-    speeds, curvatures = spline(motion.time, nu=1), spline(motion.time, nu=2)
+    speeds, curvatures = spline(at, nu=1), spline(at, nu=2)
     if accelerations == "slopes_of_speeds":
-        curvatures = _natural_spline(time, spline(time, nu=1))(motion.time, nu=1)
+        curvatures = _natural_spline(time, spline(time, nu=1))(at, nu=1)
     kept = frames_between(motion.time, start, end)
     return Kinematics(
         time=motion.time[kept],
         interval=interval,
-        positions=spline(motion.time)[kept],
+        positions=spline(at)[kept],
         speeds=speeds[kept],
         accelerations=curvatures[kept],
         cutoff=cutoff,
         derivatives="splines",
+        steps=motion.steps,
     )
 
 
@@ -95,11 +97,11 @@ def _required(
     return tuple(total)
 
 
-def _padded(motion: Motion, count: int) -> tuple[Array, Array]:
-    """Time and coordinates, extended by `count` frames at both ends by odd reflection."""
+def _padded(time: Array, coordinates: Array, count: int) -> tuple[Array, Array]:
+    """Both extended by `count` frames at both ends by odd reflection."""
     extended = [
         np.concatenate([2 * part[:1] - part[count:0:-1], part, 2 * part[-1:] - part[-2 : -count - 2 : -1]])
-        for part in (motion.time, motion.coordinates)
+        for part in (time, coordinates)
     ]
     return extended[0], extended[1]
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError, Path
+from solver.multibody.load_wrenches import LoadWrenches
 from solver.multibody.postures import Postures
-from solver.wrapping.path_tables import PathResults, pack_bodies, pack_paths
+from solver.wrapping.path_tables import PathResults, PathTables, pack_bodies, pack_paths
 
 Array = NDArray[np.float64]
 PathMode = Literal["opensim", "geodesic"]
@@ -40,18 +41,24 @@ class PathState:
 
     lengths               (frames, paths) [m]
     speeds                (frames, paths) [m/s], positive while the path lengthens
-    wrench_per_tension    (frames, paths, bodies, 6) on each body for a tension of 1 N: moment about the ground's origin
-                          [m], then force [1], in ground
+    wrenches              on the bodies that each path touches, for a tension of 1 N
     mobility_per_tension  (frames, paths, coordinates) generalised force for a tension of 1 N that is in no wrench: what
                           the path does to the coordinates that move its points in their bodies [m]
+    has_moving_points     False where no coordinate moves a point in its body, so that mobility_per_tension is zero
     outcomes              (frames, paths) of PathOutcome
     """
 
     lengths: Array
     speeds: Array
-    wrench_per_tension: Array
+    wrenches: LoadWrenches
     mobility_per_tension: Array
+    has_moving_points: bool
     outcomes: NDArray[np.object_]
+
+    @property
+    def wrench_per_tension(self) -> Array:
+        """(frames, paths, bodies, 6) the wrenches as a dense array: moment about the ground's origin [m], force [1]."""
+        return self.wrenches.dense()
 
 
 def evaluate_paths(
@@ -68,31 +75,43 @@ def evaluate_paths(
     # The compiler behind this takes a third of a second to import, which reading a model does not need.
     from solver.geodesics.tension import evaluate_geodesic_paths
     from solver.geodesics.workspace import allocate_geodesic
-    from solver.wrapping.moving_points import pack_moving_points
+    from solver.wrapping.moving_points import has_moving_points, pack_moving_points
     from solver.wrapping.tension import evaluate_wrapped_paths
     from solver.wrapping.workspace import allocate_wrap
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     if mode == "geodesic":
         _ensure_geodesic(model, chosen)
-    frames, bodies = postures.origin_in_ground.shape[:2]
-    results = PathResults(
-        lengths=np.empty((frames, len(chosen))),
-        speeds=np.empty((frames, len(chosen))),
-        wrenches=np.zeros((frames, len(chosen), bodies, 6)),
-        mobilities=np.zeros((frames, len(chosen), len(model.coordinates))),
-        codes=np.zeros((frames, len(chosen)), np.int8),
-    )
     tables, poses, rates = pack_paths(model, chosen), pack_bodies(postures), np.array(postures.speeds, order="C")
+    shape, is_moving = (len(poses), len(chosen)), has_moving_points(chosen)
+    results = PathResults(
+        lengths=np.empty(shape),
+        speeds=np.empty(shape),
+        wrenches=np.empty((len(poses), len(tables.bodies), 6)),
+        mobilities=np.zeros((*shape, len(model.coordinates) if is_moving else 0)),
+        codes=np.zeros(shape, np.int8),
+    )
     changes = pack_moving_points(chosen, postures, stops_at_ends=mode == "geodesic")
     if mode == "geodesic":
         evaluate_geodesic_paths(tables, poses, changes, rates, allocate_geodesic(tables), results)
     else:
         evaluate_wrapped_paths(tables, poses, changes, rates, allocate_wrap(tables), results)
-    state = PathState(*results[:4], outcomes=OUTCOMES[results.codes])
-    for values in vars(state).values():
+    for values in results:
         values.flags.writeable = False
-    return state
+    return PathState(
+        results.lengths,
+        results.speeds,
+        _load_wrenches(model, tables, results.wrenches),
+        results.mobilities if is_moving else np.broadcast_to(0.0, (*shape, len(model.coordinates))),
+        is_moving,
+        OUTCOMES[results.codes],
+    )
+
+
+def _load_wrenches(model: Model, tables: PathTables, wrenches: Array) -> LoadWrenches:
+    touched = np.diff(tables.first_body)
+    path = np.repeat(np.arange(len(touched)), touched)
+    return LoadWrenches(wrenches, path, tables.bodies, len(touched), len(model.bodies))
 
 
 def _ensure_geodesic(model: Model, paths: Sequence[Path]) -> None:

@@ -25,7 +25,21 @@ from solver.errors import SolverError
 from station.errors import StationError
 from station.exit_code import DONE, FAILED, INTERRUPTED
 from station.extras import with_extras
-from station.verbs import bench, cuffs, files, inverse_dynamics, kinematics, live, muscles, study, sweep, whole
+from station.verbs import (
+    bench,
+    cuffs,
+    emg,
+    files,
+    inverse_dynamics,
+    kinematics,
+    live,
+    rmr,
+    study,
+    suits,
+    sweep,
+    validate,
+    whole,
+)
 from station.verbs.options import print_message
 
 ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, PlainDataError)
@@ -39,11 +53,11 @@ STAGES = {
     "Body and motion": (kinematics.scale, kinematics.ik),
     "Suit and muscles": (
         inverse_dynamics.id_,
-        muscles.rmr,
-        muscles.validate,
-        muscles.emg,
-        muscles.assess,
-        muscles.optimise,
+        rmr.rmr,
+        validate.validate,
+        emg.emg,
+        suits.assess,
+        suits.optimise,
         sweep.sweep,
     ),
     "Many sessions": (study.plan, study.catalogue, study.study),

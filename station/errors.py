@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from station.exit_code import FAILED
+from station.exit_code import FAILED, WRONG_USAGE
 from station.messages.message import Message
 
 
@@ -21,3 +21,9 @@ class StationError(Exception):
     def code(self) -> str:
         """The stable code of the message, for programs; "" if the error has only a sentence."""
         return self.cause.code.value if isinstance(self.cause, Message) else ""
+
+
+class UnusedOption(StationError):
+    """An option of the command line that has no effect on these inputs."""
+
+    exit_code = WRONG_USAGE

@@ -18,9 +18,9 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate
-from solver.redundancy.motion import MotionSolution, RedundancyOptions
 from solver.redundancy.motion import solve_motion as solve
-from solver.redundancy.options import options_for
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.options import RedundancyOptions, options_for
 from solver.stream.stream_scenario import StreamScenario
 from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
@@ -77,7 +77,7 @@ def load_motion(model: Model, path: File | None = None, cutoff_hz: float | None 
     """Read a motion (.mot, .sto, .csv) and differentiate it; without a path, the bundled raise of the arm.
 
     cutoff_hz: of the low-pass filter (Butterworth of order 4, forwards and backwards), None for no filter. every: keep
-    every n-th frame. Raises MotionError.
+    every n-th frame. Uneven steps are interpolated to even ones; the repr of the result has them. Raises MotionError.
     """
     recorded = motion_of(None if path is None else Path(path), model)
     return decimate(differentiate(recorded, cutoff_hz), every)
@@ -91,8 +91,8 @@ def solve_motion(
 ) -> MotionSolution:
     """Solve the muscle-redundancy problem of every frame: activations, forces and joint reactions.
 
-    Equations: Belli et al. 2023 (solver/redundancy/motion.py). A frame that cannot be solved has its outcome and NaN. A
-    model without a shoulder has no glenoid constraint. external_loads: OpenSim's ExternalLoads (.xml). Raises
+    Equations: Belli et al. 2023 (solver/redundancy/problem.py). A frame that cannot be solved has its outcome and NaN.
+    A model without a shoulder has no glenoid constraint. external_loads: OpenSim's ExternalLoads (.xml). Raises
     ModelError, MotionError.
     """
     loads = loads_of(None if external_loads is None else Path(external_loads), model, kinematics.time)

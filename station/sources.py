@@ -16,11 +16,12 @@ from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Motion, read_motion
 from solver.multibody.external_loads import ExternalForce
+from solver.osim.document import read_document
 from solver.osim.loads import data_file, read_external_loads
-from solver.osim.reader import read_osim
+from solver.osim.reader import read_osim, read_osim_model
 from solver.osim.suited_reader import read_suited
 from solver.raise_arm import simulate_arm_raise
-from solver.suit.suited_model import CORD, CUFF_NAMES, SuitedModel
+from solver.suit.suited_model import CORD, CUFFS_AT_ENDS, SuitedModel
 
 BUNDLED = "bundled"
 
@@ -35,7 +36,7 @@ def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path
     if name == BUNDLED:
         return bundled_model()
     model = read_osim(Path(name), ignore_forces=ignore_forces, actuators=actuators)
-    if CORD in {force.name for force in model.forces} and {*CUFF_NAMES} <= {body.name for body in model.bodies}:
+    if CORD in {force.name for force in model.forces} and {*CUFFS_AT_ENDS} <= {body.name for body in model.bodies}:
         raise ModelError(
             f"{Path(name).name} already has the suit of `station export --osim`; give the model without the suit",
             SolverCode.UNSUPPORTED,
@@ -43,14 +44,24 @@ def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path
     return model
 
 
-def suited_model_of(name: str, actuators: Sequence[Path] = ()) -> SuitedModel | None:
-    """A model with the suit of `station export --osim`; None for any other model. actuators as in model_of."""
-    return None if name == BUNDLED else read_suited(Path(name), actuators)
+def model_and_suit_of(
+    name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()
+) -> tuple[Model, SuitedModel | None]:
+    """As model_of, but a model with the suit of `station export --osim` is taken, with that suit beside it."""
+    if name == BUNDLED:
+        return bundled_model(), None
+    document = read_document(Path(name))
+    suited = read_suited(document, ignore_forces=ignore_forces, actuators=actuators)
+    if suited is not None:
+        return suited.model, suited
+    return read_osim_model(document, ignore_forces=ignore_forces, actuators=actuators), None
 
 
 def motion_of(path: Path | None, model: Model, *, with_defaults: bool = False) -> Motion:
     """The motion of a file, or the bundled raise of the arm; with_defaults as in read_motion."""
-    return simulate_arm_raise(model) if path is None else read_motion(path, model, with_defaults=with_defaults)
+    if path is None:
+        return simulate_arm_raise(model)
+    return read_motion(path, model, with_defaults=with_defaults)
 
 
 def loads_of(path: Path | None, model: Model, time: NDArray[float64]) -> tuple[ExternalForce, ...]:

@@ -92,7 +92,7 @@ def assessment_table(assessment: Assessment, total: TotalUncertainty | None = No
 
     Intervals are of the total uncertainty where it is known, otherwise of the cuffs' fit.
     """
-    reference = f"cost at {assessment.reference_rest_length:.2f} m"
+    reference = f"cost at {assessment.reference_rest_length:.3f} m"
     table = Table(caption="± is half of the 95 % interval of " + ("the cuffs' fit" if total is None else "all sources"))
     table.add_column("condition", no_wrap=True)
     for heading in ("cuff", reference, "best rest length [m]", "cost there", "90 % width [cm]"):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import sys
 from collections.abc import Generator
 from pathlib import Path
 
@@ -14,8 +16,12 @@ from tests.timeout import count_cores, scaled_timeout
 # The matrices here are small: threads only wait for each other, several times the work on a machine that is busy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes
 
+# Without bytecode, every process that the tests start would compile the project anew, and so would every run of them.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # Machines are shared and slow at times: how long an example takes is no finding. The same examples every time: a gate
-# that fails by chance teaches nobody; new ones are sought by `python -m benchmarks.fuzz`.
+# that fails by chance is ignored; new ones are sought by `python -m benchmarks.fuzz`.
 settings.register_profile("house", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("house")
 
@@ -24,7 +30,7 @@ SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 
 @pytest.fixture(autouse=True, scope="session")
 def no_claims_in_the_home_folder(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
-    """What the tests note of DAQ sessions is no business of the user who runs them."""
+    """Notes of the DAQ sessions of tests must not reach the home folder of the user who runs them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("drivers.nidaq_session.FOLDER", str(tmp_path_factory.mktemp("claims")))
         yield
@@ -43,6 +49,17 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     if config.getoption("--hardware"):
         return 0
     return count_cores() + 1 if config.option.markexpr == "not slow" else None
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Without garbage collection: modules and tests stay to the end, and a pass over all takes half a second."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceError
 from drivers.simulators.faults import Faults
 from drivers.simulators.settings import DaqClockSettings, EmgWire
-
-if TYPE_CHECKING:
-    from drivers.simulators.acquisition_task import AcquisitionTask
 
 Array = NDArray[np.float64]
 Signal = Callable[[Array], Array]  # world seconds → volts
@@ -68,6 +65,17 @@ class ElectricalWorld(Protocol):
     def amplifier_voltage(self, t: Array) -> Array: ...
     def sync_voltage(self, t: Array) -> Array: ...
     def emg_voltage(self, channel: str, t: Array) -> Array: ...
+
+
+class RunningTask(Protocol):
+    """Interface of a task to the device that it reserved."""
+
+    name: str
+    may_overrun: bool
+
+    @property
+    def is_nearly_full(self) -> bool: ...
+    def abort(self) -> None: ...
 
 
 class DaqmxError(DeviceError):
@@ -152,10 +160,10 @@ class Usb6008:
         self._wiring |= {wire.input: partial(world.emg_voltage, name) for name, wire in emg.items()}
         self._seeds = np.random.SeedSequence(seed)
         self._lock = threading.RLock()  # taken before a task's own, never after
-        self._running: AcquisitionTask | None = None
+        self._running: RunningTask | None = None
 
     @property
-    def running(self) -> AcquisitionTask | None:
+    def running(self) -> RunningTask | None:
         """The task that runs or waits for its trigger."""
         return self._running
 
@@ -179,7 +187,7 @@ class Usb6008:
         random = np.random.default_rng(self._seeds.spawn(1)[0])
         return Input(physical_channel, lowest_v, highest_v, self._wiring.get(channel, np.zeros_like), random)
 
-    def reserve(self, task: AcquisitionTask) -> None:
+    def reserve(self, task: RunningTask) -> None:
         """Run the task. Raises DaqmxError while another runs, also if the client of that one is dead."""
         with self._lock:
             other = self._running
@@ -197,7 +205,7 @@ class Usb6008:
                 )
             self._running = task
 
-    def release(self, task: AcquisitionTask) -> None:
+    def release(self, task: RunningTask) -> None:
         with self._lock:
             if self._running is task:
                 self._running = None

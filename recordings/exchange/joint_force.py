@@ -30,6 +30,8 @@ ROUNDING_N = 0.05
 FEWEST_SAMPLES = 2
 NO_KINEMATICS = 3
 """Marker of samples that are left out."""
+LARGEST_GAP_S = 0.05
+"""Between samples; five are measured in that time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,17 @@ class JointForceRecord:
     resultant: Array
     body_weight: float | None
 
+    def at(self, time: Array) -> tuple[Array, Array]:
+        """Force (frames, 3) and resultant (frames,) [N] at time (frames,) [s]; NaN in a gap, linear between samples."""
+        table = np.column_stack([self.force, self.resultant])
+        found = np.column_stack([np.interp(time, self.time_s, column) for column in table.T])
+        place = np.searchsorted(self.time_s, time)
+        before, after = (place - 1).clip(min=0), place.clip(max=len(self.time_s) - 1)
+        is_between = time != self.time_s[after]
+        found[is_between & (self.time_s[after] - self.time_s[before] > LARGEST_GAP_S)] = np.nan
+        found[time < self.time_s[0] - LARGEST_GAP_S] = np.nan
+        return found[:, :3], found[:, 3]
+
 
 def read_joint_force(path: Path) -> JointForceRecord:
     """Read either record. Raises ForeignFile with a code where columns, units, rows, times or marker are wrong."""
@@ -57,6 +70,7 @@ def read_joint_force(path: Path) -> JointForceRecord:
     rows = [line for line in lines[first + 2 :] if line.strip()]
     _ensure_announced(lines[:first], len(rows), path)
     table = read_numbers(rows, "\t", columns, path, first + 3)
+    marked = table[table[:, -1] > 0, 0]
     table = table[table[:, -1] != NO_KINEMATICS]
     _ensure_plausible(table, path)
     captured = np.flatnonzero(table[:, -1] > 0)
@@ -68,7 +82,7 @@ def read_joint_force(path: Path) -> JointForceRecord:
         )
     kept = table[captured[0] : captured[-1] + 1]
     weight = _header_number(lines[:first], "BodyWeight", path)
-    return JointForceRecord(kept[:, 0] - kept[0, 0], kept[:, 1:4], kept[:, 4], weight)
+    return JointForceRecord(kept[:, 0] - marked[0], kept[:, 1:4], kept[:, 4], weight)
 
 
 def _titles_line(lines: Sequence[str], path: Path) -> int:

@@ -11,12 +11,13 @@ from solver.geodesics.planes import PLANES
 from solver.geodesics.series import ORDER, ROWS
 from solver.vectors import Array
 from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Records
+from solver.wrapping.workspace import allocate_wrench
 
 
 class GeodesicWorkspace(NamedTuple):
     """nodes of a path (NODE) and their sequence along it; stops, the nodes that are its path points; its contacts
     (CONTACT), one for each of its surfaces, and their order along a segment; the matrix of shortest_path.py; the series
-    of series.py; the detours of planes.py; code (1,), the outcome of the path.
+    of series.py; the detours of planes.py; wrench (bodies, 6), zero between paths; code (1,), the outcome of the path.
     """
 
     nodes: Records
@@ -27,6 +28,7 @@ class GeodesicWorkspace(NamedTuple):
     matrix: Array
     series: Array
     detours: Array
+    wrench: Array
     code: Codes
 
 
@@ -43,5 +45,6 @@ def allocate_geodesic(tables: PathTables) -> GeodesicWorkspace:
         np.zeros((4 * wraps, 4 * wraps + 1)),
         np.zeros((ROWS, ORDER + 1)),
         np.zeros(PLANES),
+        allocate_wrench(tables),
         np.zeros(1, np.int8),
     )

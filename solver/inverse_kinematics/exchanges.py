@@ -17,7 +17,7 @@ NEAR, FAR = 0.35, 0.65
 """Parts of the distance between two markers: an exchanged marker is nearer to the other's place than NEAR, and farther
 from its own than FAR."""
 LEAST_DISTANCE = 0.02
-"""m; markers that are closer together cannot be told apart by place."""
+"""m; markers that are closer together cannot be distinguished by position."""
 LONGEST_EXTRAPOLATION = 3
 """Frames."""
 

@@ -23,6 +23,7 @@ from solver.frozen import read_only
 from solver.model import Model, ModelError
 from solver.multibody.constraints import constraint_rows
 from solver.multibody.force_element import total_loads
+from solver.multibody.load_wrenches import LoadWrenches, on_all_bodies
 from solver.multibody.postures import Postures, points_in_ground
 from solver.multibody.rotations import cross, rotate
 from solver.multibody.tables import Indices, Tables, tables_of
@@ -54,6 +55,7 @@ class EquationsOfMotion:
     reaction_point        (frames, 3) origin of that joint's frame in its parent, in ground [m]
     reaction_per_acceleration  R_a (frames, 6, coordinates)
     reaction_unloaded     (frames, 6) R at f = 0: moment [N m] and force [N] on the joint's parent, in ground
+    is_regular            False where S is singular in any of the frames; then what is finite depends on all of them
     """
 
     mass_matrix: Array
@@ -70,6 +72,7 @@ class EquationsOfMotion:
     reaction_point: Array
     reaction_per_acceleration: Array
     reaction_unloaded: Array
+    is_regular: bool
 
 
 def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "GlenoHumeral") -> EquationsOfMotion:
@@ -83,7 +86,7 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     jacobian, bias = constraint_rows(model, state)
     terms = _terms(model, state, joint.child, point, jacobian)
     _mark_singular(terms, model)
-    stiffness = _pseudo_inverse(terms.compliance)
+    stiffness, is_regular = _pseudo_inverse(terms.compliance)
     gain = terms.inverse_times @ stiffness
     mobility = np.subtract(terms.inverse, gain @ np.swapaxes(terms.inverse_times, 1, 2), out=terms.inverse)
     bias_force, per_acceleration = terms.bias_force, terms.reaction_per_acceleration
@@ -104,7 +107,15 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
         reaction_point=point,
         reaction_per_acceleration=per_acceleration,
         reaction_unloaded=terms.reaction_bias - rotate(per_acceleration, acceleration),
+        is_regular=is_regular,
     )
+
+
+def mass_matrix_and_bias_force(model: Model, state: Postures) -> tuple[Array, Array]:
+    """M (frames, coordinates, coordinates) and c (frames, coordinates), which needs no inverse and no constraints."""
+    frames, count = state.coordinates.shape
+    terms = _terms(model, state, model.joints[0].child, np.zeros((frames, 3)), np.zeros((frames, 0, count)))
+    return terms.mass_matrix, terms.bias_force
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,24 +129,24 @@ class Response:
 
 
 def response_to_loads(
-    equations: EquationsOfMotion, wrenches: Array, generalised_forces: Array | None = None
+    equations: EquationsOfMotion, wrenches: Array | LoadWrenches, generalised_forces: Array | None = None
 ) -> Response:
     """The response to each of many loads. It is linear in them, so one geometry serves all scenarios.
 
     wrenches            (frames, loads, bodies, 6) moment about the ground origin [N m] and force [N] on each body, in
-                        ground; see rotations.wrench_about_origin for forces at points
+                        ground, also sparse; see rotations.wrench_about_origin for forces at points
     generalised_forces  (frames, loads, coordinates), that act on coordinates and on no body [N, N m]
     """
-    frames, count = wrenches.shape[:2]
-    responses = responses_to(
-        equations, wrenches, generalised_forces, np.ones((frames, count)), np.zeros((frames, count))
-    )
+    if not isinstance(wrenches, LoadWrenches):
+        wrenches = on_all_bodies(wrenches)
+    shape = len(wrenches.values), wrenches.loads
+    responses = responses_to(equations, wrenches, generalised_forces, np.ones(shape), np.zeros(shape))
     return Response(np.swapaxes(responses.acceleration, 1, 2), np.swapaxes(responses.reaction, 1, 2))
 
 
 def responses_to(
     equations: EquationsOfMotion,
-    wrenches: Array,
+    wrenches: LoadWrenches,
     generalised_forces: Array | None,
     factors: Array,
     shares: Array,
@@ -147,8 +158,7 @@ def responses_to(
     """
     from solver.multibody.responses import Loads, Mobility, Responses, fill_responses
 
-    frames, count, coordinates = *wrenches.shape[:2], equations.screws.shape[1]
-    columns = count + len(driven)
+    (frames, coordinates), columns = equations.screws.shape[:2], wrenches.loads + len(driven)
     responses = Responses(
         acceleration=np.empty((frames, coordinates, columns)),
         reaction=np.empty((frames, 6, columns)),
@@ -165,7 +175,10 @@ def responses_to(
             equations.reaction_point,
         ),
         Loads(
-            wrenches=read_only(wrenches),
+            wrenches=read_only(wrenches.values),
+            load=wrenches.load,
+            body=wrenches.body,
+            bodies=wrenches.bodies,
             forces=read_only(np.zeros((0, 0, 0)) if generalised_forces is None else generalised_forces),
             factors=read_only(factors),
             shares=read_only(shares),
@@ -221,16 +234,19 @@ def _mark_singular(terms: DynamicsTerms, model: Model) -> None:
         magnified = largest * np.abs(terms.inverse).max(axis=(1, 2), initial=0.0)
     is_singular = np.isfinite(largest) & ~(magnified <= _SINGULAR)
     if is_singular.all() and len(largest):
+        bodies = [model.bodies[joint.child] for joint in model.joints if joint.motion.coordinates]
+        lacking = ", ".join(body.name for body in bodies if not body.mass)
         raise ModelError(
-            f"the mass matrix of {model.name}, where a moving body may lack mass, cannot be inverted: it is singular "
-            f"in all of {len(largest)} postures",
+            f"the mass matrix of {model.name} cannot be inverted: it is singular in all of {len(largest)} postures; "
+            f"give {lacking or 'each moving body'} a mass, or weld it to its parent",
             SolverCode.SINGULAR,
         )
     terms.inverse[is_singular], terms.inverse_times[is_singular], terms.compliance[is_singular] = np.nan, np.nan, np.nan
 
 
-def _pseudo_inverse(matrix: Array) -> Array:
-    """Inverses of symmetric matrices (frames, n, n), pseudo-inverses if they are singular in all frames.
+def _pseudo_inverse(matrix: Array) -> tuple[Array, bool]:
+    """Inverses of symmetric matrices (frames, n, n), pseudo-inverses if they are singular in all frames; and whether
+    none is singular.
 
     NaN in a frame whose rank is below that of others: accelerations would jump there.
     """
@@ -239,7 +255,7 @@ def _pseudo_inverse(matrix: Array) -> Array:
         magnified = np.abs(matrix).max(axis=(1, 2), initial=0.0) * np.abs(inverse).max(axis=(1, 2), initial=0.0)
     is_known = np.isfinite(matrix).all(axis=(1, 2))
     if not is_known.any() or (magnified[is_known] <= _SINGULAR).all():
-        return inverse
+        return inverse, True
     values, vectors = np.linalg.eigh(matrix[is_known])
     is_kept = np.abs(values) > matrix.shape[1] * _RANK_TOLERANCE * np.abs(values).max(axis=1, keepdims=True)
     shares = np.where(is_kept, 1.0 / np.where(is_kept, values, 1.0), 0.0)
@@ -247,7 +263,7 @@ def _pseudo_inverse(matrix: Array) -> Array:
     rank = is_kept.sum(axis=1)
     found[rank < rank.max()] = np.nan
     inverse[is_known] = found
-    return inverse
+    return inverse, False
 
 
 def _inverse_by_frame(matrix: Array) -> Array:

@@ -35,7 +35,11 @@ class ExternalForce:
 
     def decimate(self, every: int) -> ExternalForce:
         """In every N-th frame, the first included."""
-        return replace(self, force=self.force[::every], torque=self.torque[::every], point=self.point[::every])
+        return self.cut(slice(None, None, every))
+
+    def cut(self, frames: slice) -> ExternalForce:
+        """In these frames alone."""
+        return replace(self, force=self.force[frames], torque=self.torque[frames], point=self.point[frames])
 
 
 def load_wrenches(loads: Sequence[ExternalForce], state: Postures) -> Array:

@@ -71,7 +71,7 @@ def mass_matrix_and_bias(
     rate of change of their momentum, as in dynamics.EquationsOfMotion.
     """
     bodies, moves = tables.bodies, tables.moves
-    inertias, columns = np.zeros(1, INERTIA), np.empty((screws.shape[1], 3, 3))
+    inertias, columns = np.empty(1, INERTIA), np.empty((screws.shape[1], 3, 3))
     size = screws.shape[1] + jacobian.shape[1]
     system = np.empty((size + 1, size + -size % LANES))  # and a row of working memory
     for frame in range(len(poses)):

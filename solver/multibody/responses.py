@@ -35,11 +35,15 @@ class Mobility(NamedTuple):
 class Loads(NamedTuple):
     """Loads, whose responses are multiplied by factors (frames, loads), and added up with shares (frames, loads).
 
-    wrenches  (frames, loads, bodies, 6);  forces (frames, loads, coordinates), or no frames without such forces
+    wrenches  (frames, wrenches, 6), load and body (wrenches,), and the number of bodies, as in LoadWrenches
+    forces    (frames, loads, coordinates), or no frames without such forces
     driven    (actuators,) coordinates on which further loads of this strength (actuators,) act
     """
 
     wrenches: Array
+    load: Indices
+    body: Indices
+    bodies: int
     forces: Array
     factors: Array
     shares: Array
@@ -61,10 +65,11 @@ class Responses(NamedTuple):
 @compiled_for_python
 def fill_responses(mobility: Mobility, loads: Loads, responses: Responses) -> None:
     """Fill the responses in all frames."""
-    (_, count, bodies, _), coordinates = loads.wrenches.shape, mobility.screws.shape[1]
-    beyond, forces, total = np.empty((bodies, 6, count)), np.empty((coordinates, count)), np.empty(coordinates)
+    count, coordinates = loads.factors.shape[1], mobility.screws.shape[1]
+    beyond, forces, total = np.empty((loads.bodies, 6, count)), np.empty((coordinates, count)), np.empty(coordinates)
     for frame in range(len(loads.wrenches)):
-        _sum_inwards(mobility.joints, mobility.screws[frame], loads.wrenches[frame], beyond, forces)
+        _place(loads, frame, beyond)
+        _sum_inwards(mobility.joints, mobility.screws[frame], beyond, forces)
         if len(loads.forces):
             for load in range(count):
                 for i in range(coordinates):
@@ -75,12 +80,19 @@ def fill_responses(mobility: Mobility, loads: Loads, responses: Responses) -> No
 
 
 @compiled
-def _sum_inwards(joints: Records, screws: Array, wrenches: Array, beyond: Array, forces: Array) -> None:
-    """Fill forces, and beyond (bodies, 6, loads) with the sum of the wrenches on a body and all bodies beyond it."""
-    for load in range(len(wrenches)):
-        for body in range(len(beyond)):
-            for i in range(6):
-                beyond[body, i, load] = wrenches[load, body, i]
+def _place(loads: Loads, frame: int, beyond: Array) -> None:
+    """Fill (bodies, 6, loads) with the wrenches on each body."""
+    beyond[:] = 0.0
+    wrenches = loads.wrenches[frame]
+    for k in range(len(wrenches)):
+        body, load = loads.body[k], loads.load[k]
+        for i in range(6):
+            beyond[body, i, load] = wrenches[k, i]
+
+
+@compiled
+def _sum_inwards(joints: Records, screws: Array, beyond: Array, forces: Array) -> None:
+    """Fill forces; beyond (bodies, 6, loads) becomes the sum of the wrenches on a body and all bodies beyond it."""
     forces[:] = 0.0
     for k in range(len(joints) - 1, -1, -1):
         joint = joints[k]
@@ -89,7 +101,7 @@ def _sum_inwards(joints: Records, screws: Array, wrenches: Array, beyond: Array,
             coordinate = joint["coordinates"][j]
             _add_row_times(screws[coordinate], child, forces[coordinate])
         for i in range(6):
-            for load in range(len(wrenches)):
+            for load in range(parent.shape[1]):
                 parent[i, load] += child[i, load]
 
 

@@ -38,9 +38,9 @@ def read_constraint(element: Element, names: Names) -> Constraint:
 
 def read_held_coordinate(element: Element, names: Names) -> CoordinateLock | CoordinatePrescription | None:
     """Constraint of a <Coordinate> that is locked or prescribed, else None; without a function it is not prescribed."""
-    is_prescribed = element.word("prescribed", "false") == "true"
+    is_prescribed = element.flag("prescribed")
     function = read_named_function(element, "prescribed_function") if is_prescribed else None
-    is_locked = element.word("locked", "false") == "true"
+    is_locked = element.flag("locked")
     if is_locked and function is not None:
         raise element.refusal(
             "is both locked and prescribed, and OpenSim 4.6 enforces both; choose one", SolverCode.UNSUPPORTED

@@ -17,8 +17,10 @@ from solver.model import ModelError
 
 Array = NDArray[np.float64]
 DEEPEST, MOST_ELEMENTS = 100, 500_000
+MOST_FILES = 20
+TRUE, FALSE = ("true", "1"), ("false", "0")
 
-_COMMENT = re.compile(rb"<!--(.*?)-->", re.DOTALL)
+_COMMENT_OR_AMPERSAND = re.compile(rb"<!--(.*?)-->|&(?!#?\w+;)", re.DOTALL)
 BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
 
 
@@ -111,15 +113,15 @@ class Element:
         return found.text if found is not None else default
 
     def flag(self, tag: str, default: str = "false") -> bool:
-        """A boolean property."""
-        text = self.word(tag, default).lower()
-        if text not in ("true", "false"):
+        """A boolean property, as OpenSim reads it: True and 1 are true."""
+        text = (self.word(tag, default) or default).lower()
+        if text not in (*TRUE, *FALSE):
             raise self.refusal(f"should have true or false for <{tag}> and has '{text}'")
-        return text == "true"
+        return text in TRUE
 
     def is_off(self, *switches: str) -> bool:
         """Whether one of these boolean properties is false; they are true by default."""
-        return any(self.word(switch, "true").lower() == "false" for switch in switches)
+        return not all(self.flag(switch, "true") for switch in switches)
 
     def require(self, tag: str, expected: str) -> None:
         """Refuse any value of an option but the one that the solver supports, which is also OpenSim's default."""
@@ -141,15 +143,15 @@ class Element:
 
 
 def as_utf8(raw: bytes) -> bytes:
-    """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1, and without malformed comments.
+    """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1, without malformed comments.
 
     OpenSim writes and reads the names in <credits> byte for byte, whatever the header declares, and a comment ends at
-    its first --> even if another begins within it.
+    its first --> even if another begins within it. It also reads an & that stands for itself, as between two authors.
     """
     declared = re.match(rb"<\?xml[^>]*encoding=[\"']([^\"']+)", raw)
     if raw.startswith(BYTE_ORDER_MARKS) or (declared and declared[1].lower() not in (b"utf-8", b"utf8")):
         return raw
-    raw = _COMMENT.sub(_well_formed, raw)
+    raw = _COMMENT_OR_AMPERSAND.sub(_well_formed, raw)
     try:
         raw.decode("utf-8")
     except UnicodeDecodeError:
@@ -157,13 +159,45 @@ def as_utf8(raw: bytes) -> bytes:
     return raw
 
 
-def _well_formed(comment: re.Match[bytes]) -> bytes:
-    """The comment, or as many line breaks if it holds what XML does not allow in one."""
-    return b"\n" * comment[0].count(b"\n") if b"--" in comment[1] or comment[1].endswith(b"-") else comment[0]
+def _well_formed(found: re.Match[bytes]) -> bytes:
+    """A comment, or as many line breaks if it holds what XML does not allow in one; an & as XML writes it."""
+    if found[0] == b"&":
+        return b"&amp;"
+    is_malformed = b"--" in found[1] or found[1].endswith(b"-")
+    return b"\n" * found[0].count(b"\n") if is_malformed else found[0]
 
 
 def read_document(file: Path) -> Element:
-    """The root element of an XML file. Raises ModelError for any other file."""
+    """The root element of an XML file, with the elements that it takes from other files. Raises ModelError.
+
+    An element with an attribute `file`, such as <MeasurementSet file="measurements.xml"/>, is the element of the same
+    tag in that file. As in OpenSim, paths start at the folder of the first document.
+    """
+    return _with_named_files(_parsed(file), file.parent, [])
+
+
+def _with_named_files(element: Element, folder: Path, taken: list[str]) -> Element:
+    """The element, itself and what it holds taken from the files they name, which `taken` lists."""
+    named = element.attributes.get("file", "")
+    if not named:
+        for index, child in enumerate(element.children):
+            element.children[index] = _with_named_files(child, folder, taken)
+        return element
+    taken.append(named)
+    if len(taken) > MOST_FILES:
+        complaint = (
+            f"takes its content from {named}, after {MOST_FILES} other files; name fewer, and none within itself"
+        )
+        raise element.refusal(complaint)
+    root = _parsed(folder / named)
+    found = root if root.tag == element.tag else root.find(element.tag)
+    if found is None:
+        complaint = f"takes its content from {named}, which holds no {element.tag}; name a file that does"
+        raise element.refusal(complaint, SolverCode.WRONG_DOCUMENT)
+    return _with_named_files(found, folder, taken)
+
+
+def _parsed(file: Path) -> Element:
     top = Element(file, 0, "", {})
     stack = [top]
     parser = xml.parsers.expat.ParserCreate()

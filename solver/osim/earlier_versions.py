@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import partial
 
 from solver.errors import SolverCode
-from solver.osim.document import Element
+from solver.osim.document import TRUE, Element
 
 GROUND_NAME = "ground"
 GROUND_PATH = "/ground"
@@ -129,7 +129,7 @@ def _reference(tag: str) -> Callable[[Element], Element]:
 
 
 def _switch(tag: str) -> Callable[[Element], Element]:
-    return lambda found: _element(found, tag, text="false" if found.text == "true" else "true")
+    return lambda found: _element(found, tag, text="false" if found.text.lower() in TRUE else "true")
 
 
 def _rounded(element: Element) -> Element:
@@ -181,7 +181,7 @@ def _joint(body: Element) -> Element:
         _offset(joint, f"{body.name}_offset", body.name, "location", "orientation"),
     ]
     sockets = ["socket_parent_frame", "socket_child_frame"]
-    if joint.word("reverse", "false") == "true":
+    if joint.flag("reverse"):
         sockets.reverse()
     ends = [_element(joint, tag, text=frame.name) for tag, frame in zip(sockets, frames, strict=True)]
     coordinates = _element(joint, "coordinates", children=joint.objects("CoordinateSet"))

@@ -24,7 +24,7 @@ class OffsetFrame:
 
 _FRAMES, _POINTS = ("PhysicalOffsetFrame", "StationDefinedFrame"), ("Station", "Marker")
 SHAPES = ("FrameGeometry", "Mesh", "Brick", "Sphere", "Cylinder", "Ellipsoid", "Cone", "Arrow")
-INERT = (*_POINTS, "IMU", "Bhargava2004SmoothedMuscleMetabolics")  # what OpenSim's tools do not use
+INERT = (*_POINTS, "PathPoint", "IMU", "Bhargava2004SmoothedMuscleMetabolics")  # what OpenSim's tools do not use
 
 
 class Names:

@@ -99,7 +99,7 @@ def read_ik_setup(path: Path) -> IkSetup:
 
 def ik_setup_of(path: Path, tool: Element) -> IkSetup:
     """Set-up of an element with an IKTaskSet: an InverseKinematicsTool, or the MarkerPlacer of a ScaleTool."""
-    tasks = [task for task in _task_objects(path, tool) if task.word("apply", "true") == "true"]
+    tasks = [task for task in tool.objects("IKTaskSet") if task.flag("apply", "true")]
     if not tasks:
         raise tool.refusal("has no task that is applied; add an IKTaskSet")
     first, last = tool.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
@@ -167,19 +167,6 @@ def add_file(tool: Xml.Element, tag: str, file: Path | None, folder: Path) -> No
         add(tool, tag).text = Path(os.path.relpath(file, folder)).as_posix()
     except ValueError:  # on another drive of Windows
         add(tool, tag).text = file.resolve().as_posix()
-
-
-def _task_objects(path: Path, tool: Element) -> list[Element]:
-    """Tasks in the tool, or in the file that it names."""
-    tasks = tool.find("IKTaskSet")
-    named = "" if tasks is None else tasks.attributes.get("file", "")
-    if not named:
-        return tool.objects("IKTaskSet")
-    root = read_document(path.parent / named)
-    found = root.find("IKTaskSet")
-    if found is None:
-        raise root.refusal(f"holds no IKTaskSet, which {path.name} takes from it; name a file that does")
-    return found.members("objects")
 
 
 def _coordinate_task(task: Element) -> CoordinateTask:

@@ -50,9 +50,10 @@ def read_joint_frames(element: Element, names: Names) -> tuple[OffsetFrame, Offs
 
 def read_joint(element: Element, parent: OffsetFrame, child: OffsetFrame, names: Names) -> Joint:
     """The joint. Adds its coordinates to the names."""
+    first = len(names.coordinates)
     motion = _motion(element, names.coordinates)
     known = [coordinate.name for coordinate in names.coordinates]
-    twice = sorted({name for name in known if known.count(name) > 1})
+    twice = sorted({name for name in known[first:] if known.count(name) > 1})
     if twice:
         sentence = f"has a coordinate of a name that the model already has: {', '.join(twice)}; rename one"
         raise element.refusal(sentence, SolverCode.UNSUPPORTED)
@@ -162,5 +163,5 @@ def _kind(name: str, axes: list[Element]) -> Kind:
 
 def _coordinate(element: Element, kind: Kind) -> Coordinate:
     low, high = element.numbers("range", 2, "-10 10", may_be_infinite=True)
-    is_clamped = element.word("clamped", "false") == "true"
+    is_clamped = element.flag("clamped")
     return Coordinate(element.name, kind, element.number("default_value", "0"), (float(low), float(high)), is_clamped)

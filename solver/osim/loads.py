@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.functions.coordinate import natural_spline, piecewise_linear
-from solver.model import GROUND, Model
+from solver.model import GROUND, Model, ModelError
 from solver.motion import MotionError, read_table
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.document import Element, read_document
@@ -38,12 +37,11 @@ def read_external_loads(path: Path, model: Model, time: Array) -> tuple[External
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """Columns of a data file, and the times at which they are evaluated."""
+    """Columns of a data file, and their values (frames, columns) at the times of the motion."""
 
     name: str
     columns: list[str]
-    table: Array
-    time: Array
+    values: Array
 
     @staticmethod
     def read(path: Path, time: Array) -> _Data:
@@ -54,24 +52,43 @@ class _Data:
                 SolverCode.MALFORMED_TABLE,
             )
         _ensure_covered(path, table[:, 0], time)
-        return _Data(path.name, columns, table, time)
+        return _Data(path.name, columns, _interpolated(table, time))
 
     def vectors(self, element: Element, identifier: str) -> Array:
         """(frames, 3) of the three columns whose names begin with the identifier, in the file's order."""
         if not identifier:
-            return np.zeros((len(self.time), 3))
+            return np.zeros((len(self.values), 3))
         found = [i for i, column in enumerate(self.columns) if column.startswith(identifier)]
         if len(found) != 3:
             raise element.refusal(
                 f"needs three columns of {self.name} that begin with {identifier}, and there are {len(found)}; correct "
                 "the identifier"
             )
-        x = self.table[:, 0]
-        curves = [natural_spline(x, y, 2) if len(x) > 3 else piecewise_linear(x, y) for y in self.table[:, found].T]
-        return np.stack([curve.derivatives(self.time)[0] for curve in curves], axis=-1)
+        endings = [self.columns[i].removeprefix(identifier) for i in found]
+        if sorted(endings) == ["x", "y", "z"] != endings:
+            raise element.refusal(
+                f"has the columns {', '.join(self.columns[i] for i in found)} of {self.name} in this order, in which "
+                "OpenSim takes them for x, y and z; order them"
+            )
+        return self.values[:, found]
+
+
+def _interpolated(table: Array, time: Array) -> Array:
+    """(frames, columns) of a table at other times than those of its first column; all columns in one spline."""
+    from scipy.interpolate import CubicSpline  # slow to import, and not needed without loads
+
+    if len(table) > 3:
+        return np.asarray(CubicSpline(table[:, 0], table, bc_type="natural")(time))
+    return np.column_stack([np.interp(time, table[:, 0], column) for column in table.T])
 
 
 def _loads(path: Path) -> Element:
+    if path.suffix.lower() in (".mot", ".sto", ".csv"):
+        raise ModelError(
+            f"{path.name} should be OpenSim's ExternalLoads (.xml), which names this table and the bodies that its "
+            "columns act on; write one and give it",
+            SolverCode.WRONG_DOCUMENT,
+        )
     document = read_document(path)
     loads = document.find("ExternalLoads")
     if loads is None:
@@ -95,7 +112,7 @@ def _ensure_covered(path: Path, given: Array, time: Array) -> None:
 def _is_applied(element: Element) -> bool:
     if element.tag != "ExternalForce":
         raise element.unsupported("load", "ExternalForce")
-    return element.word("appliesForce", "true") == "true" and element.word("isDisabled", "false") == "false"
+    return element.flag("appliesForce", "true") and not element.flag("isDisabled")
 
 
 def _data_file(loads: Element) -> Path:

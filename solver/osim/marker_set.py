@@ -53,4 +53,4 @@ def _marker(element: Element, model: Model) -> Marker:
             SolverCode.UNKNOWN_NAME,
         )
     location = np.asarray(element.numbers("location", 3))
-    return Marker(element.name, model.body_index(name), location, element.word("fixed", "false") == "true")
+    return Marker(element.name, model.body_index(name), location, element.flag("fixed"))

@@ -35,16 +35,18 @@ def add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
         min_control=muscle.min_control,
         max_control=muscle.max_control,
         ignore_tendon_compliance=not isinstance(muscle.curves, _ALWAYS_ELASTIC),
+        ignore_activation_dynamics=not _has_activation_dynamics(muscle),
     )
     if isinstance(muscle.curves, SchutteCurves):
         _add_schutte(made, muscle, muscle.curves)
         return
-    add_values(
-        made,
-        max_contraction_velocity=muscle.max_contraction_velocity,
-        activation_time_constant=muscle.activation_time_constant,
-        deactivation_time_constant=muscle.deactivation_time_constant,
-    )
+    add_values(made, max_contraction_velocity=muscle.max_contraction_velocity)
+    if _has_activation_dynamics(muscle):
+        add_values(
+            made,
+            activation_time_constant=muscle.activation_time_constant,
+            deactivation_time_constant=muscle.deactivation_time_constant,
+        )
     if isinstance(muscle.curves, DeGrooteFreglyCurves):
         _add_de_groote_fregly(made, muscle, muscle.curves)
         return
@@ -55,6 +57,10 @@ def add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
             add_values(made, FmaxTendonStrain=muscle.tendon.strain)
     else:
         _add_millard(made, muscle)
+
+
+def _has_activation_dynamics(muscle: Muscle) -> bool:
+    return muscle.activation_time_constant > 0.0 or muscle.deactivation_time_constant > 0.0
 
 
 def _add_millard(made: Xml.Element, muscle: Muscle) -> None:
@@ -88,9 +94,11 @@ def _add_de_groote_fregly(made: Xml.Element, muscle: Muscle, curves: DeGrooteFre
 def _add_schutte(made: Xml.Element, muscle: Muscle, curves: SchutteCurves) -> None:
     """Its file has rates: activation2 at no excitation, and activation1 more at full excitation, over a time scale."""
     scale = 1.0 / muscle.max_contraction_velocity
-    fall = scale / muscle.deactivation_time_constant
-    rise = scale / muscle.activation_time_constant - fall
-    add_values(made, time_scale=scale, activation1=rise, activation2=fall)
+    add_values(made, time_scale=scale)
+    if _has_activation_dynamics(muscle):
+        fall = scale / muscle.deactivation_time_constant
+        rise = scale / muscle.activation_time_constant - fall
+        add_values(made, activation1=rise, activation2=fall)
     add_function(made, curves.active, muscle.name, "active_force_length_curve")
     if curves.passive is not None:
         add_function(made, curves.passive, muscle.name, "passive_force_length_curve")

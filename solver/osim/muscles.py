@@ -27,7 +27,7 @@ MUSCLES = (
 def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> Muscle:
     rise, fall = _time_constants(element)
     has_flat_fibers = element.tag in ("DeGrooteFregly2016Muscle", "Schutte1993Muscle_Deprecated")
-    steepest = np.pi / 2 if has_flat_fibers else element.number("maximum_pennation_angle", repr(float(np.arccos(0.1))))
+    steepest = np.pi / 2 if has_flat_fibers else _steepest_pennation(element)
     is_schutte = element.tag == "Schutte1993Muscle_Deprecated"
     least, greatest = _control_limits(element)
     fastest = 1.0 / _time_scale(element) if is_schutte else element.positive("max_contraction_velocity", "10")
@@ -37,7 +37,7 @@ def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface])
         max_isometric_force=element.number("max_isometric_force", "1000"),
         optimal_fiber_length=element.positive("optimal_fiber_length", "0.1"),
         tendon_slack_length=element.number("tendon_slack_length", "0.2"),
-        pennation_at_optimal=element.number("pennation_angle_at_optimal", "0"),
+        pennation_at_optimal=_pennation(element),
         maximum_pennation=steepest,
         max_contraction_velocity=fastest,
         activation_time_constant=rise,
@@ -104,14 +104,39 @@ def _control_limits(element: Element) -> tuple[float, float]:
 
 
 def _time_constants(element: Element) -> tuple[float, float]:
-    """Of activation and deactivation [s]. The rates of Schutte's muscle are those at full and at no excitation."""
+    """Of activation and deactivation [s]. The rates of Schutte's muscle are those at full and at no excitation.
+
+    A rate of 0, as of the patellar ligament among the muscles of Arnold's leg, makes the time infinite. Without
+    activation dynamics, the activation is the excitation and the times are 0.
+    """
+    if element.flag("ignore_activation_dynamics"):
+        return 0.0, 0.0
     if element.tag == "Schutte1993Muscle_Deprecated":
-        rise, fall = element.number("activation1", "7.667"), element.positive("activation2", "1.459854")
-        return _time_scale(element) / (rise + fall), _time_scale(element) / fall
+        rise, fall = element.not_negative("activation1", "7.667"), element.not_negative("activation2", "1.459854")
+        scale = _time_scale(element)
+        return scale / (rise + fall) if rise + fall else np.inf, scale / fall if fall else np.inf
     defaults = {"Millard2012EquilibriumMuscle": ("0.010", "0.040"), "DeGrooteFregly2016Muscle": ("0.015", "0.060")}
     usual_rise, usual_fall = defaults.get(element.tag, ("0.015", "0.050"))
     rise = element.positive("activation_time_constant", usual_rise)
     return rise, element.positive("deactivation_time_constant", usual_fall)
+
+
+def _pennation(element: Element) -> float:
+    """[rad] From 0 to below a right angle, as in OpenSim, which limits all muscles but Schutte's."""
+    pennation = element.number("pennation_angle_at_optimal", "0")
+    if element.tag != "Schutte1993Muscle_Deprecated" and not 0.0 <= pennation < np.pi / 2:
+        sentence = f"should have <pennation_angle_at_optimal> from 0 to below π/2 and has {pennation:g} rad; correct it"
+        raise element.refusal(sentence, SolverCode.WRONG_PENNATION)
+    return pennation
+
+
+def _steepest_pennation(element: Element) -> float:
+    """[rad] From 0 to a right angle, as in OpenSim."""
+    steepest = element.number("maximum_pennation_angle", repr(float(np.arccos(0.1))))
+    if not 0.0 <= steepest <= np.pi / 2:
+        sentence = f"should have <maximum_pennation_angle> from 0 to π/2 and has {steepest:.10g} rad; correct it"
+        raise element.refusal(sentence, SolverCode.WRONG_PENNATION)
+    return steepest
 
 
 def _time_scale(element: Element) -> float:
@@ -161,7 +186,7 @@ def _de_groote_fregly_curves(element: Element) -> Curves:
     return DeGrooteFreglyCurves(
         width=element.positive("active_force_width_scale", "1"),
         passive_strain=element.positive("passive_fiber_strain_at_one_norm_force", "0.6"),
-        has_passive_force=element.word("ignore_passive_fiber_force", "false") != "true",
+        has_passive_force=not element.flag("ignore_passive_fiber_force"),
     )
 
 
@@ -179,7 +204,7 @@ _CURVES: dict[str, Callable[[Element], Curves]] = {
 
 
 def _has_rigid_tendon(element: Element) -> bool:
-    return element.word("ignore_tendon_compliance", "false") == "true"
+    return element.flag("ignore_tendon_compliance")
 
 
 def _fiber_damping(element: Element) -> float:

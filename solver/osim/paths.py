@@ -37,28 +37,23 @@ def read_path(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -
     )
 
 
-_ROUND = ("all", "x", "+x", "-x", "y", "+y", "-y")
-_SIDES = {
-    "WrapEllipsoid": (*_ROUND, "z", "+z", "-z"),
-    "WrapSphere": (*_ROUND, "z", "+z", "-z"),
-    "WrapCylinder": _ROUND,
-    "WrapTorus": (*_ROUND, "z", "+z", "-z"),
-}
+_SURFACES = ("WrapEllipsoid", "WrapSphere", "WrapCylinder", "WrapTorus")
+_SIDES = ("all", "x", "+x", "-x", "y", "+y", "-y", "z", "+z", "-z")
 
 
 def read_surface(frame: OffsetFrame, element: Element) -> WrapSurface:
     """The wrap object that a body or a frame in it holds."""
-    if element.tag not in _SIDES:
-        raise element.unsupported("wrap object", ", ".join(_SIDES))
+    if element.tag not in _SURFACES:
+        raise element.unsupported("wrap object", ", ".join(_SURFACES))
     quadrant = element.word("quadrant", "all").lower().replace("unassigned", "all")
-    if quadrant not in _SIDES[element.tag]:
-        raise element.refusal(f"has the quadrant {quadrant}; the solver supports {', '.join(_SIDES[element.tag])}")
+    if quadrant not in _SIDES:
+        raise element.refusal(f"has the quadrant {quadrant}; the solver supports {', '.join(_SIDES)}")
     outer = frame.placement
     rotation = rotation_body_fixed_xyz(element.numbers("xyz_body_rotation", 3, "0 0 0"))
     center = outer.translation + outer.rotation @ element.numbers("translation", 3, "0 0 0")
     placement = Placement(outer.rotation @ rotation, center)
     kind, dimensions = _shape(element)
-    is_active = element.word("active", "true") == "true"
+    is_active = element.flag("active", "true")
     return WrapSurface(element.name, frame.body, placement, kind, dimensions, quadrant, is_active)
 
 

@@ -136,7 +136,7 @@ def _without(element: Element, left_out: list[Element]) -> Element:
 
 
 def _marker(element: Element, names: Names) -> Marker:
-    is_fixed = element.word("fixed", "false") == "true"
+    is_fixed = element.flag("fixed")
     return Marker(element.name, *names.station(element, "socket_parent_frame", "location"), is_fixed)
 
 

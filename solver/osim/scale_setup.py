@@ -128,7 +128,7 @@ def read_scale_setup(path: Path) -> ScaleSetup:
         {_segment(scale): scale.numbers("scales", 3) for scale in scaler.objects("ScaleSet") if _is_applied(scale)},
         order if _is_applied(scaler) else (),
         mass if mass > 0 else None,
-        scaler.word("preserve_mass_distribution", "false") == "true",
+        scaler.flag("preserve_mass_distribution"),
         (float(first), float(last)),
         _file(path, scaler, "marker_file"),
         _file(path, maker, "model_file") if maker is not None else None,
@@ -203,7 +203,7 @@ def _segment(element: Element) -> str:
 
 
 def _is_applied(element: Element) -> bool:
-    return element.word("apply", "true") == "true"
+    return element.flag("apply", "true")
 
 
 def _file(path: Path, element: Element, tag: str) -> Path | None:

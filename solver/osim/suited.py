@@ -18,7 +18,7 @@ from solver.osim.xml_elements import add, add_values, objects_of
 from solver.suit.cord import direction_to_joint
 from solver.suit.scenarios import SuitScenario
 from solver.suit.suit import PARTS, Suit, SuitError, SuitMass, SuitPoint, ensure_fits
-from solver.suit.suited_model import CORD
+from solver.suit.suited_model import CORD, CUFF_NAMES
 
 Array = NDArray[np.float64]
 
@@ -33,26 +33,27 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario)
     their migration lengthens the PathSpring, which leaves the cord's line and its tension; along the bone it moves
     their rest. Raises SuitError for a law that OpenSim's forces do not have, or for names in use.
     """
-    _ensure_can_be_written(root, model, suit)
+    _ensure_can_be_written(root, model, suit, wearing)
     osim = root.find("Model")
     assert osim is not None  # noqa: S101  (the document of a model)
     slips_along_cord = suit.migration_direction == "cord"
     cuffs = dict(zip(("waist", "arm"), wearing.cuffs, strict=True))
-    for part, mass in zip(PARTS, suit.masses, strict=True):
+    masses = dict(zip(PARTS, suit.masses, strict=True))
+    for part in suit.parts:
         point, cuff = getattr(suit, part), cuffs.get(part)
         slipped = cuff.migration if cuff and wearing.is_shifted and not slips_along_cord else 0.0
         rest = point.location + slipped * direction_to_joint(point)
-        _add_cuff(osim, part, SuitPoint(point.body, rest), mass, cuff if wearing.yields else None)
+        _add_cuff(osim, part, SuitPoint(point.body, rest), masses[part], cuff if wearing.yields else None)
     spring = add(objects_of(osim, "ForceSet"), "PathSpring", CORD)
     points = add_path(spring)
-    for part in PARTS:
+    for part in suit.parts:
         add_path_point(points, f"{CORD}_{part}", f"/bodyset/{part}_cuff", np.zeros(3))
     slack = wearing.migration if slips_along_cord else 0.0
     length = float(wearing.rest_lengths[-1]) + slack
     add_values(spring, resting_length=length, stiffness=suit.stiffness, dissipation=0.0)
 
 
-def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit) -> None:
+def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario) -> None:
     ensure_fits(suit, model)
     if int(root.get("Version", "0")) < PRESENT_LAYOUT:
         raise SuitError(
@@ -60,10 +61,10 @@ def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit) -> None:
             "OpenSim 4; open the model in OpenSim 4 and save it",
             SolverCode.SUIT_NOT_WRITABLE,
         )
-    if suit.is_straight:
+    if root.find(".//*[@file]") is not None:
         raise SuitError(
-            "the suit's cord should run over a guide to become a file's exotendon, and is straight; add "
-            "[exotendon.shoulder]",
+            "the model takes parts from other files, which the suit cannot be added to; open the model in OpenSim and "
+            "save it as one file",
             SolverCode.SUIT_NOT_WRITABLE,
         )
     if suit.damping:
@@ -72,20 +73,30 @@ def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit) -> None:
             f"and has {suit.damping:g} N s/m; set exotendon.damping_n_s_per_m to 0 for the export",
             SolverCode.SUIT_NOT_WRITABLE,
         )
-    for part, mass in zip(PARTS, suit.masses, strict=True):
-        if mass.body != getattr(suit, part).body:
-            raise SuitError(
-                f"the suit's masses.{part} should be on the body of exotendon.{part}, {getattr(suit, part).body}, to "
-                f"become one cuff and is on {mass.body}; move it",
-                SolverCode.SUIT_NOT_WRITABLE,
-            )
-    taken = {element.get("name") for element in root.iter()} & {CORD, *(f"{part}_cuff" for part in PARTS)}
+    _ensure_masses_of_cuffs(suit, wearing)
+    taken = {element.get("name") for element in root.iter()} & {CORD, *CUFF_NAMES}
     if taken:
         raise SuitError(
             f"the model {model.name} should not wear a suit yet and has {', '.join(sorted(map(str, taken)))}; take the "
             "bare model",
             SolverCode.SUIT_NOT_WRITABLE,
         )
+
+
+def _ensure_masses_of_cuffs(suit: Suit, wearing: SuitScenario) -> None:
+    """Raise SuitError unless each mass can be that of a cuff; OpenSim cannot move a cuff without mass on a bushing."""
+    yielding = {part for part, cuff in zip(("waist", "arm"), wearing.cuffs, strict=True) if cuff and wearing.yields}
+    for part, mass in zip(PARTS, suit.masses, strict=True):
+        problem = ""
+        if part not in suit.parts:
+            problem = f"0 kg beside a straight cord and is {mass.mass:g} kg; move it to a cuff" if mass.mass else ""
+        elif mass.body != getattr(suit, part).body:
+            body = getattr(suit, part).body
+            problem = f"on the body of exotendon.{part}, {body}, to become one cuff and is on {mass.body}; move it"
+        elif part in yielding and not mass.mass:
+            problem = "above 0 kg, because OpenSim cannot move a yielding cuff without mass; add it, or export it rigid"
+        if problem:
+            raise SuitError(f"the suit's masses.{part} should be {problem}", SolverCode.SUIT_NOT_WRITABLE)
 
 
 def _add_cuff(osim: Xml.Element, part: str, rest: SuitPoint, mass: SuitMass, yields: CuffParameters | None) -> None:

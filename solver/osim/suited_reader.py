@@ -7,7 +7,7 @@ is not solved as a body: its quasi-static equilibrium gives its force, as in an 
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -16,27 +16,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.osim.document import Element, read_document
+from solver.osim.document import Element
 from solver.osim.reader import read_osim_model
 from solver.suit.suit import Suit, SuitMass, SuitPoint
-from solver.suit.suited_model import CORD, CUFF_NAMES, SuitedModel
+from solver.suit.suited_model import CORD, CUFF_NAMES, CUFFS_AT_ENDS, SuitedModel
 
 Array = NDArray[np.float64]
 
 SETS = ("BodySet", "JointSet", "ForceSet")
 
 
-def read_suited(path: str | Path, actuators: Sequence[Path] = ()) -> SuitedModel | None:
-    """The suited model in a file of ours, None where the file wears none. ModelError, with the line, where the suit was
-    changed into one that no suit of ours is, or the bare model cannot be read. actuators as in read_osim.
+def read_suited(
+    document: Element, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()
+) -> SuitedModel | None:
+    """The suited model in a document of ours, None where it wears none. ModelError, with the line, where the suit was
+    changed into one that no suit of ours is, or the bare model cannot be read. The options are those of read_osim.
     """
-    document = read_document(Path(path))
     element = document.find("Model")
     cord = None if element is None else _named(element, "ForceSet", CORD)
-    if element is None or cord is None or any(_named(element, "BodySet", name) is None for name in CUFF_NAMES):
+    if element is None or cord is None or any(_named(element, "BodySet", name) is None for name in CUFFS_AT_ENDS):
         return None
-    points, masses = zip(*(_cuff(element, name) for name in CUFF_NAMES), strict=True)
-    _require_straight_cord(cord)
+    is_straight = _named(element, "BodySet", CUFF_NAMES[1]) is None
+    worn = CUFFS_AT_ENDS if is_straight else CUFF_NAMES
+    cuffs = {name: _cuff(element, name) for name in worn}
+    points, masses = zip(*(cuffs.get(name, _unused(cuffs)) for name in CUFF_NAMES), strict=True)
+    _require_no_bend(cord, worn)
     if cord.number("dissipation", "0"):
         raise cord.refusal("has a dissipation, which grows with the stretch, and no cord of ours does; set it to 0")
     rest_length = cord.number("resting_length")
@@ -49,9 +53,12 @@ def read_suited(path: str | Path, actuators: Sequence[Path] = ()) -> SuitedModel
         masses=masses,
         rest_lengths=np.array([rest_length]),
         reference_rest_length=rest_length,
+        is_straight=is_straight,
     )
     return SuitedModel(
-        bare=read_osim_model(replace(document, children=[_bare(element)]), actuators=actuators),
+        bare=read_osim_model(
+            replace(document, children=[_bare(element)]), ignore_forces=ignore_forces, actuators=actuators
+        ),
         suit=suit,
         waist=_spring(element, "waist"),
         arm=_spring(element, "arm"),
@@ -78,12 +85,19 @@ def _cuff(element: Element, name: str) -> tuple[SuitPoint, SuitMass]:
     return SuitPoint(holder, location), SuitMass(holder, body.number("mass"), center, inertia)
 
 
-def _require_straight_cord(cord: Element) -> None:
+def _unused(cuffs: Mapping[str, tuple[SuitPoint, SuitMass]]) -> tuple[SuitPoint, SuitMass]:
+    """What a suit with a straight cord has for its shoulder: the point of its first end, and no mass."""
+    point, _ = cuffs[CUFF_NAMES[0]]
+    return point, SuitMass(point.body, 0.0, point.location, np.zeros(3))
+
+
+def _require_no_bend(cord: Element, worn: tuple[str, ...]) -> None:
+    """Raise ModelError unless the cord runs from cuff to cuff."""
     path = cord.child("GeometryPath")
     points = path.objects("PathPointSet")
     bodies = tuple(posixpath.basename(point.child("socket_parent_frame").text) for point in points)
-    if bodies != CUFF_NAMES or any(point.numbers("location", 3).any() for point in points):
-        raise cord.refusal(f"does not run straight through the origins of {', '.join(CUFF_NAMES)}; export it again")
+    if bodies != worn or any(point.numbers("location", 3).any() for point in points):
+        raise cord.refusal(f"does not run straight through the origins of {', '.join(worn)}; export it again")
     if path.objects("PathWrapSet"):
         raise cord.refusal("wraps, and the cord of a suit of ours does not; export it again")
 

@@ -75,6 +75,12 @@ ARM_SEGMENTS: Final[Mapping[str, ArmSegment]] = {
 }
 
 
+def has_arm_segments(model: Model) -> bool:
+    """Whether the model has a body of an arm segment, whose mass is known as a share of a person's."""
+    names = {body.name for body in model.bodies}
+    return any(not names.isdisjoint(segment.bodies) for segment in ARM_SEGMENTS.values())
+
+
 def size_factors(model: Model) -> tuple[tuple[SizeFactor, ...], Array]:
     """The size factors whose bodies a model has, and the prior covariance (factors, factors) of their logarithms.
 

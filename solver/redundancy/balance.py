@@ -27,8 +27,7 @@ def ensure_balanced(model: Model, matrix: Array, mobility: Array, tracked: NDArr
     Coordinates in which P has no column beside round-off are held by a constraint and need no actuator. Nothing is
     computed where each coordinate has an actuator, whose column of A is that of P.
     """
-    actuators = [one for one in model.actuators if isinstance(one, CoordinateActuator) and one.optimal_force]
-    if {one.coordinate for one in actuators}.issuperset(np.flatnonzero(tracked).tolist()):
+    if has_actuators(model, tracked):
         return
     frames = np.flatnonzero(np.isfinite(mobility).all(axis=(1, 2)) & np.isfinite(matrix).all(axis=(1, 2)))
     if not len(frames):
@@ -44,6 +43,12 @@ def ensure_balanced(model: Model, matrix: Array, mobility: Array, tracked: NDArr
             "actuators for them (--actuators FILE, or [reserves] of --effort), or name them in --free-coordinates",
             SolverCode.NOT_BALANCED,
         )
+
+
+def has_actuators(model: Model, tracked: NDArray[np.bool_]) -> bool:
+    """Whether each of the tracked coordinates (coordinates,) has an actuator."""
+    actuators = [one for one in model.actuators if isinstance(one, CoordinateActuator) and one.optimal_force]
+    return {one.coordinate for one in actuators}.issuperset(np.flatnonzero(tracked).tolist())
 
 
 def _is_outside(matrix: Array, mobility: Array) -> NDArray[np.bool_]:

@@ -21,6 +21,10 @@ VIOLATION_LIMIT = 1e-6
 OPTIMALITY_LIMIT = 1e-5
 LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is sought
 EFFORT_SHARE = 1e-6  # of effort against violation, in least_violation
+FAR, LARGEST_SIZE = (
+    100.0,
+    100.0,
+)  # a target, in rows of the size of x, and its size up to which efforts keep their share
 CUBE_TOLERANCE = 1e-11  # of Clarabel for cubes, whose slope is small where the unknown is
 
 
@@ -87,6 +91,69 @@ def solve_conic(problem: ConicProblem) -> ConicSolution:
 
     Raises ValueError where the arrays do not fit together; an infeasible problem is an outcome, not an error.
     """
+    solution = _solve_each(problem)
+    is_infeasible = np.array([outcome is ConicOutcome.INFEASIBLE for outcome in solution.outcomes])
+    return replace(solution, x=np.where(is_infeasible[:, None], np.nan, solution.x))
+
+
+def least_violation(problem: ConicProblem) -> Array:
+    """x (problems, n) within the bounds that violate the cone least, along its axis.
+
+    Without a cone, or if that is not enough, equalities are violated as well; the sum of squares is minimised. Squares
+    also choose among points of the same violation.
+    """
+    m, k = len(problem.equality_matrix), len(problem.cone_matrix)
+    along_axis = np.eye(k, min(k, 1))
+    problem = replace(problem, cubed=0)
+    solution = _with_violations(problem, np.zeros((m, min(k, 1))), along_axis)
+    x = solution.x.copy()
+    in_equalities = np.hstack([np.zeros((m, min(k, 1))), np.eye(m)])
+    in_cone = np.hstack([along_axis, np.zeros((k, m))])
+    for i, outcome in enumerate(solution.outcomes):
+        if outcome is ConicOutcome.INFEASIBLE:
+            x[i] = _with_violations(_one_near(problem, i), in_equalities, in_cone).x[0]
+    return x
+
+
+def _one_near(problem: ConicProblem, i: int) -> ConicProblem:
+    """One of the problems, with rows and violations divided by the size of distant targets: limits of the solver and of
+    certificates are for rows of the size of x.
+    """
+    one = slice(i, i + 1)
+    target, offset = problem.equality_target[one], problem.cone_offset[one]
+    size = max(1.0, np.abs(target).max(initial=0.0) / FAR, np.abs(offset).max(initial=0.0) / FAR)
+    return replace(
+        problem,
+        weights=problem.weights / min(size, LARGEST_SIZE) ** 2,
+        equality_matrix=problem.equality_matrix / size,
+        equality_target=target / size,
+        lower=problem.lower[one],
+        upper=problem.upper[one],
+        cone_matrix=problem.cone_matrix / size,
+        cone_offset=offset / size,
+    )
+
+
+def _with_violations(problem: ConicProblem, in_equalities: Array, in_cone: Array) -> ConicSolution:
+    """The solution with violations of weight 1 as further unknowns, which x does not hold."""
+    violations, problems = in_equalities.shape[1], len(problem.lower)
+    unbounded = np.full((problems, violations), np.inf)
+    solution = _solve_each(
+        ConicProblem(
+            weights=np.append(EFFORT_SHARE * problem.weights, np.ones(violations)),
+            equality_matrix=np.hstack([problem.equality_matrix, in_equalities]),
+            equality_target=problem.equality_target,
+            lower=np.hstack([problem.lower, -unbounded]),
+            upper=np.hstack([problem.upper, unbounded]),
+            cone_matrix=np.hstack([problem.cone_matrix, in_cone]),
+            cone_offset=problem.cone_offset,
+        )
+    )
+    return replace(solution, x=solution.x[:, : problem.weights.size])
+
+
+def _solve_each(problem: ConicProblem) -> ConicSolution:
+    """As solve_conic, but also infeasible problems have their last point."""
     _ensure_shapes(problem)
     below, above = np.isfinite(problem.lower[0]), np.isfinite(problem.upper[0])
     matrix = _stacked_matrix(problem, below, above)
@@ -109,43 +176,8 @@ def solve_conic(problem: ConicProblem) -> ConicSolution:
             outcomes.append(
                 ConicOutcome.INFEASIBLE if _is_certificate(matrix, target, dual) else ConicOutcome.NOT_CONVERGED
             )
-        x[i] = np.nan if outcomes[i] is ConicOutcome.INFEASIBLE else primal
+        x[i] = primal
     return ConicSolution(x=x, outcomes=tuple(outcomes), violation=violation, optimality=optimality)
-
-
-def least_violation(problem: ConicProblem) -> Array:
-    """x (problems, n) within the bounds that violate the cone least, along its axis.
-
-    Without a cone, or if that is not enough, equalities are violated as well; the sum of squares is minimised. Squares
-    also choose among points of the same violation.
-    """
-    m, k = len(problem.equality_matrix), len(problem.cone_matrix)
-    along_axis = np.eye(k, min(k, 1))
-    problem = replace(problem, cubed=0)
-    x = _with_violations(problem, np.zeros((m, min(k, 1))), along_axis)
-    infeasible = np.isnan(x).any(axis=1)
-    if infeasible.any():
-        in_equalities = np.hstack([np.zeros((m, min(k, 1))), np.eye(m)])
-        in_cone = np.hstack([along_axis, np.zeros((k, m))])
-        x[infeasible] = _with_violations(problem, in_equalities, in_cone)[infeasible]
-    return x
-
-
-def _with_violations(problem: ConicProblem, in_equalities: Array, in_cone: Array) -> Array:
-    violations, problems = in_equalities.shape[1], len(problem.lower)
-    unbounded = np.full((problems, violations), np.inf)
-    solution = solve_conic(
-        ConicProblem(
-            weights=np.append(EFFORT_SHARE * problem.weights, np.ones(violations)),
-            equality_matrix=np.hstack([problem.equality_matrix, in_equalities]),
-            equality_target=problem.equality_target,
-            lower=np.hstack([problem.lower, -unbounded]),
-            upper=np.hstack([problem.upper, unbounded]),
-            cone_matrix=np.hstack([problem.cone_matrix, in_cone]),
-            cone_offset=problem.cone_offset,
-        )
-    )
-    return solution.x[:, : problem.weights.size]
 
 
 def _ensure_shapes(problem: ConicProblem) -> None:

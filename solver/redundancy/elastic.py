@@ -1,41 +1,45 @@
 """The redundancy problem with elastic tendons: sequential quadratic programming in each frame.
 
 The lengths of the fibres at the frames before are known, so the implicit step of solver/tendons makes the tension of a
-muscle a smooth, rising function F(a) of its activation in the frame. It is linearised at the current activations,
-F(a₀) + F'(a₀) (a − a₀), which has the form of the problem with rigid tendons: an active force F' and a passive force.
-Its solution is the next a₀, until the linear force is the true one at the solution. Then it satisfies the conditions of
-optimality of the problem with F. They are necessary ones: with F curved, the problem need not be convex.
+muscle a smooth, rising function F(a) of its activation in the frame. It is linearised at the current activations a₀
+(elastic_frame.py), and the solution is the next a₀, until the linear force is the true one at the solution. Then it
+satisfies the conditions of optimality of the problem with F. They are necessary ones: with F curved, the problem need
+not be convex.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from copy import copy
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
-from solver.multibody.dynamics import response_to_loads
-from solver.redundancy.motion import Mechanics, RedundancyProblem, build_redundancy
-from solver.redundancy.next_frame import FrameByFrame
+from solver.multibody.external_loads import ExternalForce, load_wrenches
+from solver.redundancy.elastic_frame import ForcePoint, FrameStep, force_frame
+from solver.redundancy.mechanics import Mechanics
 from solver.redundancy.options import RedundancyOptions
-from solver.redundancy.response_maps import ResponseMaps
-from solver.redundancy.scenarios import ScenarioSolutions
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.problem import build_redundancy
+from solver.redundancy.response_maps import ResponseMaps, response_maps
+from solver.redundancy.scenarios import LoadResponse, ScenarioSolutions, frame_sequence, no_loads, scenario_solutions
+from solver.redundancy.sequence import FrameOutcome, FrameSequence, reachable_bounds
 from solver.tendons.evaluation import ElasticForces, fill_frame, with_rigid_tendons
 from solver.tendons.step import FiberHistory, StepStart, allocate_settled, fill_settled
 from solver.tendons.tables import fiber_tables
 
 Array = NDArray[np.float64]
 
-FORCE_TOLERANCE = 1e-8  # of the greatest isometric force, between linear and true force
+FORCE_TOLERANCE = 1e-10  # of the greatest isometric force, between linear and true force
 SMALL_STEP = 1e-3  # of an activation, below which the forces may agree so
+CLEAR_STEP = 1e-6  # of an activation, above which two derivatives tell a curvature
 ITERATIONS = 40
+INFEASIBLE_ITERATIONS = 5  # of linear problems that are infeasible, before the frame is
 FIRST_GUESS = 0.1
 LEAST_GUESS, LEAST_GAIN = 0.02, 1e-3
+UNSOLVED = (FrameOutcome.INFEASIBLE, FrameOutcome.NOT_CONVERGED)
+"""Outcomes after which fibres start anew: slack ones would need many frames to become taut, all of them infeasible."""
 
 
 def solve_elastic(
@@ -43,29 +47,51 @@ def solve_elastic(
     mechanics: Mechanics,
     options: RedundancyOptions,
     progress: Callable[[int, int], None] = lambda *_: None,
-) -> tuple[ScenarioSolutions, ElasticForces]:
-    """Activations and controls of one scenario, and the muscles' forces, NaN in INFEASIBLE and NOT_FINITE frames.
+    loads: Sequence[ExternalForce] = (),
+    response: LoadResponse | None = None,
+) -> tuple[ScenarioSolutions, tuple[ElasticForces, ...]]:
+    """Activations and controls of all scenarios, and their muscles' forces, NaN in INFEASIBLE and NOT_FINITE frames.
 
-    A frame whose iteration does not converge is NOT_CONVERGED. INFEASIBLE holds for the linearised forces, so it is no
-    proof. After a frame that is not finite, fibres and activations start anew. Raises ModelError without an elastic
-    tendon, or with options of static optimisation.
+    loads are those of the mechanics, response that to the additional loads of the scenarios; None is one scenario
+    without. A frame whose iteration does not converge is NOT_CONVERGED, one in which a muscle has no finite force
+    NOT_FINITE. INFEASIBLE holds for the linearised forces, so it is no proof. After these frames, fibres and
+    activations start anew. Raises ModelError without an elastic tendon, or with options of static optimisation.
     """
     _ensure_dynamic(model, options)
-    problem = build_redundancy(model, replace(mechanics, maps=_maps_per_force(model, mechanics)), options)
-    frames, muscles = len(problem.time), len(model.muscles)
-    forces = with_rigid_tendons(mechanics.forces, np.full((frames, muscles), np.nan))
-    solution = _empty_solution(frames, problem.weights.size)
-    solver = _ElasticFrames(model, mechanics, problem)
-    progress(0, frames)
-    for frame, is_finite in enumerate(problem.is_finite):
-        if is_finite:
-            found = solver.solve(frame, forces)
-            for field in fields(solution):
-                getattr(solution, field.name)[:, frame] = getattr(found, field.name)[:, 0]
+    problem = build_redundancy(model, replace(mechanics, maps=_maps_per_force(model, mechanics, loads)), options)
+    is_finite = problem.is_finite
+    response = response or no_loads(problem)
+    shape, muscles = response.reaction.shape[:2], len(model.muscles)
+    controls, activations = np.full((*shape, problem.weights.size), np.nan), np.full((*shape, muscles), np.nan)
+    outcomes = np.empty(shape, dtype=object)
+    outcomes.fill(FrameOutcome.NOT_FINITE)  # np.full would leave plain strings
+    forces = tuple(with_rigid_tendons(mechanics.forces, one) for one in activations)
+    whole = frame_sequence(problem, response)
+    progress(0, outcomes.size)
+    for scenario, frame in np.ndindex(*shape):
+        if frame == 0:
+            own = slice(scenario, scenario + 1)
+            sequence = replace(whole, target=whole.target[own], cone_offset=whole.cone_offset[own])
+            solver = _ElasticFrames(model, mechanics, sequence, options)
+        step = solver.solve(frame, forces[scenario]) if is_finite[frame] else None
+        if step is None:
+            forces[scenario].passive[frame] = forces[scenario].tension[frame] = np.nan
         else:
-            forces.passive[frame] = np.nan
+            activations[scenario, frame], controls[scenario, frame], outcomes[scenario, frame] = step
+        if step is None or step.outcome in UNSOLVED:
             solver.restart()
-        progress(frame + 1, frames)
+        progress(scenario * shape[1] + frame + 1, outcomes.size)
+    return _without_infeasible(scenario_solutions(problem, response, controls, outcomes), activations, forces)
+
+
+def _without_infeasible(
+    solution: ScenarioSolutions, activations: Array, forces: tuple[ElasticForces, ...]
+) -> tuple[ScenarioSolutions, tuple[ElasticForces, ...]]:
+    """With activations in the place of the forces, and NaN where INFEASIBLE."""
+    is_infeasible = solution.outcomes == FrameOutcome.INFEASIBLE
+    solution.controls[..., : activations.shape[-1]] = np.where(is_infeasible[..., None], np.nan, activations)
+    for one, is_none in zip(forces, is_infeasible, strict=True):
+        one.tension[is_none] = np.nan
     return solution, forces
 
 
@@ -75,70 +101,89 @@ class _ElasticFrames:
     Forces here are over the greatest isometric ones.
     """
 
-    def __init__(self, model: Model, mechanics: Mechanics, problem: RedundancyProblem) -> None:
-        self._problem, self._paths = problem, mechanics.paths
+    def __init__(self, model: Model, mechanics: Mechanics, sequence: FrameSequence, options: RedundancyOptions) -> None:
+        self._sequence, self._paths = sequence, mechanics.paths
+        self._interval, self._is_reference = mechanics.kinematics.interval, options.solver == "clarabel"
         self._tables = fiber_tables(model)
-        strength = np.array([muscle.max_isometric_force for muscle in model.muscles])
-        self._active, self._passive = mechanics.forces.active / strength, mechanics.forces.passive / strength
-        self._strength = strength
+        self._strength = _strength(model)
+        self._active, self._passive = (
+            part / self._strength for part in (mechanics.forces.active, mechanics.forces.passive)
+        )
         self._settled = allocate_settled(len(self._tables.muscle))
-        self._activations = FrameByFrame(1, len(model.muscles))
         self.restart()
 
     def restart(self) -> None:
         """The next frame is a first one: fibres in equilibrium, any activation."""
-        self._history = FiberHistory(self._tables, self._problem.interval)
-        self._activations.forget(0)
-        self._guess = np.full(len(self._strength), FIRST_GUESS)
+        muscles = len(self._strength)
+        self._gain = np.zeros(muscles)
+        self._history = FiberHistory(self._tables, self._interval)
+        self._bounds = self._sequence.widest_activations
+        self._guess, self._curvature = np.full(muscles, FIRST_GUESS), np.zeros(muscles)
+        self._multipliers = np.zeros(0)
 
-    def solve(self, frame: int, forces: ElasticForces) -> ScenarioSolutions:
-        """The frame's solution; the row of forces is filled."""
+    def solve(self, frame: int, forces: ElasticForces) -> FrameStep | None:
+        """The frame's solution, None where a force is not finite; the row of forces is filled."""
         start = self._history.start(self._paths.speeds[frame, self._tables.muscle])
-        a, force, gain = self._first_point(frame, start)
-        step, share = np.zeros(len(a)), 1.0
+        linear = force_frame(
+            self._sequence.cut(slice(frame, frame + 1)), self._multipliers, is_reference=self._is_reference
+        )
+        point = self._first_point(frame, start)
+        change, share, infeasible = np.zeros(len(point.gain)), 1.0, 0
         for _ in range(ITERATIONS):
-            activations = copy(self._activations)  # every iteration starts from the frame before
-            solution = activations.solve(_linearised(self._problem, frame, force - gain * a, gain))
-            wanted = solution.controls[0, 0, : len(a)]
-            if not np.isfinite(wanted).all():
+            if not np.isfinite(point.force + point.gain).all():
+                return None
+            found = linear.solve(point, self._bounds)
+            infeasible += found.outcome is FrameOutcome.INFEASIBLE
+            before, change = change, found.activations - point.activations
+            share = _relaxation(share, before, change) if self._sequence.exponent == 3 else 1.0
+            expected, is_small = point.force + point.gain * change, np.abs(change).max() <= SMALL_STEP
+            if is_small:
+                point = self._point(frame, start, found.activations, point)
+                is_found = bool(np.abs(point.force - expected).max() <= FORCE_TOLERANCE)
+            if (is_small and is_found) or infeasible == INFEASIBLE_ITERATIONS:
                 break
-            before, step = step, wanted - a
-            if np.abs(step).max() <= SMALL_STEP:
-                expected = force + gain * step
-                force, gain = self._evaluate(frame, start, wanted)
-                if np.abs(force - expected).max() <= FORCE_TOLERANCE:
-                    break
-            share = _relaxation(share, before, step)
-            a = np.clip(a + share * step, 0.0, 1.0)
-            force, gain = self._evaluate(frame, start, a)
+            if not is_small or share != 1.0:
+                a = np.clip(found.activations - (1.0 - share) * change, 0.0, 1.0)
+                point = self._point(frame, start, a, point)
         else:
-            solution.outcomes[:] = FrameOutcome.NOT_CONVERGED
-        self._activations, self._guess = activations, a
-        self._history.keep(self._settled)
-        forces.tension[frame] = force * self._strength
+            found = found._replace(outcome=FrameOutcome.NOT_CONVERGED)
+        self._keep(point, found, linear.multipliers)
+        forces.tension[frame] = point.force * self._strength
         fill_frame(forces, frame, self._tables, self._paths.lengths[frame, self._tables.muscle], self._settled)
-        if not np.isfinite(wanted).all():
-            forces.tension[frame] = np.nan
-        return solution
+        return found
 
-    def _first_point(self, frame: int, start: StepStart) -> tuple[Array, Array, Array]:
-        """The activations of the frame before with their forces and derivatives; above zero where a muscle has no
+    def _first_point(self, frame: int, start: StepStart) -> ForcePoint:
+        """The activations of the frame before with their forces and derivatives; above zero where a muscle had no
         derivative there, as a slack one.
         """
-        a = self._guess
+        a = np.where(self._gain < LEAST_GAIN, np.maximum(self._guess, LEAST_GUESS), self._guess)
+        return ForcePoint(a, *self._evaluate(frame, start, a), self._curvature)
+
+    def _point(self, frame: int, start: StepStart, a: Array, before: ForcePoint) -> ForcePoint:
+        """The forces at activations a; their curvature follows from the derivatives here and at the point before."""
         force, gain = self._evaluate(frame, start, a)
-        if (gain < LEAST_GAIN).any():
-            a = np.where(gain < LEAST_GAIN, np.maximum(a, LEAST_GUESS), a)
-            force, gain = self._evaluate(frame, start, a)
-        return a, force, gain
+        change = a - before.activations
+        is_clear = np.abs(change) > CLEAR_STEP
+        curvature = np.where(is_clear, (gain - before.gain) / np.where(is_clear, change, 1.0), before.curvature)
+        return ForcePoint(a, force, gain, curvature)
 
     def _evaluate(self, frame: int, start: StepStart, a: Array) -> tuple[Array, Array]:
         """Force (muscles,) at activations a, and its derivative."""
         chosen = self._tables.muscle
         force, gain = self._active[frame] * a + self._passive[frame], self._active[frame].copy()
         fill_settled(self._tables, self._paths.lengths[frame, chosen], a[chosen], start, self._settled)
+        start.guess[:] = self._settled.length
         force[chosen], gain[chosen] = self._settled.force, self._settled.gain
         return force, gain
+
+    def _keep(self, point: ForcePoint, found: FrameStep, multipliers: Array) -> None:
+        """What the next frame starts from."""
+        self._history.keep(self._settled)
+        self._guess, self._gain, self._curvature = point.activations, point.gain, point.curvature
+        self._multipliers = multipliers
+        outcomes = np.array([found.outcome], dtype=object)
+        lower, upper = reachable_bounds(self._sequence, found.activations[None], outcomes)
+        self._bounds = np.concatenate([lower, upper])[:, : len(self._strength)]
 
 
 def _ensure_dynamic(model: Model, options: RedundancyOptions) -> None:
@@ -162,52 +207,18 @@ def _relaxation(share: float, before: Array, step: Array) -> float:
     return float(np.clip(-share * (before @ change) / (change @ change), 0.2, 1.5))
 
 
-def _linearised(problem: RedundancyProblem, frame: int, force_at_rest: Array, gain: Array) -> RedundancyProblem:
-    """The problem of one frame with forces (muscles,) force_at_rest + gain a, of one whose controls are forces."""
-    muscles, one = len(gain), slice(frame, frame + 1)
-    matrix, reaction_matrix = problem.acceleration_matrix[one].copy(), problem.reaction_matrix[one].copy()
-    acceleration, reaction = (part[..., :muscles] @ force_at_rest for part in (matrix, reaction_matrix))
-    matrix[..., :muscles] *= gain
-    reaction_matrix[..., :muscles] *= gain
-    return replace(
-        problem,
-        time=problem.time[one],
-        acceleration_matrix=matrix,
-        acceleration_target=problem.acceleration_target[one] - acceleration,
-        reaction_matrix=reaction_matrix,
-        reaction_at_rest=problem.reaction_at_rest[one] + reaction,
-        cone=problem.cone[one],
-    )
-
-
-def _maps_per_force(model: Model, mechanics: Mechanics) -> ResponseMaps:
+def _maps_per_force(model: Model, mechanics: Mechanics, loads: Sequence[ExternalForce]) -> ResponseMaps:
     """The maps with controls of the muscles that are tensions over the greatest isometric forces, not activations."""
-    paths, maps, muscles = mechanics.paths, mechanics.maps, len(model.muscles)
-    tension = response_to_loads(mechanics.equations, paths.wrench_per_tension, paths.mobility_per_tension)
-    passive = mechanics.forces.passive[..., None]
-    strength = np.array([muscle.max_isometric_force for muscle in model.muscles])
-    acceleration, reaction = (np.swapaxes(part, 1, 2) for part in (tension.acceleration, tension.reaction))
-    return replace(
-        maps,
-        acceleration_at_rest=maps.acceleration_at_rest - (acceleration @ passive)[..., 0],
-        acceleration_per_control=np.concatenate(
-            [acceleration * strength, maps.acceleration_per_control[..., muscles:]], axis=-1
-        ),
-        reaction_at_rest=maps.reaction_at_rest - (reaction @ passive)[..., 0],
-        reaction_per_control=np.concatenate([reaction * strength, maps.reaction_per_control[..., muscles:]], axis=-1),
+    tension, state = mechanics.forces, mechanics.state
+    per_force = replace(
+        tension,
+        active=np.tile(_strength(model), (len(tension.active), 1)),
+        passive=np.zeros_like(tension.passive),
     )
+    wrenches = load_wrenches(loads, state) if loads else None
+    maps = response_maps(model, state, mechanics.equations, mechanics.paths, per_force, wrenches)
+    return maps.cleared(maps.is_finite)
 
 
-def _empty_solution(frames: int, controls: int) -> ScenarioSolutions:
-    """Of one scenario, all frames NOT_FINITE."""
-    outcomes = np.empty((1, frames), dtype=object)
-    outcomes.fill(FrameOutcome.NOT_FINITE)  # np.full would leave plain strings
-    scalars = np.full((2, 1, frames), np.nan)
-    return ScenarioSolutions(
-        controls=np.full((1, frames, controls), np.nan),
-        outcomes=outcomes,
-        equality_residual=scalars[0],
-        residual_coordinate=np.zeros((1, frames), dtype=np.intp),
-        reaction=np.full((1, frames, 6), np.nan),
-        cone_slack=scalars[1],
-    )
+def _strength(model: Model) -> Array:
+    return np.array([muscle.max_isometric_force for muscle in model.muscles])

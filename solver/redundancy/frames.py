@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.dense import copy
-from solver.redundancy.interior_point import interior_point
+from solver.redundancy.interior_point import has_unreachable_row, interior_point
 from solver.redundancy.newton import NEWTON_GOAL, newton, optimality_errors
-from solver.redundancy.problem import (
+from solver.redundancy.reduced_problem import (
     BEYOND_RATE,
     INFEASIBLE,
     NOT_CONVERGED,
@@ -29,6 +29,8 @@ from solver.redundancy.workspace import FrameWorkspace
 Array = NDArray[np.float64]
 
 EFFORT_SHARE = 1e-6  # weight of effort relative to violation where a problem is infeasible
+LEAST_SHARE = 1e-8  # below which multipliers no longer determine activations
+FAR = 1e3  # a target, in rows of the size of activations
 AT_BOUND = 1e-9  # distance of an activation from its bound
 
 
@@ -83,16 +85,23 @@ def _minimise_violation(problem: FrameProblem, work: FrameWorkspace, a: Array, v
     as well.
 
     The violation of a row is one more eliminated unknown, in R, of weight 1 against the share of the effort, which is
-    one of squares here whatever the exponent.
+    one of squares here whatever the exponent. Rows and violations are divided by the size of distant targets: limits of
+    effort and violation are for rows of the size of activations.
     """
     q, M, R, t, equalities, lower, upper, exponent = problem
-    cost, relaxed, code = work.cost, work.relaxed, INFEASIBLE
-    for i in range(len(q)):
-        cost[i] = EFFORT_SHARE * q[i] * 2 / exponent
+    cost, relaxed, rows, target, code, size = work.cost, work.relaxed, work.rows, work.target, INFEASIBLE, 1.0
     for i in range(len(t)):
+        size = max(size, abs(t[i]) / FAR)
+    share = max(EFFORT_SHARE / size**2, LEAST_SHARE)
+    for i in range(len(q)):
+        cost[i] = share * q[i] * 2 / exponent
+    for i in range(len(t)):
+        target[i] = t[i] / size
+        for j in range(len(q)):
+            rows[i, j] = M[i, j] / size
         for j in range(len(t)):
-            relaxed[i, j] = R[i, j] / EFFORT_SHARE
-    violable = FrameProblem(cost, M, relaxed, t, equalities, lower, upper, 2)
+            relaxed[i, j] = R[i, j] / (share * size * size)
+    violable = FrameProblem(cost, rows, relaxed, target, equalities, lower, upper, 2)
     if equalities < len(t):
         relaxed[equalities, equalities] += 0.5
         code = _solve(violable, work, a, v)
@@ -101,7 +110,7 @@ def _minimise_violation(problem: FrameProblem, work: FrameWorkspace, a: Array, v
             relaxed[i, i] += 0.5
         _solve(violable, work, a, v)
     for i in range(len(v)):
-        v[i] /= EFFORT_SHARE
+        v[i] /= share * size
 
 
 @compiled
@@ -123,7 +132,9 @@ def _solve(problem: FrameProblem, work: FrameWorkspace, a: Array, v: Array) -> i
         _round_to_bounds(problem, work.interior.point.a, a)
         return SOLVED
     error, _ = optimality_errors(problem, a, v, work.newton.free_inverse, work.newton.error)
-    return SOLVED if error <= VIOLATION_LIMIT else NOT_CONVERGED
+    if error <= VIOLATION_LIMIT:
+        return SOLVED
+    return INFEASIBLE if has_unreachable_row(problem, work.interior) else NOT_CONVERGED
 
 
 @compiled
@@ -148,7 +159,8 @@ def _set_rate_bounds(rise: Array, fall: Array, widest: Array, a: Array, lower: A
     """Activations that one interval at no and at full excitation leads to (Thelen 2003)."""
     _set_widest_bounds(widest, lower, upper)
     for i in range(len(a)):
-        if rise[i] < np.inf:
-            pace = 0.5 + 1.5 * a[i]
+        pace = 0.5 + 1.5 * a[i]
+        if fall[i] < np.inf:
             lower[i] = max(a[i] - fall[i] * a[i] * pace, lower[i])
+        if rise[i] < np.inf:
             upper[i] = min(a[i] + rise[i] * (1.0 - a[i]) / pace, upper[i])

@@ -1,4 +1,4 @@
-"""A primal-dual interior-point method for the problem of one frame (problem.py), from a cold start.
+"""A primal-dual interior-point method for the problem of one frame (reduced_problem.py), from a cold start.
 
 Mehrotra's predictor and corrector, with the Nesterov-Todd scaling W of the cone, W λ = W⁻¹ s. z (2, n) are the
 multipliers of the lower and upper bounds; every step is a system of the few rows of M,
@@ -29,7 +29,7 @@ from solver.redundancy.cone import (
     scaling,
 )
 from solver.redundancy.effort import curvature, slope
-from solver.redundancy.problem import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, FrameProblem
+from solver.redundancy.reduced_problem import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, FrameProblem
 from solver.redundancy.workspace import InteriorWorkspace, Iterate, SearchDirection
 
 Array = NDArray[np.float64]
@@ -51,6 +51,23 @@ def interior_point(problem: FrameProblem, work: InteriorWorkspace, v: Array) -> 
     code = _follow_central_path(problem, work)
     copy(work.point.v, v)
     return code
+
+
+@compiled
+def has_unreachable_row(problem: FrameProblem, work: InteriorWorkspace) -> bool:
+    """Whether one equality alone proves that the problem is infeasible. A target so distant that rounding stops the
+    method before its multipliers are a certificate is usually out of reach in one row.
+    """
+    M, t, v, gradient = problem.M, problem.t, work.step.v, work.gradient
+    for i in range(problem.equalities):
+        for j in range(len(v)):
+            v[j] = 0.0
+        v[i] = 1.0 if t[i] > 0.0 else -1.0
+        for j in range(len(gradient)):
+            gradient[j] = v[i] * M[i, j]
+        if _is_certificate(problem, v, gradient):
+            return True
+    return False
 
 
 @compiled

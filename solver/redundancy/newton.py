@@ -1,4 +1,4 @@
-"""Newton's method on the optimality conditions of the problem of one frame (problem.py), from a guess of v.
+"""Newton's method on the optimality conditions of the problem of one frame (reduced_problem.py), from a guess of v.
 
 Stationarity makes a a function of v alone, a = Mᵀ v / q clamped to its bounds. What remains are the equalities, and
 λ = projection of λ − s onto the cone: equations with kinks, for which Newton's method still converges fast (semismooth;
@@ -17,7 +17,7 @@ from solver.compiled import compiled
 from solver.dense import columns_times, copy, divide, dot, factor, rows_times_rows
 from solver.redundancy.cone import Ray, project, project_rows
 from solver.redundancy.effort import activation, activation_per_slope
-from solver.redundancy.problem import FrameProblem
+from solver.redundancy.reduced_problem import FrameProblem
 from solver.redundancy.workspace import NewtonWorkspace
 
 Array = NDArray[np.float64]

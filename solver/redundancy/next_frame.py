@@ -6,13 +6,12 @@ true interval; after a frame without a solution they are 0 and 1.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.redundancy.motion import LoadResponse, RedundancyProblem, ScenarioSolutions, solve_redundancy
-from solver.redundancy.problem import BEYOND_RATE, SOLVED, SequenceSolution, WarmStart
+from solver.redundancy.problem import RedundancyProblem
+from solver.redundancy.reduced_problem import BEYOND_RATE, SOLVED, SequenceSolution, WarmStart
+from solver.redundancy.scenarios import LoadResponse, ScenarioSolutions, solve_redundancy
 from solver.redundancy.sequence import (
     OUTCOME_OF_CODE,
     FrameOutcome,
@@ -22,6 +21,7 @@ from solver.redundancy.sequence import (
     determined,
     solve_frame_with_clarabel,
     widest_bounds,
+    with_bounded_actuators,
 )
 
 Array = NDArray[np.float64]
@@ -55,28 +55,36 @@ class FrameByFrame:
         from solver.redundancy.reduction import reduce_frames
         from solver.redundancy.workspace import allocate_frame
 
-        if sequence.limits is not None and np.isfinite(sequence.limits).any():
-            return self._solve_with_clarabel(sequence, progress, workers)
+        given, muscles, order = sequence, len(sequence.rise), np.arange(len(sequence.weights))
+        if sequence.has_limits:
+            bounded = with_bounded_actuators(sequence)
+            if bounded is None:
+                return self._solve_with_clarabel(sequence, progress, workers)
+            sequence, order = bounded
         weights = determined(sequence.weights, sequence.matrix, sequence.cone_matrix)
-        reduction = reduce_frames(weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix, sequence.exponent)
+        unknowns = len(sequence.rise)  # activations, then actuators with limits
+        reduction = reduce_frames(weights, unknowns, sequence.matrix, sequence.cone_matrix, sequence.exponent)
         if reduction is None:
-            return self._solve_with_clarabel(replace(sequence, weights=weights), progress, workers)
-        scenarios, rows, muscles = len(sequence.target), reduction.rows.shape[1], len(sequence.rise)
+            return self._solve_with_clarabel(given, progress, workers)
+        scenarios, rows = len(sequence.target), reduction.rows.shape[1]
         if self._multipliers.shape[1] != rows:
             self._multipliers = np.zeros((scenarios, rows))
-        frame = slice(0, 1)
         widest = sequence.widest_activations
-        reduced = reduction.problem(frame, sequence.target, sequence.cone_offset, sequence.rise, sequence.fall, widest)
-        start = WarmStart(np.stack(self._bounds(), axis=1), self._multipliers)
+        reduced = reduction.problem(sequence.target, sequence.cone_offset, sequence.rise, sequence.fall, widest)
+        bounds = np.tile(widest, (scenarios, 1, 1))
+        bounds[:, :, :muscles] = np.stack(self._bounds(), axis=1)
+        start = WarmStart(bounds, self._multipliers)
         solution = SequenceSolution(
-            a=np.empty((scenarios, 1, muscles)),
+            a=np.empty((scenarios, 1, unknowns)),
             v=np.empty((scenarios, 1, rows)),
             codes=np.empty((scenarios, 1), np.int8),
         )
-        solve_frames(reduced, start, allocate_frame(muscles, rows), solution)
-        self._keep(solution.a[:, 0], (solution.codes[:, 0] == SOLVED) | (solution.codes[:, 0] == BEYOND_RATE))
+        solve_frames(reduced, start, allocate_frame(unknowns, rows), solution)
+        self._keep(solution.a[:, 0, :muscles], (solution.codes[:, 0] == SOLVED) | (solution.codes[:, 0] == BEYOND_RATE))
         outcomes: Outcomes = OUTCOME_OF_CODE[solution.codes]
-        return reduction.controls(frame, solution.a, solution.v, sequence.target), outcomes
+        controls = np.empty((scenarios, 1, len(order)))
+        controls[..., order] = reduction.controls(solution.a, solution.v, sequence.target)
+        return controls, outcomes
 
     def _solve_with_clarabel(
         self,
@@ -97,8 +105,9 @@ class FrameByFrame:
         since = np.minimum(self._now - self._time, LONGEST)[:, None]
         a, (activation, deactivation) = self._activations.clip(0, 1), self._time_constants
         pace = 0.5 + 1.5 * a
-        lower = np.fmax(a - since / deactivation * a * pace, 0.0)
-        upper = np.fmin(a + since / activation * (1 - a) / pace, 1.0)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a time constant of 0 is no limit
+            lower = np.fmax(a - since / deactivation * a * pace, 0.0)
+            upper = np.fmin(a + since / activation * (1 - a) / pace, 1.0)
         is_known = np.isfinite(self._time)[:, None]
         return np.where(is_known, lower, 0.0), np.where(is_known, upper, 1.0)
 

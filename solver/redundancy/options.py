@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
+from solver.multibody.constraints import is_held
 from solver.multibody.joint_reactions import ReactionRequest
 from solver.paths import PathMode
 from solver.redundancy.glenoid import JOINT, is_shoulder
@@ -104,6 +105,13 @@ def options_for(model: Model, options: RedundancyOptions) -> RedundancyOptions:
     if options.joint != JOINT or is_shoulder(model):
         return options
     return replace(options, has_glenoid_cone=False, joint=model.joints[-1].name)
+
+
+def tracked_coordinates(model: Model, options: RedundancyOptions) -> NDArray[np.bool_]:
+    """(coordinates,) neither free nor determined by a lock or a coupler. ModelError for an unknown free coordinate."""
+    tracked = ~is_held(model)
+    tracked[[model.coordinate_index(name) for name in options.free_coordinates]] = False
+    return tracked
 
 
 def effort_weights(model: Model, options: RedundancyOptions) -> Array:

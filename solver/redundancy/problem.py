@@ -1,71 +1,130 @@
-"""The reduced redundancy problem, its outcome codes and its solutions, as the compiled solver reads and fills them.
+"""The muscle-redundancy problem: load sharing among the muscles, frame by frame (Belli et al. 2023, "RMR").
 
-    minimise  1/p Σ q aᵖ + ½ v·R v   subject to   M a + R v − t = (0, s),   lower ≤ a ≤ upper,   s and λ in the cone
+With x = (activations a of the muscles, controls r of the actuators), in each frame
 
-with the exponent p, 2 or 3. n activations a, m rows and their multipliers v = (y, λ). The first `equalities` rows are
-equalities; the last three are the cone's, if there is a cone. R stands for the unbounded unknowns that reduction.py
-eliminated: v·R v / 2 is their effort.
+    minimise  Σ w aᵖ + Σ w r²   subject to   A x = q̈ − q̈₀,   lower ≤ x ≤ upper,   F₀ + A_F x in the glenoid's cone
+
+where p is 2 and q̈₀ and F₀ are accelerations and glenohumeral reaction at x = 0. Bounds follow the activation dynamics
+from one frame to the next. A has rank 14 in 17 rows: the acromioclavicular constraint determines three combinations of
+accelerations, which no muscle changes. The projection of q̈ − q̈₀ onto the column space of A is satisfied; the rest is
+reported per frame as the equality residual.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
+from solver.model import Model, ModelError
+from solver.redundancy.glenoid import cone_rows, glenoid_cone
+from solver.redundancy.mechanics import Mechanics
+from solver.redundancy.options import (
+    Exponent,
+    RedundancyOptions,
+    Solver,
+    activation_limits,
+    effort_weights,
+    tracked_coordinates,
+)
+from solver.redundancy.reachability import idle_controls
+
 Array = NDArray[np.float64]
-Codes = NDArray[np.int8]
-
-SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE = 0, 1, 2, 3
-"""Outcome codes. BEYOND_RATE: infeasible within the activation-rate bounds, solved without them."""
-VIOLATION_LIMIT = 1e-8
-"""Largest error of the optimality conditions of a SOLVED problem."""
 
 
-class FrameProblem(NamedTuple):
-    """The problem of one frame: q (n,), M (m, n), R (m, m), t (m,), lower and upper (n,), exponent p."""
+@dataclass(frozen=True, eq=False)
+class RedundancyProblem:
+    """The matrices of every frame; loads and bounds are left open, so one problem serves many scenarios.
 
-    q: Array
-    M: Array
-    R: Array
-    t: Array
-    equalities: int
-    lower: Array
-    upper: Array
-    exponent: int
-
-
-class SequenceProblem(NamedTuple):
-    """The problems of all frames and scenarios, which share q, M, R and the exponent and differ in t.
-
-    q (n,), M (frames, m, n), R (frames, m, m), t (scenarios, frames, m)
-    rise, fall  (n,) interval between frames over the time constants of activation and deactivation; infinite where the
-                unknown may take any value within its bounds in every frame
-    widest      (2, n) least and greatest a in any frame
+    time            (frames,) [s];  interval [s] over which activations may change
+    weights         (controls,);  reserves come after the muscles
+    time_constants  (2, muscles) of activation and deactivation [s]; 0 without activation dynamics
+    acceleration_matrix  A (frames, tracked, controls);  acceleration_target  q̈ − q̈₀ (frames, tracked) [rad/s², m/s²]
+    tracked         (coordinates,) whether the acceleration is tracked: not of free ones, nor where a lock or a coupler
+                    determines it
+    reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
+    cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
+    solver, exponent  as in RedundancyOptions
+    control_limits  (2, actuators) least and greatest control; None is no limits
+    has_activation_dynamics  False where every frame is solved by itself
+    activation_limits  (2, muscles) least and greatest activation; None is 0 and 1
     """
 
-    q: Array
-    M: Array
-    R: Array
-    t: Array
-    equalities: int
-    rise: Array
-    fall: Array
-    widest: Array
-    exponent: int
+    time: Array
+    interval: float
+    weights: Array
+    time_constants: Array
+    acceleration_matrix: Array
+    acceleration_target: Array
+    tracked: NDArray[np.bool_]
+    reaction_matrix: Array
+    reaction_at_rest: Array
+    cone: Array
+    solver: Solver = "interior_point"
+    control_limits: Array | None = None
+    exponent: Exponent = 2
+    has_activation_dynamics: bool = True
+    activation_limits: Array | None = None
+
+    def effort_of(self, controls: Array) -> Array:
+        """Terms of the effort of x (…, controls), or of its muscles alone: w aᵖ, then w r² of the actuators."""
+        terms: Array = self.weights[: controls.shape[-1]] * controls**2
+        if self.exponent == 3:
+            muscles = self.time_constants.shape[1]
+            terms[..., :muscles] *= controls[..., :muscles]
+        return terms
+
+    @property
+    def is_finite(self) -> NDArray[np.bool_]:
+        """(frames,) False where the model has no finite accelerations, and nothing is solved."""
+        known = np.concatenate([self.acceleration_target, self.reaction_at_rest], axis=-1)
+        is_finite: NDArray[np.bool_] = np.isfinite(known).all(axis=-1)
+        return is_finite
 
 
-class WarmStart(NamedTuple):
-    """Where the next frame starts: bounds (scenarios, 2, n) lower and upper, multipliers (scenarios, m) as a guess."""
+def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
+    """Build the problem of all frames, without loads. ModelError for a model without muscles, or for unknown names.
 
-    bounds: Array
-    multipliers: Array
-
-
-class SequenceSolution(NamedTuple):
-    """a (scenarios, frames, n), v (scenarios, frames, m) and outcome codes (scenarios, frames)."""
-
-    a: Array
-    v: Array
-    codes: Codes
+    Columns of an actuator that are round-off, as on a locked coordinate, are set to zero; its control is 0 there.
+    """
+    if not model.muscles:
+        raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
+    kinematics, maps = mechanics.kinematics, mechanics.maps
+    tracked = tracked_coordinates(model, options)
+    matrix, reaction_matrix = maps.acceleration_per_control, maps.reaction_per_control
+    if not tracked.all():  # else not a copy
+        matrix = matrix[:, tracked]
+    is_idle = idle_controls(matrix, reaction_matrix)
+    is_idle[:, : len(model.muscles)] = False
+    if is_idle.any():
+        matrix, reaction_matrix = (np.where(is_idle[:, None], 0.0, part) for part in (matrix, reaction_matrix))
+    cone = np.zeros((len(kinematics.time), 0, 3))
+    if options.has_glenoid_cone:
+        glenoid = glenoid_cone(model, options.glenoid_aspect, options.joint)
+        cone = cone_rows(glenoid, mechanics.state.rotation_to_ground[:, glenoid.body])
+    return RedundancyProblem(
+        time=kinematics.time,
+        interval=kinematics.interval,
+        weights=effort_weights(model, options),
+        time_constants=np.array(
+            [
+                [muscle.activation_time_constant for muscle in model.muscles],
+                [muscle.deactivation_time_constant for muscle in model.muscles],
+            ]
+        ),
+        acceleration_matrix=matrix,
+        acceleration_target=(kinematics.accelerations - maps.acceleration_at_rest)[:, tracked],
+        tracked=tracked,
+        reaction_matrix=reaction_matrix,
+        reaction_at_rest=maps.reaction_at_rest,
+        cone=cone,
+        solver=options.solver,
+        control_limits=np.array([[actuator.min_control, actuator.max_control] for actuator in model.actuators])
+        .reshape(-1, 2)
+        .T,
+        exponent=options.exponent,
+        has_activation_dynamics=options.has_activation_dynamics,
+        activation_limits=activation_limits(model) if options.has_muscle_limits else None,
+    )

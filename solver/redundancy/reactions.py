@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,7 @@ from solver.model import CoordinateActuator, Model
 from solver.multibody.external_loads import ExternalForce, load_wrenches
 from solver.multibody.force_element import full_loads
 from solver.multibody.joint_reactions import JointReactions, ReactionRequest, joint_reactions
-
-if TYPE_CHECKING:
-    from solver.redundancy.motion import Mechanics
+from solver.redundancy.mechanics import Mechanics
 
 Array = NDArray[np.float64]
 
@@ -37,8 +34,7 @@ def solved_reactions(
         return JointReactions((), moment, force, point)
     paths, state = mechanics.paths, mechanics.state
     forces = np.einsum("fm,fmj->fj", solved.muscles, paths.mobility_per_tension)
-    wrenches = np.einsum("fm,fmbi->fbi", solved.muscles, paths.wrench_per_tension)
-    wrenches += load_wrenches(solved.loads, state)
+    wrenches = paths.wrenches.total(solved.muscles) + load_wrenches(solved.loads, state)
     for actuator, force in zip(model.actuators, solved.actuators.T, strict=True):
         if isinstance(actuator, CoordinateActuator):
             forces[:, actuator.coordinate] += force

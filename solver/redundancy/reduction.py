@@ -11,7 +11,7 @@ first along the columns of f, then along the longest column that remains, make o
            ( 0  0 )    unreachable
 
 and with f in its place the cone's rows become H (a, r) + h. The r of least effort are r = (M_r / 2w)ᵀ v, M = (G, H), so
-that of M (a, r) there remains M a + R v with R = M_r (2w)⁻¹ M_rᵀ, the form of problem.py. In the
+that of M (a, r) there remains M a + R v with R = M_r (2w)⁻¹ M_rᵀ, the form of reduced_problem.py. In the
 published problem a, r and f are 33, 9 and 8, and v has 6 + 3 entries.
 """
 
@@ -27,7 +27,7 @@ from solver.frozen import read_only
 from solver.multibody.rotations import each_frame
 from solver.redundancy.elimination import ReducedRows, Unreduced, eliminate
 from solver.redundancy.householder import Triangle
-from solver.redundancy.problem import SequenceProblem
+from solver.redundancy.reduced_problem import SequenceProblem
 
 Array = NDArray[np.float64]
 NO_RANK = -1
@@ -38,6 +38,7 @@ class Reduction:
     """The reduced problem of every frame, in m rows; the first `equalities` of them are G's, each scaled to length 1.
 
     cost                   q (muscles,)
+    rank                   of A
     is_free                (controls,) which of x are f;  exponent p of the activations
     rows                   M (frames, m, muscles);  effort R (frames, m, m)
     per_acceleration       (frames, m, tracked): t = this times b, less c in the cone's rows
@@ -46,6 +47,7 @@ class Reduction:
     """
 
     equalities: int
+    rank: int
     exponent: int
     cost: Array
     is_free: NDArray[np.bool_]
@@ -56,16 +58,14 @@ class Reduction:
     free_per_effort: Array
     free_per_acceleration: Array
 
-    def problem(
-        self, frames: slice, acceleration: Array, ray: Array, rise: Array, fall: Array, widest: Array
-    ) -> SequenceProblem:
-        """The problems of these frames with b (scenarios, frames, tracked), c (scenarios, frames, k), and bounds."""
-        t = each_frame(self.per_acceleration[frames], acceleration)
+    def problem(self, acceleration: Array, ray: Array, rise: Array, fall: Array, widest: Array) -> SequenceProblem:
+        """The problems with b (scenarios, frames, tracked), c (scenarios, frames, k), and bounds."""
+        t = each_frame(self.per_acceleration, acceleration)
         t[..., self.equalities :] -= ray
         return SequenceProblem(
             q=self.cost,
-            M=self.rows[frames],
-            R=self.effort[frames],
+            M=self.rows,
+            R=self.effort,
             t=np.ascontiguousarray(t),
             equalities=self.equalities,
             rise=rise,
@@ -74,24 +74,24 @@ class Reduction:
             exponent=self.exponent,
         )
 
-    def controls(self, frames: slice, a: Array, v: Array, acceleration: Array) -> Array:
+    def controls(self, a: Array, v: Array, acceleration: Array) -> Array:
         """x (scenarios, frames, controls) of a (scenarios, frames, muscles), v (scenarios, frames, m) and b."""
-        effort = np.concatenate([a, each_frame(self.reserves[frames], v)], axis=-1)
+        effort = np.concatenate([a, each_frame(self.reserves, v)], axis=-1)
         controls = np.empty((*a.shape[:2], len(self.is_free)))
         controls[..., ~self.is_free] = effort
-        controls[..., self.is_free] = each_frame(self.free_per_acceleration[frames], acceleration) - each_frame(
-            self.free_per_effort[frames], effort
+        controls[..., self.is_free] = each_frame(self.free_per_acceleration, acceleration) - each_frame(
+            self.free_per_effort, effort
         )
         return controls
 
 
 def reduce_frames(
-    weights: Array, muscles: int, matrix: Array, cone_matrix: Array, exponent: int = 2
+    weights: Array, muscles: int, matrix: Array, cone_matrix: Array, exponent: int = 2, rank: int | None = None
 ) -> Reduction | None:
     """Reduce A (frames, tracked, controls) and C (frames, k, controls); weights w (controls,), muscles come first.
 
     None for another structure: a muscle without weight, free actuators that A leaves undetermined, or frames
-    of different rank.
+    of different rank, or of another than the given one.
     """
     is_free = weights == 0
     (frames, tracked, controls), free, cone = matrix.shape, int(is_free.sum()), cone_matrix.shape[1]
@@ -113,13 +113,14 @@ def reduce_frames(
         sums=np.empty(width),
     )
     first = unreduced._replace(matrix=unreduced.matrix[:1])
-    rank = eliminate(first, NO_RANK, triangle, _allocate(unreduced, 0, 0)) if frames else tracked
+    if rank is None:
+        rank = eliminate(first, NO_RANK, triangle, _allocate(unreduced, 0, 0)) if frames else tracked
     if rank < free:
         return None
     reduced = _allocate(unreduced, frames, rank - free + cone)
     if eliminate(unreduced, rank, triangle, reduced) != rank:
         return None
-    return Reduction(rank - free, exponent, exponent * weights[:muscles], is_free, *reduced)
+    return Reduction(rank - free, rank, exponent, exponent * weights[:muscles], is_free, *reduced)
 
 
 def _allocate(unreduced: Unreduced, frames: int, m: int) -> ReducedRows:

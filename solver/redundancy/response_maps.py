@@ -7,13 +7,12 @@ muscle is that to its path's tension of 1 N times its active force.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import CoordinateActuator, Model, MovingPathPoint
+from solver.model import CoordinateActuator, Model
 from solver.multibody.dynamics import EquationsOfMotion, response_to_loads, responses_to
 from solver.multibody.force_element import full_loads
 from solver.multibody.postures import Postures
@@ -49,11 +48,13 @@ class ResponseMaps:
         is_finite: NDArray[np.bool_] = np.isfinite(np.array(sums)).all(axis=0)
         return is_finite
 
-    def cleared(self, frames: NDArray[np.bool_]) -> ResponseMaps:
-        """With NaN in these frames: infinities would cause warnings in later products."""
+    def cleared(self, is_finite: NDArray[np.bool_]) -> ResponseMaps:
+        """With NaN in the frames that are not finite: infinities would cause warnings in later products."""
+        if is_finite.all():
+            return self
         maps = replace(self, **{field.name: getattr(self, field.name).copy() for field in fields(self)})
         for field in fields(self):
-            getattr(maps, field.name)[frames] = np.nan
+            getattr(maps, field.name)[~is_finite] = np.nan
         return maps
 
 
@@ -70,8 +71,8 @@ def response_maps(
     strength = [one.optimal_force if isinstance(one, CoordinateActuator) else 0.0 for one in model.actuators]
     responses = responses_to(
         equations,
-        paths.wrench_per_tension,
-        paths.mobility_per_tension if _has_moving_points(model) else None,  # else zero, and 4 kB per frame to read
+        paths.wrenches,
+        paths.mobility_per_tension if paths.has_moving_points else None,  # else zero, and 4 kB per frame to read
         factors=forces.active,
         shares=forces.passive,
         driven=driven,
@@ -89,11 +90,6 @@ def response_maps(
         reaction_at_rest=reaction,
         reaction_per_control=responses.reaction,
     )
-
-
-@lru_cache(maxsize=32)  # a model is frozen
-def _has_moving_points(model: Model) -> bool:
-    return any(isinstance(point, MovingPathPoint) for muscle in model.muscles for point in muscle.path.points)
 
 
 def _set_bodily_actuators(model: Model, state: Postures, equations: EquationsOfMotion, responses: Responses) -> None:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.multibody.rotations import each_frame
+from solver.redundancy.problem import RedundancyProblem
+from solver.redundancy.reachability import is_met
+from solver.redundancy.sequence import SOLVERS, FrameOutcome, FrameSequence, Outcomes, RunSolver, solve_runs
+
 Array = NDArray[np.float64]
+CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,3 +48,72 @@ class ScenarioSolutions:
     residual_coordinate: NDArray[np.intp]
     reaction: Array
     cone_slack: Array
+
+
+def solve_redundancy(
+    problem: RedundancyProblem,
+    loads: LoadResponse | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    workers: int | None = None,
+    solve_run: RunSolver | None = None,
+) -> ScenarioSolutions:
+    """Solve all frames in order, scenarios independently; progress(done, total) counts frames.
+
+    Scenarios are divided among workers (threads), by default as many as processors; Clarabel uses one. solve_run
+    replaces the problem's solver, as for a single frame that starts from the frame before (next_frame.py).
+    """
+    loads = loads or no_loads(problem)
+    sequence = frame_sequence(problem, loads)
+    solve_run = solve_run or SOLVERS[problem.solver]
+    controls, outcomes = solve_runs(solve_run, sequence, problem.is_finite, progress, workers)
+    muscles = controls[..., : len(sequence.rise)]
+    muscles.clip(*sequence.widest_activations, out=muscles)
+    return scenario_solutions(problem, loads, controls, outcomes)
+
+
+def no_loads(problem: RedundancyProblem) -> LoadResponse:
+    """One scenario without additional loads."""
+    frames, coordinates = len(problem.time), len(problem.tracked)
+    return LoadResponse(np.zeros((1, frames, coordinates)), np.zeros((1, frames, 6)))
+
+
+def frame_sequence(problem: RedundancyProblem, loads: LoadResponse) -> FrameSequence:
+    """The problems of all frames and scenarios as the solvers take them."""
+    cone = problem.cone / CONE_FORCE_SCALE
+    rise, fall = unlimited = np.full(problem.time_constants.shape, np.inf)
+    if problem.has_activation_dynamics:
+        is_limited = problem.time_constants > 0.0
+        rise, fall = np.divide(problem.interval, problem.time_constants, out=unlimited, where=is_limited)
+    return FrameSequence(
+        weights=problem.weights,
+        matrix=problem.acceleration_matrix,
+        target=problem.acceleration_target - loads.acceleration[..., problem.tracked],
+        cone_matrix=cone @ problem.reaction_matrix[:, 3:],
+        cone_offset=each_frame(cone, (problem.reaction_at_rest + loads.reaction)[..., 3:]),
+        rise=rise,
+        fall=fall,
+        limits=problem.control_limits,
+        exponent=problem.exponent,
+        activation_limits=problem.activation_limits,
+    )
+
+
+def scenario_solutions(
+    problem: RedundancyProblem, loads: LoadResponse, controls: Array, outcomes: Outcomes
+) -> ScenarioSolutions:
+    """Reaction and residuals of x (scenarios, frames, controls) with their outcomes, which are set here: x becomes NaN
+    where INFEASIBLE, and the outcome NOT_CONVERGED where x should produce the accelerations and does not.
+    """
+    target = problem.acceleration_target - loads.acceleration[..., problem.tracked]
+    size = np.linalg.norm(target, axis=-1)
+    residual = np.subtract(each_frame(problem.acceleration_matrix, controls), target, out=target)
+    reaction = problem.reaction_at_rest + loads.reaction + each_frame(problem.reaction_matrix, controls)
+    ray = each_frame(problem.cone, reaction[..., 3:])
+    has_cone = problem.cone.shape[1] > 0
+    slack = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.full(ray.shape[:2], np.inf)
+    controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
+    is_claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
+    outcomes[is_claimed & ~is_met(problem.acceleration_matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
+    greatest = np.abs(residual, out=residual).argmax(axis=-1)
+    missed = np.take_along_axis(residual, greatest[..., None], axis=-1)[..., 0]
+    return ScenarioSolutions(controls, outcomes, missed, np.flatnonzero(problem.tracked)[greatest], reaction, slack)

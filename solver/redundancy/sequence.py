@@ -10,7 +10,7 @@ A; the part of b that no x produces is left out. Bounds follow first-order activ
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.redundancy.conic import ConicOutcome, ConicProblem, least_violation, solve_conic
-from solver.redundancy.problem import (
+from solver.redundancy.reduced_problem import (
     BEYOND_RATE,
     INFEASIBLE,
     NOT_CONVERGED,
@@ -40,7 +40,7 @@ Progress = Callable[[int, int], None]
 RunSolver = Callable[["FrameSequence", Progress, "int | None"], tuple[Array, Outcomes]]
 
 RANK_TOLERANCE = 1e-9
-FRAMES_AT_ONCE, SOLUTIONS_AT_ONCE = 100, 1000  # at least, between two reports of progress
+FRAMES_AT_ONCE = 100  # between two reports of progress; their reduced rows stay in the cache
 PROCESSORS = os.cpu_count() or 1
 
 
@@ -51,7 +51,8 @@ class FrameOutcome(StrEnum):
     INFEASIBLE              no activations between 0 and 1 and controls within their limits give the accelerations and
                             keep the joint reaction inside the glenoid; the point of least violation is given
     NOT_CONVERGED           the solver stopped before its residuals were small; its last point is given
-    NOT_FINITE              the model has no finite accelerations in this posture; the frame is left out
+    NOT_FINITE              the model has no finite accelerations in this posture, or a muscle with an elastic tendon no
+                            finite force; the frame is left out
     """
 
     SOLVED = "solved"
@@ -69,7 +70,7 @@ class FrameSequence:
     cone_matrix C (frames, k, controls);  cone_offset c (scenarios, frames, k); k = 3, or 0 where there is no cone;
                 both scaled so that 1e-8 is small
     rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation; infinite
-                without activation dynamics
+                for muscles without activation dynamics
     limits      (2, actuators) least and greatest control, infinite without a limit; None for no limits
     exponent    p of the activations
     activation_limits  (2, muscles) least and greatest activation; None for 0 and 1
@@ -92,6 +93,11 @@ class FrameSequence:
         if self.activation_limits is not None:
             return self.activation_limits
         return np.repeat([[0.0], [1.0]], len(self.rise), axis=1)
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether an actuator has a limit."""
+        return self.limits is not None and bool(np.isfinite(self.limits).any())
 
     def cut(self, frames: slice) -> FrameSequence:
         """These frames alone."""
@@ -130,34 +136,51 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
     By the compiled solver, or by Clarabel if the problem does not have the structure that reduction.py needs, as with
     actuators that are limited on one side.
     """
-    if sequence.limits is not None and np.isfinite(sequence.limits).any():
+    if sequence.has_limits:
         return _solve_limited(sequence, progress, workers)
-    from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
-
     sequence = replace(sequence, weights=determined(sequence.weights, sequence.matrix, sequence.cone_matrix))
-    reduction = reduce_frames(
-        sequence.weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix, sequence.exponent
-    )
-    if reduction is None:
-        return solve_sequence_with_clarabel(sequence, progress)
     scenarios, frames = sequence.target.shape[:2]
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     codes = np.empty((scenarios, frames), dtype=np.int8)
     workers = min(scenarios, workers or PROCESSORS)
-    shares = [
-        _Share(sequence, reduction, part, controls[part], codes[part])
-        for part in (slice(i, None, workers) for i in range(workers))
-    ]
+    solver = BlockSolver(workers)
     progress(0, frames)
     with ThreadPoolExecutor(workers) as pool:
         spread = pool.map if workers > 1 else map  # a single scenario needs no thread
-        step = max(FRAMES_AT_ONCE, SOLUTIONS_AT_ONCE // max(scenarios, 1))
-        for start in range(0, frames, step):
-            end = min(start + step, frames)
-            list(spread(_Share.solve, shares, [slice(start, end)] * workers))
-            progress(end, frames)
+        for start in range(0, frames, FRAMES_AT_ONCE):
+            block = slice(start, min(start + FRAMES_AT_ONCE, frames))
+            if not solver.solve(sequence.cut(block), controls[:, block], codes[:, block], spread):
+                return solve_sequence_with_clarabel(sequence, progress)
+            progress(block.stop, frames)
     outcomes: Outcomes = OUTCOME_OF_CODE[codes]
     return controls, outcomes
+
+
+class BlockSolver:
+    """The compiled solver for consecutive blocks of a sequence: each starts from the solutions of the block before.
+
+    Scenarios are divided among workers, each with its warm start.
+    """
+
+    def __init__(self, workers: int = 1) -> None:
+        self._shares = [_Share(slice(i, None, workers)) for i in range(workers)]
+        self._rank: int | None = None
+
+    def solve(self, block: FrameSequence, controls: Array, codes: Codes, spread: Callable[..., Iterable[None]]) -> bool:
+        """Fill x (scenarios, frames, controls) and codes (scenarios, frames); `spread` maps over the workers.
+
+        False if the block does not have the structure that reduction.py needs, or that of the blocks before.
+        """
+        from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
+
+        reduction = reduce_frames(
+            block.weights, len(block.rise), block.matrix, block.cone_matrix, block.exponent, self._rank
+        )
+        if reduction is None:
+            return False
+        self._rank = reduction.rank
+        list(spread(lambda share: share.solve(block, reduction, controls, codes), self._shares))
+        return True
 
 
 def solve_sequence_with_clarabel(
@@ -173,7 +196,7 @@ def solve_sequence_with_clarabel(
     progress(0, frames)
     for frame in range(frames):
         controls[:, frame], outcomes[:, frame] = solve_frame_with_clarabel(sequence, frame, bounds)
-        bounds = _reachable_bounds(sequence, controls[:, frame], outcomes[:, frame])
+        bounds = reachable_bounds(sequence, controls[:, frame], outcomes[:, frame])
         progress(frame + 1, frames)
     return controls, outcomes
 
@@ -196,8 +219,9 @@ def solve_frame_with_clarabel(
     return _solve_frame(problem, widest_bounds(sequence, len(sequence.target)))
 
 
-def _solve_limited(sequence: FrameSequence, progress: Progress, workers: int | None) -> tuple[Array, Outcomes]:
-    """With limits of actuators, which the compiled solver bounds as activations without dynamics if there are two.
+def with_bounded_actuators(sequence: FrameSequence) -> tuple[FrameSequence, NDArray[np.int64]] | None:
+    """The sequence without limits: actuators that have two are bounded as activations without dynamics, and follow the
+    muscles in the order (controls,) of its controls. None where only Clarabel solves it.
 
     The effort of an activation has the exponent of all, that of a control is a square: with cubes Clarabel solves.
     """
@@ -206,7 +230,7 @@ def _solve_limited(sequence: FrameSequence, progress: Progress, workers: int | N
     is_bounded = is_limited.all(axis=0)
     is_fit = is_bounded & (limits[0] < limits[1]) | ~is_limited.any(axis=0)
     if sequence.exponent != 2 or not is_fit.all():
-        return solve_sequence_with_clarabel(sequence, progress)
+        return None
     actuators = muscles + np.concatenate([np.flatnonzero(is_bounded), np.flatnonzero(~is_bounded)])
     order = np.concatenate([np.arange(muscles), actuators])
     without_dynamics = np.full(int(is_bounded.sum()), np.inf)
@@ -220,6 +244,14 @@ def _solve_limited(sequence: FrameSequence, progress: Progress, workers: int | N
         limits=None,
         activation_limits=np.concatenate([sequence.widest_activations, limits[:, is_bounded]], axis=1),
     )
+    return ordered, order
+
+
+def _solve_limited(sequence: FrameSequence, progress: Progress, workers: int | None) -> tuple[Array, Outcomes]:
+    bounded = with_bounded_actuators(sequence)
+    if bounded is None:
+        return solve_sequence_with_clarabel(sequence, progress)
+    ordered, order = bounded
     found, outcomes = solve_sequence(ordered, progress, workers)
     controls = np.empty_like(found)
     controls[..., order] = found
@@ -227,39 +259,29 @@ def _solve_limited(sequence: FrameSequence, progress: Progress, workers: int | N
 
 
 class _Share:
-    """The scenarios of one worker, their warm start, and the views that it fills.
+    """The scenarios of one worker and their warm start."""
 
-    controls  (scenarios, frames, controls);  codes (scenarios, frames)
-    """
+    def __init__(self, scenarios: slice) -> None:
+        self._scenarios = scenarios
+        self._start: WarmStart | None = None
 
-    def __init__(
-        self, sequence: FrameSequence, reduction: Reduction, scenarios: slice, controls: Array, codes: Codes
-    ) -> None:
-        self.sequence, self.reduction, self.scenarios = sequence, reduction, scenarios
-        self.controls, self.codes = controls, codes
-        count = len(codes)
-        self.start = WarmStart(
-            bounds=np.tile(sequence.widest_activations, (count, 1, 1)),
-            multipliers=np.zeros((count, reduction.rows.shape[1])),
-        )
-
-    def solve(self, frames: slice) -> None:
+    def solve(self, block: FrameSequence, reduction: Reduction, controls: Array, codes: Codes) -> None:
         from solver.redundancy.frames import solve_frames
         from solver.redundancy.workspace import allocate_frame
 
-        sequence, reduction = self.sequence, self.reduction
-        b, c = sequence.target[self.scenarios, frames], sequence.cone_offset[self.scenarios, frames]
-        widest = sequence.widest_activations
-        problem = reduction.problem(frames, b, c, sequence.rise, sequence.fall, widest)
-        muscles, (scenarios, count, rows) = len(problem.q), problem.t.shape
+        b, c, widest = block.target[self._scenarios], block.cone_offset[self._scenarios], block.widest_activations
+        problem = reduction.problem(b, c, block.rise, block.fall, widest)
+        muscles, (scenarios, frames, rows) = len(problem.q), problem.t.shape
+        if self._start is None:
+            self._start = WarmStart(np.tile(widest, (scenarios, 1, 1)), np.zeros((scenarios, rows)))
         solution = SequenceSolution(
-            a=np.empty((scenarios, count, muscles)),
-            v=np.empty((scenarios, count, rows)),
-            codes=np.empty((scenarios, count), np.int8),
+            a=np.empty((scenarios, frames, muscles)),
+            v=np.empty((scenarios, frames, rows)),
+            codes=np.empty((scenarios, frames), np.int8),
         )
-        solve_frames(problem, self.start, allocate_frame(muscles, rows), solution)
-        self.codes[:, frames] = solution.codes
-        self.controls[:, frames] = reduction.controls(frames, solution.a, solution.v, b)
+        solve_frames(problem, self._start, allocate_frame(muscles, rows), solution)
+        codes[self._scenarios] = solution.codes
+        controls[self._scenarios] = reduction.controls(solution.a, solution.v, b)
 
 
 OUTCOME_OF_CODE = np.empty(4, dtype=object)
@@ -299,17 +321,17 @@ def widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Array
     return lower, upper
 
 
-def _reachable_bounds(sequence: FrameSequence, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
+def reachable_bounds(sequence: FrameSequence, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
     """Bounds of activations after one interval at full or no excitation; the widest after an unsolved frame."""
     lower, upper = widest_bounds(sequence, len(controls))
-    if not np.isfinite(sequence.rise).all():
-        return lower, upper
     muscles, (least, greatest) = len(sequence.rise), sequence.widest_activations
     a = controls[:, :muscles].clip(0, 1)
     pace = 0.5 + 1.5 * a
     is_known = np.array([outcome in _KNOWN for outcome in outcomes])[:, None]
-    lower[:, :muscles] = np.where(is_known, np.fmax(a - sequence.fall * a * pace, least), least)
-    upper[:, :muscles] = np.where(is_known, np.fmin(a + sequence.rise * (1 - a) / pace, greatest), greatest)
+    with np.errstate(invalid="ignore"):  # infinity times zero, of a muscle without activation dynamics, is no limit
+        slowest, fastest = a - sequence.fall * a * pace, a + sequence.rise * (1 - a) / pace
+    lower[:, :muscles] = np.where(is_known, np.fmax(slowest, least), least)
+    upper[:, :muscles] = np.where(is_known, np.fmin(fastest, greatest), greatest)
     return lower, upper
 
 

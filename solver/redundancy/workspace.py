@@ -60,10 +60,14 @@ class InteriorWorkspace(NamedTuple):
 
 
 class FrameWorkspace(NamedTuple):
-    """For n muscles and m rows: cost (n,) and relaxed (m, m) of frames.py, and what the two methods need."""
+    """For n muscles and m rows: cost (n,), relaxed (m, m), rows (m, n) and target (m,) of frames.py, and what the two
+    methods need.
+    """
 
     cost: Array
     relaxed: Array
+    rows: Array
+    target: Array
     newton: NewtonWorkspace
     interior: InteriorWorkspace
 
@@ -74,6 +78,8 @@ def allocate_frame(n: int, m: int) -> FrameWorkspace:
     return FrameWorkspace(
         cost=np.zeros(n),
         relaxed=np.zeros((m, m)),
+        rows=np.zeros((m, n)),
+        target=np.zeros(m),
         newton=NewtonWorkspace(system, np.zeros(n), np.zeros(m), np.zeros(m), np.zeros(m)),
         interior=InteriorWorkspace(
             system=system,

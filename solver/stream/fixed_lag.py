@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
-from solver.stream.lag_window import START_SD, FilterState, Window
+from solver.stream.filter_state import START_SD, FilterState, Window
 
 Array = NDArray[np.float64]
 

@@ -13,15 +13,11 @@ from solver.model import Model, ModelError
 from solver.motion import Kinematics
 from solver.paths import PathState
 from solver.redundancy.glenoid import glenoid_cone
-from solver.redundancy.motion import (
-    LoadResponse,
-    Mechanics,
-    RedundancyOptions,
-    build_redundancy,
-    evaluate_motion,
-)
+from solver.redundancy.mechanics import Mechanics, evaluate_motion
 from solver.redundancy.next_frame import FrameByFrame
-from solver.redundancy.options import effort_weights
+from solver.redundancy.options import RedundancyOptions, effort_weights
+from solver.redundancy.problem import build_redundancy
+from solver.redundancy.scenarios import LoadResponse
 from solver.stream.frame_suit import FrameForces, suit_forces_of_frame
 from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
 from solver.stream.stream_scenario import StreamScenario
@@ -188,6 +184,12 @@ def _ensure_solvable(model: Model, options: RedundancyOptions) -> None:
     """Raises ModelError for what would otherwise fail in the first frame: no muscles, or names that are not there."""
     if not model.muscles:
         raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
+    if options.tendons == "elastic":
+        raise ModelError(
+            "muscles are solved with rigid tendons while a motion is recorded, and elastic ones were asked for; "
+            "solve the recorded motion with them",
+            SolverCode.UNSUPPORTED,
+        )
     for name in options.free_coordinates:
         model.coordinate_index(name)
     effort_weights(model, options)

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.inverse_kinematics.gaps import LONGEST_GAP
 from solver.inverse_kinematics.solve import PostureOutcome
+from solver.stream.filter_state import START_SD, FilterState, Window
 from solver.stream.frame_posture import FramePosture
 
 Array = NDArray[np.float64]
 
-START_SD = (0.3, 2.0, 10.0)
-"""Of q, q̇, q̈ where a coordinate starts [rad or m, s]."""
 JERK_INTENSITY = 0.07
 """m²/s⁵; of a marker, along each axis. At 100 Hz and 0.4 mm of noise the smoother halves 3 Hz, as the published filter
 does; the frequency goes with the sixth root."""
@@ -39,27 +37,6 @@ INTERVALS = 9
 """Intervals between frames of which the median counts."""
 USUAL_INTERVAL = 0.01
 """s; of a stream of one frame."""
-
-
-class Window(NamedTuple):
-    """Frames from the first that was not given out to the latest.
-
-    values, variances (frames, coordinates) of the postures, NaN where there is none
-    steps     (frames,) [s] from the frame before, that of the first from the state
-    restarts  (frames, coordinates) where a coordinate starts anew
-    """
-
-    values: Array
-    variances: Array
-    steps: Array
-    restarts: NDArray[np.bool_]
-
-
-class FilterState(NamedTuple):
-    """means (coordinates, 3) of q, q̇, q̈ and covariances (coordinates, 3, 3) after a frame, given those before it."""
-
-    means: Array
-    covariances: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ MEMORY = 0.25
 JUMP = 0.05
 """m; no marker on a body leaves its extrapolated place by more between frames at 50 Hz or faster."""
 LONGEST_EXTRAPOLATION = 0.05
-"""s; over a longer gap a jump cannot be told from motion."""
+"""s; over a longer gap a jump cannot be distinguished from motion."""
 BACK_WITHIN = 0.03
 """m; a marker that was left out is used again when it is not farther from the model than before by more."""
 

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
 from solver.model import Model, ModelError
-from solver.redundancy.motion import RedundancyOptions
+from solver.redundancy.options import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles
 from solver.stream.frame_posture import FramePosture, PostureTracker
 from solver.stream.lag_window import LagWindow

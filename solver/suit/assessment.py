@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode
 from solver.muscle import MuscleOutcome
-from solver.redundancy.motion import FrameOutcome
+from solver.redundancy.sequence import FrameOutcome
 from solver.suit.quantity import Quantity, bounds_of, quantity_of_draws
 from solver.suit.readouts import FIGURES, CurveReadouts, read_off_curves
 from solver.suit.scenarios import (
@@ -27,6 +27,7 @@ from solver.suit.scenarios import (
     ScenarioEffort,
     SuitedMotion,
     SuitScenario,
+    ensure_all_frames,
     prepare_suited_motion,
     solve_scenarios,
     solve_without_suit,
@@ -162,9 +163,12 @@ def assess(
     Muscles are solved in every N-th frame; progress(what, done, total) counts frames. External loads act in every
     scenario, also with the slack cord. The intervals hold the uncertainty of the cuffs and of the drawn motions; with
     a count of 0 there are none. Raises SuitError without an arm cuff, with two waist cuffs, for a suit that does not
-    fit or whose cord is always slack; MotionError for a motion that leaves the range of a joint.
+    fit or whose cord is always slack; MotionError for a motion that leaves the range of a joint; ModelError for elastic
+    tendons with draws or in some frames only.
     """
     draws = draws or DrawSettings()
+    if draws.count:  # before all frames are solved
+        ensure_all_frames(motion.options, draws.every)
     arms, waist = _arms_and_waist(cuffs)
     suited = prepare_suited_motion(motion, suit, every)
     suited.ensure_pulls()

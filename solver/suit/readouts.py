@@ -105,7 +105,7 @@ def _read(suited: SuitedMotion, mean_slack: Array, solved: Solved, unmigrated: S
         permissible_error=np.array([lowest.width]),
         to_slack=np.array([suited.slack_rest_length(scenario) - lowest.rest_length]),
         cord_force=np.array([force]),
-        cord_force_lost=np.array([1 - force / force_before]),
+        cord_force_lost=np.array([1 - force / force_before if force_before > 0 else np.nan]),
         cost_per_migration=np.array([(cost - cost_before) / slipped if slipped else np.nan]),
         bounds=bounds[None],
         reduction=1 - np.divide(mean, mean_slack, out=np.full_like(mean, np.nan), where=mean_slack > IDLE)[None],

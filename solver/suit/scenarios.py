@@ -16,24 +16,18 @@ from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
-from solver.model import Model
+from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError, decimate
 from solver.multibody.dynamics import Response, response_to_loads
 from solver.multibody.external_loads import ExternalForce
+from solver.multibody.load_wrenches import LoadWrenches
 from solver.multibody.postures import Postures, postures
 from solver.multibody.rotations import each_frame, wrench_about_origin
-from solver.redundancy.motion import (
-    FrameOutcome,
-    LoadResponse,
-    Mechanics,
-    RedundancyOptions,
-    RedundancyProblem,
-    ScenarioSolutions,
-    build_redundancy,
-    evaluate_motion,
-    solve_redundancy,
-)
-from solver.redundancy.options import options_for
+from solver.redundancy.mechanics import Mechanics, evaluate_motion
+from solver.redundancy.options import RedundancyOptions, options_for
+from solver.redundancy.problem import RedundancyProblem, build_redundancy
+from solver.redundancy.scenarios import LoadResponse, ScenarioSolutions, solve_redundancy
+from solver.redundancy.sequence import FrameOutcome
 from solver.suit.cord import CordLine, SuitForces, cord_line, suit_forces, with_migration
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
 
@@ -118,13 +112,21 @@ class SuitedMotion:
     problem: RedundancyProblem
     per_unit_wrench: Response
 
+    @property
+    def loads(self) -> list[ExternalForce]:
+        """External loads in the frames that are solved."""
+        return [load.decimate(self.every) for load in self.motion.loads]
+
+    @cached_property
+    def bare_mechanics(self) -> Mechanics:
+        """Of the body without the suit's masses."""
+        motion, kinematics = self.motion, self.mechanics.kinematics
+        return evaluate_motion(motion.model, kinematics, self.mechanics.paths, self.loads, motion.options.joint)
+
     @cached_property
     def bare_problem(self) -> RedundancyProblem:
         """The problem of the body without the suit's masses."""
-        motion, kinematics = self.motion, self.mechanics.kinematics
-        loads = [load.decimate(self.every) for load in motion.loads]
-        bare = evaluate_motion(motion.model, kinematics, self.mechanics.paths, loads, motion.options.joint)
-        return build_redundancy(motion.model, bare, motion.options)
+        return build_redundancy(self.motion.model, self.bare_mechanics, self.motion.options)
 
     @property
     def muscle_outcomes(self) -> NDArray[np.object_]:
@@ -184,12 +186,14 @@ class SuitedMotion:
 def prepare_suited_motion(motion: LoadedMotion, suit: Suit, every: int = 1) -> SuitedMotion:
     """Evaluate the motion with the suit on the model; muscles are to be solved in every N-th frame.
 
-    Raises SuitError if the suit does not fit the model, MotionError if the motion leaves the range of a joint.
-    ensure_pulls raises for a cord that is always slack. A model without a shoulder has no glenoid cone.
+    Raises SuitError if the suit does not fit the model, MotionError if the motion leaves the range of a joint;
+    ModelError for elastic tendons in some frames only. ensure_pulls raises for a cord that is always slack. A model
+    without a shoulder has no glenoid cone.
     """
     motion = replace(motion, options=options_for(motion.model, motion.options))
     model, kinematics, options = motion.model, motion.kinematics, motion.options
     ensure_fits(suit, model)
+    ensure_all_frames(options, every)
     _ensure_within_ranges(model, kinematics)
     suited = with_suit_masses(model, suit)
     state = postures(suited, kinematics.positions, kinematics.speeds)
@@ -227,7 +231,10 @@ def solve_scenarios(
         wrenches.append(wrench.reshape(*wrench.shape[:2], places))
         cord_forces.append(forces.tension.max(axis=1))
     loads = response_to_wrenches(suited.per_unit_wrench, np.concatenate(wrenches))
-    solution = solve_redundancy(suited.problem, loads, progress, workers)
+    if suited.motion.options.tendons == "elastic":
+        solution = _solve_elastic(suited, suited.model, suited.mechanics, loads, progress)
+    else:
+        solution = solve_redundancy(suited.problem, loads, progress, workers)
     slack = float(_effort(suited.problem, solution, slice(0, 1), cord_forces[0], 1.0).muscles[0])
     ends = np.cumsum([len(wrench) for wrench in wrenches])
     first, *others = (
@@ -239,10 +246,39 @@ def solve_scenarios(
 
 def solve_without_suit(suited: SuitedMotion, slack: ScenarioEffort, workers: int | None = None) -> ScenarioEffort:
     """The effort of the body without the suit's masses, over that of the slack suit."""
-    solution = solve_redundancy(suited.bare_problem, workers=workers)
+    if suited.motion.options.tendons == "elastic":
+        solution = _solve_elastic(suited, suited.motion.model, suited.bare_mechanics)
+    else:
+        solution = solve_redundancy(suited.bare_problem, workers=workers)
     activations = slack.activations[0, suited.problem.is_finite]
     slack_cost = float(suited.problem.effort_of(activations).sum())
     return _effort(suited.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
+
+
+def ensure_all_frames(options: RedundancyOptions, every: int) -> None:
+    """Raise ModelError where only every N-th frame is to be solved with elastic tendons."""
+    if options.tendons == "elastic" and every > 1:
+        raise ModelError(
+            "elastic tendons need every frame of the motion, because fibre velocities are differences of frames, and "
+            f"every {every}-th should be solved, as for draws; solve all frames without draws, or keep tendons rigid",
+            SolverCode.UNSUPPORTED,
+        )
+
+
+def _solve_elastic(
+    suited: SuitedMotion,
+    model: Model,
+    mechanics: Mechanics,
+    response: LoadResponse | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> ScenarioSolutions:
+    """With elastic tendons; a frame with a fibre that does not converge is NOT_CONVERGED."""
+    from solver.redundancy.elastic import solve_elastic  # the compiler behind it takes long to import
+
+    solution, fibers = solve_elastic(model, mechanics, suited.motion.options, progress, suited.loads, response)
+    is_loose = np.array([~one.is_converged.all(axis=1) for one in fibers])
+    solution.outcomes[is_loose & (solution.outcomes == FrameOutcome.SOLVED)] = FrameOutcome.NOT_CONVERGED
+    return solution
 
 
 def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
@@ -255,7 +291,8 @@ def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
         raise MotionError(
             f"the motion should keep {coordinate.name} between {lowest[worst] * scale:g} and "
             f"{highest[worst] * scale:g}{unit}, its range in the model, and is at "
-            f"{kinematics.positions[frame, worst] * scale:g}{unit} at {kinematics.time[frame]:g} s; leave it out",
+            f"{kinematics.positions[frame, worst] * scale:g}{unit} at {kinematics.time[frame]:g} s; leave these "
+            "frames out, widen the range, or state in the header of a file in degrees that it is (inDegrees=yes)",
             SolverCode.OUT_OF_RANGE,
         )
 
@@ -263,10 +300,10 @@ def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
 def per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response:
     """Response maps to unit moments and forces on the bodies of waist, arm and shoulder, (frames, 18, …)."""
     bodies = [model.body_index(point.body) for point in (suit.waist, suit.arm, suit.shoulder)]
-    units = np.zeros((len(mechanics.kinematics.time), len(bodies), 6, len(model.bodies), 6))
-    for place, body in enumerate(bodies):
-        units[:, place, :, body] = np.eye(6)
-    return response_to_loads(mechanics.equations, units.reshape(len(units), -1, len(model.bodies), 6))
+    count = 6 * len(bodies)
+    units = np.broadcast_to(np.tile(np.eye(6), (len(bodies), 1)), (len(mechanics.kinematics.time), count, 6))
+    wrenches = LoadWrenches(units, np.arange(count), np.repeat(bodies, 6), count, len(model.bodies))
+    return response_to_loads(mechanics.equations, wrenches)
 
 
 def response_to_wrenches(unit: Response, wrenches: Array) -> LoadResponse:

@@ -89,9 +89,14 @@ class Suit:
     names: Mapping[str, str] = field(default_factory=lambda: {part: part for part in PARTS})
 
     @property
+    def parts(self) -> tuple[str, ...]:
+        """The places where the cord meets the suit, in the order of the cord."""
+        return ("waist", "arm") if self.is_straight else PARTS
+
+    @property
     def line(self) -> tuple[SuitPoint, ...]:
         """Where the cord meets the suit, in the order of the cord."""
-        return (self.waist, self.arm) if self.is_straight else (self.waist, self.shoulder, self.arm)
+        return tuple(getattr(self, part) for part in self.parts)
 
 
 def read_suit(path: Path = BUNDLED_SUIT) -> Suit:

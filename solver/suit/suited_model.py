@@ -16,7 +16,8 @@ from solver.suit.suit import PARTS, Suit, with_suit_masses
 
 CORD = "exotendon"
 CUFF_NAMES = tuple(f"{part}_cuff" for part in PARTS)
-"""Their names in a file."""
+CUFFS_AT_ENDS = (CUFF_NAMES[0], CUFF_NAMES[2])
+"""Names in a file; the cuff between is not there where the cord is straight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class SuitedModel:
         return with_suit_masses(self.bare, self.suit)
 
     def loads(self, kinematics: Kinematics, every: int = 1) -> tuple[ExternalForce, ...]:
-        """Forces on the bodies of waist, arm and shoulder in every N-th frame; the cuffs follow all frames.
+        """Forces on the bodies of the suit's parts in every N-th frame; the cuffs follow all frames.
 
         Raises SuitError where a cuff has no equilibrium.
         """
@@ -59,4 +60,5 @@ class SuitedModel:
                 point=forces.points[0, :, place],
             )
             for place, part in enumerate(("waist", "arm", "shoulder"))
+            if part in suit.parts
         )

@@ -22,10 +22,14 @@ from solver.tendons.tables import ACTIVE, MILLARD, PASSIVE, TENDON, THELEN, VELO
 
 Array = NDArray[np.float64]
 Four = tuple[float, float, float, float]
+Settled = tuple[float, float, float, float, int]
+"""Normalised fibre length; over the greatest isometric force the tendon's force, its derivative by a, and the passive
+force along the tendon; and outcome code."""
 
 CONVERGED, AT_SHORTEST, NOT_CONVERGED = 0, 1, 2
 """Outcome codes of a fibre. AT_SHORTEST: held at its least length, as in OpenSim."""
 STEPS = 60
+FIRST_STEP = 0.2  # of the normalised length, twice the longest first step without a bracket
 LENGTH_TOLERANCE = 1e-13  # of the normalised length
 WIDEST = 8.0  # normalised length beyond which no balance is sought
 
@@ -39,17 +43,49 @@ SPEED = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
 @compiled
 def settle_fiber(
     tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, guess: float
-) -> tuple[float, float, float, int]:
-    """Normalised fibre length, tendon force over the greatest isometric one, its derivative by a, and outcome code.
+) -> Settled:
+    """The fibre in balance at path length L [m]; v = rate (l − anchor) + drift cos φ.
 
-    path L [m]; v = rate (l − anchor) + drift cos φ. Newton's method within a bracket of the root.
+    Newton's method from the guess, which nearly always converges from the frame before. Where it does not, and in a
+    first frame, where v does not make the equation rise, within a bracket of the root.
     """
+    if rate > 0.0:
+        found = _by_newton(tables, i, path, a, rate, anchor, drift, guess)
+        if found[4] == CONVERGED:
+            return found
+    return _within_bracket(tables, i, path, a, rate, anchor, drift, guess)
+
+
+@compiled
+def _by_newton(
+    tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, guess: float
+) -> Settled:
+    """CONVERGED only if every step is shorter than half of the one before, and the length above the least one."""
+    length, before = guess, FIRST_STEP
+    for _ in range(STEPS):
+        value, slope, by_activation, passive = balance(tables, i, path, a, rate, anchor, drift, length)
+        step = -value / slope
+        length += step
+        if not (slope > 0.0 and abs(step) <= 0.5 * before and length > tables.scales[i, 6]):
+            break
+        before = abs(step)
+        if before <= LENGTH_TOLERANCE:
+            force, by_length = tendon_force(tables, i, path, length)
+            return length, force, -by_length * by_activation / slope, passive, CONVERGED
+    return length, 0.0, 0.0, 0.0, NOT_CONVERGED
+
+
+@compiled
+def _within_bracket(
+    tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, guess: float
+) -> Settled:
     low = tables.scales[i, 6]
-    if balance(tables, i, path, a, rate, anchor, drift, low)[0] >= 0.0:
-        return low, tendon_force(tables, i, path, low)[0], 0.0, AT_SHORTEST
+    value, _, _, passive = balance(tables, i, path, a, rate, anchor, drift, low)
+    if value >= 0.0:
+        return low, tendon_force(tables, i, path, low)[0], 0.0, passive, AT_SHORTEST
     high = _upper_end(tables, i, path, a, rate, anchor, drift)
     if not high < WIDEST:
-        return low, 0.0, 0.0, NOT_CONVERGED
+        return low, 0.0, 0.0, 0.0, NOT_CONVERGED
     length, before, code = min(max(guess, low), high), inf, NOT_CONVERGED
     for _ in range(STEPS):
         value, slope, _, _ = balance(tables, i, path, a, rate, anchor, drift, length)
@@ -64,9 +100,10 @@ def settle_fiber(
         if abs(step) <= LENGTH_TOLERANCE:
             code = CONVERGED
             break
-    _, slope, by_activation, _ = balance(tables, i, path, a, rate, anchor, drift, length)
+    _, slope, by_activation, passive = balance(tables, i, path, a, rate, anchor, drift, length)
     force, by_length = tendon_force(tables, i, path, length)
-    return length, force, -by_length * by_activation / slope, code
+    gain = -by_length * by_activation / slope if slope > 0.0 else 0.0  # 0: a slack tendon and a fibre without force
+    return length, force, gain, passive, code
 
 
 @compiled

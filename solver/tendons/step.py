@@ -50,10 +50,9 @@ def fill_settled(
     for i in range(len(tables.muscle)):
         path, rate, anchor, drift = paths[i], start.rate[i], start.anchor[i], start.drift[i]
         a = max(activations[i], tables.least_activation[i])
-        length, force, gain, code = settle_fiber(tables, i, path, a, rate, anchor, drift, start.guess[i])
-        settled.length[i], settled.force[i], settled.codes[i] = length, force, code
+        length, force, gain, passive, code = settle_fiber(tables, i, path, a, rate, anchor, drift, start.guess[i])
+        settled.length[i], settled.force[i], settled.passive[i], settled.codes[i] = length, force, passive, code
         settled.gain[i] = gain if activations[i] >= a else 0.0
-        settled.passive[i] = balance(tables, i, path, a, rate, anchor, drift, length)[3]
 
 
 @compiled_for_python
@@ -89,7 +88,7 @@ class FiberHistory:
             return StepStart(none, none, drift, np.ones(len(none)))
         anchor = np.where(self._is_second_order, (4.0 * self._last - self._before) / 3.0, self._last)
         rate = np.where(self._is_second_order, 1.5, 1.0) / self._interval * self._per_second
-        return StepStart(anchor, rate, none, self._last)
+        return StepStart(anchor, rate, none, self._last.copy())
 
     def keep(self, settled: SettledFibers) -> None:
         """The fibres of the frame, for the next ones."""

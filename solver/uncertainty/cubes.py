@@ -17,7 +17,7 @@ from solver.suit.decision import CuffDecision, DecisionRule, decide
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import FIGURES, CurveReadouts
 from solver.suit.uncertainty import Place
-from solver.uncertainty.total import BASES, Basis, IndexedFigure, explained_figures, quantity_of_people
+from solver.uncertainty.figures import BASES, Basis, IndexedFigure, explained_figures, quantity_of_people
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import combinations
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +13,11 @@ from solver.suit.decision import MOST_UNKNOWN, CuffDecision, DecisionRule, decid
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import FIGURES, CurveReadouts
 from solver.suit.uncertainty import Place
+from solver.uncertainty.cubes import CubesComparison
+from solver.uncertainty.figures import BASES, Basis, IndexedFigure, quantity_of_people, shift_to_assessment
 from solver.uncertainty.indices import SobolIndices
 
-if TYPE_CHECKING:
-    from solver.uncertainty.cubes import CubesComparison
-
 Array = NDArray[np.float64]
-Basis = Literal["at_reference", "at_best"]
-"""Every cuff at the suit's reference rest length, or each at its own best rest length."""
-BASES: Mapping[Basis, str] = {"at_reference": "at_reference", "at_best": "lowest_cost"}
-"""Basis → field of CurveReadouts with the effort."""
-IndexedFigure = tuple[str, tuple[str, ...]]
-"""A figure, as "effort_at_reference", with its arm cuff, or with the two of which it is a difference."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +70,9 @@ def total_uncertainty(
     for (condition, cuff), reading in readouts.items():
         if condition == "both" and cuff is not None:
             for basis, name in BASES.items():
-                efforts[basis][cuff] = _shifted(curves["both", cuff].figures[name].value, getattr(reading, name))
+                efforts[basis][cuff] = shift_to_assessment(
+                    curves["both", cuff].figures[name].value, getattr(reading, name)
+                )
     return TotalUncertainty(
         people=len(solved),
         solved=int(solved.sum()),
@@ -106,39 +99,6 @@ def total_uncertainty(
             if reading.efforts.shape[1]
         },
     )
-
-
-def explained_figures(readouts: Mapping[Place, CurveReadouts]) -> dict[IndexedFigure, Array]:
-    """(people,) of the figures that have Sobol indices: of every arm cuff the effort at the reference rest length and
-    the best rest length, of two cuffs the differences of their efforts.
-    """
-    cuffs = {cuff: reading for (condition, cuff), reading in readouts.items() if condition == "both" and cuff}
-    found: dict[IndexedFigure, Array] = {}
-    for cuff, reading in cuffs.items():
-        found["effort_at_reference", (cuff,)] = reading.at_reference
-        found["best_rest_length", (cuff,)] = reading.rest_length
-    for a, b in combinations(cuffs, 2):
-        for basis, name in BASES.items():
-            found[f"difference_{basis}", (a, b)] = getattr(cuffs[a], name) - getattr(cuffs[b], name)
-    return found
-
-
-def quantity_of_people(value: float | None, versions: Array) -> Quantity:
-    """The value with the interval of versions (people,), the assessed person first; without an interval where too many
-    have no value.
-    """
-    drawn = _shifted(value, versions)
-    is_known = np.isfinite(drawn)
-    if value is None or not is_known.any() or is_known.mean() < 1 - MOST_UNKNOWN:
-        return Quantity(value)
-    low, high = np.quantile(drawn[is_known], [0.025, 0.975])
-    return Quantity(value, (float(min(low, value)), float(max(high, value))))
-
-
-def _shifted(value: float | None, versions: Array) -> Array:
-    """(people,) around the value of the assessment; NaN without one."""
-    shifted: Array = versions[1:] + ((np.nan if value is None else value) - versions[0])
-    return shifted
 
 
 def _band(cost: Array, versions: Array) -> CostBand:

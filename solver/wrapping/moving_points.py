@@ -51,6 +51,12 @@ def pack_moving_points(paths: Sequence[Path], postures: Postures, *, stops_at_en
     return changes
 
 
+def has_moving_points(paths: tuple[Path, ...]) -> bool:
+    """Whether a coordinate moves any point of the paths in its body; a conditional point stays."""
+    _, functions = _movers(paths)
+    return len(functions.functions) > 1  # the last row only ends them
+
+
 @compiled_for_python
 def place_points(movers: MovingPoints, coordinates: Array, changes: Records) -> None:
     """Fill changes (frames, points) at coordinates (frames, coordinates)."""

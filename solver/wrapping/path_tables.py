@@ -98,17 +98,22 @@ NODE = np.dtype(
 
 
 class PathTables(NamedTuple):
-    """Several paths: path i has the points (POINT) first_point[i] to first_point[i + 1] − 1, wraps (WRAP) alike."""
+    """Several paths: path i has the points (POINT) first_point[i] to first_point[i + 1] − 1; wraps (WRAP) alike, and
+    the bodies that it touches.
+    """
 
     points: Records
     wraps: Records
+    bodies: Indices
     first_point: Indices
     first_wrap: Indices
+    first_body: Indices
 
 
 class PathResults(NamedTuple):
     """Results of all paths, as in paths.PathState: lengths, speeds and outcome codes (frames, paths); wrenches (frames,
-    paths, bodies, 6) and mobilities (frames, paths, coordinates), which must be zero before.
+    touched bodies of all paths, 6); and mobilities (frames, paths, coordinates), zero before, or no coordinates where
+    none moves a point.
     """
 
     lengths: Array
@@ -126,11 +131,14 @@ def pack_paths(model: Model, paths: tuple[Path, ...]) -> PathTables:
     changes = count()
     points = [_point(point, changes) for path in paths for point in path.points]
     wraps = [_wrap(wrap, model.surfaces[wrap.surface], path) for path in paths for wrap in path.wraps]
+    bodies = [_touched(model, path) for path in paths]
     return PathTables(
         np.array(points, POINT),
         np.array(wraps, WRAP),
+        np.array([body for touched in bodies for body in touched], dtype=np.int64),
         _starts([len(path.points) for path in paths]),
         _starts([len(path.wraps) for path in paths]),
+        _starts([len(touched) for touched in bodies]),
     )
 
 
@@ -162,6 +170,11 @@ def _check(model: Model, k: int, path: Path) -> None:
             known = f"{model.name} has {len(model.surfaces)} surfaces"
             sentence = f"path {k} wraps over surface {wrap.surface}, but {known}, counted from 0"
             raise ModelError(sentence, SolverCode.WRONG_PATH)
+
+
+def _touched(model: Model, path: Path) -> list[int]:
+    """Bodies with a point or a surface of the path."""
+    return sorted({point.body for point in path.points} | {model.surfaces[wrap.surface].body for wrap in path.wraps})
 
 
 def _starts(counts: Sequence[int]) -> Indices:

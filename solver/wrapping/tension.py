@@ -6,7 +6,7 @@ only. OpenSim's tangents are not exact, so the forces are not quite the derivati
 
 from __future__ import annotations
 
-from solver.compiled import compiled, compiled_for_python
+from solver.compiled import compiled, compiled_with_private_functions
 from solver.vectors import (
     SMALLEST_LENGTH,
     Array,
@@ -24,8 +24,11 @@ from solver.wrapping.opensim_path import place_in_ground, wrap_path
 from solver.wrapping.path_tables import CONVERGED, Indices, PathResults, PathTables, Record, Records
 from solver.wrapping.workspace import WrapWorkspace
 
+BETWEEN_BODIES, ALSO_WITHIN_BODIES = 0, 1
+"""Within a body the forces cancel, except on a coordinate that moves one of the points. OpenSim leaves that out."""
 
-@compiled_for_python
+
+@compiled_with_private_functions
 def evaluate_wrapped_paths(
     tables: PathTables, poses: Records, changes: Records, rates: Array, work: WrapWorkspace, results: PathResults
 ) -> None:
@@ -53,17 +56,37 @@ def _evaluate_frame(
         work.code[0] = CONVERGED
         count, results.lengths[frame, path] = wrap_path(points, wraps, bodies, changes, work)
         results.codes[frame, path] = work.code[0]
-        results.speeds[frame, path] = _pull(
-            bodies, u, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
+        speed = pull(
+            bodies, u, work.nodes, work.sequence, count, work.wrench, results.mobilities[frame, path], BETWEEN_BODIES
         )
+        results.speeds[frame, path] = speed
+        move_wrenches(tables, path, work.wrench, results.wrenches[frame])
 
 
 @compiled
-def _pull(
-    bodies: Records, rates: Array, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array
+def move_wrenches(tables: PathTables, path: int, wrench: Array, wrenches: Array) -> None:
+    """Move the wrenches (bodies, 6) of a path to those of all paths on the bodies that they touch."""
+    for k in range(tables.first_body[path], tables.first_body[path + 1]):
+        own = wrench[tables.bodies[k]]
+        for i in range(6):
+            wrenches[k, i] = own[i]
+            own[i] = 0.0
+
+
+@compiled
+def pull(
+    bodies: Records,
+    rates: Array,
+    nodes: Records,
+    sequence: Indices,
+    count: int,
+    wrench: Array,
+    mobility: Array,
+    segments: int,
 ) -> float:
-    """Add the forces of a tension of 1 N, which act between different bodies along the straight segments; returns the
-    lengthening speed [m/s] at speeds u.
+    """Add the forces of a tension of 1 N along the straight segments; returns the lengthening speed [m/s].
+
+    segments  BETWEEN_BODIES or ALSO_WITHIN_BODIES: whose forces are added
     """
     speed = 0.0
     if count == 0:
@@ -76,7 +99,8 @@ def _pull(
         apart, parting = subtract(next_place, place), subtract(next_velocity, velocity)
         length = norm(apart)
         speed += dot(parting, apart) / length if length >= SMALLEST_LENGTH else norm(parting)
-        if start["body"] != end["body"]:
+        is_moved = segments == ALSO_WITHIN_BODIES and (start["coordinate"] >= 0 or end["coordinate"] >= 0)
+        if (start["body"] != end["body"] or is_moved) and not length < SMALLEST_LENGTH:
             force = scale(1.0 / length, apart)
             _apply_force(bodies, start, point, force, wrench, mobility)
             _apply_force(bodies, end, next_point, scale(-1.0, force), wrench, mobility)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.vectors import Array
 from solver.wrapping.fan import Fan, allocate_fan
 from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Records
 
@@ -17,6 +18,7 @@ class WrapWorkspace(NamedTuple):
     sequence  of the nodes along the path
     seen      (wraps,) how often the path had changed when it was last wrapped over a surface
     fan       of an ellipsoid
+    wrench    (bodies, 6) on each body, zero between paths
     code      (1,) the path's outcome
     """
 
@@ -24,6 +26,7 @@ class WrapWorkspace(NamedTuple):
     sequence: Indices
     seen: Indices
     fan: Fan
+    wrench: Array
     code: Codes
 
 
@@ -32,5 +35,14 @@ def allocate_wrap(tables: PathTables) -> WrapWorkspace:
     longest = int((np.diff(tables.first_point) + 2 * wraps).max(initial=0))
     seen = np.zeros(int(wraps.max(initial=0)), np.int64)
     return WrapWorkspace(
-        np.zeros(longest, NODE), np.zeros(longest, np.int64), seen, allocate_fan(), np.zeros(1, np.int8)
+        np.zeros(longest, NODE),
+        np.zeros(longest, np.int64),
+        seen,
+        allocate_fan(),
+        allocate_wrench(tables),
+        np.zeros(1, np.int8),
     )
+
+
+def allocate_wrench(tables: PathTables) -> Array:
+    return np.zeros((int(tables.bodies.max(initial=-1)) + 1, 6))

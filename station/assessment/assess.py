@@ -5,18 +5,24 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fitting.cuffs.wearable_cuff import WearableCuff
+from fitting.cuffs.wearable_cuff import WearableCuff, with_interval_covariance
 from fitting.results.seal import Standing
 from recordings.manifest import DataOrigin
+from solver.cuff import CuffParameters
+from solver.model import Model
+from solver.personalisation.anthropometry import has_arm_segments
+from solver.redundancy.options import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.uncertainty import DrawSettings
-from solver.uncertainty.total import BASES, TotalUncertainty
+from solver.uncertainty.figures import BASES
+from solver.uncertainty.total import TotalUncertainty
 from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
@@ -34,15 +40,18 @@ from station.assessment.assessment_json import (
     plain_cuffs,
     plain_emg,
 )
-from station.assessment.case import read_case
+from station.assessment.case import AssessedCase, read_case
 from station.assessment.decision_json import plain_decision, undecided_by_fit
 from station.assessment.donning import DonningSources, donning_sources
 from station.assessment.drawn_postures import plain_postures
 from station.assessment.emg import MeasuredReduction
-from station.assessment.findings import findings
+from station.assessment.findings import Finding, findings
+from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, assess_people
 from station.assessment.total_json import PEOPLE_FILE, people_table, plain_total
 from station.checksums import write_checksums
+from station.messages.codes import AssessmentCode
+from station.messages.message import Message
 from station.progress import Progress, silent
 from station.subject.measured_cord import compare_cord
 from station.subject.subject_json import plain_subject, subject_inputs
@@ -62,7 +71,7 @@ class AssessedSuit:
     emg are measured reductions, inputs the names and hashes of the files, cuffs_standing the check of the cuffs file,
     subject the wearer whose body and motion were assessed, None without one; total the results for drawn people and
     donning the spread between donnings that they have, None without a budget of uncertainty; postures: for the picture
-    of the body, suit_names: what its places are called.
+    of the body, suit_names: what its places are called; on_inputs: findings on the motion and the model.
     """
 
     cuffs: tuple[WearableCuff, ...]
@@ -76,6 +85,7 @@ class AssessedSuit:
     subject: dict[str, Any] | None = None
     total: TotalUncertainty | None = None
     donning: DonningSources | None = None
+    on_inputs: tuple[Finding, ...] = ()
 
     @property
     def is_changed(self) -> bool:
@@ -86,6 +96,11 @@ class AssessedSuit:
     def origin(self) -> DataOrigin:
         """Origin of the cuffs' data: simulated if any of them is."""
         return DataOrigin.joined(fit.origin for fit in self.cuffs)
+
+    @property
+    def findings(self) -> list[Finding]:
+        has_covariance = any(with_interval_covariance(cuff).covariance.any() for cuff in self.cuffs)
+        return [*findings(self.assessment, self.total, has_covariance=has_covariance), *self.on_inputs]
 
 
 def assess_cuffs(
@@ -112,15 +127,8 @@ def assess_cuffs(
     model, kinematics, suit = case.model, case.kinematics, case.suit
     emg, worn = inputs.read_emg(model, suit), worn_cuffs(cuffs, inputs.chosen)
     options = inputs.read_options(model)
-    beside = None
-    other = None if case.subject else inputs.read_other_motion(model)
-    if other is not None:  # the shorter one first: a fault of its motion is reported at once
-        name, loaded, other_motion = other
-        every = math.ceil(len(other_motion.time) / min(most_frames or OTHER_FRAMES, OTHER_FRAMES))
-        short = inputs.read_suit(OTHER_REST_LENGTHS)
-        count = partial(_report_other, progress)
-        motion, undrawn = LoadedMotion(loaded, other_motion, options=options), DrawSettings(count=0)
-        beside = name, assess(motion, short, worn, every=every, draws=undrawn, progress=count)
+    # the shorter one first: a fault of its motion is reported at once
+    beside = None if case.subject else _assess_other_motion(inputs, model, options, worn, most_frames, progress)
     moving = LoadedMotion(model, kinematics, inputs.read_loads(model, kinematics), options)
     assessment = assess(
         moving,
@@ -142,9 +150,41 @@ def assess_cuffs(
         cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
         subject = plain_subject(case.subject, case.spread, cord)
         hashes |= subject_inputs(inputs.subject, case.subject)
+    on_loads = load_checks(inputs.external_loads, moving.loads)
+    on_inputs = _findings_on_inputs(case, on_loads, has_people=people is not None)
+    names = dict(suit.names)
     return AssessedSuit(
-        fits, assessment, beside, emg, hashes, standing, drawn, dict(suit.names), subject, total, donning
+        fits, assessment, beside, emg, hashes, standing, drawn, names, subject, total, donning, on_inputs
     )
+
+
+def _assess_other_motion(
+    inputs: AssessmentInputs,
+    model: Model,
+    options: RedundancyOptions,
+    worn: Sequence[CuffParameters],
+    most_frames: int | None,
+    progress: Progress,
+) -> tuple[str, Assessment] | None:
+    """Name and assessment of the other motion, in fewer frames if tendons are rigid; None where there is none for this
+    model.
+    """
+    other = inputs.read_other_motion(model)
+    if other is None:
+        return None
+    name, loaded, kinematics = other
+    every = math.ceil(len(kinematics.time) / min(most_frames or OTHER_FRAMES, OTHER_FRAMES))
+    every = 1 if options.tendons == "elastic" else every
+    short, motion = inputs.read_suit(OTHER_REST_LENGTHS), LoadedMotion(loaded, kinematics, options=options)
+    count = partial(_report_other, progress)
+    return name, assess(motion, short, worn, every=every, draws=DrawSettings(count=0), progress=count)
+
+
+def _findings_on_inputs(case: AssessedCase, on_loads: dict[str, str], *, has_people: bool) -> tuple[Finding, ...]:
+    found = motion_findings(motion_checks(case.model, case.kinematics) | on_loads, case.missing)
+    if has_people and not has_arm_segments(case.model):
+        found.append(Message(AssessmentCode.NO_ARM_SEGMENTS))
+    return tuple(found)
 
 
 def _report_other(progress: Progress, stage: str, done: int, total: int) -> None:
@@ -173,7 +213,7 @@ def sentences_on(assessed: AssessedSuit, cuffs: Path) -> list[str]:
     return [
         *decision_sentences(assessed),
         *cuff_remarks(cuffs, assessed.cuffs),
-        *map(str, findings(assessed.assessment, assessed.total)),
+        *map(str, assessed.findings),
         *([str(assessed.donning.message)] if assessed.donning else []),
         *(f"{finding['text']} [{finding['code']}]" for finding in on_subject),
     ]
@@ -200,9 +240,8 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     if assessed.beside:
         name, other = assessed.beside
         plain["beside"] = {"motion": name, **plain_assessment(other)}
-    found = findings(assessed.assessment, assessed.total)
-    plain["findings"] = list(map(str, found))
-    plain["finding_codes"] = [asdict(finding) for finding in found]
+    plain["findings"] = list(map(str, assessed.findings))
+    plain["finding_codes"] = [asdict(finding) for finding in assessed.findings]
     plain["decision"] = _plain_decision(assessed)
     if assessed.total is not None and assessed.donning is not None:
         plain["total_uncertainty"] = plain_total(assessed.total, assessed.donning)
@@ -228,5 +267,5 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
 def _plain_decision(assessed: AssessedSuit) -> dict[str, Any]:
     total = assessed.total
     if total is None:
-        return undecided_by_fit()
+        return undecided_by_fit(can_draw_people="tendons" not in assessed.inputs)
     return plain_decision(total, assessed.assessment.reference_rest_length)

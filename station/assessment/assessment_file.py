@@ -17,7 +17,9 @@ from station.assessment.number_entry import KnownNumberEntry, NumberEntry, Stric
 from station.assessment.total_json import TotalUncertaintyEntry, with_total_intervals
 from station.errors import StationError
 from station.format_0 import upgrade
+from station.messages.assessment_file_codes import AssessmentFileCode
 from station.messages.codes import AssessmentCode
+from station.messages.message import Message
 from station.subject.subject_document import SubjectDocument
 
 RIGID = "rigid"
@@ -35,14 +37,14 @@ def read_activations(path: Path) -> pd.DataFrame:
         with open_regular(path) as file:
             table = pd.read_csv(file, keep_default_na=False, na_values=["nan"])
     except (OSError, ValueError) as error:
-        raise AssessmentFileError(f"{path} cannot be read as a table: {error}; make it again") from error
+        raise _refusal(AssessmentFileCode.ACTIVATIONS_UNREADABLE, path, reason=str(error)) from error
     muscles = list(table.columns[3:])
     if list(table.columns[:3]) != ["condition", "cuff", "time_s"] or not muscles:
         found = shortened(", ".join(map(str, table.columns)))
-        raise AssessmentFileError(f"{path} has the columns {found}, expected condition, cuff, time_s and muscles")
+        raise _refusal(AssessmentFileCode.ACTIVATIONS_COLUMNS, path, found=found)
     for name in ("time_s", *muscles):
         if not pd.api.types.is_numeric_dtype(table[name]):
-            raise AssessmentFileError(f"{path}, column {name}, holds values that are not numbers; make it again")
+            raise _refusal(AssessmentFileCode.ACTIVATIONS_NOT_NUMBERS, path, column=name)
     return table
 
 
@@ -175,16 +177,16 @@ def read_assessment(path: Path) -> dict[str, Any]:
     try:
         plain = read_json(path)
     except OSError as error:
-        raise AssessmentFileError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise _refusal(AssessmentFileCode.UNREADABLE, path, reason=error.strerror or str(error)) from error
     except PlainDataError as error:
-        raise AssessmentFileError(f"{path} {error}; make it again with `station assess`") from error
+        raise _refusal(AssessmentFileCode.NOT_JSON, path, reason=str(error)) from error
     if not isinstance(plain, dict):
-        raise _refusal(path, "", plain, "expected an object")
+        raise _refusal(AssessmentFileCode.NOT_AN_OBJECT, path, found=shortened(plain))
     try:
         plain = upgrade(plain)
         document = AssessmentDocument.model_validate(plain)
     except ValidationError as error:
-        raise _malformed(path, describe_error(error)) from error
+        raise _refusal(AssessmentFileCode.INVALID_ENTRY, path, reason=describe_error(error)) from error
     for part, where in ((plain, ""), (plain.get("beside"), "beside.")):
         if part is not None:
             _check_conditions(path, part, where)
@@ -192,7 +194,7 @@ def read_assessment(path: Path) -> dict[str, Any]:
         _check_conditions(path, with_total_intervals(plain), "total_uncertainty.")
         _check_bands(path, plain)
     if len(document.postures) not in (0, 3):
-        raise _refusal(path, "postures", f"a list of {len(document.postures)}", "expected three")
+        raise _refusal(AssessmentFileCode.WRONG_POSTURES, path, count=len(document.postures))
     _check_muscles(path, plain, [row.muscle for row in document.emg])
     return plain
 
@@ -201,10 +203,11 @@ def _check_conditions(path: Path, plain: dict[str, Any], where: str) -> None:
     """All keys must have the same arm cuffs in the same conditions, and a cost for every rest length."""
     conditions = {cuff: _conditions(cuff, entry) for cuff, entry in plain["cost"].items()}
     if RIGID not in conditions:
-        raise _refusal(path, f"{where}cost", plain["cost"], "expected rigid cuffs among it")
+        raise _wrong_entry(AssessmentFileCode.NO_RIGID_CUFFS, path, f"{where}cost", plain["cost"])
     for key, kind in _BY_CONDITION.items():
         if plain[key].keys() != conditions.keys():
-            raise _refusal(path, where + key, list(plain[key]), f"expected the cuffs {', '.join(conditions)}")
+            code, cuffs = AssessmentFileCode.OTHER_CUFFS, ", ".join(conditions)
+            raise _wrong_entry(code, path, where + key, list(plain[key]), cuffs=cuffs)
         for cuff, expected in conditions.items():
             place = f"{where}{key}.{cuff}"
             entry = plain[key].get(cuff)
@@ -214,22 +217,23 @@ def _check_conditions(path: Path, plain: dict[str, Any], where: str) -> None:
                 or entries.keys() != set(expected)
                 or (cuff != RIGID and SHOWN not in entries)
             ):
-                raise _refusal(path, place, entry, f"expected {', '.join(expected or (SHOWN,)) or 'an entry'}")
+                named = ", ".join(expected or (SHOWN,)) or "an entry"
+                raise _wrong_entry(AssessmentFileCode.OTHER_CONDITIONS, path, place, entry, conditions=named)
             for condition in expected:
                 try:
                     kind.validate_python(entries[condition])
                 except ValidationError as error:
                     fault = describe_error(error, context=f"{place}.{condition}".strip("."))
-                    raise _malformed(path, fault) from error
+                    raise _refusal(AssessmentFileCode.INVALID_ENTRY, path, reason=fault) from error
                 if key == "cost" and len(entries[condition]["value"]) != len(plain["rest_lengths_m"]["value"]):
-                    raise _refusal(path, place, entries[condition], "expected a cost for every rest length")
+                    raise _wrong_entry(AssessmentFileCode.COST_MISSING, path, place, entries[condition])
 
 
 def _check_bands(path: Path, plain: dict[str, Any]) -> None:
     for cuff, bands in (plain["total_uncertainty"].get("cost") or {}).items():
         if SHOWN not in bands or len(bands[SHOWN]["ci95"]) != len(plain["rest_lengths_m"]["value"]):
             where = f"total_uncertainty.cost.{cuff}"
-            raise _refusal(path, where, bands, "expected an interval or null for every rest length")
+            raise _wrong_entry(AssessmentFileCode.INTERVAL_MISSING, path, where, bands)
 
 
 def _conditions(cuff: str, entry: Any) -> tuple[str, ...]:
@@ -243,13 +247,15 @@ def _check_muscles(path: Path, plain: dict[str, Any], measured: list[str]) -> No
     for cuff in plain["cost"]:
         reduction = reductions[cuff] if cuff == RIGID else reductions[cuff][SHOWN]
         if missing := [name for name in names if name not in reduction]:
-            raise _refusal(path, f"muscle_reduction.{cuff}", list(reduction), f"expected {missing[0]} among them")
+            code, where = AssessmentFileCode.MUSCLE_MISSING, f"muscle_reduction.{cuff}"
+            raise _wrong_entry(code, path, where, list(reduction), muscle=missing[0])
 
 
-def _refusal(path: Path, where: str, found: Any, expected: str) -> AssessmentFileError:
-    fault = f"{where or 'the document'} is {shortened(found)}, {expected}"
-    return _malformed(path, fault)
+def _wrong_entry(
+    code: AssessmentFileCode, path: Path, where: str, found: Any, **figures: str | float
+) -> AssessmentFileError:
+    return _refusal(code, path, where=where, found=shortened(found), **figures)
 
 
-def _malformed(path: Path, fault: str) -> AssessmentFileError:
-    return AssessmentFileError(f"{path}: {fault}; make it again with `station assess`")
+def _refusal(code: AssessmentFileCode, path: Path, **figures: str | float) -> AssessmentFileError:
+    return AssessmentFileError(Message(code, {"path": str(path), **figures}))

@@ -15,10 +15,11 @@ from fitting.results.seal import Standing
 from solver.cuff import CuffParameters
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
+from solver.motion_splines import held_by_constraints
 from solver.multibody.external_loads import ExternalForce
 from solver.paths import PathMode
 from solver.point_mass import with_point_mass
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.options import RedundancyOptions, Tendons
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
 from station.assessment.effort import read_effort
 from station.assessment.emg import MeasuredReduction, read_emg
@@ -56,6 +57,7 @@ class AssessmentInputs:
     subject folder of the wearer's own pose and motion trials, which then give body and motion
     effort  weights and reserves
     cutoff_hz  of the low-pass filter of the motion, None for no filter
+    tendons rigid, or elastic where the model has them so (docs/tendons.md)
     """
 
     cuffs: Path
@@ -70,6 +72,7 @@ class AssessmentInputs:
     subject: Path | None = None
     effort: Path | None = None
     cutoff_hz: float | None = CUTOFF_HZ
+    tendons: Tendons = "rigid"
 
     def read_model(self) -> Model:
         """With the reserves of the effort."""
@@ -77,11 +80,14 @@ class AssessmentInputs:
         return model if self.effort is None else read_effort(self.effort).applied(model, RedundancyOptions())[0]
 
     def read_options(self, model: Model) -> RedundancyOptions:
-        options = RedundancyOptions(path_mode=self.paths)
+        options = RedundancyOptions(path_mode=self.paths, tendons=self.tendons)
         return options if self.effort is None else read_effort(self.effort).applied(model, options)[1]
 
-    def read_motion(self, model: Model) -> Kinematics:
-        return differentiate(motion_of(self.motion, model), self.cutoff_hz)
+    def read_motion(self, model: Model) -> tuple[Kinematics, tuple[str, ...]]:
+        """The motion, and its coordinates without data: at their default, or where a constraint holds them."""
+        motion = motion_of(self.motion, model, with_defaults=True)
+        kinematics = differentiate(motion, self.cutoff_hz)
+        return held_by_constraints(model, kinematics, motion.missing), motion.missing
 
     def read_loads(self, model: Model, kinematics: Kinematics) -> tuple[ExternalForce, ...]:
         return loads_of(self.external_loads, model, kinematics.time)
@@ -100,7 +106,9 @@ class AssessmentInputs:
     def read_other_motion(self, model: Model) -> tuple[str, Model, Kinematics] | None:
         """Name, model and kinematics of the other motion; by default the bundled raise, or that with a mass."""
         if self.beside is not None:
-            return self.beside.name, model, differentiate(read_motion(self.beside, model), self.cutoff_hz)
+            kinematics = differentiate(read_motion(self.beside, model), self.cutoff_hz)
+            interpolated = "" if kinematics.steps is None else " (interpolated to even steps)"
+            return self.beside.name + interpolated, model, kinematics
         try:
             kinematics = differentiate(motion_of(None, model))
             if self.motion is not None:
@@ -117,6 +125,8 @@ class AssessmentInputs:
         named = {role: named_hash(path) for role, path in files.items() if path}
         if self.cutoff_hz != CUTOFF_HZ:
             named["cutoff_hz"] = "none" if self.cutoff_hz is None else f"{self.cutoff_hz:g}"
+        if self.tendons != "rigid":
+            named["tendons"] = self.tendons
         return named_hashes(self.model, self.motion, self.external_loads) | named | {"paths": self.paths}
 
 

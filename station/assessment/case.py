@@ -6,8 +6,12 @@ from dataclasses import dataclass
 
 from solver.model import Model
 from solver.motion import Kinematics
+from solver.personalisation.anthropometry import ARM_SEGMENTS, has_arm_segments
 from solver.suit.suit import Suit
 from station.assessment.assessment_inputs import AssessmentInputs
+from station.errors import UnusedOption
+from station.messages.codes import InputCode
+from station.messages.message import Message
 from station.progress import Progress, silent
 from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit
 
@@ -17,6 +21,7 @@ class AssessedCase:
     """What is assessed. drawn are motions within the uncertainty of the markers, of a wearer only.
 
     spread of each suit marker about its point [m], empty where the suit's points are those of its file
+    missing coordinates without data in the motion
     """
 
     model: Model
@@ -25,6 +30,7 @@ class AssessedCase:
     drawn: tuple[Kinematics, ...] = ()
     subject: AssessedSubject | None = None
     spread: dict[str, float] | None = None
+    missing: tuple[str, ...] = ()
 
 
 def read_case(
@@ -33,7 +39,11 @@ def read_case(
     """Raises the sentence of the part that cannot be used."""
     generic, suit = inputs.read_model(), inputs.read_suit(most_rest_lengths)
     if inputs.subject is None:
-        return AssessedCase(generic, inputs.read_motion(generic), suit)
+        kinematics, missing = inputs.read_motion(generic)
+        return AssessedCase(generic, kinematics, suit, missing=missing)
+    if not has_arm_segments(generic):
+        bodies = ", ".join(body for segment in ARM_SEGMENTS.values() for body in segment.bodies)
+        raise UnusedOption(Message(InputCode.NO_ARM_OF_SUBJECT, {"model": generic.name, "bodies": bodies}))
     subject = build_subject(inputs.subject, generic, progress)
     digitised = fit_suit(subject, suit)
     own, spread = (suit, None) if digitised is None else (digitised.suit, dict(digitised.spread))

@@ -10,8 +10,9 @@ from pydantic import Field
 
 from solver.suit.decision import CuffDecision, DecisionOutcome, DecisionRule, PairProbability
 from solver.uncertainty.cubes import CubesComparison
+from solver.uncertainty.figures import Basis, IndexedFigure
 from solver.uncertainty.indices import SobolIndices
-from solver.uncertainty.total import Basis, IndexedFigure, TotalUncertainty
+from solver.uncertainty.total import TotalUncertainty
 from station.assessment.assessment_json import known
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 from station.messages.codes import DecisionCode
@@ -85,7 +86,7 @@ def plain_decision(total: TotalUncertainty, reference_rest_length: float) -> dic
     """The decision from the efforts of drawn people; reference_rest_length [m]."""
     rule, drawn = total.rule, total.people
     places: dict[Basis, str] = {
-        "at_reference": f"At {reference_rest_length:.2f} m",
+        "at_reference": f"At {reference_rest_length:.3f} m",
         "at_best": "Each at its own best rest length",
     }
     return {
@@ -102,9 +103,12 @@ def plain_decision(total: TotalUncertainty, reference_rest_length: float) -> dic
     }
 
 
-def undecided_by_fit(rule: DecisionRule | None = None) -> dict[str, Any]:
-    """The decision without a budget: none, because one donning's fit is not what differs between days and people."""
-    message = Message(DecisionCode.FIT_ONLY)
+def undecided_by_fit(rule: DecisionRule | None = None, *, can_draw_people: bool = True) -> dict[str, Any]:
+    """The decision without a budget: none, because one donning's fit is not what differs between days and people.
+
+    can_draw_people: False with elastic tendons, with which people are refused
+    """
+    message = Message(DecisionCode.FIT_ONLY if can_draw_people else DecisionCode.NO_PEOPLE)
     entry = {"code": message.code.value, "text": str(message)}
     return {"contains": "fit", **_plain_rule(rule or DecisionRule(), 0), "at_reference": entry, "at_best": entry}
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver.muscle import MuscleOutcome
-from solver.redundancy.motion import FrameOutcome
+from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
 from solver.uncertainty.total import TotalUncertainty
 from station.assessment.reserves import LARGE_RESERVES
@@ -33,9 +33,13 @@ MUSCLE_OUTCOMES = {
 Finding = Message[AssessmentCode]
 
 
-def findings(assessment: Assessment, total: TotalUncertainty | None = None) -> list[Finding]:
+def findings(
+    assessment: Assessment, total: TotalUncertainty | None = None, *, has_covariance: bool = True
+) -> list[Finding]:
     """The findings for terminal and report, the least effort first. Cuffs are compared with the intervals of the total
     uncertainty where it is known, otherwise with those of the fit.
+
+    has_covariance: whether a cuff has a covariance, from which draws could be made
     """
     if total is not None:
         assessment = replace(assessment, comparisons=_with_total(assessment.comparisons, total))
@@ -44,7 +48,7 @@ def findings(assessment: Assessment, total: TotalUncertainty | None = None) -> l
         *(_comparison(comparison, assessment.reference_rest_length) for comparison in assessment.comparisons),
         *_best_rest_lengths(assessment),
         *_rest_lengths_outside_range(assessment),
-        _intervals(assessment.uncertainty) if total is None else _total(total),
+        _intervals(assessment.uncertainty, has_covariance=has_covariance) if total is None else _total(total),
         *_cord_and_migration(assessment),
         *_reserves(assessment),
         *_unsolved_frames(assessment),
@@ -142,9 +146,9 @@ def _rest_lengths_outside_range(assessment: Assessment) -> Iterator[Finding]:
         yield Message(AssessmentCode.OUTSIDE_RANGE, {"first_m": float(first), "last_m": float(last)})
 
 
-def _intervals(uncertainty: UncertaintySummary | None) -> Finding:
+def _intervals(uncertainty: UncertaintySummary | None, *, has_covariance: bool) -> Finding:
     if uncertainty is None:
-        return Message(AssessmentCode.NO_INTERVALS)
+        return Message(AssessmentCode.NO_INTERVALS if has_covariance else AssessmentCode.NO_COVARIANCE)
     change = uncertainty.largest_difference
     figures: Figures = {"draws": uncertainty.draws, "every": uncertainty.every}
     if np.isnan(list(change.values())).any():

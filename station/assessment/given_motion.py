@@ -10,8 +10,8 @@ from solver.motion import Derivatives, Kinematics, Motion, decimate, differentia
 from solver.motion_splines import Accelerations, differentiate_by_splines, held_by_constraints
 from solver.multibody.external_loads import ExternalForce
 from solver.suit.suited_model import SuitedModel
-from station.assessment.motion_checks import motion_checks
-from station.sources import loads_of, model_of, motion_of, named_hash, named_hashes, suited_model_of
+from station.assessment.motion_checks import load_checks, motion_checks
+from station.sources import loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,8 @@ class MuscleInputs:
 class GivenMotion:
     """The model, with its suit if it has one, and motion and loads in the frames that are solved.
 
-    missing  coordinates without data: at their default, or where a constraint holds them
+    missing   coordinates without data: at their default, or where a constraint holds them
+    on_loads  notes of load_checks on the file of external loads
     """
 
     model: Model
@@ -61,14 +62,18 @@ class GivenMotion:
     kinematics: Kinematics
     loads: tuple[ExternalForce, ...]
     missing: tuple[str, ...]
+    on_loads: dict[str, str]
 
     @property
     def notes(self) -> dict[str, str]:
-        """Filter, frames and what contradicts the model, for the header of a result."""
+        """Suit, filter, frames and the notes of all checks, for the header of a result."""
+        suit = {} if self.suited is None else {"suit": _describe_suit(self.suited)}
         missing = {"without_data": ", ".join(self.missing)} if self.missing else {}
         return {
+            **suit,
             **missing,
             **motion_checks(self.model, self.kinematics),
+            **self.on_loads,
             "filter": self.kinematics.filter,
             "derivatives": self.kinematics.derivatives,
             "interval_s": f"{self.kinematics.interval:.10g}",
@@ -77,19 +82,16 @@ class GivenMotion:
 
 def read_given_motion(inputs: MuscleInputs, cut: MotionCut, *, is_assembled: bool = False) -> GivenMotion:
     """Read all files but the effort's. is_assembled: constraints hold all coordinates, not those without data alone."""
-    suited = suited_model_of(inputs.model, inputs.actuators)
-    if suited is None:
-        model = model_of(inputs.model, ignore_forces=inputs.ignore_forces, actuators=inputs.actuators)
-    else:
-        model = suited.model
+    model, suited = model_and_suit_of(inputs.model, ignore_forces=inputs.ignore_forces, actuators=inputs.actuators)
     motion = motion_of(inputs.motion, model, with_defaults=True)
     held = model.coordinate_names if is_assembled else motion.missing
     whole = held_by_constraints(model, _differentiate(motion, cut, is_assembled=is_assembled), held)
     kinematics = decimate(whole, cut.every)
     loads = loads_of(inputs.external_loads, model, kinematics.time)
+    on_loads = load_checks(inputs.external_loads, loads)
     if suited is not None:
         loads += suited.loads(whole, cut.every)
-    return GivenMotion(model, suited, kinematics, loads, motion.missing)
+    return GivenMotion(model, suited, kinematics, loads, motion.missing, on_loads)
 
 
 def _differentiate(motion: Motion, cut: MotionCut, *, is_assembled: bool) -> Kinematics:
@@ -98,3 +100,12 @@ def _differentiate(motion: Motion, cut: MotionCut, *, is_assembled: bool) -> Kin
         return differentiate(motion, cut.cutoff_hz, cut.start, cut.end)
     accelerations: Accelerations = "slopes_of_speeds" if is_assembled else "curvatures"
     return differentiate_by_splines(motion, cut.cutoff_hz, cut.start, cut.end, accelerations)
+
+
+def _describe_suit(suited: SuitedModel) -> str:
+    cuffs = (("waist", suited.waist), ("arm", suited.arm))
+    described = (
+        f"{site} cuff {'rigid' if cuff is None else f'{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m'}"
+        for site, cuff in cuffs
+    )
+    return f"cord {suited.suit.stiffness:g} N/m from {suited.suit.reference_rest_length:g} m, {', '.join(described)}"

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.inverse_dynamics import inverse_dynamics
 from solver.model import Coordinate
-from solver.motion import write_table
+from solver.motion import MotionError, write_table
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.versions import solving_versions
 from station.whole_file import drafted
@@ -32,7 +33,15 @@ class GeneralisedForces:
 def solve_inverse_dynamics(inputs: MuscleInputs, cut: MotionCut) -> GeneralisedForces:
     """Solve every frame. Raises ModelError or MotionError for files that cannot be used."""
     given = read_given_motion(inputs, cut)
-    values = inverse_dynamics(given.model, given.kinematics, given.loads)
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = inverse_dynamics(given.model, given.kinematics, given.loads)
+    is_finite = np.isfinite(values).all(axis=1)
+    if not is_finite.all():
+        raise MotionError(
+            f"the generalised forces should be finite and are not at {given.kinematics.time[~is_finite][0]:g} s; check "
+            "the motion and the loads there",
+            SolverCode.NOT_FINITE,
+        )
     made_by = {"made_by": "station id"}
     versions = {"versions": ", ".join(f"{name} {version}" for name, version in solving_versions().items())}
     left_out = {"left_out": ", ".join(given.model.left_out)} if given.model.left_out else {}

@@ -1,11 +1,13 @@
-"""Coordinates of a motion that contradict the model: against a coupler, lock or prescription, or far out of range.
+"""Checks of a motion and its loads.
 
-Neither is an error: OpenSim's tools take such a motion as it is. Notes name the coordinates, the greatest value first.
+Steps that are uneven, coordinates against a coupler, lock or prescription or far out of range, and loads that are off.
+None is an error: OpenSim's tools take such a motion as it is. Notes name the coordinates, the greatest value first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,9 @@ from solver.model import Model
 from solver.motion import Kinematics
 from solver.motion_splines import held_by_constraints
 from solver.multibody.constraints import is_held
+from solver.multibody.external_loads import ExternalForce
+from station.messages.codes import AssessmentCode
+from station.messages.message import Message
 
 Array = NDArray[np.float64]
 
@@ -21,51 +26,67 @@ ANGLE_TOLERANCE = np.radians(1.0)
 """Of data against a coupler, lock or prescription: above what rounding and a filter change, below what matters."""
 DISTANCE_TOLERANCE = 5e-3  # m
 FULL_TURN = 2 * np.pi
+RANGES_OUTSIDE, LEAST_OUTSIDE, MOST_OUTSIDE = 10.0, 1.0, 100.0
+"""A translation is beyond its range by more than 10 times its width, but at least 1 m and at most 100 m, so that a
+sprint along a track is not. Ranges without a limit, ±99999.9 in OpenSim's files, count as ±100 m."""
+FINDINGS = {
+    "resampled_from_s": (AssessmentCode.RESAMPLED, "steps"),
+    "violates_constraint": (AssessmentCode.VIOLATES_CONSTRAINT, "coordinates"),
+    "beyond_range": (AssessmentCode.BEYOND_RANGE, "coordinates"),
+    "translation_beyond_range": (AssessmentCode.TRANSLATION_BEYOND_RANGE, "coordinates"),
+    "no_load_applied": (AssessmentCode.NO_LOAD_APPLIED, "file"),
+}
+"""Code of the finding of a note, and the figure that the note is in its sentence."""
 UNITS = {"rotation": "rad", "translation": "m", "coupled": "rad or m"}
 
 
 def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
-    """Notes violates_constraint and beyond_range, each "coordinate value unit, …"; none where nothing is found.
+    """Notes by name, those of FINDINGS: the uneven steps, or "coordinate value unit, …"; none where nothing is found.
 
     A coordinate violates its constraint by the largest difference from what the constraint gives. An angle is beyond
-    its range [rad] if it is more than a full turn outside, as degrees that were read as radians are.
+    its range [rad] if it is more than a full turn outside, as degrees that were read as radians are; a translation [m]
+    if it is as far outside as millimetres that were read as metres are.
     """
     held = is_held(model)
     expected = held_by_constraints(model, kinematics).positions
     differences = np.abs(kinematics.positions - expected).max(axis=0)
     is_distance = np.array([coordinate.motion == "translation" for coordinate in model.coordinates])
     tolerance = np.where(is_distance, DISTANCE_TOLERANCE, ANGLE_TOLERANCE)
+    steps = kinematics.steps
     notes = {
+        "resampled_from_s": "" if steps is None else f"{steps[0]:.6g} to {steps[1]:.6g}",
         "violates_constraint": _listed(model, differences, held & (differences > tolerance)),
-        "beyond_range": _beyond_range(model, kinematics.positions, ~held),
+        "beyond_range": _beyond_range(model, kinematics.positions, ~held & ~is_distance),
+        "translation_beyond_range": _beyond_range(model, kinematics.positions, ~held & is_distance),
     }
     return {name: note for name, note in notes.items() if note}
 
 
-def describe_motion_checks(notes: Mapping[str, str]) -> list[str]:
-    """A sentence for each of the notes of motion_checks."""
-    sentences = []
-    if "violates_constraint" in notes:
-        sentences.append(
-            "Coordinates whose data differ from what their coupler, lock or prescription gives, with the largest "
-            f"difference: {notes['violates_constraint']}. Leave their columns out of the motion, and the constraint "
-            "gives their values."
-        )
-    if "beyond_range" in notes:
-        sentences.append(
-            f"Angles more than a full turn outside their range: {notes['beyond_range']}. If the file of the motion is "
-            "in degrees, its header should have inDegrees=yes."
-        )
-    return sentences
+def load_checks(path: Path | None, loads: Sequence[ExternalForce]) -> dict[str, str]:
+    """Note no_load_applied, the name of the file, if a file of external loads was given and applies none."""
+    return {} if path is None or loads else {"no_load_applied": path.name}
 
 
-def _beyond_range(model: Model, positions: Array, is_free: NDArray[np.bool_]) -> str:
-    is_angle = np.array([coordinate.motion == "rotation" for coordinate in model.coordinates])
+def motion_findings(notes: Mapping[str, str], missing: Sequence[str] = ()) -> list[Message[AssessmentCode]]:
+    """A finding for each of the notes of motion_checks and load_checks, and one for coordinates without data."""
+    without = [Message(AssessmentCode.WITHOUT_DATA, {"coordinates": ", ".join(missing)})] if missing else []
+    return without + [
+        Message(code, {figure: notes[name]}) for name, (code, figure) in FINDINGS.items() if name in notes
+    ]
+
+
+def _beyond_range(model: Model, positions: Array, is_checked: NDArray[np.bool_]) -> str:
+    """Of rotations and translations; a coordinate that mixes them has no unit, and so no limit."""
+    kinds = np.array([coordinate.motion for coordinate in model.coordinates])
     low, high = np.array([coordinate.range for coordinate in model.coordinates]).T
+    is_distance = kinds == "translation"
+    low, high = (np.where(is_distance, limit.clip(-MOST_OUTSIDE, MOST_OUTSIDE), limit) for limit in (low, high))
+    farthest = np.clip(RANGES_OUTSIDE * (high - low), LEAST_OUTSIDE, MOST_OUTSIDE)
+    tolerance = np.where(is_distance, farthest, FULL_TURN)
     least, greatest = positions.min(axis=0), positions.max(axis=0)
     below, above = low - least, greatest - high
-    is_outside = np.maximum(below, above) > FULL_TURN
-    return _listed(model, np.where(below > above, least, greatest), is_free & is_angle & is_outside)
+    is_outside = (np.maximum(below, above) > tolerance) & (kinds != "coupled")
+    return _listed(model, np.where(below > above, least, greatest), is_checked & is_outside)
 
 
 def _listed(model: Model, values: Array, is_listed: NDArray[np.bool_]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,21 @@ from station.assessment.assessment_inputs import (
     worn_cuffs,
 )
 from station.assessment.assessment_json import known
+from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.checksums import write_checksums
-from station.messages.codes import InputCode
+from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
 from station.progress import Progress, silent
 from station.versions import solving_versions
 from station.whole_file import write_whole
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenOptimum:
+    """The suits, and remarks on the cuffs and findings on the motion that are in optimum.json with them."""
+
+    optimised: OptimisedSuit
+    remarks: tuple[str, ...]
 
 
 def optimise_file(
@@ -38,7 +48,7 @@ def optimise_file(
     free: tuple[Freedom, ...] = (),
     draws: int = 50,
     progress: Progress = silent,
-) -> OptimisedSuit:
+) -> WrittenOptimum:
     """Optimise for one arm cuff in one condition; write optimum.json, and the suits as files for `assess --suit`.
 
     suit.toml is the best with the fitted cuffs, robust_suit.toml the best on average over the draws, if there are any.
@@ -50,9 +60,10 @@ def optimise_file(
         names = ", ".join(cuff.name for cuff in arms) or "none"
         raise InputError(Message(InputCode.ONE_ARM_CUFF, {"names": names}))
     model = inputs.read_model()
-    kinematics, suit = inputs.read_motion(model), inputs.read_suit()
+    kinematics, missing = inputs.read_motion(model)
+    loads, suit = inputs.read_loads(model, kinematics), inputs.read_suit()
     optimised = optimise_suit(
-        LoadedMotion(model, kinematics, inputs.read_loads(model, kinematics), inputs.read_options(model)),
+        LoadedMotion(model, kinematics, loads, inputs.read_options(model)),
         suit,
         (waists[0] if waists else None, arms[0]),
         condition,
@@ -60,13 +71,18 @@ def optimise_file(
         draws=DrawSettings(count=draws),
         progress=progress,
     )
+    remarks = cuff_remarks(inputs.cuffs, (cuffs[cuff.name] for cuff in (*arms, *waists)))
+    notes = motion_checks(model, kinematics) | load_checks(inputs.external_loads, loads)
+    remarks += map(str, motion_findings(notes, missing))
+    if draws and condition != "rigid" and not optimised.robust.drawn.size:
+        remarks.append(str(Message(AssessmentCode.NO_COVARIANCE)))
     plain = {
         "condition": condition,
         "origin": DataOrigin.joined(cuffs[cuff.name].origin for cuff in (*arms, *waists)),
         "cuff": arms[0].name,
         "free": ["rest_length", *free],
         **_plain_suits(optimised),
-        "remarks": cuff_remarks(inputs.cuffs, (cuffs[cuff.name] for cuff in (*arms, *waists))),
+        "remarks": remarks,
         "inputs": inputs.hashes(),
         "versions": solving_versions(),
     }
@@ -80,7 +96,7 @@ def optimise_file(
         )
     written = ("optimum.json", "suit.toml", *(("robust_suit.toml",) if optimised.robust.drawn.size else ()))
     write_checksums(*(output / name for name in written))
-    return optimised
+    return WrittenOptimum(optimised, tuple(remarks))
 
 
 def _write_suit(path: Path, tried: SuitCandidate, description: str) -> None:

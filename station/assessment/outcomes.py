@@ -8,7 +8,8 @@ import numpy as np
 
 from solver.model import Model
 from solver.muscle import MuscleOutcome
-from solver.redundancy.motion import FrameOutcome, MotionSolution
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.sequence import FrameOutcome
 
 if TYPE_CHECKING:
     from solver.tendons.evaluation import ElasticForces  # the compiler behind it takes long to import
@@ -102,7 +103,7 @@ def _count(solution: MotionSolution, frames: list[int]) -> str:
 
 def _violation(solution: MotionSolution, frames: list[int], *, has_glenoid: bool) -> str:
     known = [frame for frame in frames if np.isfinite(solution.equality_residual[frame])]
-    if not known:  # forces of elastic tendons that are not finite
+    if not known:  # Clarabel stopped at a point that is not finite
         return ""
     outside = np.maximum(-solution.cone_slack[known], 0.0)
     leaves = f"leaves it by up to {outside.max():.3g} N and " if has_glenoid else ""

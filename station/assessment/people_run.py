@@ -22,14 +22,14 @@ from solver.suit.suit import suit_toml
 from solver.suit.uncertainty import Place
 from solver.uncertainty.cubes import compare_exponents
 from solver.uncertainty.factors import normal_scores, unit_sample
+from solver.uncertainty.figures import explained_figures
 from solver.uncertainty.indices import group_sample, sobol_indices
 from solver.uncertainty.people import PeopleCase, person_spans, solve_people
 from solver.uncertainty.sources import DonningSpread
-from solver.uncertainty.total import TotalUncertainty, explained_figures, total_uncertainty
+from solver.uncertainty.total import TotalUncertainty, total_uncertainty
 from station.assessment.budget_file import BUNDLED_BUDGET, UncertaintyBudget, read_budget
 from station.assessment.case import AssessedCase
-from station.errors import StationError
-from station.exit_code import WRONG_USAGE
+from station.errors import StationError, UnusedOption
 from station.messages.codes import InputCode
 from station.messages.message import Message
 from station.progress import Progress, silent
@@ -50,12 +50,6 @@ PARTS_FOLDER = "uncertainty"
 
 class PeopleError(StationError):
     """Drawn people that could not be assessed."""
-
-
-class UnusedOption(PeopleError):
-    """An option of the command line that has no effect."""
-
-    exit_code = WRONG_USAGE
 
 
 @dataclass(frozen=True, eq=False)

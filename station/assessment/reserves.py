@@ -14,8 +14,8 @@ from solver.multibody.constraints import is_held
 from solver.multibody.external_loads import ExternalForce
 from solver.multibody.tables import tables_of
 from solver.redundancy.left_out import actuator_forces
-from solver.redundancy.motion import MotionSolution, RedundancyOptions
-from solver.redundancy.options import effort_weights
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.options import RedundancyOptions, effort_weights
 from station.messages.codes import AssessmentCode
 
 Array = NDArray[np.float64]

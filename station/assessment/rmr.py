@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from solver.errors import SolverCode
-from solver.model import Model, ModelError
+from solver.model import CoordinateActuator, Model, ModelError
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, is_shoulder
 from solver.redundancy.left_out import without_forces
-from solver.redundancy.motion import FrameOutcome, MotionSolution, RedundancyOptions, solve_motion
-from solver.redundancy.options import options_for
-from solver.suit.suited_model import SuitedModel
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.options import RedundancyOptions, options_for
+from solver.redundancy.sequence import FrameOutcome
 from station.assessment.effort import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
 from station.assessment.outcomes import describe_tendons, note_unconverged
 from station.assessment.reserves import MOST_NAMED, ReserveShares, large_reserves, reserve_shares
+from station.errors import UnusedOption
+from station.messages.codes import InputCode
+from station.messages.message import Message
 from station.progress import Progress, silent
 from station.versions import solving_versions
 
@@ -43,12 +47,17 @@ class SolvedMotion:
 
 
 def solve_muscles(
-    inputs: MuscleInputs, cut: MotionCut, options: RedundancyOptions, progress: Progress = silent
+    inputs: MuscleInputs,
+    cut: MotionCut,
+    options: RedundancyOptions,
+    progress: Progress = silent,
+    glenoid_options: Sequence[str] = (),
 ) -> SolvedMotion:
     """Solve every frame. An effort file overrules the weights of the options.
 
     The cone belongs to the joint GlenoHumeral or, in a model with the markers of a glenoid and without that joint, to
-    the first joint whose reaction is wanted. A model without both has no cone.
+    the first joint whose reaction is wanted. A model without both has no cone, and glenoid_options, those of the
+    command line that ask for it, are refused.
     """
     given = read_given_motion(inputs, cut, is_assembled=cut.derivatives == "splines")
     model = without_forces(given.model, inputs.left_out)
@@ -56,18 +65,20 @@ def solve_muscles(
         model, options = read_effort(inputs.effort).applied(model, options)
     _ensure_distinct_controls(model)
     options = _with_cone_joint(model, options)
+    if glenoid_options and not options.has_glenoid_cone:
+        figures = {"options": " and ".join(glenoid_options), "model": model.name}
+        raise UnusedOption(Message(InputCode.NO_GLENOID_TO_KEEP, figures))
     ensure_joints_and_markers(model, options)
     solution = solve_motion(
         model, given.kinematics, options, lambda done, total: progress("solving muscles", done, total), given.loads
     )
-    suit = {} if given.suited is None else {"suit": _describe_suit(given.suited)}
     shares = reserve_shares(model, given.kinematics, given.loads, solution)
     effect = effect_of(given.model, inputs.left_out, given.kinematics, solution, shares)
     large = large_reserves(model, options, shares)
     left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
     tendons = {"tendons": describe_tendons(model, solution.fibers)}
     reserves = {"large_reserves": json.dumps(large) if large else "none"}
-    notes = inputs.hashes() | suit | left_out | given.notes | tendons | reserves | _notes(model, options, solution)
+    notes = inputs.hashes() | left_out | given.notes | tendons | reserves | _notes(model, options, solution)
     return SolvedMotion(model, options, solution, notes, effect, large)
 
 
@@ -106,15 +117,6 @@ def _with_cone_joint(model: Model, options: RedundancyOptions) -> RedundancyOpti
     return options_for(model, options)
 
 
-def _describe_suit(suited: SuitedModel) -> str:
-    cuffs = (("waist", suited.waist), ("arm", suited.arm))
-    described = (
-        f"{site} cuff {'rigid' if cuff is None else f'{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m'}"
-        for site, cuff in cuffs
-    )
-    return f"cord {suited.suit.stiffness:g} N/m from {suited.suit.reference_rest_length:g} m, {', '.join(described)}"
-
-
 def _notes(model: Model, options: RedundancyOptions, solution: MotionSolution) -> dict[str, str]:
     """Single lines without an equals sign, which separates key and value in OpenSim files."""
     weights = {
@@ -140,6 +142,13 @@ def _notes(model: Model, options: RedundancyOptions, solution: MotionSolution) -
         "glenoid": glenoid,
         "paths": options.path_mode,
         "free_coordinates": ", ".join(options.free_coordinates) or "none",
+        "reserve_coordinates": json.dumps(_reserve_coordinates(model)),
         "status_codes": ", ".join(f"{code} {outcome}" for code, outcome in enumerate(STATUS)),
         "muscle_outcomes": note_unconverged(solution),
     }
+
+
+def _reserve_coordinates(model: Model) -> dict[str, str]:
+    """Actuator → the coordinate that it moves; their names need not be alike."""
+    moving = (actuator for actuator in model.actuators if isinstance(actuator, CoordinateActuator))
+    return {actuator.name: model.coordinate_names[actuator.coordinate] for actuator in moving}

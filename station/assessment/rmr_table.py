@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import Actuator, CoordinateActuator
+from solver.model import Actuator, CoordinateActuator, Model
 from solver.motion import write_table
 from solver.multibody.joint_reactions import JointReactions
 from solver.muscle import MuscleOutcome
 from solver.redundancy.glenoid import is_shoulder
+from station.assessment.reserves import unit_of
 from station.assessment.rmr import STATUS, SolvedMotion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
@@ -87,7 +88,7 @@ def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
     if solution.fibers is not None:
         yield from _fibers(muscles, solution.fibers)
     for actuator, values in zip(model.actuators, solution.reserves.T, strict=True):
-        unit = reserve_unit(solved, actuator)
+        unit = reserve_unit(model, actuator)
         yield Column(f"reserve_{_suffix(unit)}.{actuator.name}", unit, values)
     if is_shoulder(model, solved.options.joint):
         yield from _columns([f"reaction_moment_n_m.{axis}" for axis in "xyz"], "N m", solution.reaction[:, :3])
@@ -116,11 +117,11 @@ def _joint_columns(reactions: JointReactions) -> Iterator[Column]:
             yield from _columns(names, unit, values[:, place])
 
 
-def reserve_unit(solved: SolvedMotion, actuator: Actuator) -> str:
-    """Unit of an actuator; "1" on a coordinate that is neither angle nor distance."""
+def reserve_unit(model: Model, actuator: Actuator) -> str:
+    """Unit of an actuator: N or N m."""
     if not isinstance(actuator, CoordinateActuator):
         return actuator.unit
-    return {"rotation": "N m", "translation": "N", "coupled": "1"}[solved.model.coordinates[actuator.coordinate].motion]
+    return unit_of(model, actuator.coordinate)
 
 
 def _columns(names: list[str] | tuple[str, ...], unit: str, values: Array) -> Iterator[Column]:
@@ -152,7 +153,7 @@ def _finite(
 
 
 def _suffix(unit: str) -> str:
-    return {"N m": "n_m", "N": "n", "1": "coupled"}[unit]
+    return {"N m": "n_m", "N": "n"}[unit]
 
 
 def _write_parquet(path: Path, solved: SolvedMotion, columns: tuple[Column, ...]) -> None:

@@ -41,6 +41,9 @@ def ensure_markers_fit(
     expected are the names that the set-up follows and the model has; observed (frames, markers, 3) [m] in the order of
     tasks. Raises KinematicsError.
     """
+    if len(expected) == 1:  # which has no size
+        figures = {"file": file, "model": model.name, "name": next(iter(expected))}
+        raise KinematicsError(Message(KinematicsCode.ONE_IN_COMMON, figures))
     shown = np.isfinite(observed).all(axis=2)
     most = float(np.median(shown.sum(axis=1)))
     if most < LEAST_SEEN * len(expected):

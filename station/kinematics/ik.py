@@ -135,10 +135,15 @@ def _frames(file: Path, table: MarkerTable, inputs: IkInputs, setup: IkSetup | N
     """(frames,) of the file that are solved. Raises MotionError where there is none."""
     ensure_interval(inputs.start, inputs.end)
     low, high = setup.time_range if setup else (-math.inf, math.inf)
-    kept = (table.time_s >= max(low, inputs.start) - 1e-6) & (table.time_s <= min(high, inputs.end) + 1e-6)
+    first, last = max(low, inputs.start), min(high, inputs.end)
+    kept = (table.time_s >= first - 1e-6) & (table.time_s <= last + 1e-6)
     if not kept.any():
+        limits = (
+            "--from and --to" if setup is None else f"--from, --to and the set-up's time_range, {low:g} to {high:g} s"
+        )
         raise MotionError(
-            f"{file.name} has no frame between {inputs.start:g} and {inputs.end:g} s; choose other limits",
+            f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame between {first:g} "
+            f"and {last:g} s; correct {limits}",
             SolverCode.NO_FRAMES,
         )
     return np.asarray(kept)

@@ -18,7 +18,8 @@ from solver.personalisation.coverage import ESSENTIAL, check_coverage
 from solver.personalisation.estimate import BodyEstimate, estimate_body
 from solver.personalisation.segment_masses import HAND, hold_load, mass_ratios, set_arm_masses, upper_arm_length
 from solver.personalisation.tendons import fit_tendons
-from solver.redundancy.motion import RedundancyOptions, solve_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.options import RedundancyOptions
 from solver.scaling_findings import MuscleRanges, check_scaling, muscle_ranges
 from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers
 from station.kinematics.ik import ensure_common, markers_in_ground, model_with_markers

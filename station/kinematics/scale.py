@@ -83,7 +83,8 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     shown = (table.time_s >= first - 1e-6) & (table.time_s <= last + 1e-6)
     if not shown.any():
         raise MotionError(
-            f"{file.name} has no frame between {first:g} and {last:g} s; correct the set-up's time_range",
+            f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame between {first:g} "
+            f"and {last:g} s; correct the set-up's time_range",
             SolverCode.NO_FRAMES,
         )
     observed = 1e-3 * table.positions[shown]

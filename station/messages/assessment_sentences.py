@@ -7,10 +7,10 @@ from enum import StrEnum
 
 from station.messages.codes import AssessmentCode, InputCode
 
-_CHOICE = "Least effort at {at_m:.2f} m: {cuff}, with migration and compliance {effort:.3f} of that with a slack cord"
-_DIFFERENCE = "{first} − {second}: {difference_percent} % effort at {at_m:.2f} m"
+_CHOICE = "Least effort at {at_m:.3f} m: {cuff}, with migration and compliance {effort:.3f} of that with a slack cord"
+_DIFFERENCE = "{first} − {second}: {difference_percent} % effort at {at_m:.3f} m"
 _INTERVAL = _DIFFERENCE + " (95 % CI {low_percent} to {high_percent} %)"
-_INTERVALS = "Intervals are computed from {draws:.0f} draws of the cuffs on every {every:.0f}th frame"
+_INTERVALS = "Intervals are computed from {draws:.0f} draws of the cuffs on one in {every:.0f} frames"
 _UNSOLVED = "{frames:.0f} of {all_frames:.0f} frames of all scenarios "
 _INFEASIBLE = _UNSOLVED + (
     "are infeasible: no activations between 0 and 1 and controls within their limits give the accelerations"
@@ -19,6 +19,7 @@ _UNKNOWN_EFFORT = (
     "; their effort is unknown, and with it every figure that includes it. Use a lighter load, or leave out that part "
     "of the motion."
 )
+_RESERVE = " Elastic tendons that are slack after rest need a reserve ([reserves] in --effort)."
 _UNCONVERGED = "{frames:.0f} of {all_frames:.0f} frames: the "
 ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.NO_CHOICE: "The cuffs cannot be compared: every cuff has frames without a solution.",
@@ -37,10 +38,12 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     ),
     AssessmentCode.OUTSIDE_RANGE: (
         "A dash in place of a best rest length, or of its width, means that it lies outside the range tried, "
-        "{first_m:.2f} to {last_m:.2f} m."
+        "{first_m:.3f} to {last_m:.3f} m."
     ),
-    AssessmentCode.NO_INTERVALS: (
-        "Intervals are not computed: no cuff has a standard error, or no draws were requested."
+    AssessmentCode.NO_INTERVALS: ("Intervals are not computed: no draws were requested."),
+    AssessmentCode.NO_COVARIANCE: (
+        "Intervals are not computed: the cuffs have no covariance, so there is nothing to draw. Give their standard "
+        "errors, or fit the cuffs from recordings."
     ),
     AssessmentCode.INTERVALS: (
         _INTERVALS + "; this decimation alone changes efforts by up to {effort:.4f}, best rest lengths by up to "
@@ -49,7 +52,7 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.INTERVALS_UNVERIFIED: _INTERVALS + "; the effect of this decimation is unknown for some figures.",
     AssessmentCode.INTERVALS_TOTAL: (
         "Intervals contain fit, donning, body, muscles and motion: {people:.0f} drawn people, {solved:.0f} with a "
-        "solution, on every {every:.0f}th frame."
+        "solution, on one in {every:.0f} frames."
     ),
     AssessmentCode.CORD_FORCE: (
         "With rigid cuffs the cord pulls with up to {force_n:.0f} N, and is slack throughout at a rest length "
@@ -60,11 +63,11 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "{percent_per_cm:.1f} percentage points of effort per centimetre that {cuff} migrates."
     ),
     AssessmentCode.RESERVES_SMALL: (
-        "Reserve actuators, which are not included in the effort, would add at most {effort:.4f} at {at_m:.2f} m."
+        "Reserve actuators, which are not included in the effort, would add at most {effort:.4f} at {at_m:.3f} m."
     ),
     AssessmentCode.RESERVES_LARGE: (
         "The muscles cannot carry this motion: reserve actuators, which are not included in the effort, would add up "
-        "to {effort:.3g} at {at_m:.2f} m. Take the weight off the actuators of coordinates that no muscle moves, such "
+        "to {effort:.3g} at {at_m:.3f} m. Take the weight off the actuators of coordinates that no muscle moves, such "
         "as those of a pelvis, with --effort (unweighted_coordinates); otherwise use a lighter load or another motion."
     ),
     AssessmentCode.RATE_EXCEEDED: (
@@ -73,7 +76,7 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.INFEASIBLE: (
         _INFEASIBLE + " and keep the reaction of a shoulder inside its glenoid" + _UNKNOWN_EFFORT
     ),
-    AssessmentCode.INFEASIBLE_WITHOUT_CONE: _INFEASIBLE + _UNKNOWN_EFFORT,
+    AssessmentCode.INFEASIBLE_WITHOUT_CONE: _INFEASIBLE + _UNKNOWN_EFFORT + _RESERVE,
     AssessmentCode.NOT_CONVERGED: (
         _UNSOLVED + "did not converge: the solver stopped before its residuals were small; efforts that include them "
         "are not reliable."
@@ -93,6 +96,31 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "used."
     ),
     AssessmentCode.NO_GLENOID: "No joint reaction was constrained: the model has no glenoid.",
+    AssessmentCode.NO_ARM_SEGMENTS: (
+        "Drawn people have the segment masses of the model: the budget has those of humerus, ulna, radius and hand "
+        "only, and the model has none of these bodies."
+    ),
+    AssessmentCode.WITHOUT_DATA: (
+        "Coordinates without data: {coordinates}. They keep their default values, or those that a constraint gives."
+    ),
+    AssessmentCode.VIOLATES_CONSTRAINT: (
+        "Coordinates whose data differ from what their coupler, lock or prescription gives, with the largest "
+        "difference: {coordinates}. Leave their columns out of the motion, and the constraint gives their values."
+    ),
+    AssessmentCode.BEYOND_RANGE: (
+        "Angles more than a full turn outside their range: {coordinates}. If the file of the motion is in degrees, its "
+        "header should have inDegrees=yes."
+    ),
+    AssessmentCode.TRANSLATION_BEYOND_RANGE: (
+        "Translations far outside their range: {coordinates}. If these columns of the motion are in millimetres, "
+        "convert them to metres."
+    ),
+    AssessmentCode.RESAMPLED: (
+        "The steps of the motion are {steps} s. It is interpolated to even ones, of the median step."
+    ),
+    AssessmentCode.NO_LOAD_APPLIED: (
+        "No external load is applied: {file} has no ExternalForce that is switched on. Set its appliesForce to true."
+    ),
     InputCode.UNKNOWN_CUFF: (
         "the cuffs file has no cuff {missing}, only {known}; fit the session again or choose another cuff"
     ),
@@ -109,6 +137,13 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     InputCode.BUDGET: "{path} is no budget of uncertainty ({reason}); correct it",
     InputCode.NO_PEOPLE: (
         "--scheduler, --workers and --donnings are for drawn people, and none are drawn; add --people 1000"
+    ),
+    InputCode.NO_GLENOID_TO_KEEP: (
+        "{options} needs a shoulder with a glenoid, and the model {model} has none; leave it out"
+    ),
+    InputCode.NO_ARM_OF_SUBJECT: (
+        "--subject estimates a person with an arm, and the model {model} has none of the bodies {bodies}; for another "
+        "limb give a scaled model and its motion by --model and --motion"
     ),
     InputCode.DONNING_SPREAD: "Spread between donnings: {stiffness}, {damping}, {migration}.",
     InputCode.PEOPLE_FAILED: "drawn people could not be assessed on the cluster: {reason}; start it again to continue",

@@ -71,6 +71,7 @@ class KinematicsCode(StrEnum):
     SEVERAL_PERSONS = "markers.several_persons"
     MARKERS_MISSING = "markers.too_few"
     WRONG_SIZE = "markers.wrong_size"
+    ONE_IN_COMMON = "markers.one_in_common"
     MIRRORED = "markers.mirrored"
     NO_FIT = "markers.no_fit"
     TILTED = "markers.tilted"
@@ -268,6 +269,7 @@ class AssessmentCode(StrEnum):
     BEST_REST_LENGTH = "rest_length.best"
     OUTSIDE_RANGE = "rest_length.outside_range"
     NO_INTERVALS = "intervals.none"
+    NO_COVARIANCE = "intervals.no_covariance"
     INTERVALS = "intervals.computed"
     INTERVALS_UNVERIFIED = "intervals.unverified"
     INTERVALS_TOTAL = "intervals.total"
@@ -284,10 +286,19 @@ class AssessmentCode(StrEnum):
     CURVE_NOT_CONVERGED = "muscles.curve_not_converged"
     FIBER_NOT_CONVERGED = "muscles.fiber_not_converged"
     NO_GLENOID = "model.no_glenoid"
+    NO_ARM_SEGMENTS = "model.no_arm_segments"
+    WITHOUT_DATA = "motion.without_data"
+    VIOLATES_CONSTRAINT = "motion.violates_constraint"
+    BEYOND_RANGE = "motion.beyond_range"
+    TRANSLATION_BEYOND_RANGE = "motion.translation_beyond_range"
+    RESAMPLED = "motion.resampled"
+    NO_LOAD_APPLIED = "loads.none_applied"
 
 
 class DecisionCode(StrEnum):
-    """Which cuff to choose, as solver.suit.decision.DecisionOutcome; FIT_ONLY: the total uncertainty is not known."""
+    """Which cuff to choose, as solver.suit.decision.DecisionOutcome; FIT_ONLY: the total uncertainty is not known.
+    NO_PEOPLE: nor can it be, because people are not drawn with elastic tendons.
+    """
 
     CHOOSE = "decision.choose"
     EQUIVALENT = "decision.equivalent"
@@ -296,6 +307,7 @@ class DecisionCode(StrEnum):
     ONLY_CUFF = "decision.only_cuff"
     UNKNOWN = "decision.unknown"
     FIT_ONLY = "decision.fit_only"
+    NO_PEOPLE = "decision.no_people"
     CUBES_AGREE = "decision.cubes_agree"
     CUBES_DIFFER = "decision.cubes_differ"
     SETTLE_FIT = "settle.fit"
@@ -320,6 +332,8 @@ class InputCode(StrEnum):
     BUDGET = "input.budget"
     PEOPLE_FAILED = "input.people_failed"
     NO_PEOPLE = "input.no_people"
+    NO_GLENOID_TO_KEEP = "input.no_glenoid_to_keep"
+    NO_ARM_OF_SUBJECT = "input.no_arm_of_subject"
     DONNING_SPREAD = "input.donning_spread"
     EMG_UNREADABLE = "emg.unreadable"
     EMG_COLUMNS = "emg.columns"

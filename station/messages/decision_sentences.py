@@ -41,6 +41,10 @@ DECISIONS: Mapping[StrEnum, str] = {
         "No decision: the intervals do not contain the variation of donnings, bodies and muscles. Run `station assess "
         "--people 1000`, which adds it."
     ),
+    DecisionCode.NO_PEOPLE: (
+        "No decision: people are not drawn with elastic tendons. Decide with rigid tendons (`station assess --people "
+        "1000` without `--tendons elastic`), and compare how much effort the cuffs save with both."
+    ),
     DecisionCode.CUBES_AGREE: (
         "With the sum of cubed activations as the effort, {people:.0f} of these people lead to the same statements."
     ),

@@ -20,6 +20,10 @@ KINEMATICS: Mapping[StrEnum, str] = {
         "{file} shows {seen} of {expected} markers in most frames, expected at least 60 %; missing or mostly hidden: "
         "{missing}"
     ),
+    KinematicsCode.ONE_IN_COMMON: (
+        "{file} shares only the marker {name} with the model {model}, expected at least two; rename the others, or "
+        "give --prefix"
+    ),
     KinematicsCode.WRONG_SIZE: (
         "the markers of {file} are {size:.3g} times as far apart as those of {model}; correct the unit in the file"
     ),

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
+from station.messages.assessment_file_sentences import ASSESSMENT_FILE
 from station.messages.assessment_sentences import ASSESSMENT
 from station.messages.bench_sentences import BENCH
 from station.messages.decision_sentences import DECISIONS
@@ -30,6 +31,7 @@ SENTENCES: Mapping[StrEnum, str] = {
     **KINEMATICS,
     **PERSON_SENTENCES,
     **ASSESSMENT,
+    **ASSESSMENT_FILE,
     **DECISIONS,
     **EMG,
     **FILES,

@@ -18,4 +18,6 @@ class ValidationCode(StrEnum):
     WITHIN_LIMITS = "validation.within_limits"
     BEYOND_LIMITS = "validation.beyond_limits"
     NOTHING_PUBLISHED = "validation.nothing_published"
+    LIFT_LEFT_OUT = "validation.lift_left_out"
+    PARTLY_PUBLISHED = "validation.partly_published"
     UNSOLVED = "validation.unsolved_frames"

@@ -29,5 +29,10 @@ VALIDATION: Mapping[StrEnum, str] = {
     ),
     ValidationCode.BEYOND_LIMITS: "beyond the limits: {variants}",
     ValidationCode.NOTHING_PUBLISHED: "no published solution in the folder: the limits were not checked",
+    ValidationCode.PARTLY_PUBLISHED: (
+        "{lift}, {variant}: {compared} frames are compared; the motion has {frames} and the published solution "
+        "{published}; check that both are whole"
+    ),
+    ValidationCode.LIFT_LEFT_OUT: "{lift} is left out: {reason}",
     ValidationCode.UNSOLVED: "{unsolved} of {frames} frames of {lift}, {variant}, have no solution and are left out",
 }

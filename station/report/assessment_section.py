@@ -74,11 +74,11 @@ def places_of(assessment: Plain) -> Mapping[str, str]:
 def effort_figures(assessment: Plain) -> list[PlannedFigure]:
     """The first page's picture of the muscles: effort over the rest length with every arm cuff."""
     total = assessment.get("total_uncertainty") or {}
-    bands = (
-        f"; shaded: 95 % bands of total uncertainty, {total['people']['value']:.0f} people"
-        if total.get("cost")
-        else ". For bands of total uncertainty run station assess --people 1000"
-    )
+    bands = ""
+    if total.get("cost"):
+        bands = f"; shaded: 95 % bands of total uncertainty, {total['people']['value']:.0f} people"
+    elif "tendons" not in assessment["inputs"]:  # people are refused with elastic tendons
+        bands = ". For bands of total uncertainty run station assess --people 1000"
     caption = f"Effort over the rest length of the cord, with migration and compliance{bands}"
     return [PlannedFigure(partial(cuffs_figure, assessment), caption, is_printed=True)] if _arms(assessment) else []
 
@@ -93,7 +93,7 @@ def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
         for arm in arms
     ]
     if (folder / ACTIVATIONS_FILE).is_file():
-        at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
+        at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.3f} m"
         activations = read_activations(folder / ACTIVATIONS_FILE)
         figures = [*_body_figures(assessment, activations, at), *figures]
         figures += _activation_figures(activations, arms, at, waist)

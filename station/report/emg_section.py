@@ -56,7 +56,7 @@ def _method(document: EmgDocument, envelope: LocatedObject) -> tuple[Shown, ...]
 
 
 def emg_figures(document: EmgDocument) -> list[PlannedFigure]:
-    """The shapes of every trial that stands beside the model, and the change where there is one."""
+    """The shapes of every trial that is compared with the model, and the change where there is one."""
     figures = [
         PlannedFigure(
             partial(shapes_figure, trial),

@@ -20,6 +20,7 @@ LIMITING = frozenset(
     {
         AssessmentCode.OUTSIDE_RANGE,
         AssessmentCode.NO_INTERVALS,
+        AssessmentCode.NO_COVARIANCE,
         AssessmentCode.INTERVALS,
         AssessmentCode.INTERVALS_UNVERIFIED,
         AssessmentCode.RESERVES_LARGE,

@@ -35,9 +35,9 @@ from station.interval import plus_minus
 from station.report.figures import FORCE, MM, MOTION, stiffness_line
 
 SHOWN = 8.0
-"""Seconds of a swing that are drawn: more, and measurement and fit cannot be told apart."""
+"""Seconds of a swing that are drawn; in a longer one, measurement and fit cannot be distinguished."""
 MOST_LAG = 1.0
-"""Seconds up to which residuals are held against themselves."""
+"""Longest lag [s] of the autocorrelation of residuals."""
 
 
 def repeat_figure(fit: CuffFit, static: FittedPull | None, dynamic: FittedPull | None) -> Chart:

@@ -186,7 +186,7 @@ def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], band
     marks: list[Mark] = [
         *bands,
         Rule(1.0, "quiet", word="slack cord"),
-        Rule(reference, "quiet", dash="dotted", is_upright=True, word=f"compared at {reference:.2f} m"),
+        Rule(reference, "quiet", dash="dotted", is_upright=True, word=f"compared at {reference:.3f} m"),
     ]
     lowest = min([1.0, *(float(np.nanmin(band.low, initial=1.0)) for band in bands if isinstance(band, Band))])
     colours: tuple[Colour, ...] = ("ink", *COLOURS)
@@ -198,7 +198,7 @@ def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], band
         marks.append(Line(lengths, curve, colour, label))
         if best["rest_length_m"]["value"] is not None:
             at, effort = values([best["rest_length_m"]["value"]]), values([best["normalised_cost"]["value"]])
-            title = f"{label}: best at {at[0]:.2f} m, effort {effort[0]:.3f}"
+            title = f"{label}: best at {at[0]:.3f} m, effort {effort[0]:.3f}"
             marks.append(Points(at, effort, colour, titles=(title,)))
         lowest = min(lowest, float(np.nanmin(curve, initial=1.0)))
     return Panel(

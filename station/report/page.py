@@ -66,7 +66,6 @@ _HERE = Path(__file__).parent
 OVERVIEW, EFFORT, MUSCLES, EMG = "overview", "effort", "muscles", "emg"
 """Sections with figures; every cuff has one, too."""
 OVERVIEW_CAPTION = "Stiffness, damping and migration of all cuffs with 95 % intervals"
-DOUBTFUL = (Standing.CHANGED, Standing.MISSING, Standing.BY_HAND)
 TRUTH_FILE = "simulated_truth.json"
 """Beside the recordings of simulated devices: what the simulated cuffs carried."""
 MISSING_FILE = "missing.json"
@@ -173,8 +172,8 @@ def _context(results: Results, pictures: Mapping[str, Sequence[Picture]]) -> dic
         "has_truth": bool(known),
         "origin": origin,
         "chain": chain,
-        "doubts": [str(link) for link in chain if link.standing in DOUBTFUL]
-        + _contradictions(results.cuffs, assessment),
+        "doubts": [str(link) for link in chain if link.standing.is_break] + _contradictions(results.cuffs, assessment),
+        "given": [str(link) for link in chain if link.standing is Standing.BY_HAND],
         "missing": located(_beside(folder / MISSING_FILE, _MISSING) or [], Source(MISSING_FILE)),
         "trials": [trial for cuff in entries.values() for trial in cuff.get("trials", ())] if results.fitted else [],
         "rejected": document.get("rejected", ()) if results.fitted else (),

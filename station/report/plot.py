@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS
 from recordings.reader import Recording
-from solver.redundancy.motion import MotionSolution
+from solver.redundancy.motion_solution import MotionSolution
 from solver.suit.assessment import Assessment
 from station.report.canvas import LINE, SHADES, STYLE
 from station.report.conditions import CONDITIONS

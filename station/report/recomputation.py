@@ -158,7 +158,8 @@ def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
     if not (is_known and suit and cuffs.is_file() and not others and named["cuffs"].endswith(sha256_of(cuffs))):
         return None
     chosen = tuple(name for name, cuff in plain["cuffs"].items() if cuff["site"] != "waist")
-    return AssessmentInputs(cuffs, chosen=chosen, paths=named["paths"], subject=folder if has_subject else None)
+    subject, tendons = folder if has_subject else None, named.get("tendons", "rigid")
+    return AssessmentInputs(cuffs, chosen=chosen, paths=named["paths"], subject=subject, tendons=tendons)
 
 
 def _listed(folder: Path) -> Mapping[str, ReportedNumberEntry]:

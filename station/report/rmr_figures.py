@@ -16,8 +16,8 @@ from matplotlib.patches import Ellipse
 
 from solver.model import ModelError
 from solver.redundancy.glenoid import glenoid_cone
-from solver.redundancy.motion import FrameOutcome
 from solver.redundancy.options import effort_weights
+from solver.redundancy.sequence import FrameOutcome
 from station.assessment.rmr import SolvedMotion
 from station.assessment.rmr_table import reserve_unit
 from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
@@ -102,7 +102,7 @@ def _reserve_groups(solved: SolvedMotion) -> dict[tuple[str, str], list[int]]:
     is_free = effort_weights(solved.model, solved.options)[len(solved.model.muscles) :] == 0
     for index in np.argsort(is_free, kind="stable"):
         title = "reserves without weight" if is_free[index] else "reserves with weight"
-        unit = reserve_unit(solved, solved.model.actuators[index])
+        unit = reserve_unit(solved.model, solved.model.actuators[index])
         groups.setdefault((title, unit), []).append(int(index))
     return groups
 
@@ -141,11 +141,11 @@ def _glenoid(page: Page, solved: SolvedMotion) -> None:
 def _joint_forces(axis: Axes, solved: SolvedMotion) -> None:
     """In place of the glenoid, in a model that has none: the size of the forces of the requested joints."""
     reactions = solved.solution.joint_reactions
+    axis.set_title("joint reactions", loc="left")
     if not reactions.labels:
-        axis.text(0.5, 0.5, "the model has no markers of the glenoid", ha="center", transform=axis.transAxes)
+        axis.text(0.5, 0.5, "no joint was requested (--joint)", ha="center", transform=axis.transAxes)
         axis.set_axis_off()
         return
-    axis.set_title("joint reactions", loc="left")
     for place, (name, shade) in enumerate(
         zip(solved.options.reactions.joints, (*SHADES, LINE, MARK, WARM) * 9, strict=False)
     ):

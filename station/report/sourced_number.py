@@ -82,7 +82,7 @@ def sourced(
 ) -> SourcedNumber:
     """The number of a located entry {"value", "ci95"}, or of a located number, list or text.
 
-    ci95: interval of a number alone, which stands beside it under its key with `_ci95`
+    ci95: interval of a number alone, which is beside it under its key with `_ci95`
 
     Raises AttributeError for a value without a place (station/report/located.py).
     """

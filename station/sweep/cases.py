@@ -23,6 +23,7 @@ from solver.point_mass import with_point_mass
 from solver.suit.scenarios import LoadedMotion, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
 from station.assessment.assessment_inputs import cuff_remarks, read_cuffs_to_wear, worn_cuffs
+from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
 from station.sources import BUNDLED, loads_of, model_of, motion_of
@@ -57,7 +58,7 @@ class SweepInputs:
     def __init__(self, plan: SweepPlan) -> None:
         self.plan, self.solver = plan, solver_digest()
         self.model, self.suit, self.cuffs = cache(self._model), cache(self._suit), cache(self._cuffs)
-        self.digest = cache(self._digest)
+        self.digest, self.motion_remarks = cache(self._digest), cache(self._motion_remarks)
         for name in plan.values("model"):
             self.model(name)
         self.cases = [self._case(number, point) for number, point in enumerate(plan.points())]
@@ -96,6 +97,7 @@ class SweepInputs:
         key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
         fits = self.cuffs(point["cuffs"])
         remarks = cuff_remarks(self._path(point["cuffs"]), (fits[cuff.name] for cuff in scenario.cuffs if cuff))
+        remarks += self.motion_remarks(*(point[axis] for axis in GEOMETRY[:3]))
         return Case(number, point, WornCase(key, suit, scenario), "; ".join(remarks))
 
     def _worn_cuffs(self, point: Point) -> tuple[CuffParameters | None, CuffParameters | None]:
@@ -121,6 +123,18 @@ class SweepInputs:
             )
         except (ModelError, MotionError) as error:
             return Failure.of(error)
+
+    def _motion_remarks(self, model: Value, motion: Value, loads: Value) -> tuple[str, ...]:
+        """Findings on a motion and its loads; none on those that cannot be used, whose cases have an error."""
+        if (motion, loads) == (BUNDLED, NONE):
+            return ()
+        geometry = {"model": model, "motion": motion, "external_loads": loads, "hand_mass_kg": 0.0}
+        moving = self._motion(geometry)
+        if isinstance(moving, Failure):
+            return ()
+        notes = motion_checks(moving.model, moving.kinematics)
+        notes |= load_checks(None if loads == NONE else self._path(loads), moving.loads)
+        return tuple(map(str, motion_findings(notes)))
 
     def _model(self, name: Value) -> Model:
         return model_of(BUNDLED if name == BUNDLED else str(self._path(name)))

@@ -2,7 +2,7 @@
 
 NAME_as_solved.osim, NAME.mot            the model and its motion, with the load in the hand
 NAME_measured_force.txt                  the joint force relative to the implant, with the body weight
-NAME_measured_force_glenoid.txt          the same relative to the glenoid
+NAME_measured_force_glenoid.txt          the same relative to the glenoid, if it is known
 NAME_published_{none,circle,ellipse}.txt the published solutions, where there are any
 """
 
@@ -49,12 +49,17 @@ class PublishedForce:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredLift:
-    """A lift: model, motion, the measured force relative to the glenoid, body weight [N], and published solutions."""
+    """A lift: model, motion, the measured force, body weight [N], and published solutions.
+
+    is_in_glenoid  the measured force is relative to the glenoid; otherwise relative to the implant, so that only its
+                   size can be compared
+    """
 
     name: str
     model: Model
     motion: Motion
     measured: JointForceRecord
+    is_in_glenoid: bool
     body_weight: float
     published: Mapping[str, PublishedForce]
 
@@ -71,17 +76,20 @@ def find_lifts(folder: Path) -> list[str]:
 
 def read_lift(folder: Path, name: str, variants: tuple[str, ...]) -> MeasuredLift:
     """A lift with the published solutions of these variants. Raises ValidationFileError, ForeignFile, SolverError."""
-    needed = [f"{name}.mot", name + IMPLANT, name + GLENOID]
+    needed = [f"{name}.mot", name + IMPLANT]
     if missing := [file for file in needed if not (folder / file).is_file()]:
         figures = {"lift": name, "path": str(folder), "missing": ", ".join(missing)}
         raise ValidationFileError(Message(ValidationCode.FILES_MISSING, figures))
     model = read_osim(folder / (name + MODEL))
-    implant, glenoid = read_joint_force(folder / (name + IMPLANT)), read_joint_force(folder / (name + GLENOID))
+    implant = read_joint_force(folder / (name + IMPLANT))
     if implant.body_weight is None:
         raise ValidationFileError(Message(ValidationCode.NO_BODY_WEIGHT, {"file": name + IMPLANT}))
-    _ensure_same_force(name, implant, glenoid)
+    glenoid = read_joint_force(folder / (name + GLENOID)) if (folder / (name + GLENOID)).is_file() else None
+    if glenoid is not None:
+        _ensure_same_force(name, implant, glenoid)
+    measured = implant if glenoid is None else glenoid
     motion = read_motion(folder / f"{name}.mot", model)
-    last = float(glenoid.time_s[-1])
+    last = float(measured.time_s[-1])
     if motion.time[-1] > last + TIME_TOLERANCE_S or motion.time[0] < -TIME_TOLERANCE_S:
         times: Figures = {
             "lift": name,
@@ -92,7 +100,7 @@ def read_lift(folder: Path, name: str, variants: tuple[str, ...]) -> MeasuredLif
         raise ValidationFileError(Message(ValidationCode.NOT_COVERED, times))
     files = {variant: folder / (name + PUBLISHED.format(variant=variant)) for variant in variants}
     published = {variant: read_published_force(path) for variant, path in files.items() if path.is_file()}
-    return MeasuredLift(name, model, motion, glenoid, implant.body_weight, published)
+    return MeasuredLift(name, model, motion, measured, glenoid is not None, implant.body_weight, published)
 
 
 def read_published_force(path: Path) -> PublishedForce:
@@ -117,8 +125,8 @@ def read_published_force(path: Path) -> PublishedForce:
 
 
 def _ensure_same_force(name: str, implant: JointForceRecord, glenoid: JointForceRecord) -> None:
-    same = np.interp(glenoid.time_s, implant.time_s, implant.resultant)
-    worst = float(np.abs(same - glenoid.resultant).max())
+    same = implant.at(glenoid.time_s)[1]
+    worst = float(np.nanmax(np.abs(same - glenoid.resultant)))
     if worst > LARGEST_DIFFERENCE_N:
         figures: Figures = {"lift": name, "difference_n": worst, "limit_n": LARGEST_DIFFERENCE_N}
         raise ValidationFileError(Message(ValidationCode.DIFFERENT_FORCES, figures))

@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.errors import ForeignFile
+from solver.errors import SolverError
 from solver.motion import differentiate
 from solver.multibody.postures import postures
 from solver.redundancy.force_agreement import ForceAgreement, angle_between, force_agreement, glenoid_axes
 from solver.redundancy.glenoid import glenoid_cone
-from solver.redundancy.motion import FrameOutcome, solve_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.sequence import FrameOutcome
 from station.messages.message import Message
 from station.messages.validation_codes import ValidationCode
 from station.progress import Progress, silent
@@ -30,9 +33,13 @@ LARGEST_MEDIAN_N, LARGEST_EXCESS_PERCENT = 5.0, 1.0
 class SolvedVariant:
     """A lift in one variant, compared. Forces are sizes [N] at time (frames,) [s]; NaN where a frame is unsolved.
 
-    angle               median between predicted and measured direction [rad]; not judged (docs/validation.md)
+    angle               median between predicted and measured direction [rad]; not judged (docs/validation.md); NaN if
+                        the force relative to the glenoid is not known
     published           agreement of the published force with the measured one; None without a published solution
+    common_rmse         of our force over the frames that have a published one [N]; None without one
     median_difference   |our force − the published one| as vectors, median over the frames [N]
+    published_frames    number of frames of the published solution, 0 without one
+    compared            number of frames that have a published force
     unsolved            number of frames
     """
 
@@ -45,7 +52,10 @@ class SolvedVariant:
     agreement: ForceAgreement
     angle: float
     published: ForceAgreement | None
+    common_rmse: float | None
     median_difference: float | None
+    published_frames: int
+    compared: int
     unsolved: int
 
     @property
@@ -61,22 +71,45 @@ class SolvedVariant:
     @property
     def is_within_limits(self) -> bool | None:
         """Whether it agrees with the published solution; None without one."""
-        if self.published_rmse_percent is None or self.median_difference is None:
+        if self.published_rmse_percent is None or self.median_difference is None or self.common_rmse is None:
             return None
+        ours = 100.0 * self.common_rmse / self.body_weight
         is_close = self.median_difference <= LARGEST_MEDIAN_N
-        return is_close and self.rmse_percent <= self.published_rmse_percent + LARGEST_EXCESS_PERCENT
+        return is_close and ours <= self.published_rmse_percent + LARGEST_EXCESS_PERCENT
 
 
-def validate_folder(folder: Path, progress: Progress = silent) -> list[SolvedVariant]:
-    """Every lift of the folder in every variant. Raises ValidationFileError, ForeignFile, SolverError."""
+@dataclass(frozen=True)
+class RefusedLift:
+    """A lift whose files cannot be used, and why."""
+
+    name: str
+    error: ValidationFileError | ForeignFile | SolverError
+
+    @property
+    def message(self) -> Message[ValidationCode]:
+        """The lift and the sentence of its error."""
+        return Message(ValidationCode.LIFT_LEFT_OUT, {"lift": self.name, "reason": str(self.error)})
+
+
+def validate_folder(folder: Path, progress: Progress = silent) -> tuple[list[SolvedVariant], list[RefusedLift]]:
+    """Every lift of the folder in every variant, and the lifts that are refused.
+
+    Raises the error of the first lift if none can be solved, and ValidationFileError for the folder.
+    """
     names = find_lifts(folder)
     solved: list[SolvedVariant] = []
-    for name in names:
-        lift = read_lift(folder, name, tuple(variant.name for variant in PUBLISHED_VARIANTS))
-        for variant in VARIANTS:
-            solved.append(solve_variant(lift, variant))
-            progress("solving lifts", len(solved), len(names) * len(VARIANTS))
-    return solved
+    refused: list[RefusedLift] = []
+    for done, name in enumerate(names):
+        try:
+            lift = read_lift(folder, name, tuple(variant.name for variant in PUBLISHED_VARIANTS))
+            solved += [solve_variant(lift, variant) for variant in VARIANTS]
+        except (ValidationFileError, ForeignFile, SolverError) as error:
+            refused.append(RefusedLift(name, error))
+        if solved:
+            progress("solving lifts", done + 1, len(names))
+    if not solved:
+        raise refused[0].error
+    return solved, refused
 
 
 def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
@@ -86,14 +119,15 @@ def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
     solution = solve_motion(model, kinematics, options)
     is_solved = np.array([outcome is FrameOutcome.SOLVED for outcome in solution.outcomes])
     force = np.where(is_solved[:, None], solution.reaction[:, 3:], np.nan)
-    record = lift.measured
-    resultant = np.interp(solution.time, record.time_s, record.resultant)
-    measured = np.column_stack([np.interp(solution.time, record.time_s, part) for part in record.force.T])
+    measured, resultant = lift.measured.at(solution.time)
     cone = glenoid_cone(model)
     scapula = postures(model, kinematics.positions, kinematics.speeds).rotation_to_ground[:, cone.body]
     in_glenoid = np.einsum("ij,fkj,fk->fi", glenoid_axes(cone.axis, cone.edge), scapula.swapaxes(1, 2), force)
-    published, difference = _beside_published(lift, variant, solution.time, force, resultant)
+    published, difference, is_common = _beside_published(lift, variant, solution.time, force, resultant)
     size = np.linalg.norm(force, axis=1)
+    common = None if published is None else force_agreement(size[is_common], resultant[is_common]).rmse
+    angles = angle_between(in_glenoid, measured)
+    has_angle = lift.is_in_glenoid and np.isfinite(angles).any()
     return SolvedVariant(
         lift=lift.name,
         variant=variant.name,
@@ -102,19 +136,25 @@ def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
         measured_force=resultant,
         body_weight=lift.body_weight,
         agreement=force_agreement(size, resultant),
-        angle=float(np.nanmedian(angle_between(in_glenoid, measured))) if is_solved.any() else np.nan,
+        angle=float(np.nanmedian(angles)) if has_angle else np.nan,
         published=published,
+        common_rmse=common,
         median_difference=difference,
+        published_frames=len(lift.published[variant.name].time) if published is not None else 0,
+        compared=int(is_common.sum()),
         unsolved=int((~is_solved).sum()),
     )
 
 
 def verdicts(solved: list[SolvedVariant]) -> Iterator[Message[ValidationCode]]:
-    """Unsolved frames, and whether the published variants are within the limits."""
+    """Unsolved frames, frames without a published force, and whether the published variants are within the limits."""
     for found in solved:
         if found.unsolved:
             frames = {"unsolved": found.unsolved, "frames": len(found.time)}
             yield Message(ValidationCode.UNSOLVED, {**frames, "lift": found.lift, "variant": found.variant})
+        if found.published is not None and found.compared < max(len(found.time), found.published_frames):
+            frames = {"compared": found.compared, "frames": len(found.time), "published": found.published_frames}
+            yield Message(ValidationCode.PARTLY_PUBLISHED, {**frames, "lift": found.lift, "variant": found.variant})
     judged = [found for found in solved if found.is_within_limits is not None]
     beyond = [f"{found.lift}, {found.variant}" for found in judged if not found.is_within_limits]
     limits = {"difference_n": LARGEST_MEDIAN_N, "rmse_percent": LARGEST_EXCESS_PERCENT}
@@ -128,11 +168,13 @@ def verdicts(solved: list[SolvedVariant]) -> Iterator[Message[ValidationCode]]:
 
 def _beside_published(
     lift: MeasuredLift, variant: Variant, time: Array, force: Array, measured: Array
-) -> tuple[ForceAgreement | None, float | None]:
-    """Agreement of the published force with the measured one, and the median difference of ours from it [N]."""
+) -> tuple[ForceAgreement | None, float | None, NDArray[np.bool_]]:
+    """Agreement of the published force with the measured one, the median difference of ours from it [N], and whether
+    a frame (frames,) has a published force.
+    """
     published = lift.published.get(variant.name)
     if published is None:
-        return None, None
+        return None, None, np.zeros(len(time), dtype=bool)
     place = np.searchsorted(published.time, time - TIME_TOLERANCE_S).clip(max=len(published.time) - 1)
     is_common = np.abs(published.time[place] - time) <= TIME_TOLERANCE_S
     if not is_common.any():
@@ -141,4 +183,4 @@ def _beside_published(
     difference = np.linalg.norm(force - theirs, axis=1)
     known = difference[np.isfinite(difference)]
     agreement = force_agreement(np.linalg.norm(theirs, axis=1), measured)
-    return agreement, float(np.median(known)) if len(known) else np.nan
+    return agreement, float(np.median(known)) if len(known) else np.nan, is_common

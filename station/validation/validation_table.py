@@ -49,7 +49,7 @@ def validation_table(solved: Sequence[SolvedVariant]) -> Table:
             _beside(f"{found.rmse_percent:.1f}", found.published_rmse_percent, ".1f"),
             f"{ours.correlation:.3f}",
             f"{ours.peak_ratio:.2f}",
-            f"{np.degrees(found.angle):.0f}°",
+            "" if math.isnan(found.angle) else f"{np.degrees(found.angle):.0f}°",
             {True: "met", False: "exceeded", None: ""}[found.is_within_limits],
         )
     return table

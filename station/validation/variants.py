@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from solver.model import Model
 from solver.redundancy.glenoid import with_rim
-from solver.redundancy.motion import RedundancyOptions
+from solver.redundancy.options import RedundancyOptions
 
 GIRDLE_AND_SHOULDER = (
     "scapula_abduction",

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.verbs.muscles import BundledOrOsim, ExternalLoads, IgnoreForces
+from station.verbs.motion_options import BundledOrOsim, ExternalLoads, IgnoreForces
 from station.verbs.options import End, Start, print_message, print_motion_notes
 
 

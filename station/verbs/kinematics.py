@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from station.exit_code import DONE, LOSSY
+from station.verbs.given_options import given_of
 from station.verbs.options import End, Start, print_message
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ VerticalOption = Annotated[
 
 
 def scale(
+    context: typer.Context,
     output: Annotated[Path, typer.Option(help="The scaled model: .osim.")],
     setup: Annotated[
         Path | None, typer.Option(help="OpenSim's ScaleTool (.xml): measurements, manual factors, mass.")
@@ -64,6 +66,9 @@ def scale(
     if setup is None:
         if model is None or not files or body_mass is None:
             raise typer.BadParameter("without --setup, --model, --markers and --body-mass are needed")
+        unused = {"write_setup": "--write-setup", "joined_points": "--scale-joined-points and --keep-joined-points"}
+        for name in given_of(context, unused):
+            raise typer.BadParameter(f"{unused[name]} need --setup; leave them out, or give OpenSim's set-up")
         from station.kinematics.person import PersonInputs
 
         inputs = PersonInputs(model, files, body_mass, held_mass, keep_tendons, prefix, vertical, marker_set)

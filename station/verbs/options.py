@@ -91,14 +91,13 @@ def print_result(result: TrialResult, format: Format, *, is_kept: bool = True) -
 
 
 def print_motion_notes(notes: Mapping[str, str]) -> None:
-    """Print to stderr: the filter of a motion, coordinates without data, and those that contradict the model."""
-    from station.assessment.motion_checks import describe_motion_checks
+    """Print to stderr: the filter of a motion, coordinates without data, and the findings of its checks."""
+    from station.assessment.motion_checks import motion_findings
 
     print_message(f"filter: {notes['filter']}")
-    if "without_data" in notes:
-        print_message(f"Coordinates without data: {notes['without_data']}. They keep their default values.")
-    for sentence in describe_motion_checks(notes):
-        print_message(sentence)
+    missing = notes["without_data"].split(", ") if "without_data" in notes else []
+    for finding in motion_findings(notes, missing):
+        print_message(str(finding))
 
 
 def print_message(message: str) -> None:

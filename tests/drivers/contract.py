@@ -1,7 +1,7 @@
 """What every device must do, simulated or real.
 
 A test class inherits DeviceContract and offers a fixture `bench`, which knows how to make the devices the contract
-speaks of. Bench.lose may be None where nobody can pull the plug.
+speaks of. Bench.lose is None where the device cannot be unplugged.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ class DeviceContract:
 
     def test_a_device_that_goes_is_lost_in_a_sentence_and_can_still_be_closed(self, bench: Bench) -> None:
         if bench.lose is None:
-            pytest.skip("nobody can pull the plug")
+            pytest.skip("the device cannot be unplugged")
         device = bench.device()
         device.open()
         name = device.streams[0].name

@@ -116,7 +116,7 @@ def _settings_are_usable_or_refused(xml: bytes) -> None:
 
 
 def _qtm_is_read_to_its_end(stream: bytes) -> None:
-    """Over a real connection, which ends after it: shapes and numbers are right, and the reader is told of the end."""
+    """Over a real connection, which ends after it: shapes and numbers are right, and the end is reported."""
     with OtherQtm(proper) as qtm:
         device = Qualisys(host="127.0.0.1", port=qtm.port, host_clock=time.time_ns)
         device.open()

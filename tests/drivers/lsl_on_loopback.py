@@ -53,7 +53,7 @@ class TestScenario:
         emg, pulse, clock = device.streams
         assert (emg.labels, emg.unit, emg.rate_hz) == (("upper_trapezius",), "uV", RATE_HZ)
         assert (pulse.labels, clock.labels) == (("trigger",), ("offset", "uncertainty"))
-        assert (device.identity.text, device.identity.is_simulated) == ("Nobody M1", False)
+        assert (device.identity.text, device.identity.is_simulated) == ("Maker M1", False)
         number = np.arange(sent - 300, sent)
         values = np.concatenate([block.values for block in blocks(items, "/emg")])
         np.testing.assert_array_equal(values[:, 0], (number + 0.1).astype(np.float32))
@@ -125,8 +125,8 @@ class TestScenario:
 class TestRefusals:
     def test_an_outlet_that_is_not_there_is_refused_by_name(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(lsl, "RESOLVE_TIMEOUT_S", 0.2)
-        with raises_refusal(DeviceCode.NOT_FOUND, naming="LSL nobody"):
-            driver("nobody").open()
+        with raises_refusal(DeviceCode.NOT_FOUND, naming="LSL missing"):
+            driver("missing").open()
 
     def test_a_channel_that_is_not_there_is_refused_with_those_that_are(self, sender: LslSender) -> None:
         with raises_refusal(DeviceCode.NO_CHANNEL, naming="biceps"):
@@ -153,7 +153,7 @@ class TestLslKeepsTheContract(DeviceContract):
             yield Bench(
                 device=lambda: _Fed(flowing),
                 quiet_device=lambda: driver("quiet"),
-                unreachable_device=lambda: driver("nobody"),
+                unreachable_device=lambda: driver("missing"),
                 lose=flowing.kill,
             )
 

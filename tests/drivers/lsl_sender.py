@@ -2,9 +2,9 @@
 
 The first line on standard input describes the outlet, each further line is a command; each is answered by one line:
 
-    {"consumer": 5}    waits so many seconds for a consumer
+    {"consumer": 5}    waits 5 s for a consumer
     {"push": 100}      sends so many samples; sample n holds n + k / 10 in channel k and is stamped base + n / rate
-    {"rows": [[0, 0, 1]], "stamps_s": [0.5]}    sends these samples, stamped so many seconds after base
+    {"rows": [[0, 0, 1]], "stamps_s": [0.5]}    sends these samples, stamped in seconds after base
     {"skip": 50}       so many samples are never sent
     {"back_s": 100}    its clock is set back
 """
@@ -59,7 +59,7 @@ def main() -> None:
     info = pylsl.StreamInfo(request["name"], "EMG", len(LABELS), rate_hz, pylsl.cf_float32, request["source_id"])
     info.set_channel_labels(list(LABELS))
     info.set_channel_units(list(UNITS))
-    info.desc().append_child("acquisition").append_child_value("manufacturer", "Nobody").append_child_value(
+    info.desc().append_child("acquisition").append_child_value("manufacturer", "Maker").append_child_value(
         "model", "M1"
     )
     outlet, base_s, sent = pylsl.StreamOutlet(info), pylsl.local_clock(), 0

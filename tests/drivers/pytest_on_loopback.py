@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -24,8 +25,11 @@ level = -3
 """
 
 
-def run_on_loopback(file: str, chosen: str, folder: Path) -> None:
-    """Run the tests of the file whose names hold `chosen`, in a network of their own, with liblsl confined to it."""
+def passed_on_loopback(file: str, chosen: str, folder: Path) -> int:
+    """Run the tests of the file whose names hold `chosen`, in a network of their own, with liblsl confined to it.
+
+    Returns how many passed; a test that fails there fails here with its output.
+    """
     if sys.platform != "linux":
         pytest.skip("only Linux gives a test a network of its own")
     (folder / "lsl.cfg").write_text(CONFIG, encoding="ascii")
@@ -37,3 +41,4 @@ def run_on_loopback(file: str, chosen: str, folder: Path) -> None:
     if ran.returncode == CANNOT:
         pytest.skip(f"this computer gives a test no network of its own: {ran.stderr.strip()}")
     assert ran.returncode == 0, ran.stdout + ran.stderr
+    return int(re.findall(r"(\d+) passed", ran.stdout)[-1])

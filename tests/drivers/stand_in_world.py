@@ -32,7 +32,7 @@ class StandInWorld:
     def __init__(self, speed: float = 50.0, is_standing: bool = False) -> None:
         self.clock = WorldClock(None if is_standing else speed)
         self.edge_s = np.inf
-        self.flows = threading.Event()  # cleared, the amplifier's wire answers nobody: a device that hangs
+        self.flows = threading.Event()  # cleared, the amplifier's wire does not answer: a device that hangs
         self.flows.set()
         self.faults = Faults(self.now)
         if not is_standing:

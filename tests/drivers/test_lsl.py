@@ -16,19 +16,19 @@ from drivers.lsl import LslEmg
 from recordings.samples import Event, Loss
 from tests.drivers.contract import blocks, raises_refusal
 from tests.drivers.fake_lsl import FakeLsl, FakeOutlet
-from tests.drivers.pytest_on_loopback import run_on_loopback
+from tests.drivers.pytest_on_loopback import passed_on_loopback
 
 ROOT = Path(__file__).parents[2]
 ON_LOOPBACK = "tests/drivers/lsl_on_loopback.py"
 
 
 def test_the_driver_agrees_with_another_process_s_outlet(tmp_path: Path) -> None:
-    run_on_loopback(ON_LOOPBACK, "TestScenario", tmp_path)
+    assert passed_on_loopback(ON_LOOPBACK, "TestScenario", tmp_path) == 4
 
 
 @pytest.mark.slow
 def test_the_driver_keeps_the_contract_of_all_devices_and_refuses_other_outlets(tmp_path: Path) -> None:
-    run_on_loopback(ON_LOOPBACK, "TestLslKeepsTheContract or TestRefusals", tmp_path)
+    assert passed_on_loopback(ON_LOOPBACK, "TestLslKeepsTheContract or TestRefusals", tmp_path) == 12
 
 
 @pytest.fixture

@@ -156,7 +156,7 @@ def test_a_task_that_goes_on_behind_a_broken_link_is_read_on_without_a_loss(link
     items = read_beyond(link.device, world, 0.5)
     for _ in range(BREAKS):
         link.proxy.refuse()
-        world.advance(0.5)  # seconds in which nobody hears the device
+        world.advance(0.5)  # seconds in which no client reads the device
         items += read_until_lost(link.device)
         link.proxy.listen()
         items += read_beyond(link.device, world, 0.1)
@@ -253,7 +253,7 @@ def read_until_lost(device: Reconnecting) -> list[Item]:
 
 
 def read_beyond(device: Reconnecting, world: StandInWorld, seconds: float) -> list[Item]:
-    """Lets so many seconds pass, and reads until their samples are there."""
+    """Advance by `seconds`, and read until their samples have arrived."""
     world.advance(seconds)
     items: list[Item] = []
     give_up_s = time.monotonic() + scaled_timeout(20.0)

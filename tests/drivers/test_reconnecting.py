@@ -44,7 +44,7 @@ class Scripted:
 
 
 class StandingClock:
-    """Wall seconds that pass only while somebody sleeps."""
+    """Wall clock that advances only by sleep()."""
 
     def __init__(self) -> None:
         self.wall_s = 0.0

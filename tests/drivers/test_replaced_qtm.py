@@ -1,4 +1,4 @@
-"""A cable that is plugged into another mocap computer in mid trial: the other QTM's frames are not taken for ours."""
+"""A cable plugged into another mocap computer during a trial: frames of the other QTM are not recorded."""
 
 from __future__ import annotations
 

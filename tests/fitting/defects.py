@@ -58,7 +58,7 @@ class Rig:
 
 
 class OddSession(Session):
-    """A donning of a cuff with any law on a rig with a defect. What slipped or rubs stays so from trial to trial."""
+    """A donning of a cuff with any law on a rig with a defect. Slip and friction persist from trial to trial."""
 
     def __init__(self, law: Law, rig: Rig, seed: int, truth: Truth | None = None) -> None:
         super().__init__(truth or Truth(friction=1e9, migration=0.0), seed)
@@ -87,7 +87,7 @@ class OddSession(Session):
 def _answer(
     law: Law, k: float, c: float, load: NDArray[np.float64], left: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The cuff's way (n,) [m] under a load (n,) [N], and what it leaves behind: friction, slip, highest load (3,)."""
+    """Cuff displacement (n,) [m] under a load (n,) [N], and the state after it: friction, slip, highest load (3,)."""
     arms = (law.fast[0] * k, law.fast[1], law.slow[0] * k, law.slow[1])
     slip = (law.slip_from, law.hardening)
     return _move(load, k, c, law.mass, law.bend, law.friction, law.presliding, *arms, *slip, left)  # type: ignore[no-any-return]

@@ -1,6 +1,6 @@
 """Static trials of a cuff that holds, creeps, stiffens or slips: weights on a rope, seen by a load cell and by cameras.
 
-Imports nothing of solver, drivers or what is fitted with: the cuff's way is integrated from its own laws here. A
+Imports nothing of solver, drivers or what is fitted with: cuff displacement is integrated from its own laws here. A
 standard linear solid creeps, an exponential spring stiffens, friction with a growing limit slips.
 """
 

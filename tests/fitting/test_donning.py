@@ -1,4 +1,4 @@
-"""What is said of a donning beside its figures."""
+"""Notes and verdicts on a donning beside its figures."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_damping_that_is_not_identified_has_no_interval_to_speak_of() -> None:
 
 
 def test_a_damping_that_is_hardly_identified_is_given_without_choosing_by_its_value() -> None:
-    """20 Hz and a stiff cuff: where between two samples the edge is, is worth about a third of c in each session."""
+    """20 Hz and a stiff cuff: the unknown place of the edge between two samples changes c by about a third."""
     off, errors, is_called, is_small = [], [], [], []
     for seed in range(60):
         session = Session(published("hand", friction=1e9, migration=0.0, force_rate=20.0, duration=10.0), 700 + seed)
@@ -43,15 +43,15 @@ def test_a_damping_that_is_hardly_identified_is_given_without_choosing_by_its_va
     z = np.array(off) / np.array(errors)
     low, high = stats.chi2.ppf([0.0005, 0.9995], len(z))
     assert low < np.sum(z**2) < high
-    assert abs(z.mean()) < 3.3 / np.sqrt(len(z)), "what is given is not biased"
+    assert abs(z.mean()) < 3.3 / np.sqrt(len(z)), "the values are not biased"
     assert np.mean(np.abs(z) < 1.96) > 0.85
     called = z[np.array(is_called)]  # where the edges happen to lie close to samples
     assert 5 < len(called) < 50
-    assert abs(called.mean()) < 3.3 / np.sqrt(len(called)), "nor is what is called identified"
+    assert abs(called.mean()) < 3.3 / np.sqrt(len(called)), "nor are those that are identified"
     chosen = z[np.array(is_small)]
     assert 10 < len(chosen) < 50
     assert chosen.mean() > 3.3 / np.sqrt(len(z)), (
-        "had those been chosen whose error is small beside them, they were too high"
+        "a choice of those whose error is small relative to the value would be biased upwards"
     )
 
 
@@ -64,8 +64,7 @@ def _codes(law: Law, seed: int, unloads_at_once: bool = False) -> list[NoteCode]
     return [note.code for note in fit.notes]
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("repeats", [1, 2])
+@pytest.mark.parametrize(("repeats", "seed"), [(1, 0), (2, 1)])
 @pytest.mark.parametrize(
     ("law", "is_too_wide"),
     [(Law(friction=2.0), True), (Law(friction=4.0), True), (Law(slip_from=45.0), False), (Law(), False)],
@@ -73,7 +72,7 @@ def _codes(law: Law, seed: int, unloads_at_once: bool = False) -> list[NoteCode]
 def test_weights_that_come_off_at_once_leave_friction_and_slip_open(
     law: Law, is_too_wide: bool, repeats: int, seed: int
 ) -> None:
-    """4 N of friction make the way back 10 % steeper; a cuff that slips from 45 N bends on the way out."""
+    """4 N of friction make unloading 10 % steeper; loading is bent for a cuff that slips from 45 N."""
     truth = Truth(friction=1e9, migration=0.0, hold=6.0, unloads_at_once=True)
     session = OddSession(law, Rig(), seed, truth)
     trials = [build_trial(*session.static(i), f"s{i}", "s") for i in range(1, repeats + 1)]
@@ -82,9 +81,9 @@ def test_weights_that_come_off_at_once_leave_friction_and_slip_open(
     assert fit.stiffness.ci95[0] < 8520 < fit.stiffness.ci95[1]
     assert (NoteCode.SLIP_OR_FRICTION in [note.code for note in fit.notes]) == is_too_wide
     assert ("friction" in fit.stiffness.parts) == is_too_wide
-    for each in fit.trials:
-        assert (TrialNoteCode.ONE_BRANCH in [note.code for note in each.notes]) == is_too_wide
-        assert not is_too_wide or (each.stiffness and each.stiffness.ci95[0] < 8520)
+    for trial in fit.trials:
+        assert (TrialNoteCode.ONE_BRANCH in [note.code for note in trial.notes]) == is_too_wide
+        assert not is_too_wide or (trial.stiffness and trial.stiffness.ci95[0] < 8520)
 
 
 @pytest.mark.parametrize("cuff", ["hand", "waist", "tube", "elbow"])
@@ -97,9 +96,8 @@ def test_a_cuff_that_stays_out_farther_than_friction_holds_it_has_slipped(cuff: 
     assert NoteCode.SLIP_OR_FRICTION not in [note.code for note in fit.notes]
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("unloads_at_once", [False, True])
-def test_each_law_of_held_loads_is_called_by_its_own_name_only(seed: int, unloads_at_once: bool) -> None:
+@pytest.mark.parametrize(("unloads_at_once", "seed"), [(False, 0), (True, 1)])
+def test_the_note_names_only_the_law_of_the_held_loads(unloads_at_once: bool, seed: int) -> None:
     assert _codes(Law(), seed, unloads_at_once) == []
     rubbing = _codes(Law(friction=4.0), seed, unloads_at_once)
     assert RUBBING & set(rubbing)

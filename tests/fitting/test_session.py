@@ -71,12 +71,12 @@ def test_force_at_twenty_hertz_still_gives_the_stiffness_and_an_honest_damping(c
         assert abs(fit.damping.value - damping) < 3.3 * fit.damping.standard_error
         assert fit.damping.standard_error > 0.5 * damping
         assert fit.verdicts == (Verdict.LAG,)
-        assert fit.missing == ("damping",), "nobody is to wear it"
+        assert fit.missing == ("damping",), "it cannot be worn"
         assert all(band.damping.standard_error > 0.5 * damping for band in fit.complex_stiffness)
 
 
 def test_a_damping_that_comes_out_negative_is_not_called_identified() -> None:
-    """50 ms of lag that nobody knows of: c and k τ are 210 and −426 N s/m."""
+    """An undeclared lag of 50 ms: c and k τ are 210 and −426 N s/m."""
     trials = [replace(trial, force_time=trial.force_time + 0.05) for trial in _donning("hand")[0]]
     fit = _fit(trials)
     assert fit.damping and fit.damping.value < 0

@@ -22,7 +22,7 @@ OF_FORMATS = {f"recordings.exchange.{name}" for name in ("c3d", "foxglove", "par
 
 
 class Blocker(MetaPathFinder):
-    """Finds none of the extras' packages, and lets nobody behind it find one."""
+    """Refuses to import the extras' packages, before any other finder is asked."""
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         if name.split(".", maxsplit=1)[0] in BLOCKED:

@@ -26,18 +26,11 @@ ROOTS: dict[str, type[Exception]] = {
     "solver": SolverError,
     "documents": PlainDataError,
 }
-CLASSES = [
-    (path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."), node.name)
-    for folder in ROOTS
-    for path in sorted((ROOT / folder).rglob("*.py"))
-    for node in nodes_of(path)
-    if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
-]
 
 
 @pytest.mark.parametrize("folder", ROOTS)
 def test_every_public_exception_of_a_folder_derives_from_its_root(folder: str) -> None:
-    found = [getattr(importlib.import_module(module), name, None) for module, name in CLASSES if _is_in(module, folder)]
+    found = [getattr(importlib.import_module(module), name, None) for module, name in _classes_in(folder)]
     raised = {kind for kind in found if isinstance(kind, type) and issubclass(kind, Exception)}
     assert ROOTS[folder] in raised
     assert {kind.__name__ for kind in raised if not issubclass(kind, ROOTS[folder])} == set()
@@ -64,8 +57,15 @@ def test_the_library_hands_the_roots_on() -> None:
     assert roots <= {getattr(cuffstation, name) for name in cuffstation.__all__}
 
 
-def _is_in(module: str, folder: str) -> bool:
-    return module.startswith(f"{folder}.") and not module.endswith("__main__")
+def _classes_in(folder: str) -> list[tuple[str, str]]:
+    """Module and name of every public class."""
+    return [
+        (path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."), node.name)
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        if path.stem != "__main__"
+        for node in nodes_of(path)
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    ]
 
 
 def _ended(error: Exception, monkeypatch: pytest.MonkeyPatch) -> object:

@@ -1,4 +1,4 @@
-"""The one test to run: from simulated devices on real wires to the report, with cuffs nobody has published."""
+"""The one test to run: from simulated devices on real wires to the report, with cuffs that are not published."""
 
 from __future__ import annotations
 

@@ -12,6 +12,8 @@ import pytest
 
 import cuffstation as cs
 from station.fit import SessionError
+from station.messages.setup_codes import FolderCode
+from tests.station.refusals import raises_refusal
 
 FUNCTIONS = {
     "assess",
@@ -71,7 +73,7 @@ def test_a_donning_is_that_of_its_session_and_two_cuffs_are_none(session: Path) 
     whole = cs.fit_session(session).cuffs["hand"]
     alone = cs.fit_donning([path for path in sorted(session.glob("*.mcap")) if "waist" not in path.name])
     assert alone.stiffness == whole.stiffness
-    with pytest.raises(SessionError, match="no recording can be used"):
+    with raises_refusal(SessionError, FolderCode.NO_TRIAL_USABLE):
         cs.fit_donning([])
 
 

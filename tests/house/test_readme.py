@@ -144,7 +144,7 @@ def free_ports(count: int) -> list[int]:
 
 
 def plain_environment() -> dict[str, str]:
-    """Nobody's browser opens, no window is drawn, and the command does not know that it is tested."""
+    """No browser opens, no window is drawn, and the command runs as outside of a test."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
     return {**kept, "BROWSER": "true", "MPLBACKEND": "agg"}
 

@@ -115,7 +115,7 @@ def _message(topic: str, **fields: Any) -> bytes:
 
 
 def _file(path: Path, data: bytes) -> Path:
-    """A recording cut in mid trial, so that its manifest is there, and these bytes after it."""
+    """A recording cut during its trial, which has its manifest, and these bytes after it."""
     whole = record(path, list(trial(0.5)))
     path.write_bytes(whole.read_bytes()[: chunk_ends(whole)[-2]] + data)
     return path

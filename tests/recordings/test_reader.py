@@ -223,7 +223,7 @@ def test_a_chunk_that_would_fill_the_memory_is_not_unpacked(tmp_path: Path, size
     data[at : at + 8] = size.to_bytes(8, "little")
     (tmp_path / "a.mcap").write_bytes(data)
     tracemalloc.start()
-    with pytest.raises(RecordingError, match="announces"):
+    with raises_refusal(RecordingCode.DAMAGED, naming="announces"):
         open_recording(tmp_path / "a.mcap")
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()

@@ -107,7 +107,7 @@ def chunk_starts(path: Path) -> list[int]:
 
 
 def chunk_ends(path: Path) -> list[int]:
-    """Where each chunk ends, likewise."""
+    """Where each chunk ends, in the same way."""
     return [chunk.chunk_start_offset + chunk.chunk_length for chunk in _chunks(path)]
 
 

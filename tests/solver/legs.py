@@ -1,7 +1,7 @@
 """A leg on a free pelvis as an .osim text, with a step of it: motion, ground reaction force and actuators, as files.
 
 Pelvis, thigh, shank, foot and toes; a patella whose angle follows the knee's; toes that are locked; ten muscles. It is
-nobody's leg: masses and lengths are about those of an adult.
+the leg of no person: masses and lengths are about those of an adult.
 """
 
 from __future__ import annotations

@@ -12,15 +12,12 @@ from solver.bundled import bundled_model
 from solver.motion import decimate, differentiate
 from solver.paths import PathMode
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import (
-    FrameOutcome,
-    LoadResponse,
-    RedundancyOptions,
-    build_redundancy,
-    evaluate_motion,
-    solve_motion,
-    solve_redundancy,
-)
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.problem import build_redundancy
+from solver.redundancy.scenarios import LoadResponse, solve_redundancy
+from solver.redundancy.sequence import FrameOutcome
 
 MODEL = bundled_model()
 MOTION = differentiate(simulate_arm_raise(MODEL))

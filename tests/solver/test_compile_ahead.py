@@ -10,6 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from solver import compile_ahead
+from solver.multibody.masses import mass_matrix_and_bias
+from solver.multibody.responses import fill_responses
+from solver.redundancy.elimination import eliminate
+from solver.redundancy.frames import solve_frames
+from solver.wrapping import tension
+
 COMMAND = (sys.executable, "-m", "solver.compile_ahead")
 
 ASSESS_AFTERWARDS = """
@@ -71,6 +78,19 @@ def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str
     assert counts[-1] == {"ready": 13, "kernels": 13}
     assert [count["ready"] for count in counts] == sorted(count["ready"] for count in counts)
     assert ran.stderr == ""
+
+
+def test_the_last_kernels_do_not_wait_for_the_muscle_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which the other process compiles all the while."""
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("the muscle paths are needed")
+
+    monkeypatch.setattr(tension, "evaluate_wrapped_paths", refuse)
+    monkeypatch.setattr(compile_ahead, "compile_ahead", lambda: None)
+    compile_ahead.compile_last_first()
+    last = (eliminate, solve_frames, mass_matrix_and_bias, fill_responses)
+    assert all(kernel.signatures for kernel in last)
 
 
 def test_it_ends_when_its_parent_does(tmp_path: Path) -> None:

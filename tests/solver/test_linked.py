@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 from typing import Any
 
 import numpy as np
 import pytest
 from numba import njit
+from numba.core.errors import TypingError
 
-from solver.compiled import compiled, compiled_with_allocation
+from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
+from solver.linked import PrivateKernelCompiler
 
 
 def _spread(x: Any, out: Any) -> float:
@@ -19,12 +22,12 @@ def _spread(x: Any, out: Any) -> float:
     return total
 
 
-def _kernel(inner: Any, outer: Any) -> Any:
+def _kernel(inner: Any, outer: Any, **options: Any) -> Any:
     @outer
     def middle(x: Any, out: Any) -> float:
         return inner(x, out) / 3.0 + inner(x[::2], out)
 
-    @njit(error_model="numpy")
+    @njit(error_model="numpy", **options)
     def kernel(x: Any, out: Any) -> float:
         return middle(x, out)
 
@@ -34,12 +37,13 @@ def _kernel(inner: Any, outer: Any) -> Any:
 def test_they_give_the_same_bits_as_the_compiler_s_own_way() -> None:
     plain: Any = njit(error_model="numpy")
     x = np.random.default_rng(3).normal(size=1001)
-    outs = np.empty((2, len(x)))
+    outs = np.empty((3, len(x)))
     linked, usual = _kernel(compiled(_spread), compiled), _kernel(plain(_spread), plain)
+    private = _kernel(compiled(_spread), compiled, pipeline_class=PrivateKernelCompiler)
     with np.errstate(all="ignore"):
-        sums = np.array([linked(x, outs[0]), usual(x, outs[1])])
-    assert outs[0].tobytes() == outs[1].tobytes()
-    assert sums[:1].tobytes() == sums[1:].tobytes()
+        sums = np.array([linked(x, outs[0]), private(x, outs[1]), usual(x, outs[2])])
+    assert outs[0].tobytes() == outs[1].tobytes() == outs[2].tobytes()
+    assert sums[:1].tobytes() == sums[1:2].tobytes() == sums[2:].tobytes()
     assert np.isnan(outs[0, 0]) or np.isinf(outs[0, 0]), "a division by zero is no error"
 
 
@@ -49,6 +53,30 @@ def test_they_are_not_given_to_the_execution_engine() -> None:
     for lowered in inner.overloads.values():
         library = lowered.library
         assert not library.codegen._engine.is_symbol_defined(lowered.fndesc.mangled_name)
+
+
+def test_a_kernel_exports_only_its_own_entries() -> None:
+    kernel = _kernel(compiled(_spread), compiled, pipeline_class=PrivateKernelCompiler)
+    kernel(np.ones(3), np.empty(3))
+    (lowered,) = kernel.overloads.values()
+    exported = [f.name for f in lowered.library.get_defined_functions() if f.linkage.name != "private"]
+    assert exported
+    assert all("kernel" in name for name in exported)
+
+
+def test_kernels_that_share_a_function_each_call_their_own() -> None:
+    spread: Any = compiled(_spread)
+
+    @compiled
+    def several(x: Any, y: Any) -> float:  # so long that LLVM calls it instead of inlining it
+        return float(spread(x, y) + spread(y, x) - spread(x[1:], y) + spread(y[1:], x) - spread(x[2:], y))
+
+    def twice(x: Any, y: Any) -> float:
+        return several(x, y) - several(y, x)
+
+    kernels: list[Any] = [njit(twice, pipeline_class=PrivateKernelCompiler), njit(twice)]
+    sums = np.array([kernel(np.linspace(1.0, 2.0, 7), np.linspace(3.0, 4.0, 7)) for kernel in kernels])
+    assert sums[:1].tobytes() == sums[1:].tobytes()
 
 
 def test_constant_arguments_are_not_compiled_once_more() -> None:
@@ -86,3 +114,11 @@ def test_an_array_allocated_by_an_inner_function_lives_in_the_kernel() -> None:
         return doubled(x)
 
     assert (kernel(np.ones(3)) == 2.0).all()
+
+
+def test_garbage_is_collected_again_after_a_kernel_that_cannot_be_compiled() -> None:
+    kernel: Any = compiled_for_python(lambda x: x.there_is_no_such_attribute)
+    assert gc.isenabled()
+    with pytest.raises(TypingError):
+        kernel(1.0)
+    assert gc.isenabled()

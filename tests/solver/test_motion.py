@@ -1,5 +1,6 @@
 """Motions: files read in the unit their header states, the published filter, and sentences for what is missing."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from solver.errors import SolverCode
 from solver.model import Coordinate, Model
 from solver.motion import Motion, decimate, differentiate, read_motion, write_table
+from solver.motion_splines import differentiate_by_splines
 from tests.solver.refusals import raises_refusal
 
 MOT = """Coordinates
@@ -48,6 +50,40 @@ def test_angles_follow_the_header_and_translations_stay_metres(tmp_path, degrees
     motion = read_motion(path, model("thorax_tx", "shoulder_elv"))
     np.testing.assert_allclose(motion.coordinates[1], [0.6, half_turn])
     np.testing.assert_allclose(motion.time, [0, 0.01, 0.02])
+
+
+@pytest.mark.parametrize(
+    ("line", "half_turn"),
+    [
+        ("inDegrees=yes\t\t\t", np.pi),  # as a spreadsheet fills it
+        ("inDegrees=yes,,,", np.pi),
+        ("inDegrees = y", np.pi),
+        ("inDegrees\tYes", np.pi),
+        ("inDegrees=no\t\t", 180.0),
+    ],
+)
+def test_the_unit_of_angles_is_what_opensim_reads_in_the_header(tmp_path, line, half_turn):
+    path = tmp_path / "raise.mot"
+    text = MOT.replace("inDegrees={degrees}", line).replace("endheader", "endheader\t\t")
+    path.write_text(text.replace("Coordinates", "Übung é"), encoding="latin-1")
+    np.testing.assert_allclose(read_motion(path, model("thorax_tx", "shoulder_elv")).coordinates[1], [0.6, half_turn])
+    if "," not in line:
+        opensim = pytest.importorskip("opensim")
+        storage = opensim.Storage(str(path))
+        assert storage.isInDegrees() == (half_turn == np.pi)
+
+
+def test_a_table_of_states_without_version_says_its_unit_in_words(tmp_path):
+    path = tmp_path / "raise.sto"
+    header = "Coordinates\nnRows=3\nnColumns=4\nAngles are in degrees.\n"
+    path.write_text(header + MOT[MOT.index("endheader") :])
+    np.testing.assert_allclose(read_motion(path, model("thorax_tx", "shoulder_elv")).coordinates[1], [0.6, np.pi])
+
+
+def test_a_csv_may_begin_with_a_byte_order_mark(tmp_path):
+    path = tmp_path / "raise.csv"
+    path.write_text("time,a\n0,1\n0.01,2\n0.02,3\n", encoding="utf-8-sig")
+    np.testing.assert_allclose(read_motion(path, model("a")).coordinates[:, 0], [1, 2, 3])
 
 
 def test_a_motion_file_of_simm_is_in_degrees_and_columns_may_be_paths_of_states(tmp_path):
@@ -103,6 +139,7 @@ def test_a_missing_coordinate_is_named(tmp_path):
         ("endheader\ntime\ta\n0\t1\n0.01\tone\n", SolverCode.MALFORMED_TABLE, "one"),
         ("endheader\ntime\ta\n0\t1\n0.01\t1\n0.03\t1\n0.04\t1\n", SolverCode.UNEVEN_TIME, "0.01 to 0.02 s"),
         ("endheader\ntime\ta\n", SolverCode.NO_FRAMES, "1 rows"),
+        ("endheader\ntime\ta\ta\n0\t1\t2\n0.01\t1\t2\n", SolverCode.MALFORMED_TABLE, "several for a"),
     ],
 )
 def test_a_malformed_file_gives_one_sentence(tmp_path, text, code, naming):
@@ -116,6 +153,12 @@ def printed(path, time, digits):
     rows = "\n".join(f"{t:.{digits}f}\t0.5" for t in time)
     path.write_text(f"motion\nendheader\ntime\ta\n{rows}\n")
     return path
+
+
+def test_markers_are_no_motion(tmp_path):
+    (tmp_path / "walk.trc").write_text("PathFileType\t4\t(X/Y/Z)\twalk.trc\n")
+    with raises_refusal(SolverCode.MALFORMED_TABLE, naming="walk.trc should be a table over time"):
+        read_motion(tmp_path / "walk.trc", model("a"))
 
 
 ONE = model("a")
@@ -136,8 +179,42 @@ def test_a_frame_that_is_missing_is_no_rounding(tmp_path, missing):
 
 def test_steps_that_change_are_no_rounding(tmp_path):
     time = np.cumsum(np.linspace(0.016, 0.018, 300))
+    motion = read_motion(printed(tmp_path / "m.mot", time, 3), ONE)
+    np.testing.assert_allclose(motion.steps, (0.016, 0.018), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("value", "is_refused"), [("1e200", True), ("-2e6", True), ("-9e5", False)])
+def test_a_value_that_no_coordinate_reaches_is_refused(tmp_path, value, is_refused):
+    path = tmp_path / "m.mot"
+    path.write_text(f"m\ninDegrees=no\nendheader\ntime\ta\tforce\n0\t1\t1e200\n0.01\t{value}\t0\n0.02\t1\t0\n")
+    with raises_refusal(SolverCode.IMPOSSIBLE_VALUE, naming="in frame 1") if is_refused else nullcontext():
+        read_motion(path, ONE)
+
+
+@pytest.mark.parametrize("derive", [differentiate, differentiate_by_splines])
+def test_kinematics_keep_the_recorded_steps_of_a_motion(tmp_path, derive):
+    time = np.cumsum(np.linspace(0.016, 0.018, 300))
+    kinematics = derive(read_motion(printed(tmp_path / "m.mot", time, 3), ONE), 3.0)
+    np.testing.assert_allclose(kinematics.steps, (0.016, 0.018), rtol=1e-9)
+    assert "interpolated from steps of 0.016 to 0.018 s" in repr(kinematics)
+
+
+def test_a_motion_with_steps_of_an_integrator_is_interpolated(tmp_path):
+    whole = np.arange(300) / 1000
+    time = np.sort(np.concatenate([whole, whole[40:80:7] + 2e-4, [whole[-1] + 3.3e-4]]))
+    path = tmp_path / "rra.sto"
+    rows = "\n".join(f"{t:.10f}\t{np.sin(9 * t):.12f}" for t in time)
+    path.write_text(f"motion\nendheader\ntime\ta\n{rows}\n")
+    motion = read_motion(path, ONE)
+    np.testing.assert_allclose(motion.time, whole, atol=1e-12)
+    np.testing.assert_allclose(motion.coordinates[:, 0], np.sin(9 * whole), atol=1e-11)
+    np.testing.assert_allclose(motion.steps, (2e-4, 1e-3), rtol=1e-9)
+
+
+@pytest.mark.parametrize("time", [np.delete(np.arange(300) / 60, 150), np.arange(60)[::-1] / 60, np.zeros(30)])
+def test_a_motion_with_a_gap_is_not_interpolated(tmp_path, time):
     with raises_refusal(SolverCode.UNEVEN_TIME):
-        read_motion(printed(tmp_path / "m.mot", time, 3), ONE)
+        read_motion(printed(tmp_path / "m.mot", time, 6), ONE)
 
 
 def test_the_filter_has_the_published_gains():

@@ -63,8 +63,8 @@ def test_frames_do_not_know_of_one_another() -> None:
 
 def test_no_paths_and_no_frames_are_fine() -> None:
     assert evaluate_paths(MODEL, STATE, []).lengths.shape == (len(Q), 0)
-    nobody = postures(MODEL, Q[:0], Q[:0])
-    assert evaluate_paths(MODEL, nobody).wrench_per_tension.shape == (0, len(MODEL.muscles), len(MODEL.bodies), 6)
+    no_frames = postures(MODEL, Q[:0], Q[:0])
+    assert evaluate_paths(MODEL, no_frames).wrench_per_tension.shape == (0, len(MODEL.muscles), len(MODEL.bodies), 6)
 
 
 def test_speed_is_the_rate_of_the_length() -> None:

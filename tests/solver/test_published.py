@@ -7,13 +7,11 @@ import pytest
 
 from solver.cuff import CuffParameters
 from solver.motion import decimate
-from solver.redundancy.motion import (
-    FrameOutcome,
-    RedundancyOptions,
-    build_redundancy,
-    evaluate_motion,
-    solve_redundancy,
-)
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.problem import build_redundancy
+from solver.redundancy.scenarios import solve_redundancy
+from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
 from solver.suit.suit import read_suit

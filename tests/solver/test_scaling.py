@@ -1,4 +1,4 @@
-"""Scaling: what a body twice as large must have, by geometry alone, and what is told of one that does not fit."""
+"""Scaling: what a body twice as large must have, by geometry alone, and what is reported of one that does not fit."""
 
 from __future__ import annotations
 

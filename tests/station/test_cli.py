@@ -248,10 +248,9 @@ def test_a_file_name_that_is_not_utf_8_is_printed_with_its_bytes(tmp_path: Path)
     assert os.fsencode(path.with_suffix(".trc")) in ran.stdout
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
-def test_output_is_utf_8_for_every_encoding_of_the_terminal(tmp_path: Path, encoding: str) -> None:
+def test_output_is_utf_8_on_a_terminal_of_another_encoding(tmp_path: Path) -> None:
     folder = tmp_path / "ẋ mäßig"
     folder.mkdir()
-    ran = _in_its_own_process("export", trial_file(folder), "--to", "trc", PYTHONIOENCODING=encoding)
+    ran = _in_its_own_process("export", trial_file(folder), "--to", "trc", PYTHONIOENCODING="cp1252")
     assert ran.returncode == 0, ran.stderr
     assert str(folder) in ran.stdout.decode("utf-8")

@@ -64,7 +64,7 @@ HOSTILE = (
     '{"kind": "recorded", "at": "", "file": "a.mcap", "cuff": 1, "test": "static", "repeat": "x", "donning": "1", '
     '"accepted": true, "lost_samples": 0, "sentence": ""}',
 )
-"""Lines that are whole, and no entries all the same."""
+"""Lines that are whole and are still no entries."""
 
 
 def test_a_folder_without_a_journal_has_an_empty_one(tmp_path: Path) -> None:

@@ -7,6 +7,8 @@ import pytest
 
 from station.config import ConfigError, parse_config
 from station.marker_presets import preset_labels
+from station.messages.setup_codes import ConfigCode
+from tests.station.refusals import raises_refusal
 
 TABLE = Path(__file__).parents[2] / "station" / "marker_presets.toml"
 BODIES = ["left_arm", "right_arm", "left_forearm", "right_forearm", "torso", "pelvis"]
@@ -36,14 +38,27 @@ def test_a_preset_gives_the_labels_of_the_anchor_and_of_the_recording() -> None:
 
 
 @pytest.mark.parametrize(
-    ("cuff", "reason"),
+    ("cuff", "code", "reason"),
     [
-        ({"anchor_preset": "sports"}, "'sports' is not a preset, expected one of qualisys_sports.left_arm, "),
-        ({"anchor_preset": "qualisys_sports.markers"}, "is not a preset"),
-        ({"anchor_preset": "qualisys_sports.torso", "anchor_markers": ["a", "b", "c"]}, "are both given"),
-        ({"label_prefix": "Q_", "anchor_markers": ["a", "b", "c"]}, "unknown key cuffs.hand.label_prefix"),
+        (
+            {"anchor_preset": "sports"},
+            ConfigCode.WRONG_VALUE,
+            "'sports' is not a preset, expected one of qualisys_sports.left_arm, ",
+        ),
+        ({"anchor_preset": "qualisys_sports.markers"}, ConfigCode.WRONG_VALUE, "is not a preset"),
+        (
+            {"anchor_preset": "qualisys_sports.torso", "anchor_markers": ["a", "b", "c"]},
+            ConfigCode.WRONG_VALUE,
+            "are both given",
+        ),
+        (
+            {"label_prefix": "Q_", "anchor_markers": ["a", "b", "c"]},
+            ConfigCode.UNKNOWN_KEY,
+            "unknown key cuffs.hand.label_prefix",
+        ),
     ],
 )
-def test_an_unknown_preset_is_refused(cuff: dict[str, object], reason: str) -> None:
-    with pytest.raises(ConfigError, match=reason):
+def test_an_unknown_preset_is_refused(cuff: dict[str, object], code: ConfigCode, reason: str) -> None:
+    with raises_refusal(ConfigError, code) as caught:
         parse_config({"cuffs": {"hand": {**cuff, "cuff_markers": ["strap"]}}}, "test")
+    assert reason in str(caught.value)

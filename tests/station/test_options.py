@@ -70,7 +70,7 @@ def test_the_glenoid_has_an_option_for_both_values(
 ) -> None:
     requested = []
 
-    def solve(_inputs: object, _cut: object, options: object, _progress: object) -> None:
+    def solve(_inputs: object, _cut: object, options: object, *_others: object) -> None:
         requested.append(options)
         raise OSError(0, "enough")
 

@@ -204,7 +204,7 @@ def test_a_process_that_stands_still_is_noticed_on_both_wires_and_brought_back(
         device.close()
         assert any(is_event(item, "connection_restored") for item in items)
         assert unaccounted(items, stream) == []
-        # NI's task keeps its samples and is read on. QTM drops frames that nobody takes; what follows agrees with no
+        # NI's task keeps its samples and is read on. QTM drops frames that no client takes; what follows agrees with no
         # capture of ours, as this world stood still and the host's clock went on.
         is_lost = any(isinstance(item, Loss) and item.cause == "disconnected" for item in items)
         assert is_lost or device is ni or any(is_event(item, "capture_replaced") for item in items)

@@ -22,7 +22,7 @@ def world_of(**changes: object) -> World:
 
 
 def force_after(world: World, seconds: float) -> float:
-    """Mean force [N] of the last half of so many seconds more."""
+    """Advance by `seconds`; mean force [N] of their second half."""
     start = world.clock.now()
     world.clock.advance(seconds)
     return float(world.cell_force(np.linspace(start + seconds / 2, start + seconds, 200)).mean())

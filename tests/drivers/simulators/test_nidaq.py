@@ -16,6 +16,7 @@ from nidaqmx.system import System
 
 from drivers.simulators.nidaq import NiDaqSimulator
 from tests.drivers.stand_in_world import StandInWorld
+from tests.timeout import scaled_timeout
 
 
 @pytest.fixture
@@ -94,7 +95,7 @@ def test_every_n_samples_calls_back(options: nidaqmx.GrpcSessionOptions) -> None
         configure(task, "Dev1/ai0")
         task.register_every_n_samples_acquired_into_buffer_event(100, lambda *_: (called.release(), 0)[1])
         task.start()
-        assert all(called.acquire(timeout=5) for _ in range(5))
+        assert all(called.acquire(timeout=scaled_timeout(30.0)) for _ in range(5))
         task.register_every_n_samples_acquired_into_buffer_event(100, None)
 
 
@@ -132,7 +133,7 @@ def test_a_finite_task_acquires_so_many_samples_and_no_more(options: nidaqmx.Grp
         assert task.timing.samp_quant_samp_per_chan == 50
         task.start()
         assert np.shape(task.read(20)) == (2, 20)
-        task.wait_until_done(timeout=10.0)
+        task.wait_until_done(timeout=scaled_timeout(30.0))
         assert task.is_task_done()
         assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 30), "the rest of them"
         with pytest.raises(nidaqmx.errors.DaqReadError) as caught:

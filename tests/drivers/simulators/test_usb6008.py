@@ -1,4 +1,4 @@
-"""The simulated instrument by itself, in a world whose clock stands until it is told to go on."""
+"""The simulated instrument by itself, in a world whose clock is advanced by the test."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def test_a_gain_error_is_told_with_its_figure_where_the_weights_are_known(gain: 
     (blind,) = fit_session(read).cuffs.values()
     assert blind.diagnosis
     assert blind.diagnosis.causes == ()
-    assert blind.verdicts == (Verdict.IDENTIFIED,), "without the weights nobody can know"
+    assert blind.verdicts == (Verdict.IDENTIFIED,), "without the weights it cannot be known"
 
 
 def test_a_tare_with_the_weight_on_is_told_though_the_cell_s_zero_is_not_zero() -> None:

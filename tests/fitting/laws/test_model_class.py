@@ -54,8 +54,8 @@ def test_a_spring_and_a_damper_are_not_called_anything_richer(seed: int) -> None
     [{"lag": 5e-3}, {"lag": 25e-3}, {"lag": -5e-3}, {"zero_drift": 2 / 60}, {"zero_drift": -2 / 60, "lag": 5e-3}],
     ids=["lag", "long lag", "early", "drift", "drift and lag"],
 )
-@pytest.mark.parametrize("repeats", [1, 3])
-def test_a_lag_that_nobody_calibrated_and_a_zero_that_drifts_are_no_law(repeats: int, rig: dict[str, float]) -> None:
+@pytest.mark.parametrize("repeats", [1, 2])
+def test_an_uncalibrated_lag_and_a_drift_of_the_zero_are_no_law(repeats: int, rig: dict[str, float]) -> None:
     """The waist's damper is so strong that a lag makes the swing look stiffer than the held loads."""
     assert _donning(Law(stiffness=2140.0, damping=124.0), 1, repeats, **rig).name == KELVIN_VOIGT
 

@@ -67,7 +67,7 @@ def test_a_wrong_scale_is_named_where_all_weights_come_off_at_once() -> None:
     assert note.figures["mistake"] is GainMistake.KILOGRAMS_FOR_POUNDS
 
 
-def test_a_pulley_that_rubs_is_named_and_is_no_wrong_scale() -> None:
+def test_friction_of_a_pulley_is_named_and_is_no_wrong_scale() -> None:
     (note,) = check_steps(_held(friction=0.06), MASSES)
     assert note.code is TrialNoteCode.PULLEY
     assert note.figures["friction"] == pytest.approx(0.06, abs=2e-3)

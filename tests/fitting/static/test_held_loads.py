@@ -117,8 +117,8 @@ def test_a_cuff_that_does_not_creep_is_not_said_to() -> None:
 @pytest.mark.parametrize("unloads", [False, True])
 def test_a_cuff_that_bends_is_not_said_to_creep_or_slip(yielding: float, unloads: bool) -> None:
     truth = Held(yielding=yielding, unloads=unloads)
-    for seed in range(5):
-        reduced = [each for again in (0, 50) for each in _reduced(truth, seed + again)[0]]
+    for seed in range(3):
+        reduced = [pull for again in (0, 50) for pull in _reduced(truth, seed + again)[0]]
         held = fit_held_loads(reduced, 0.0)
         assert _codes(held) == [NoteCode.SOFTENS if yielding > 0 else NoteCode.STIFFENS]
         assert abs(held.stiffness.slip) < 0.5e-3

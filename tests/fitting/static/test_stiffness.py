@@ -1,4 +1,4 @@
-"""Stiffness where nothing slips: the segments, the interval, and what cannot be told."""
+"""Stiffness without slip: the segments, the interval, and what cannot be distinguished."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_cuff_put_back_between_trials_has_no_progressive_slip() -> None:
 
 
 @pytest.mark.parametrize("friction", [0.5, 4.0])
-def test_a_cuff_that_rubs_is_read_along_each_way(friction: float) -> None:
+def test_friction_is_found_from_loading_and_unloading(friction: float) -> None:
     loads = UP + DOWN
     lag = -friction / K * np.sign(np.diff(loads, prepend=loads[0]))
     for seed in range(10):

@@ -26,7 +26,7 @@ def _dynamic() -> tuple[Manifest, dict[str, Track]]:
 
 
 def _trial(fall_later_by: float = 0.0, stop_edge: StopEdge | None = "end_of_frame") -> Trial:
-    """The stop edge moved by so many seconds; stop_edge is what the configuration declares."""
+    """The stop edge moved by `fall_later_by` seconds; stop_edge is what the configuration declares."""
     manifest, tracks = _dynamic()
     manifest = replace(manifest, timing=Timing(stop_edge=stop_edge))
     sync = tracks["/sync"]

@@ -1,4 +1,4 @@
-"""What is odd about a recorded sync line is named, and the capture's edges are found all the same where they can be."""
+"""Faults of a recorded sync line are named, and the capture's edges are still found where they can be."""
 
 from __future__ import annotations
 

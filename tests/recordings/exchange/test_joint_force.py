@@ -71,6 +71,20 @@ def test_a_sample_without_kinematics_is_left_out_and_one_with_a_jump_is_kept(tmp
     np.testing.assert_array_equal(read.force, force[expected])
 
 
+def test_time_begins_at_the_first_marked_sample_and_a_gap_is_not_interpolated(tmp_path: Path) -> None:
+    time, force, marker = drawn(0)
+    first = int(np.flatnonzero(marker)[0])
+    marker[[first, *range(18, 26)]] = 3
+    read = read_joint_force(written(tmp_path, text_of(time, force, marker)))
+    inside = time[18:26] - time[first]
+    np.testing.assert_allclose(read.time_s[0], time[first + 1] - time[first], atol=1e-12)
+    assert np.isnan(read.at(inside)[1]).all() and np.isnan(read.at(inside)[0]).all()
+    known = read.at(read.time_s)
+    np.testing.assert_allclose(known[0], read.force, atol=1e-9)
+    middle = 0.5 * (read.time_s[3:5].sum())
+    np.testing.assert_allclose(read.at(np.array([middle]))[1], 0.5 * read.resultant[3:5].sum(), rtol=1e-12)
+
+
 def test_a_record_relative_to_the_glenoid_has_no_body_weight(tmp_path: Path) -> None:
     samples = ("0.934\t-88.72\t-119.37\t-136.89\t202.14", "0.944\t-73.40\t-125.40\t-142.84\t203.75")
     rows = "".join(f"{sample}\t0\t0\t0\t0\t1\n" for sample in samples)

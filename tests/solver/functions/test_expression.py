@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.functions.expression import Expression, ExpressionError
+from solver.errors import SolverCode
+from solver.functions.expression import Expression
+from tests.solver.refusals import raises_refusal
 
 
 @pytest.mark.parametrize(
@@ -25,5 +27,5 @@ def test_a_definition_is_evaluated_once_however_often_it_is_used() -> None:
 
 
 def test_a_definition_serves_only_those_before_it() -> None:
-    with pytest.raises(ExpressionError, match="unknown variable b"):
+    with raises_refusal(SolverCode.MODEL, naming="unknown variable b"):
         Expression("a; b=1; a=b", ("x",))

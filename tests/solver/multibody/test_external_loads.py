@@ -11,7 +11,8 @@ from solver.multibody.external_loads import ExternalForce, load_wrenches
 from solver.multibody.postures import postures
 from solver.point_mass import with_point_mass
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import RedundancyOptions, solve_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.options import RedundancyOptions
 
 MODEL = bundled_model()
 HAND, THORAX = MODEL.body_index("hand"), MODEL.body_index("thorax")

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from solver.errors import SolverCode
+from solver.model import CoordinateLock
+from solver.osim.reader import read_osim
 from tests.solver.oracle.test_joints import FUNCTIONS
 from tests.solver.oracle.two_bodies import difference, frame_of, given, model_with, opensim, read_back, vec3
 from tests.solver.refusals import raises_refusal
@@ -220,3 +222,18 @@ def plane(*slopes: float) -> Any:
     for value in (*slopes, 0.2):
         coefficients.append(value)
     return opensim.LinearFunction(coefficients)
+
+
+@pytest.mark.parametrize("text", ["true", "True", "TRUE", "1", " true ", "false", "False", "0", ""])
+def test_a_coordinate_is_locked_where_opensim_reads_it_so(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "locked.osim"
+    model = model_with(opensim.PinJoint)
+    model.updCoordinateSet().get(0).setDefaultLocked(True)
+    model.finalizeConnections()
+    model.printToXML(str(file))
+    content = file.read_text(encoding="utf-8")
+    assert "<locked>true</locked>" in content
+    file.write_text(content.replace("<locked>true</locked>", f"<locked>{text}</locked>"), encoding="utf-8")
+    theirs = opensim.Model(str(file))
+    expected = theirs.getCoordinateSet().get(0).getDefaultLocked()
+    assert any(isinstance(held, CoordinateLock) for held in read_osim(file).constraints) == expected

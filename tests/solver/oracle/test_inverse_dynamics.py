@@ -16,8 +16,15 @@ from tests.solver.references import relative_difference
 pytestmark = pytest.mark.oracle
 
 
-def test_needed_forces_are_opensim_s_inverse_dynamics(tmp_path: Path) -> None:
-    osim = model_with(opensim.UniversalJoint)
+@pytest.mark.parametrize(
+    ("joint", "mass"),
+    [("UniversalJoint", 1.3), ("FreeJoint", 0.0)],  # a free body without mass has no inverse of the mass matrix
+)
+def test_needed_forces_are_opensim_s_inverse_dynamics(joint: str, mass: float, tmp_path: Path) -> None:
+    osim = model_with(getattr(opensim, joint))
+    upper = osim.getBodySet().get("upper")
+    upper.setMass(mass)
+    upper.setInertia(opensim.Inertia(mass * 0.02, mass * 0.015, mass * 0.018))
     spring = opensim.PathSpring("spring", 0.5, 800.0, 0.3)
     osim.addForce(given(spring))
     lay(osim, spring)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import xml.etree.ElementTree as Xml
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from solver.model import Model
 from solver.multibody.postures import postures
 from solver.muscle import MuscleForces, muscle_forces
 from solver.osim.reader import read_osim
+from solver.osim.writer import osim_document
 from solver.paths import evaluate_paths
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back
 
@@ -224,3 +226,35 @@ def thelen_forces(muscle: Any, state: Any, _model: Model) -> list[float]:
     along = max(thelen.getLength(state) - thelen.getTendonSlackLength(), 0.0)
     thelen.setFiberLength(state, float(np.hypot(height, along)))
     return [active, thelen.getPassiveForceMultiplier(state)]
+
+
+@pytest.mark.parametrize("kind", ["Millard2012EquilibriumMuscle", "DeGrooteFregly2016Muscle"])
+def test_without_activation_dynamics_an_activation_is_the_excitation_at_once(kind: str, tmp_path: Path) -> None:
+    """OpenSim has no state for it, and neither a time constant here; a file that the solver writes says so, too."""
+    model = model_with(opensim.UniversalJoint)
+    for name, is_ignored in (("at_once", True), ("delayed", False)):
+        muscle = getattr(opensim, kind)()
+        muscle.setName(name)
+        muscle.set_ignore_tendon_compliance(True)
+        muscle.set_ignore_activation_dynamics(is_ignored)
+        span(model, muscle)
+    ours = read_back(model, tmp_path)
+    written = tmp_path / "written.osim"
+    Xml.ElementTree(osim_document(ours)).write(written, encoding="utf-8")
+    for file, read in ((tmp_path / "two_bodies.osim", ours), (written, read_osim(written))):
+        theirs = opensim.Model(str(file))
+        state = theirs.initSystem()
+        constants = {
+            muscle.name: (muscle.activation_time_constant, muscle.deactivation_time_constant) for muscle in read.muscles
+        }
+        names = theirs.getStateVariableNames()
+        states = " ".join(names.get(index) for index in range(names.getSize()))
+        for name in ("at_once", "delayed"):
+            assert (constants[name] == (0.0, 0.0)) == (f"{name}/activation" not in states)
+        theirs.realizeVelocity(state)
+        controls = theirs.updControls(state)
+        for index in range(controls.size()):
+            controls[index] = 0.37
+        theirs.setControls(state, controls)
+        assert theirs.getMuscles().get("at_once").getActivation(state) == pytest.approx(0.37)
+        assert theirs.getMuscles().get("delayed").getActivation(state) != pytest.approx(0.37)

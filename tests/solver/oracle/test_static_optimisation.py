@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.motion import read_table
-from solver.redundancy.motion import MotionSolution, RedundancyOptions
-from solver.redundancy.options import static_optimisation
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in

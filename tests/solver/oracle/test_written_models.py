@@ -140,6 +140,7 @@ def test_opensim_opens_the_muscles_that_are_written(curves: Any, tmp_path: Path)
     read = read_back(model_with(), tmp_path)
     steepest = read.muscles[0].maximum_pennation if isinstance(curves, ThelenCurves) else np.pi / 2
     muscle = replace(read.muscles[0], curves=curves, maximum_pennation=steepest, fiber_damping=0.0)
+    muscle = replace(muscle, activation_time_constant=0.015, deactivation_time_constant=0.05)  # OpenSim's need them
     assert_opensim_opens(replace(read, muscles=(muscle,)), tmp_path)
 
 

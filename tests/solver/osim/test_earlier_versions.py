@@ -9,6 +9,7 @@ import numpy as np
 from solver.errors import SolverCode
 from solver.model import Model
 from solver.osim.reader import read_osim
+from tests.solver.legs import JOINTS, leg
 from tests.solver.osim.opensim_3 import opensim_3_document
 from tests.solver.refusals import raises_refusal
 
@@ -57,3 +58,12 @@ def test_joints_of_the_same_name_keep_their_own_frames(tmp_path: Path) -> None:
 def test_coordinates_of_the_same_name_are_refused(tmp_path: Path) -> None:
     with raises_refusal(SolverCode.UNSUPPORTED, naming="has a coordinate of a name that the model already has: a"):
         read(tmp_path, ('<Coordinate name="c">', '<Coordinate name="a">'))
+
+
+def test_only_the_joint_that_repeats_a_coordinate_is_named(tmp_path: Path) -> None:
+    """The joints of foot, toes and patella come after that of the shank."""
+    file = tmp_path / "leg.osim"
+    file.write_text(leg().replace("knee_angle", "hip_adduction"), encoding="utf-8")
+    with raises_refusal(SolverCode.UNSUPPORTED, naming="the model already has: hip_adduction") as caught:
+        read_osim(file)
+    assert [child for child in JOINTS if f"{child}_joint" in str(caught.value)] == ["shank"]

@@ -62,6 +62,21 @@ def test_what_is_switched_off_is_left_out(files: Path) -> None:
         assert read_external_loads(files, MODEL, TIME) == ()
 
 
+@pytest.mark.parametrize("on", ["True", "1"])
+def test_a_load_that_a_script_switched_on_acts(files: Path, on: str) -> None:
+    files.write_text(XML.replace("appliesForce>true", f"appliesForce>{on}"))
+    assert len(read_external_loads(files, MODEL, TIME)) == 1
+
+
+def test_components_in_another_order_are_refused(files: Path) -> None:
+    data = files.with_name("handle.mot")
+    text = data.read_text()
+    assert "handle_vx\thandle_vy" in text
+    data.write_text(text.replace("handle_vx\thandle_vy", "handle_vy\thandle_vx"))
+    with raises_refusal(SolverCode.MALFORMED, naming="handle_vy, handle_vx, handle_vz"):
+        read_external_loads(files, MODEL, TIME)
+
+
 DISABLED = "<isDisabled>true</isDisabled>"  # OpenSim 3
 
 
@@ -97,6 +112,11 @@ def test_a_fault_in_the_file_of_loads_is_one_sentence(
     files.write_text(XML.replace(old, new))
     with raises_refusal(code, naming):
         read_external_loads(files, MODEL, TIME)
+
+
+def test_a_table_in_place_of_its_document_is_one_sentence(files: Path) -> None:
+    with raises_refusal(SolverCode.WRONG_DOCUMENT, naming="handle.mot should be OpenSim's ExternalLoads"):
+        read_external_loads(files.with_name("handle.mot"), MODEL, TIME)
 
 
 def test_a_fault_in_its_data_is_one_sentence(files: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from solver.errors import SolverCode
 from solver.model import NO_COORDINATE, AxisMotion, Model, MovingPathPoint
 from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.osim.document import as_utf8, read_document
 from solver.osim.reader import read_osim
 from tests.solver.references import NO_WEIGHT, TWO_KILOGRAM_WEIGHT
 from tests.solver.refusals import raises_refusal
@@ -144,6 +145,16 @@ def test_a_comment_within_a_comment_keeps_the_lines(file: Path) -> None:
     assert _read(file, DOOR.replace("<mass>20<", "<!--\n<!-- kg --><mass>20<")).bodies[1].mass == 20.0
 
 
+def test_an_ampersand_stands_for_itself_and_comments_stay_as_they_are(tmp_path: Path) -> None:
+    # OpenSim reads such credits, and public models have them
+    authors = "<credits>Lenhart & Thelen, &lt;2015&gt; &#38;</credits>"
+    text = DOOR.replace('<Model name="door">', f'<Model name="door"><!-- a & b -->{authors}')
+    (tmp_path / "door.osim").write_text(text, encoding="utf-8")
+    model = read_document(tmp_path / "door.osim").child("Model")
+    assert model.child("credits").text == "Lenhart & Thelen, <2015> &"
+    assert b"<!-- a & b -->" in as_utf8((tmp_path / "door.osim").read_bytes())
+
+
 def test_credits_in_latin_1_under_a_utf_8_header_are_read(tmp_path: Path) -> None:
     # OpenSim prints the bytes of the credits as it found them, and reads them back
     text = DOOR.replace('<Model name="door">', '<Model name="door"><credits>F. M\xfcller \x96 A. Ren\xe9</credits>')
@@ -199,7 +210,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
     ("old", "new", "code", "naming"),
     [
         ("WrapCylinder", "WrapCylinderObst", SolverCode.UNSUPPORTED, "line 11: WrapCylinderObst hinge"),
-        ("-y</quadrant>", "+z</quadrant>", SolverCode.MALFORMED, "WrapCylinder hinge"),
+        ("-y</quadrant>", "w</quadrant>", SolverCode.MALFORMED, "WrapCylinder hinge"),
         (
             "CustomJoint",
             "EllipsoidJoint",
@@ -348,9 +359,9 @@ def test_what_the_solver_lacks_is_refused_by_name_and_line(
 
 
 def test_points_and_sensors_of_a_body_are_left_out_and_named(file: Path) -> None:
-    components = "<components><Station name='handle'/><IMU name='sensor'/></components>"
+    components = "<components><Station name='handle'/><PathPoint name='end'/><IMU name='sensor'/></components>"
     model = _read(file, DOOR.replace('<Body name="leaf">', f'<Body name="leaf">{components}'))
-    assert model.left_out == ("Station handle", "IMU sensor")
+    assert model.left_out == ("Station handle", "PathPoint end", "IMU sensor")
     assert len(model.bodies) == 2
 
 

@@ -128,6 +128,16 @@ MUSCLES = {
         max_contraction_velocity=8.0,
     ),
 }
+MUSCLES["Schutte, activation never falls"] = replace(MUSCLES["Schutte"], deactivation_time_constant=np.inf)
+MUSCLES["Schutte, activation never changes"] = replace(
+    MUSCLES["Schutte"], activation_time_constant=np.inf, deactivation_time_constant=np.inf
+)
+MUSCLES |= {
+    f"{kind}, without activation dynamics": replace(
+        MUSCLES[kind], activation_time_constant=0.0, deactivation_time_constant=0.0
+    )
+    for kind in ("Thelen", "DeGrooteFregly", "Schutte")
+}
 
 
 @pytest.mark.parametrize("kind", MUSCLES)

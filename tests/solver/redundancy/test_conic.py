@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize
 
 from solver.redundancy import conic
-from solver.redundancy.conic import ConicOutcome, ConicProblem, solve_conic
+from solver.redundancy.conic import ConicOutcome, ConicProblem, least_violation, solve_conic
 
 
 def problem(target, upper=(1.0, 1.0, 1.0), cone_matrix=None, cone_offset=None):
@@ -90,3 +90,20 @@ def test_a_solver_that_only_claims_success_is_not_believed(monkeypatch):
 def test_arrays_that_do_not_fit_are_refused_by_name():
     with pytest.raises(ValueError, match=r"cone_offset should have shape \(1, 3\) and has \(1, 0\)"):
         solve_conic(problem([0.3], cone_matrix=np.eye(3)))
+
+
+@pytest.mark.parametrize("size", [10.0, 1e3, 1e5, 1e7])
+def test_the_least_violation_of_a_distant_target_is_that_of_bounded_least_squares(size):
+    """By lsq_linear of SciPy; with distant targets the solution was taken for infeasible, and was nan."""
+    random = np.random.default_rng(1)
+    rows = np.linalg.qr(random.normal(size=(10, 6)))[0].T
+    targets = random.normal(size=(3, 6))
+    targets *= size / np.linalg.norm(targets, axis=1)[:, None]
+    bounds = np.zeros((3, 10)), np.ones((3, 10))
+    distant = ConicProblem(np.ones(10), rows, targets, *bounds, np.zeros((0, 10)), np.zeros((3, 0)))
+    assert solve_conic(distant).outcomes == (ConicOutcome.INFEASIBLE,) * 3
+    for x, target in zip(least_violation(distant), targets, strict=True):
+        expected = optimize.lsq_linear(rows, target, (0, 1)).x
+        violation, least = (np.linalg.norm(rows @ point - target) for point in (x, expected))
+        assert violation == pytest.approx(least, rel=1e-8)
+        assert x.min() > -1e-6 and x.max() < 1 + 1e-6

@@ -13,17 +13,13 @@ from solver.multibody.dynamics import response_to_loads
 from solver.multibody.external_loads import ExternalForce
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.glenoid import angle_to_axis, glenoid_cone
-from solver.redundancy.motion import (
-    FrameOutcome,
-    LoadResponse,
-    RedundancyOptions,
-    RedundancyProblem,
-    build_redundancy,
-    evaluate_motion,
-    solve_motion,
-    solve_redundancy,
-)
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.problem import RedundancyProblem, build_redundancy
 from solver.redundancy.reserves import Reserve, with_reserves
+from solver.redundancy.scenarios import LoadResponse, solve_redundancy
+from solver.redundancy.sequence import FrameOutcome
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

@@ -12,22 +12,18 @@ from numpy.typing import NDArray
 from solver.bundled import bundled_model
 from solver.motion import decimate, differentiate
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import (
-    LoadResponse,
-    RedundancyOptions,
-    RedundancyProblem,
-    ScenarioSolutions,
-    build_redundancy,
-    evaluate_motion,
-    solve_redundancy,
-)
+from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.next_frame import FrameByFrame
+from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.problem import RedundancyProblem, build_redundancy
+from solver.redundancy.scenarios import LoadResponse, ScenarioSolutions, solve_redundancy
 from solver.redundancy.sequence import FrameOutcome
 
 Array = NDArray[np.float64]
 MODEL = bundled_model()
 EVERY = 10
 MUSCLES = len(MODEL.muscles)
+KINDS = ("activation", "deactivation")
 
 
 @cache
@@ -103,6 +99,25 @@ def test_after_a_gap_activations_may_change_by_as_much_as_the_time_allows() -> N
     free = forgotten.solve(frame_of(fast, after))
     alone = FrameByFrame(1, MUSCLES).solve(frame_of(fast, after))
     np.testing.assert_allclose(free.controls, alone.controls, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("without", ["activation and deactivation", "activation", "deactivation"])
+def test_a_time_constant_of_zero_is_no_limit_of_these_muscles_alone(without: str) -> None:
+    """The bounds are those of a second derivation: a time so short that every activation is reached in one step."""
+    rows = [index for index, kind in enumerate(KINDS) if kind in without.split()]
+    slow = np.array([[1000.0], [30.0]]) * problem().time_constants  # so slow that the bounds are active
+    instant, shortest = slow.copy(), slow.copy()
+    instant[rows, ::2], shortest[rows, ::2] = 0.0, 1e-9
+    zero, tiny = (replace(problem(), time_constants=constants) for constants in (instant, shortest))
+    expected = solve_redundancy(tiny)
+    assert np.abs(expected.controls - solve_redundancy(replace(tiny, time_constants=slow)).controls).max() > 1e-3
+    by_clarabel = solve_redundancy(replace(zero, solver="clarabel"))
+    np.testing.assert_allclose(solve_redundancy(zero).controls, expected.controls, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(by_clarabel.controls, expected.controls, rtol=0, atol=2e-4)
+    one_by_one = FrameByFrame(1, MUSCLES)
+    for frame in range(6):
+        found = one_by_one.solve(frame_of(zero, frame)).controls[:, 0]
+        np.testing.assert_allclose(found, expected.controls[:, frame], rtol=0, atol=1e-7)
 
 
 def test_a_frame_that_is_not_finite_is_an_outcome_and_the_next_one_is_solved() -> None:

@@ -15,16 +15,12 @@ from solver.model import CoordinateCoupler, CoordinateLock, Model
 from solver.motion import Kinematics, decimate, differentiate, read_motion
 from solver.osim.reader import read_osim
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import (
-    FrameOutcome,
-    RedundancyOptions,
-    RedundancyProblem,
-    Solver,
-    build_redundancy,
-    evaluate_motion,
-    solve_motion,
-    solve_redundancy,
-)
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.options import RedundancyOptions, Solver
+from solver.redundancy.problem import RedundancyProblem, build_redundancy
+from solver.redundancy.scenarios import solve_redundancy
+from solver.redundancy.sequence import FrameOutcome
 from tests.solver.references import SHARED
 
 Array = NDArray[np.float64]

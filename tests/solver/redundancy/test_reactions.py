@@ -14,8 +14,9 @@ from solver.model import GROUND, Path, PathPoint, PointConstraint
 from solver.motion import decimate, differentiate
 from solver.multibody.joint_reactions import ReactionRequest, is_bypassed
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import RedundancyOptions, evaluate_motion, solve_motion
-from solver.redundancy.options import options_for
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.motion import solve_motion
+from solver.redundancy.options import RedundancyOptions, options_for
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

@@ -79,8 +79,8 @@ def test_frames_without_markers_are_interpolated_within_the_lag() -> None:
 
 def test_a_person_who_leaves_and_returns_elsewhere_begins_a_new_motion() -> None:
     away = 60
-    nobody, elsewhere = np.full((away, *seen().shape[1:]), np.nan), seen()[40:] + np.array([0.5, 0.0, -0.3])
-    pushed = np.concatenate([seen()[:20], nobody, elsewhere])
+    hidden, elsewhere = np.full((away, *seen().shape[1:]), np.nan), seen()[40:] + np.array([0.5, 0.0, -0.3])
+    pushed = np.concatenate([seen()[:20], hidden, elsewhere])
     found = stream(pushed, solver({}))
     assert outcomes(found[:20]) == [StreamOutcome.SOLVED] * 20
     assert outcomes(found[20 : 20 + away]) == [StreamOutcome.NO_MARKERS] * away

@@ -12,7 +12,7 @@ from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, JOINT
-from solver.redundancy.motion import RedundancyOptions
+from solver.redundancy.options import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles
 from solver.stream.stream_frame import StreamNotice, StreamSuitOutcome
 from solver.stream.stream_scenario import StreamScenario
@@ -141,7 +141,12 @@ def test_wrong_calls_are_refused() -> None:
         solver(lag_s=1.0)
     with pytest.raises(SolverError):
         StreamSolver(MODEL, TrackingTasks(TASKS.markers, TASKS.weights[:-1]), {})
-    for wrong in ({"glenoid_aspect": 0.0}, {"free_coordinates": ("nose",)}, {"weights": {"nose": 1.0}}):
+    for wrong in (
+        {"glenoid_aspect": 0.0},
+        {"free_coordinates": ("nose",)},
+        {"weights": {"nose": 1.0}},
+        {"tendons": "elastic"},
+    ):
         with pytest.raises(SolverError):
             solver(options=RedundancyOptions(**wrong))
     with pytest.raises(SolverError):

@@ -12,7 +12,7 @@ from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import FrameOutcome
+from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Comparison, assess
 from solver.suit.quantity import Quantity
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion

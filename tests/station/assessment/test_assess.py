@@ -19,6 +19,7 @@ from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessme
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.emg import EmgError, read_emg
+from station.messages.assessment_file_codes import AssessmentFileCode
 from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
 from station.report.page import write_report
@@ -125,8 +126,9 @@ def test_the_file_has_a_format_and_one_of_a_later_format_is_refused(plain: dict[
     path.write_text(json.dumps(older), encoding="utf-8")
     assert read_assessment(path) == {**older, "format": 1}, "of an older station"
     path.write_text(json.dumps({**plain, "format": 2}), encoding="utf-8")
-    with pytest.raises(AssessmentFileError, match="format is 2, expected 1"):
+    with raises_refusal(AssessmentFileError, AssessmentFileCode.INVALID_ENTRY) as caught:
         read_assessment(path)
+    assert "format is 2, expected 1" in str(caught.value)
 
 
 def test_activations_are_a_table_of_every_condition(assessed: AssessedSuit, folder: Path) -> None:

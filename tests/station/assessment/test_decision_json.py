@@ -31,30 +31,30 @@ INDICES = {
         (
             {"hand": LOW + 0.001, "tube": LOW},
             DecisionCode.EQUIVALENT,
-            "At 0.74 m, tube and hand: equivalent within 2 points of effort (> 99 %); choose by comfort or migration.",
+            "At 0.740 m, tube and hand: equivalent within 2 points of effort (> 99 %); choose by comfort or migration.",
         ),
         (
             {"hand": LOW + 0.001, "tube": LOW, "elbow": LOW + 0.1},
             DecisionCode.EQUIVALENT_AND_WORSE,
-            "At 0.74 m, tube and hand: equivalent within 2 points of effort (> 99 %), and each saves at least 2 "
+            "At 0.740 m, tube and hand: equivalent within 2 points of effort (> 99 %), and each saves at least 2 "
             "points more than elbow; choose by comfort or migration.",
         ),
         (
             {"hand": LOW + 0.0385 + SPREAD, "tube": LOW},
             DecisionCode.CHOOSE,
-            "At 0.74 m, choose tube: it saves at least 2 points of effort more than hand (96 %).",
+            "At 0.740 m, choose tube: it saves at least 2 points of effort more than hand (96 %).",
         ),
         (
             {"hand": LOW + 0.02 + SPREAD, "tube": LOW},
             DecisionCode.UNDECIDED,
-            "At 0.74 m, undecided: tube has the least mean effort; compared with hand it saves at least 2 points more "
+            "At 0.740 m, undecided: tube has the least mean effort; compared with hand it saves at least 2 points more "
             "with 50 %, the two are equivalent with 50 %, and hand saves more with < 1 %.",
         ),
-        ({"hand": LOW}, DecisionCode.ONLY_CUFF, "At 0.74 m, hand is the only cuff; there is no other to compare"),
+        ({"hand": LOW}, DecisionCode.ONLY_CUFF, "At 0.740 m, hand is the only cuff; there is no other to compare"),
         (
             {"hand": LOW * np.nan, "tube": LOW},
             DecisionCode.UNKNOWN,
-            "At 0.74 m, no decision: only 0 of 1001 drawn people have a solution for every cuff.",
+            "At 0.740 m, no decision: only 0 of 1001 drawn people have a solution for every cuff.",
         ),
     ],
     ids=lambda value: value.value if isinstance(value, DecisionCode) else "",
@@ -89,6 +89,11 @@ def test_an_open_decision_without_indices_asks_for_them() -> None:
 def test_without_a_budget_there_is_no_decision() -> None:
     entry = DecisionEntry.model_validate(undecided_by_fit())
     assert (entry.contains, entry.people.value, entry.at_best.code) == ("fit", 0, DecisionCode.FIT_ONLY)
+
+
+def test_without_a_budget_no_people_are_suggested_where_they_would_be_refused() -> None:
+    plain = undecided_by_fit(can_draw_people=False)
+    assert DecisionEntry.model_validate(plain).at_reference.code is DecisionCode.NO_PEOPLE
 
 
 @pytest.mark.parametrize(("probability", "text"), [(1.0, "> 99"), (0.972, "97"), (0.004, "< 1"), (0.0, "< 1")])

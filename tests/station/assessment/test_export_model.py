@@ -12,6 +12,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.motion import differentiate
+from solver.osim.document import read_document
 from solver.osim.suited import add_suit
 from solver.osim.suited_reader import read_suited
 from solver.osim.writer import osim_document
@@ -159,7 +160,7 @@ def test_a_suited_model_that_opensim_saved_again_is_the_same(tmp_path: Path) -> 
     model = opensim.Model(str(ours))
     model.finalizeConnections()
     model.printToXML(str(again))
-    one, other = read_suited(ours), read_suited(again)
+    one, other = (read_suited(read_document(path)) for path in (ours, again))
     assert one is not None and other is not None
     for part in ("waist", "shoulder", "arm"):
         found, expected = getattr(other.suit, part), getattr(one.suit, part)
@@ -195,4 +196,11 @@ def test_the_suit_is_not_added_to_a_document_in_the_layout_of_opensim_3() -> Non
     root = osim_document(bundled_model())
     root.set("Version", "30000")
     with raises_solver_refusal(SolverCode.SUIT_NOT_WRITABLE):
+        add_suit(root, bundled_model(), read_suit(), SuitScenario("rigid", None, None, np.array([0.7])))
+
+
+def test_the_suit_is_not_added_to_a_document_of_several_files() -> None:
+    root = osim_document(bundled_model())
+    root.iter("ForceSet").__next__().set("file", "forces.xml")
+    with raises_solver_refusal(SolverCode.SUIT_NOT_WRITABLE, "one file"):
         add_suit(root, bundled_model(), read_suit(), SuitScenario("rigid", None, None, np.array([0.7])))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver.muscle import MuscleOutcome
-from solver.redundancy.motion import FrameOutcome
+from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import CurveReadouts
@@ -64,7 +64,7 @@ def test_the_cuff_with_the_least_effort_is_chosen_if_all_others_differ() -> None
     assert choice.code is AssessmentCode.LEAST_EFFORT
     assert choice.figures == {"cuff": "tube", "effort": 0.84, "at_m": 0.74, "cuffs": "hand, tube"}
     assert comparison.code is AssessmentCode.DIFFERENT
-    assert str(comparison) == "hand − tube: +4.00 % effort at 0.74 m (95 % CI +3.50 to +4.50 %)."
+    assert str(comparison) == "hand − tube: +4.00 % effort at 0.740 m (95 % CI +3.50 to +4.50 %)."
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.forces.path_force import PathSpring
 from solver.osim.writer import osim_document
-from solver.redundancy.motion import RedundancyOptions
+from solver.redundancy.options import RedundancyOptions
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.left_out import describe_left_out
 from station.assessment.rmr import SolvedMotion, solve_muscles

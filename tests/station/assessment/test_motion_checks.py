@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.motion import Kinematics, differentiate, read_motion
+from solver.motion import Kinematics, differentiate, read_motion, read_table, write_table
 from solver.osim.reader import read_osim
-from station.assessment.motion_checks import ANGLE_TOLERANCE, describe_motion_checks, motion_checks
+from station.assessment.motion_checks import ANGLE_TOLERANCE, motion_checks, motion_findings
+from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_angles, step_in
 from tests.station.command import Ran
 
 Station = Callable[..., Ran]
+OFF = "<appliesForce>false</appliesForce>"
 ALL = (*PELVIS, *LEG, "patella_angle")
 
 
@@ -42,7 +44,7 @@ def kinematics_of(step: Step, path: Path, cutoff: float | None = None) -> Kinema
 @pytest.mark.parametrize("cutoff", [None, 3.0, 6.0])
 def test_a_right_motion_has_no_notes_also_after_a_filter(step: Step, cutoff: float | None) -> None:
     assert motion_checks(read_osim(step.model), kinematics_of(step, step.motion, cutoff)) == {}
-    assert describe_motion_checks({}) == []
+    assert motion_findings({}) == []
 
 
 def test_a_patella_in_degrees_violates_its_coupler_by_the_difference(step: Step, tmp_path: Path) -> None:
@@ -74,6 +76,46 @@ def test_degrees_under_a_header_of_radians_are_beyond_the_range_and_a_header_of_
     assert "pelvis_t" not in notes["beyond_range"]  # at most 6 of a range of ±10
     right = write_angles(tmp_path / "right.mot", 180 / np.pi, *angles, header="inDegrees=yes")
     assert motion_checks(read_osim(step.model), kinematics_of(step, right)) == {}
+
+
+@pytest.mark.parametrize(
+    ("limits", "unit", "is_named"),
+    [((-10, 10), 1e3, True), ((-10, 10), 1, False), ((-99999.9, 99999.9), 1e3, True), ((0.5, 1.2), 10, True)],
+)
+def test_a_translation_in_millimetres_is_far_beyond_its_range(
+    step: Step, tmp_path: Path, limits: tuple[float, float], unit: float, is_named: bool
+) -> None:
+    model = read_osim(step.model)
+    ranges = {"pelvis_ty": limits}
+    coordinates = tuple(replace(one, range=ranges.get(one.name, one.range)) for one in model.coordinates)
+    path = write_angles(tmp_path / "mm.sto", unit, "pelvis_ty")
+    notes = motion_checks(replace(model, coordinates=coordinates), kinematics_of(step, path))
+    heights = unit * step_angles(np.arange(81) / 100)["pelvis_ty"]
+    expected = {"translation_beyond_range": f"pelvis_ty {heights.max():.3g} m"}
+    assert notes == (expected if is_named else {})
+    codes = [finding.code for finding in motion_findings(notes)]
+    assert codes == [AssessmentCode.TRANSLATION_BEYOND_RANGE] * is_named
+
+
+def test_both_verbs_say_that_no_load_is_applied_and_that_steps_are_interpolated(
+    station: Station, tmp_path: Path
+) -> None:
+    step = step_in(tmp_path)
+    names, table, _ = read_table(step.motion)
+    time = table[:, 0] + np.where(np.arange(81) % 2, 2e-3, 0.0)
+    write_table(step.motion, names[1:], time, table[:, 1:])
+    step.loads.write_text(step.loads.read_text().replace("</ExternalForce>", f"{OFF}</ExternalForce>"))
+    common = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)
+    common += ("--from", 0.2, "--to", 0.22)
+    moments, output = tmp_path / "id.sto", tmp_path / "a.csv"
+    ran = station("id", *common, "--output", moments)
+    solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
+    solved = station("rmr", *common, *solving, "--output", output)
+    assert ran.code == 0
+    for err, written in ((ran.err, moments), (solved.err, output)):
+        assert "No external load is applied: loads.xml" in err and "0.008 to 0.012 s" in err
+        assert "no_load_applied=loads.xml" in written.read_text()
+        assert "resampled_from_s=0.008 to 0.012" in written.read_text()
 
 
 def test_both_verbs_warn_and_keep_the_notes(station: Station, step: Step, tmp_path: Path) -> None:

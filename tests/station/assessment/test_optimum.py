@@ -8,17 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from station.assessment.assess import assess_cuffs, assess_file
+from station.assessment.assess import assess_cuffs, assess_file, decision_sentences, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear
 from station.assessment.optimum import optimise_file
-from station.messages.codes import InputCode
+from station.messages.codes import AssessmentCode, DecisionCode, InputCode
+from station.messages.message import Message
+from station.report.page import write_report
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.refusals import raises_refusal
 
 
 def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
-    found = optimise_file(inputs, tmp_path / "out", "both", draws=2)
+    found = optimise_file(inputs, tmp_path / "out", "both", draws=2).optimised
     plain = json.loads((tmp_path / "out" / "optimum.json").read_text(encoding="utf-8"))
     assert (plain["cuff"], plain["condition"], plain["free"]) == ("hand", "both", ["rest_length"])
     assert plain["start"]["rest_length_m"] == {"value": 0.74, "ci95": None}
@@ -33,7 +35,7 @@ def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> Non
 def test_the_suits_found_are_worn_by_the_next_assessment_at_the_cost_that_was_found(tmp_path: Path) -> None:
     cuffs = write_cuffs(tmp_path / "cuffs.json")
     inputs = AssessmentInputs(cuffs, chosen=("elbow",))
-    found = optimise_file(inputs, tmp_path, "both", ("stiffness",), draws=2)
+    found = optimise_file(inputs, tmp_path, "both", ("stiffness",), draws=2).optimised
     for name, tried in (("suit.toml", found.fitted), ("robust_suit.toml", found.robust)):
         worn = replace(inputs, suit=tmp_path / name)
         assessment = assess_cuffs(read_cuffs_to_wear(cuffs), worn, most_rest_lengths=5, draws=0).assessment
@@ -47,6 +49,34 @@ def test_without_draws_there_is_no_robust_suit(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
     optimise_file(inputs, tmp_path, "rigid", draws=2)
     assert {path.name for path in tmp_path.glob("*.toml")} == {"suit.toml"}
+
+
+def test_cuffs_without_a_covariance_have_no_intervals_and_a_remark_says_so(tmp_path: Path) -> None:
+    path, remark = write_cuffs(tmp_path / "cuffs.json"), str(Message(AssessmentCode.NO_COVARIANCE))
+    inputs = AssessmentInputs(path, chosen=("hand",))
+    assert remark not in optimise_file(inputs, tmp_path, draws=2).remarks
+    given = json.loads(path.read_text(encoding="utf-8"))
+    for cuff in given["cuffs"].values():
+        for estimate in cuff.values():
+            del estimate["standard_error"]
+    path.write_text(json.dumps(given), encoding="utf-8")
+    assert remark in optimise_file(inputs, tmp_path, draws=2).remarks
+    assert remark not in optimise_file(inputs, tmp_path, draws=0).remarks
+    assessed = assess_cuffs(read_cuffs_to_wear(path), inputs, most_frames=3, most_rest_lengths=3, draws=2)
+    assert AssessmentCode.NO_COVARIANCE in [finding.code for finding in assessed.findings]
+    assert assessed.assessment.uncertainty is None
+
+
+def test_an_assessment_with_elastic_tendons_suggests_nothing_that_is_refused(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    found = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, most_frames=3, most_rest_lengths=3, draws=0)
+    assert AssessmentCode.NO_INTERVALS in [finding.code for finding in found.findings]
+    elastic = replace(found, inputs=replace(inputs, tendons="elastic").hashes())
+    (sentence,) = decision_sentences(elastic)
+    assert sentence == str(Message(DecisionCode.NO_PEOPLE))
+    for assessed, suggests in ((found, True), (elastic, False)):
+        write_assessment(assessed, tmp_path)
+        assert ("run station assess --people" in write_report(tmp_path).read_text(encoding="utf-8")) == suggests
 
 
 def test_a_file_where_the_results_should_go_is_told_before_anything_is_solved(tmp_path: Path) -> None:

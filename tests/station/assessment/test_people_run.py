@@ -25,11 +25,12 @@ from station.assessment.people_run import (
     PeopleRun,
     PeopleTask,
     Readouts,
-    UnusedOption,
     people_run,
     run_people,
     solve_here,
 )
+from station.errors import UnusedOption
+from station.messages.assessment_file_codes import AssessmentFileCode
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 from station.report.page import write_report
 from station.report.report_file import read_numbers
@@ -95,18 +96,18 @@ def test_the_band_over_the_rest_length_holds_the_curve_and_the_interval_at_the_r
 
 
 @pytest.mark.parametrize(
-    ("place", "broken"),
+    ("place", "broken", "code"),
     [
-        (("total_uncertainty", "cost", "hand", "both", "ci95"), [None]),
-        (("total_uncertainty", "cost", "hand"), {}),
-        (("total_uncertainty", "at_rigid_optimum", "hand"), {}),
-        (("postures",), []),
-        (("postures", 0, "cord_m", "value"), [[0.0, 1.0]]),
-        (("postures", 0, "bones", 0, "kind"), "feather"),
+        (("total_uncertainty", "cost", "hand", "both", "ci95"), [None], AssessmentFileCode.INTERVAL_MISSING),
+        (("total_uncertainty", "cost", "hand"), {}, AssessmentFileCode.INTERVAL_MISSING),
+        (("total_uncertainty", "at_rigid_optimum", "hand"), {}, AssessmentFileCode.OTHER_CONDITIONS),
+        (("postures",), [], AssessmentFileCode.WRONG_POSTURES),
+        (("postures", 0, "cord_m", "value"), [[0.0, 1.0]], AssessmentFileCode.INVALID_ENTRY),
+        (("postures", 0, "bones", 0, "kind"), "feather", AssessmentFileCode.INVALID_ENTRY),
     ],
 )
 def test_a_file_whose_bands_or_postures_do_not_fit_is_refused(
-    plain: dict[str, Any], tmp_path: Path, place: tuple[Any, ...], broken: Any
+    plain: dict[str, Any], tmp_path: Path, place: tuple[Any, ...], broken: Any, code: AssessmentFileCode
 ) -> None:
     changed = copy.deepcopy(plain)
     *steps, last = place
@@ -116,8 +117,9 @@ def test_a_file_whose_bands_or_postures_do_not_fit_is_refused(
     parent[last] = broken if place != ("postures",) else parent[last][:2]
     path = tmp_path / "assessment.json"
     path.write_text(json.dumps(changed), encoding="utf-8")
-    with pytest.raises(AssessmentFileError, match=str(place[0])):
+    with raises_refusal(AssessmentFileError, code) as caught:
         read_assessment(path)
+    assert str(place[0]) in str(caught.value)
 
 
 def test_the_numbers_of_a_report_on_drawn_people_name_the_people_and_their_seed(

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver.model import CoordinateActuator
 from solver.osim.reader import read_osim
-from solver.redundancy.motion import RedundancyOptions
-from solver.redundancy.options import static_optimisation
+from solver.redundancy.options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.left_out import describe_left_out
 from station.assessment.reserves import unit_of
 from station.assessment.rmr import SolvedMotion, solve_muscles
+from station.assessment.rmr_table import reserve_unit
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in
 from tests.station.command import Ran
 
@@ -103,6 +104,9 @@ def test_the_unit_is_that_of_the_axes_that_a_coordinate_drives(step: Step) -> No
     units = {name: unit_of(model, index) for index, name in enumerate(model.coordinate_names)}
     assert {name for name, unit in units.items() if unit == "N"} == set(PELVIS[3:])
     assert set(units.values()) == {"N", "N m"}
+    reserves = (CoordinateActuator("knee", model.coordinate_index(LEG[3]), 5.0),)
+    reserves += (CoordinateActuator("FY", model.coordinate_index(PELVIS[4]), 5.0),)
+    assert [reserve_unit(model, reserve) for reserve in reserves] == ["N m", "N"]
 
 
 def test_the_notes_and_columns_of_a_leg_have_nothing_of_a_shoulder(step: Step, station, tmp_path: Path) -> None:
@@ -113,3 +117,6 @@ def test_the_notes_and_columns_of_a_leg_have_nothing_of_a_shoulder(step: Step, s
     assert "leaves out the columns" not in ran.err
     text = out.read_text(encoding="utf-8")
     assert "cone_slack" not in text and "thorax" not in text and "elbow" not in text
+    moved = json.loads(text.split("reserve_coordinates=")[1].splitlines()[0])
+    assert set(moved.values()) == {*PELVIS, *LEG}
+    assert all(f"\treserve_n_m.{name}\t" in text or f"\treserve_n.{name}\t" in text for name in moved)

@@ -16,7 +16,7 @@ from solver.bundled import bundled_model
 from solver.motion import write_table
 from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import RedundancyOptions
+from solver.redundancy.options import RedundancyOptions
 from station import sources
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unconverged, describe_unsolved
@@ -46,7 +46,7 @@ def solved(motion: Path) -> SolvedMotion:
 
 @pytest.fixture(scope="module")
 def infeasible(motion: Path, tmp_path_factory: pytest.TempPathFactory) -> SolvedMotion:
-    """Somebody hangs on the arm for the second half, and reserves may do next to nothing."""
+    """A large force pulls the arm down for the second half, and reserves are limited to almost nothing."""
     folder = tmp_path_factory.mktemp("pulled")
     inputs = MuscleInputs(motion, external_loads=pulled(folder, 2000.0), effort=weak_reserves(folder))
     return solve_muscles(inputs, CUT, RedundancyOptions())

@@ -13,7 +13,8 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.osim.writer import osim_document
-from solver.redundancy.motion import FrameOutcome, RedundancyOptions
+from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.sequence import FrameOutcome
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
 from station.assessment.rmr import solve_muscles

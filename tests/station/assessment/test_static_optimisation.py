@@ -12,8 +12,7 @@ import pytest
 
 from solver.errors import SolverCode
 from solver.motion import read_table
-from solver.redundancy.motion import RedundancyOptions
-from solver.redundancy.options import static_optimisation
+from solver.redundancy.options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in, write_motion
@@ -136,3 +135,14 @@ def test_a_paralysed_muscle_rests_and_every_frame_is_solved(step: Step, tmp_path
     assert solved.unsolved == 0
     assert solved.activations[:, 0].max() < 1e-5
     assert able.activations[:, 0].max() > 0.01
+
+
+def test_generalised_forces_that_are_not_finite_are_refused(
+    station: Callable[..., Ran], step: Step, tmp_path: Path
+) -> None:
+    text, output = step.model.read_text(encoding="utf-8"), tmp_path / "id.csv"
+    assert "<gravity>0 -9.81 0</gravity>" in text
+    step.model.write_text(text.replace("0 -9.81 0", "0 -1e308 0"), encoding="utf-8")
+    ran = station("id", "--model", step.model, "--motion", step.motion, "--output", output)
+    assert_refused(ran, 1, SolverCode.NOT_FINITE)
+    assert not output.exists()

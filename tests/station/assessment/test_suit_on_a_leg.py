@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import runpy
 import sys
-import xml.etree.ElementTree as Xml
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,9 +13,8 @@ import pandas as pd
 import pytest
 
 from solver.cuff import CuffParameters
-from solver.errors import SolverCode
 from solver.model import Model
-from solver.motion import decimate, differentiate, read_motion, read_table
+from solver.motion import decimate, differentiate, read_motion, read_table, write_table
 from solver.multibody.postures import Postures, jacobians, postures
 from solver.multibody.rotations import wrench_about_origin
 from solver.osim.reader import read_osim
@@ -24,7 +22,7 @@ from solver.suit.cord import cord_line, suit_forces
 from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit, SuitError, read_suit, suit_toml
-from tests.solver.refusals import raises_refusal
+from tests.solver.legs import PELVIS, step_in
 
 LEG = Path(__file__).parents[3] / "examples" / "leg"
 FILES = ("--model", LEG / "leg.osim", "--motion", LEG / "stride.mot", "--external-loads", LEG / "ground.xml")
@@ -69,10 +67,18 @@ def test_the_files_give_a_report_with_the_words_of_the_leg(station, tmp_path: Pa
     rigid, yielding = plain["optimum"]["rigid"], plain["optimum"]["shank"]["visco_elastic"]
     assert rigid["normalised_cost"]["value"] < yielding["normalised_cost"]["value"] - 0.05 < 0.9
     page = (tmp_path / "report.html").read_text()
-    for word in ("shank cuff", "heel is rigid", "shortest cord", "longest cord"):
+    assert 'id="given"' in page and 'id="doubts"' not in page, "figures by hand are no change of a file"
+    assert plain["reference_rest_length_m"]["value"] == 0.328  # in a range of 34 mm, millimetres matter
+    for word in ("shank cuff", "heel is rigid", "shortest cord", "longest cord", "0.328 m"):
         assert word in page, word
     for word in ("arm cuff", "lowest arm", "bundled suit", "Another motion is shown"):
         assert word not in page, word
+
+
+@pytest.mark.parametrize("wrong", [(), ("--draws", 8), ("--draws", 0, "--people", 100)])
+def test_elastic_tendons_are_refused_with_draws(station, tmp_path: Path, wrong: tuple[object, ...]) -> None:
+    refused = station("assess", *FILES, *SUIT_FILES, "--tendons", "elastic", *wrong, "--output", tmp_path / "out")
+    assert refused.code == 2 and not (tmp_path / "out").exists()
 
 
 def test_the_muscles_do_what_the_ground_demands_of_the_ankle(station, tmp_path: Path) -> None:
@@ -152,14 +158,64 @@ def test_a_suit_file_is_written_and_read_the_same(suit: Suit, tmp_path: Path) ->
     assert [point.body for point in again.line] == ["foot", "shank"]
 
 
-def test_a_straight_cord_is_not_exported_and_has_no_guide_to_move(leg: Model, suit: Suit) -> None:
-    from solver.osim.suited import add_suit
-    from solver.suit.scenarios import SuitScenario
+def test_what_is_wrong_with_motion_and_loads_is_a_finding_of_assessment_and_optimum(station, tmp_path: Path) -> None:
+    step = step_in(tmp_path)
+    names, values, _ = read_table(step.motion)
+    values[:, names.index("patella_angle")] += 0.1
+    uneven = values[:, 0] + np.where(np.arange(len(values)) % 2, 2e-3, 0.0)
+    write_table(step.motion, names[1:], uneven, values[:, 1:])
+    text = step.loads.read_text()
+    step.loads.write_text(text.replace("</ExternalForce>", "<appliesForce>false</appliesForce></ExternalForce>"))
+    suit = (LEG / "shank_suit.toml").read_text().split("[groups]")[0]
+    (tmp_path / "suit.toml").write_text(suit.replace("first = 0.31", "first = 0.24"))
+    reserves = [f"{name} = {{ optimal_force = 100.0 }}" for name in (*PELVIS, "hip_adduction", "hip_rotation")]
+    (tmp_path / "effort.toml").write_text("[reserves]\n" + "\n".join(reserves))
+    files = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads, "--cutoff-hz", 6)
+    files += ("--suit", tmp_path / "suit.toml", "--cuffs", LEG / "shank.json", "--effort", tmp_path / "effort.toml")
+    ran = station("assess", *files, "--draws", 0, "--output", tmp_path / "assessed")
+    assert ran.code in (0, 3) and "patella_angle 0.1 rad" in ran.err
+    plain = json.loads((tmp_path / "assessed" / "assessment.json").read_text())
+    codes = {finding["code"]: finding["figures"] for finding in plain["finding_codes"]}
+    assert codes["motion.without_data"] == {"coordinates": "toe_angle"}, "which is locked"
+    assert codes["motion.violates_constraint"] == {"coordinates": "patella_angle 0.1 rad"}
+    assert codes["motion.resampled"] == {"steps": "0.008 to 0.012"}
+    assert codes["loads.none_applied"] == {"file": "loads.xml"}
+    assert "patella_angle 0.1 rad" in (tmp_path / "assessed" / "report.html").read_text()
+    ran = station("optimise", *files, "--draws", 0, "--output", tmp_path / "optimum")
+    assert "patella_angle 0.1 rad" in ran.err
+    remarks = " ".join(json.loads((tmp_path / "optimum" / "optimum.json").read_text())["remarks"])
+    assert "patella_angle 0.1 rad" in remarks and "toe_angle" in remarks
+    assert "0.008 to 0.012 s" in remarks and "No external load is applied: loads.xml" in remarks
 
+
+def test_people_with_other_legs_have_the_masses_of_the_model(station, tmp_path: Path) -> None:
+    ran = station("assess", *FILES, *SUIT_FILES, "--draws", 0, "--people", 2, "--output", tmp_path)
+    assert ran.code in (0, 3)
+    plain = json.loads((tmp_path / "assessment.json").read_text())
+    assert "model.no_arm_segments" in {finding["code"] for finding in plain["finding_codes"]}
+
+
+def test_an_exported_cord_is_worn_by_inverse_dynamics(station, tmp_path: Path) -> None:
+    """In late stance the cord behind the ankle gives a part of its moment, and nothing of that of hip and knee."""
+    suited = tmp_path / "suited.osim"
+    given = ("--suit", LEG / "shank_suit.toml", "--cuffs", LEG / "shank.json", "--condition", "rigid")
+    ran = station("export", "--osim", "--model", LEG / "leg.osim", *given, "--output", suited)
+    assert ran.code == 0, ran.err
+    found = []
+    for model in (LEG / "leg.osim", suited):
+        out = tmp_path / f"{model.stem}.sto"
+        assert station("id", "--model", model, *FILES[2:], "--output", out).code == 0
+        names, values, _ = read_table(out)
+        found.append(dict(zip(names, values.T, strict=True)))
+    assert "suit=cord 15000 N/m" in out.read_text()
+    less = found[0]["ankle_angle_moment"] - found[1]["ankle_angle_moment"]
+    assert 5.0 < np.abs(less).max() < 0.5 * np.abs(found[0]["ankle_angle_moment"]).max()
+    weight = 0.2 * 9.81 + 2.0  # N, of the cuff, and what its acceleration takes
+    assert np.abs(found[0]["knee_angle_moment"] - found[1]["knee_angle_moment"]).max() < 0.2 * weight
+
+
+def test_a_straight_cord_has_no_guide_to_move(leg: Model, suit: Suit) -> None:
     motion = differentiate(read_motion(LEG / "stride.mot", leg), None)
-    scenario = SuitScenario("rigid", None, None, np.array([0.33]))
-    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE, naming="exotendon.shoulder"):
-        add_suit(Xml.parse(LEG / "leg.osim").getroot(), leg, suit, scenario)  # noqa: S314
     cuff = CuffParameters("shank", "arm", 8520.0, 210.0, 0.012)
     with pytest.raises(SuitError):
         optimise_suit(LoadedMotion(leg, motion), suit, (None, cuff), free=("shoulder",))

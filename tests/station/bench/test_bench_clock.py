@@ -32,13 +32,14 @@ from station.console.running_view import streams_of
 from station.messages.codes import TrialCode
 from station.protocol import TrialSpec
 from station.session.telemetry import Telemetry
+from tests.timeout import scaled_timeout
 
 SHORT = {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}}
 SPEC = TrialSpec("waist", "static", 1)
 
 
 class Looks:
-    """A view that acts once the trial has been recorded for so many seconds."""
+    """A view that acts once the trial has been recorded for a given number of seconds."""
 
     def __init__(self, act: Callable[[], None], after_s: float = 1.0) -> None:
         self._act, self._after_s, self.has_acted = act, after_s, False
@@ -159,7 +160,7 @@ def test_another_reader_of_qtm_sees_every_frame_too(simulated_bench: Callable[..
     assert result.path is not None
     recorded = open_recording(result.path).load("/markers").sample_numbers
     seen: list[int] = []
-    give_up_s = time.monotonic() + 30.0
+    give_up_s = time.monotonic() + scaled_timeout(30.0)
     while len(seen) < len(recorded) and time.monotonic() < give_up_s:
         seen += [int(n) for item in other.read(0.1) if isinstance(item, Samples) for n in item.sample_numbers]
     other.close()

@@ -16,7 +16,7 @@ from station.bench.simulation import simulator_settings
 from station.clock import ManualClock
 from station.config import parse_config
 from station.messages.codes import TrialCode
-from tests.drivers.pytest_on_loopback import run_on_loopback
+from tests.drivers.pytest_on_loopback import passed_on_loopback
 from tests.station.bench_by_hand import STREAMS, Bench
 
 EMG = Stream("/emg", "uV", ("a", "b"), 100.0, "LSL outlet amp at pc")
@@ -97,4 +97,4 @@ def test_an_outlet_is_a_device_of_the_wearer_s_trials_only(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_emg_of_another_process_is_recorded_with_a_motion_and_reaches_its_fit(tmp_path: Path) -> None:
-    run_on_loopback("tests/station/bench/emg_outlet_on_loopback.py", "test_", tmp_path)
+    assert passed_on_loopback("tests/station/bench/emg_outlet_on_loopback.py", "test_", tmp_path) == 3

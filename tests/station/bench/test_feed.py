@@ -9,6 +9,7 @@ import station.bench.feed
 from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Stream
 from station.bench.feed import DeviceFailed, DeviceFeed, DeviceOpened, FeedQueue, ItemsReceived
+from tests.timeout import scaled_timeout
 
 
 class Scripted:
@@ -46,16 +47,21 @@ class Scripted:
         self.closed.set()
 
 
+def patience_s() -> float:
+    """Bound on the wait for a message, which comes at once on an idle machine."""
+    return scaled_timeout(30.0)
+
+
 def test_the_items_of_a_device_arrive_in_order() -> None:
     events = [Event(str(i), "", i, "x") for i in range(3)]
     inbox = FeedQueue()
     feed = DeviceFeed(Scripted([[events[0]], [], events[1:]]), inbox)
     feed.start()
-    assert inbox.get(timeout=5) == DeviceOpened("scripted", (), Scripted.identity)
-    assert inbox.get(timeout=5) == ItemsReceived("scripted", [events[0]])
-    assert inbox.get(timeout=5) == ItemsReceived("scripted", events[1:])
+    assert inbox.get(timeout=patience_s()) == DeviceOpened("scripted", (), Scripted.identity)
+    assert inbox.get(timeout=patience_s()) == ItemsReceived("scripted", [events[0]])
+    assert inbox.get(timeout=patience_s()) == ItemsReceived("scripted", events[1:])
     feed.ask_to_stop()
-    assert feed.has_ended(within_s=5)
+    assert feed.has_ended(within_s=patience_s())
 
 
 def test_a_device_that_does_not_open_or_is_lost_is_reported_and_closed() -> None:
@@ -63,11 +69,11 @@ def test_a_device_that_does_not_open_or_is_lost_is_reported_and_closed() -> None
         inbox = FeedQueue()
         feed = DeviceFeed(device, inbox)
         feed.start()
-        message = inbox.get(timeout=5)
+        message = inbox.get(timeout=patience_s())
         if isinstance(message, DeviceOpened):
-            message = inbox.get(timeout=5)
+            message = inbox.get(timeout=patience_s())
         assert isinstance(message, DeviceFailed)
-        assert feed.has_ended(within_s=5)
+        assert feed.has_ended(within_s=patience_s())
         assert device.closed.is_set()
 
 
@@ -75,11 +81,11 @@ def test_an_unexpected_error_of_a_driver_is_a_lost_device() -> None:
     inbox = FeedQueue()
     feed = DeviceFeed(Scripted([ZeroDivisionError("oops")]), inbox)
     feed.start()
-    inbox.get(timeout=5)
-    message = inbox.get(timeout=5)
+    inbox.get(timeout=patience_s())
+    message = inbox.get(timeout=patience_s())
     assert isinstance(message, DeviceFailed)
     assert "ZeroDivisionError: oops" in str(message.error)
-    assert feed.has_ended(within_s=5)
+    assert feed.has_ended(within_s=patience_s())
 
 
 def test_capture_requests_are_done_by_the_device_s_own_thread_even_when_stopping() -> None:
@@ -91,7 +97,7 @@ def test_capture_requests_are_done_by_the_device_s_own_thread_even_when_stopping
     feed.request_capture(start=True)
     feed.request_capture(start=False)
     feed.ask_to_stop()
-    assert feed.has_ended(within_s=5)
+    assert feed.has_ended(within_s=patience_s())
     assert device.requests == ["start", "stop"]
 
 
@@ -106,10 +112,10 @@ def test_a_full_queue_pauses_the_device_without_a_loss(monkeypatch: pytest.Monke
     while not inbox.full():
         device.closed.wait(0.001)
     assert len(device._script) >= 20 - 4
-    taken = [inbox.get(timeout=5) for _ in range(21)]
+    taken = [inbox.get(timeout=patience_s()) for _ in range(21)]
     assert [message.items[0] for message in taken if isinstance(message, ItemsReceived)] == events
     feed.ask_to_stop()
-    assert feed.has_ended(within_s=5)
+    assert feed.has_ended(within_s=patience_s())
 
 
 def test_a_feed_with_a_full_queue_ends(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,5 +125,5 @@ def test_a_feed_with_a_full_queue_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     feed = DeviceFeed(device, FeedQueue())
     feed.start()
     feed.ask_to_stop()
-    assert feed.has_ended(within_s=5)
+    assert feed.has_ended(within_s=patience_s())
     assert device.closed.is_set()

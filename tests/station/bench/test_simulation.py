@@ -3,13 +3,12 @@ from __future__ import annotations
 import time
 from contextlib import nullcontext
 
-import pytest
-
-from drivers.errors import DeviceMisconfigured
+from drivers.errors import DeviceCode
 from drivers.qualisys import Qualisys
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.config import parse_config
 from station.messages.setup_codes import SimulationCode
+from tests.drivers.contract import raises_refusal as raises_device_refusal
 from tests.station.refusals import raises_refusal
 
 
@@ -31,9 +30,9 @@ def test_the_simulated_qtm_requires_the_password_of_the_configuration() -> None:
     config = parse_config({"mocap": {"password": "secret"}}, "t")
     with SimulatedBench({**simulator_settings(config), "operator": {"capture": "remote"}}, 30.0, 1) as bench:
         port = bench.ready["ports"]["qtm"]
-        for password, refusal in (("guess", "Wrong or missing password"), ("secret", None)):
+        for password, is_wrong in (("guess", True), ("secret", False)):
             qtm = Qualisys(host="127.0.0.1", port=port, host_clock=time.time_ns, control="start", password=password)
-            with pytest.raises(DeviceMisconfigured, match=refusal) if refusal else nullcontext():
+            with raises_device_refusal(DeviceCode.REFUSED, "Wrong or missing password") if is_wrong else nullcontext():
                 qtm.open()
             qtm.close()
 

@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 from benchmarks.emg import activation_files
 from solver.motion import differentiate, read_motion, read_table
 from solver.osim.reader import read_osim
-from solver.redundancy.motion import evaluate_motion
+from solver.redundancy.mechanics import evaluate_motion
 from tests.conftest import SHARED
 
 pytestmark = pytest.mark.shared

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import atexit
+import json
 import os
 import signal
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from tests.station.command import Ran
 
@@ -29,38 +33,46 @@ def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
     """Run `station` with these arguments. It is killed at the limit of processor time, and allocations beyond the limit
     of the address space fail; the time-out of the test ends a run that waits.
     """
-    memory_file = folder / "memory"
-    memory_file.unlink(missing_ok=True)
-    command = [sys.executable, "-c", _LIMITED.format(memory_file=str(memory_file)), *map(str, words)]
-    with (folder / "out").open("w+b") as out, (folder / "err").open("w+b") as err:
-        child = subprocess.Popen(  # noqa: S603  (our own arguments)
-            command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=ROOT
-        )
-        try:
-            _, status, used = os.wait4(child.pid, 0)
-        except BaseException:
-            child.kill()
-            child.wait()
-            raise
-        child.returncode = os.waitstatus_to_exitcode(status)
-    # ru_maxrss includes the memory of the parent at the fork; it is used for a child that was killed.
-    memory = int(memory_file.read_text(encoding="utf-8")) if memory_file.exists() else used.ru_maxrss
-    cost = Cost(used.ru_utime + used.ru_stime, memory * 1024)
+    (folder / "memory").unlink(missing_ok=True)
+    limits = {"processor_s": MOST_PROCESSOR_S, "address_space": 8 * MOST_MEMORY}  # so that the machine survives
+    try:
+        answer = _server().request({"words": list(map(str, words)), "folder": str(folder), **limits})
+    except BaseException:  # a time-out: the next test must not read this one's answer
+        _server().close()
+        _server.cache_clear()
+        raise
     texts = [(folder / name).read_text(encoding="utf-8", errors="replace") for name in ("out", "err")]
-    return Ran(child.returncode, *texts), cost
+    return Ran(os.waitstatus_to_exitcode(answer["status"]), *texts), Cost(answer["processor_s"], answer["memory"])
 
 
-_LIMITED = f"""
-import atexit, re, resource
-from pathlib import Path
-def write_memory():
-    Path({{memory_file!r}}).write_text(re.search(r"VmHWM:\\s*(\\d+) kB", Path("/proc/self/status").read_text())[1])
-atexit.register(write_memory)
-resource.setrlimit(resource.RLIMIT_CPU, ({MOST_PROCESSOR_S}, {MOST_PROCESSOR_S + 1}))
-resource.setrlimit(resource.RLIMIT_AS, ({8 * MOST_MEMORY}, {8 * MOST_MEMORY}))  # so that the machine survives a failure
-from station.cli import main
-main()
-"""
+class _Server:
+    """The process that forks one for each run; it ends with its standard input."""
+
+    def __init__(self) -> None:
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", "tests.station.hostile.limited"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+        )
+        atexit.register(self.close)
+
+    def request(self, plain: dict[str, Any]) -> dict[str, Any]:
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._child.stdin.write(json.dumps(plain) + "\n")
+        self._child.stdin.flush()
+        answer: dict[str, Any] = json.loads(self._child.stdout.readline())
+        return answer
+
+    def close(self) -> None:
+        with self._child:
+            self._child.kill()
+
+
+@cache
+def _server() -> _Server:
+    return _Server()
 
 
 def assert_ends_within_limits(*words: object, folder: Path, codes: tuple[int, ...] = (1, 2, 3)) -> Ran:

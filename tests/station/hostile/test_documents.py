@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
-from tests.station.command import Ran, assert_one_sentence
+from station.assessment.assessment_file import AssessmentFileError, read_assessment
+from station.messages.assessment_file_codes import AssessmentFileCode
+from tests.station.command import Ran, assert_one_sentence, assert_refused
 from tests.station.hostile.bounded import assert_ends_within_limits
 
 Station = Callable[..., Ran]
@@ -176,21 +178,47 @@ def test_the_smallest_assessment_is_reported(station: Station, tmp_path: Path) -
     assert ran.code == 0, ran.err
 
 
-@pytest.mark.parametrize("key", _assessment())
-@pytest.mark.parametrize("wrong", ["missing", [], {}, "x", 5, None, {"rigid": 1}])
-def test_an_incomplete_assessment_is_refused(station: Station, tmp_path: Path, key: str, wrong: Any) -> None:
-    if (key, wrong) in (("waist_cuff", None), ("waist_cuff", "x"), ("findings", []), ("emg", [])):
-        pytest.skip("a correct value")
+VALID = [("waist_cuff", None), ("waist_cuff", "x"), ("findings", []), ("emg", [])]
+
+
+@pytest.mark.parametrize(
+    ("key", "wrong"),
+    [
+        (key, wrong)
+        for key in _assessment()
+        for wrong in ("missing", [], {}, "x", 5, None, {"rigid": 1})
+        if (key, wrong) not in VALID
+    ],
+)
+def test_an_incomplete_assessment_is_refused(tmp_path: Path, key: str, wrong: Any) -> None:
     plain = _assessment()
     if wrong == "missing":
         del plain[key]
     else:
         plain[key] = wrong
-    (tmp_path / "assessment.json").write_text(json.dumps(plain), encoding="utf-8")
-    assert_one_sentence(station("report", tmp_path), 1, "assessment.json", key)
+    path = tmp_path / "assessment.json"
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    with pytest.raises(AssessmentFileError) as caught:
+        read_assessment(path)
+    assert caught.value.code in set(AssessmentFileCode)
+    assert key in str(caught.value) and str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["[]", "[1]", "5", '"x"', "{", DEEP_JSON, f'{{"frames": {LONG}}}', '{"cost": {}}'])
-def test_a_malformed_assessment_is_refused(station: Station, tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("[]", AssessmentFileCode.NOT_AN_OBJECT),
+        ("[1]", AssessmentFileCode.NOT_AN_OBJECT),
+        ("5", AssessmentFileCode.NOT_AN_OBJECT),
+        ('"x"', AssessmentFileCode.NOT_AN_OBJECT),
+        ("{", AssessmentFileCode.NOT_JSON),
+        (DEEP_JSON, AssessmentFileCode.NOT_JSON),
+        (f'{{"frames": {LONG}}}', AssessmentFileCode.NOT_JSON),
+        ('{"cost": {}}', AssessmentFileCode.INVALID_ENTRY),
+    ],
+)
+def test_a_malformed_assessment_is_refused(
+    station: Station, tmp_path: Path, text: str, code: AssessmentFileCode
+) -> None:
     (tmp_path / "assessment.json").write_text(text, encoding="utf-8")
-    assert_one_sentence(station("report", tmp_path), 1, "assessment.json")
+    assert_refused(station("report", tmp_path), 1, code)

@@ -60,6 +60,10 @@ def unknown(table: MarkerTable) -> MarkerTable:
     return replace(table, labels=tuple(f"M{k}" for k in range(len(table.labels))))
 
 
+def unknown_but_one(table: MarkerTable) -> MarkerTable:
+    return replace(table, labels=(table.labels[0], *unknown(table).labels[1:]))
+
+
 BAD = {
     mirrored: KinematicsCode.MIRRORED,
     halved: KinematicsCode.MARKERS_MISSING,
@@ -68,6 +72,7 @@ BAD = {
     twice: KinematicsCode.SEVERAL_PERSONS,
     in_metres: KinematicsCode.WRONG_SIZE,
     unknown: KinematicsCode.NONE_IN_COMMON,
+    unknown_but_one: KinematicsCode.ONE_IN_COMMON,
 }
 
 

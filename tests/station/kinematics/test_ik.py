@@ -87,7 +87,7 @@ def test_a_smoothed_trial_comes_with_speeds_and_accelerations(tmp_path: Path, ca
 def test_the_set_up_names_the_markers_and_the_time(tmp_path: Path, capsys, monkeypatch) -> None:
     trial(tmp_path)
     names = [marker.name for marker in MODEL.markers]
-    tasks = "".join(TASK.format(name=name, weight=1 + k) for k, name in enumerate([*names, "of nobody"]))
+    tasks = "".join(TASK.format(name=name, weight=1 + k) for k, name in enumerate([*names, "of no model"]))
     (tmp_path / "setup.xml").write_text(SETUP.format(range="0.1 0.2", tasks=tasks), encoding="utf-8")
     words = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.csv")
     code, told = run(capsys, monkeypatch, *words)
@@ -110,10 +110,10 @@ def test_a_frame_without_markers_is_left_out_told_and_code_3(tmp_path: Path, cap
     ("tasks", "words", "expected"),
     [
         ("", (), "has no task that is applied"),
-        (TASK.format(name="of nobody", weight=1), (), "[markers.none_in_common]"),
-        (TASK.format(name="of nobody", weight=1), ("--from", "5"), "no frame between"),
-        (TASK.format(name="of nobody", weight=1), ("--from", "5", "--to", "4"), "should be before the end 4 s"),
-        (TASK.format(name="of nobody", weight=1), ("--from", "nan"), "not a number"),
+        (TASK.format(name="of no model", weight=1), (), "[markers.none_in_common]"),
+        (TASK.format(name="of no model", weight=1), ("--from", "5"), "time_range, -1 to 9 s"),
+        (TASK.format(name="of no model", weight=1), ("--from", "5", "--to", "4"), "should be before the end 4 s"),
+        (TASK.format(name="of no model", weight=1), ("--from", "nan"), "not a number"),
         ('<IKCoordinateTask name="x"><value_type>guessed</value_type></IKCoordinateTask>', (), "value_type guessed"),
     ],
 )

@@ -81,7 +81,7 @@ def test_forces_of_the_model_are_scaled_and_written_and_those_left_out_are_named
     [
         ({"axes": "Q"}, "should name axes of X, Y and Z"),
         ({"pairs": ""}, "has no pair of markers"),
-        ({"pairs": PAIR.format(one="nobody", other="nobody")}, "needs the marker nobody"),
+        ({"pairs": PAIR.format(one="missing", other="missing")}, "needs the marker missing"),
         ({"range": "5 9"}, "no frame between 5 and 9 s"),
     ],
 )

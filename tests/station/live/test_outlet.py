@@ -11,7 +11,7 @@ from station.live.engine import LiveEngine
 from station.live.outlet import LslOutlet, OutletRefused
 from station.live_config import LiveSection
 from station.messages.live_codes import LiveCode
-from tests.drivers.pytest_on_loopback import run_on_loopback
+from tests.drivers.pytest_on_loopback import passed_on_loopback
 from tests.station.live.test_server import SETUP
 from tests.station.live.trials import Collected, generic_plan, part_of, solve
 from tests.station.wearer import WearerSession
@@ -45,4 +45,4 @@ def test_a_refused_outlet_is_a_finding_and_values_go_on(wearer: WearerSession, t
 
 @pytest.mark.slow
 def test_an_inlet_reads_the_values(tmp_path: Path) -> None:
-    run_on_loopback("tests/station/live/outlet_on_loopback.py", "test_", tmp_path)
+    assert passed_on_loopback("tests/station/live/outlet_on_loopback.py", "test_", tmp_path) == 2

@@ -116,7 +116,7 @@ def test_a_rest_length_and_the_notices_last_over_the_sync_edge(wearer: WearerSes
 
 def test_wrong_commands_of_a_view_change_nothing(plan: PreparedTrial) -> None:
     engine = LiveEngine(plan, now_s=lambda: 0.0)
-    for scenario, length in (("slack", 0.7), ("nobody's", 0.7), ("rigid", -1.0), ("rigid", float("nan"))):
+    for scenario, length in (("slack", 0.7), ("unknown", 0.7), ("rigid", -1.0), ("rigid", float("nan"))):
         engine.set_rest_length(scenario, length)
     assert engine.pipeline.rest_lengths == {name: one.rest_length for name, one in plan.plan.scenarios.items()}
 

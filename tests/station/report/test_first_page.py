@@ -11,6 +11,7 @@ from station.assessment.decision_json import undecided_by_fit
 from station.assessment.total_json import with_total_intervals
 from station.charts.marks import Band
 from station.messages.codes import AssessmentCode
+from station.report.assessment_section import effort_figures
 from station.report.first_page import BUNDLED_SUIT, findings_of, summary_of
 from station.report.located import Source, located
 from station.report.muscle_figures import cuffs_figure
@@ -118,3 +119,9 @@ def test_with_drawn_people_the_page_has_their_intervals_and_bands() -> None:
     assert band.high.tolist()[1:] == [1.0, 1.1] and panel.y_limits[0] is not None and panel.y_limits[0] < 0.7
     ((panel,),) = cuffs_figure({**assessment, "total_uncertainty": None}).columns
     assert not any(isinstance(mark, Band) for mark in panel.marks)
+
+
+@pytest.mark.parametrize(("inputs", "is_advised"), [({}, True), ({"tendons": "elastic"}, False)])
+def test_people_are_advised_only_where_they_can_be_drawn(inputs: dict[str, str], is_advised: bool) -> None:
+    (figure,) = effort_figures(_assessment(inputs=inputs))
+    assert ("--people" in str(figure.caption)) is is_advised

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from solver.bundled import bundled_model
-from solver.errors import SolverCode
+from solver.errors import SolverCode, SolverError
 from solver.model import ModelError
-from solver.motion import differentiate
+from solver.motion import differentiate, write_table
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import SuitError, read_suit
@@ -61,6 +63,21 @@ def test_the_cost_of_every_case_is_that_of_the_assessment(tmp_path: Path) -> Non
         assert row["largest_cord_force_n"] == pytest.approx(curve.figures["cord_force"].value, rel=1e-9)
         assert row["bare_body_cost"] == pytest.approx(whole.bare_body_cost, rel=1e-9)
         assert row["frames"] == len(whole.time)
+
+
+def test_uneven_steps_and_loads_that_are_off_are_remarks_of_their_cases(tmp_path: Path) -> None:
+    raised = simulate_arm_raise(bundled_model())
+    time = raised.time + np.where(np.arange(len(raised.time)) % 2, 0.2, 0.0) * (raised.time[1] - raised.time[0])
+    write_table(tmp_path / "uneven.sto", raised.names, time, raised.coordinates)
+    write_weight(tmp_path / "off.xml", 1.0)
+    text = (tmp_path / "off.xml").read_text()
+    (tmp_path / "off.xml").write_text(text.replace("</ExternalForce>", "<isDisabled>true</isDisabled></ExternalForce>"))
+    vary = 'motion = ["bundled", "uneven.sto"]\nexternal_loads = ["none", "off.xml"]\nrest_length_m = 0.74'
+    found, table = swept(tmp_path, f'cuff = "hand"\ncondition = "rigid"\n{vary}')
+    assert (found.cases, found.failed) == (4, 0)
+    for row in table.to_dict("records"):
+        assert ("interpolated" in row["remarks"]) == (row["motion"] == "uneven.sto")
+        assert ("off.xml" in row["remarks"]) == (row["external_loads"] == "off.xml")
 
 
 def test_rows_are_in_the_order_of_the_plan_with_the_parameters_of_the_suit(tmp_path: Path) -> None:
@@ -160,18 +177,19 @@ def test_the_plans_hash_is_stored_with_the_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("vary", "error", "file"),
+    ("vary", "error", "code", "file"),
     [
-        ('model = "none.osim"', ModelError, "none.osim"),
-        ('motion = "none.mot"', PlanError, "none.mot"),
-        ('suit = "none.toml"', SuitError, "none.toml"),
+        ('model = "none.osim"', ModelError, SolverCode.UNREADABLE_FILE, "none.osim"),
+        ('motion = "none.mot"', PlanError, SweepCode.FILE_UNREADABLE, "none.mot"),
+        ('suit = "none.toml"', SuitError, SolverCode.SUIT_FILE, "none.toml"),
     ],
 )
 def test_a_missing_file_ends_the_sweep_before_it_begins(
-    tmp_path: Path, vary: str, error: type[Exception], file: str
+    tmp_path: Path, vary: str, error: type[SolverError | PlanError], code: StrEnum, file: str
 ) -> None:
-    with pytest.raises(error, match=file):
+    with pytest.raises(error) as caught:
         swept(tmp_path, vary, solve=nowhere)
+    assert caught.value.code == code and file in str(caught.value)
     assert not (tmp_path / "out").exists()
 
 

@@ -39,7 +39,7 @@ def remote_bench(
 ) -> Iterator[tuple[SimulatedBench, StationConfig]]:
     """A bench that is as fast as it is handled. Its captures are started by the station, or by any client."""
     folder.mkdir(exist_ok=True)
-    config = load_config(write_config(folder, swing_s=5.0))
+    config = load_config(write_config(folder, hold_s=4.0, swing_s=5.0))
     with SimulatedBench({**simulator_settings(config), "operator": {"capture": "remote"}}, None, 3) as bench:
         data = bench.configure(config).model_dump(mode="json")
         data["mocap"]["control"] = control

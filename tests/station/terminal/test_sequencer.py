@@ -185,8 +185,8 @@ def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
     """The world stands still between two trials, so the fault lasts until the test lets time pass."""
     with remote_bench(tmp_path / "bench") as (bench, config):
         script = answers(
-            (is_decided(1), request_to(bench, {"fault": {**fault, "for_s": 100.0}})),
-            (warned("not_ready"), request_to(bench, {"pause_s": 101.0})),
+            (is_decided(1), request_to(bench, {"fault": {**fault, "for_s": 20.0}})),
+            (warned("not_ready"), request_to(bench, {"pause_s": 21.0})),
         )
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
     (warning,) = [event for event in output.of(WarningRaised) if event.code == "not_ready"]
@@ -196,7 +196,7 @@ def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
 
 @pytest.mark.slow
 def test_a_missed_edge_is_reported_and_the_trial_is_armed_again(tmp_path: Path) -> None:
-    """Nobody starts a capture in time; the vendor's own client does so once the trial is armed for the second time."""
+    """No capture starts in time; the vendor's own client starts one once the trial is armed for the second time."""
     with remote_bench(tmp_path / "bench", control="none", timeout_s=20.0) as (bench, config):
         mocap = _MocapOperator(config)
         script = answers((is_in("armed", 2), mocap.start), (is_decided(1), "end"))
@@ -231,7 +231,7 @@ def test_an_unplanned_capture_is_reported_and_not_recorded(tmp_path: Path) -> No
 
 
 class _MocapOperator:
-    """Somebody at the mocap system, by way of the vendor's client."""
+    """An operator of the mocap system, who uses the vendor's client."""
 
     def __init__(self, config: StationConfig) -> None:
         self._config = config

@@ -16,7 +16,7 @@ import pytest
 from recordings.errors import RecordingCode
 from station.exit_code import DONE, FAILED
 from station.messages.validation_codes import ValidationCode
-from station.validation.lifts import ValidationFileError, find_lifts, read_lift, read_published_force
+from station.validation.lifts import GLENOID, ValidationFileError, find_lifts, read_lift, read_published_force
 from station.validation.validate import SolvedVariant, solve_variant, validate_folder, verdicts
 from station.validation.validation_table import write_validation
 from station.validation.variants import PUBLISHED_VARIANTS
@@ -41,7 +41,9 @@ OWN_LIMITS = {"S8R_side": 20.0, "S8R_back": 41.0}
 
 @pytest.fixture(scope="module")
 def solved() -> list[SolvedVariant]:
-    return validate_folder(SUBJECT)
+    found, refused = validate_folder(SUBJECT)
+    assert not refused
+    return found
 
 
 def by_pandas(lift: str, variant: str) -> tuple[float, float]:
@@ -55,9 +57,14 @@ def by_pandas(lift: str, variant: str) -> tuple[float, float]:
     return float(((size - truth) ** 2).mean() ** 0.5), float(size.corr(truth))
 
 
+def keep_lines(path: Path, count: int) -> None:
+    """Cut a text file behind its first lines."""
+    path.write_text("\n".join(path.read_text(encoding="utf-8").splitlines()[:count]) + "\n", encoding="utf-8")
+
+
 @pytest.mark.shared
 def test_the_published_figures_are_those_of_the_published_files(solved: list[SolvedVariant]) -> None:
-    found = {(each.lift, each.variant): each for each in solved if each.published}
+    found = {(one.lift, one.variant): one for one in solved if one.published}
     assert set(found) == set(PUBLISHED_PERCENT)
     for (lift, variant), of in found.items():
         assert of.published is not None
@@ -81,7 +88,7 @@ def test_every_variant_is_the_published_one_within_the_limits(solved: list[Solve
 
 @pytest.mark.shared
 def test_the_defaults_agree_with_the_measured_force(solved: list[SolvedVariant]) -> None:
-    found = {each.lift: each for each in solved if each.variant == "defaults"}
+    found = {one.lift: one for one in solved if one.variant == "defaults"}
     for lift, limit in OWN_LIMITS.items():
         assert found[lift].rmse_percent <= limit
         assert found[lift].agreement.correlation >= 0.94
@@ -98,9 +105,11 @@ def test_verdicts_have_codes(solved: list[SolvedVariant]) -> None:
     assert codes() == [ValidationCode.WITHIN_LIMITS]
     assert codes(median_difference=5.1) == [ValidationCode.BEYOND_LIMITS]
     assert codes(published=None, median_difference=None) == [ValidationCode.NOTHING_PUBLISHED]
+    assert codes(published_frames=300) == [ValidationCode.PARTLY_PUBLISHED, ValidationCode.WITHIN_LIMITS]
+    assert codes(compared=100) == [ValidationCode.PARTLY_PUBLISHED, ValidationCode.WITHIN_LIMITS]
     assert codes(unsolved=3) == [ValidationCode.UNSOLVED, ValidationCode.WITHIN_LIMITS]
-    worse = replace(solved[0].agreement, rmse=solved[0].agreement.rmse + 0.02 * solved[0].body_weight)
-    assert codes(agreement=worse) == [ValidationCode.BEYOND_LIMITS]
+    assert solved[0].common_rmse == pytest.approx(solved[0].agreement.rmse, rel=1e-12)
+    assert codes(common_rmse=solved[0].agreement.rmse + 0.02 * solved[0].body_weight) == [ValidationCode.BEYOND_LIMITS]
 
 
 @pytest.mark.shared
@@ -116,10 +125,10 @@ def test_a_published_solution_of_another_time_is_refused() -> None:
 def test_the_csv_has_a_row_per_lift_and_variant(solved: list[SolvedVariant], tmp_path: Path) -> None:
     write_validation(tmp_path / "validation.csv", solved)
     rows = list(csv.DictReader((tmp_path / "validation.csv").read_text(encoding="utf-8").splitlines()))
-    assert [(row["lift"], row["variant"]) for row in rows] == [(each.lift, each.variant) for each in solved]
-    for row, each in zip(rows, solved, strict=True):
-        assert float(row["rmse_percent_of_body_weight"]) == pytest.approx(each.rmse_percent, rel=1e-5)
-        assert (row["median_difference_from_published_n"] == "") == (each.published is None)
+    assert [(row["lift"], row["variant"]) for row in rows] == [(one.lift, one.variant) for one in solved]
+    for row, variant in zip(rows, solved, strict=True):
+        assert float(row["rmse_percent_of_body_weight"]) == pytest.approx(variant.rmse_percent, rel=1e-5)
+        assert (row["median_difference_from_published_n"] == "") == (variant.published is None)
 
 
 @pytest.mark.shared
@@ -130,6 +139,60 @@ def test_the_command_draws_and_fails_beyond_the_limits(station: Callable[..., Ra
     assert (tmp_path / "forces.svg").read_text(encoding="utf-8").count("<svg") == 1
     (tmp_path / "S8R_back_published_none.txt").write_bytes((SUBJECT / "S8R_back_published_circle.txt").read_bytes())
     assert station("validate", tmp_path).code == FAILED
+
+
+@pytest.mark.shared
+def test_a_lift_of_another_name_and_order_of_columns_is_the_same_lift(
+    solved: list[SolvedVariant], tmp_path: Path
+) -> None:
+    """Without the record relative to the glenoid, the size is that of the implant's record."""
+    copied(tmp_path, "S8R_side", "P2_front")
+    (tmp_path / f"P2_front{GLENOID}").unlink()
+    motion = tmp_path / "P2_front.mot"
+    lines = motion.read_text(encoding="utf-8").splitlines()
+    first = next(number for number, line in enumerate(lines) if line.strip() == "endheader") + 1
+    rows = [line.split() for line in lines[first:]]
+    turned = ["\t".join([row[0], *row[:0:-1]]) for row in rows]
+    motion.write_text("\n".join([*lines[:first], *turned]) + "\n", encoding="utf-8")
+    for path in tmp_path.glob("*published*"):
+        table = pd.read_csv(path)
+        table[table.columns[::-1]].to_csv(path, index=False)
+    found, refused = validate_folder(tmp_path)
+    assert not refused
+    for ours, expected in zip(found, [variant for variant in solved if variant.lift == "S8R_side"], strict=True):
+        assert (ours.lift, ours.variant) == ("P2_front", expected.variant)
+        assert ours.median_difference == pytest.approx(expected.median_difference, abs=1e-6)
+        assert ours.rmse_percent == pytest.approx(expected.rmse_percent, abs=0.1)
+        assert np.isnan(ours.angle)
+
+
+@pytest.mark.shared
+def test_a_lift_that_is_refused_leaves_the_others(station: Callable[..., Ran], tmp_path: Path) -> None:
+    copied(tmp_path, "S8R_back")
+    copied(tmp_path, "S8R_side", "S8R_front")
+    record = tmp_path / "S8R_front_measured_force.txt"
+    record.write_bytes(record.read_bytes()[:40_000])
+    found, refused = validate_folder(tmp_path)
+    assert {variant.lift for variant in found} == {"S8R_back"}
+    assert [(lift.name, lift.error.code) for lift in refused] == [("S8R_front", RecordingCode.FOREIGN_CUT)]
+    assert refused[0].message.code is ValidationCode.LIFT_LEFT_OUT
+    assert station("validate", tmp_path).code == FAILED
+
+
+@pytest.mark.shared
+def test_a_motion_that_was_cut_is_reported(tmp_path: Path) -> None:
+    copied(tmp_path, "S8R_back")
+    keep_lines(tmp_path / "S8R_back.mot", 100)
+    reported = [verdict.code for verdict in verdicts(validate_folder(tmp_path)[0])]
+    assert reported[:3] == 3 * [ValidationCode.PARTLY_PUBLISHED]
+
+
+@pytest.mark.shared
+def test_a_published_solution_that_was_cut_is_judged_over_its_own_frames(tmp_path: Path) -> None:
+    copied(tmp_path, "S8R_back")
+    keep_lines(tmp_path / "S8R_back_published_circle.txt", 60)
+    reported = [verdict.code for verdict in verdicts(validate_folder(tmp_path)[0])]
+    assert reported == [ValidationCode.PARTLY_PUBLISHED, ValidationCode.WITHIN_LIMITS]
 
 
 @pytest.mark.shared
@@ -180,6 +243,6 @@ def test_a_published_solution_is_read_by_its_titles(tmp_path: Path, seed: int) -
         read_published_force(path)
 
 
-def copied(folder: Path, lift: str) -> None:
+def copied(folder: Path, lift: str, name: str | None = None) -> None:
     for path in SUBJECT.glob(f"{lift}*"):
-        shutil.copy(path, folder)
+        shutil.copy(path, folder / path.name.replace(lift, name or lift))

@@ -1,0 +1,45 @@
+"""Times of a motion: whether they are even, and the even grid that replaces the variable steps of an integrator."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LONGEST_STEP = 1.5
+"""Of a motion that is interpolated, over the median step; one frame that is missing makes a step of 2."""
+
+
+def is_even(time: Array) -> bool:
+    """Whether steps are within 1 % of each other, or were before the times (frames,) were printed with few decimals."""
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    return step > 0 and (np.abs(steps - step).max() <= 0.01 * step or _is_rounded_grid(time))
+
+
+def even_grid(time: Array) -> Array | None:
+    """Times (frames,) at the median step from the first to the last at most.
+
+    None where times do not increase, or where a step is longer than LONGEST_STEP.
+    """
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if steps.min() <= 0 or steps.max() > LONGEST_STEP * step:
+        return None
+    grid: Array = time[0] + step * np.arange(int((time[-1] - time[0]) / step + 1e-6) + 1)
+    return grid.clip(max=time[-1])
+
+
+def interpolated(time: Array, values: Array, grid: Array) -> Array:
+    """Values (frames, columns) at other times, by cubic splines through all of them."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
+    return np.asarray(CubicSpline(time, values)(grid))
+
+
+def _is_rounded_grid(time: Array) -> bool:
+    """Whether times are those of an even grid, rounded to a decimal that is at most a tenth of a step: 60 Hz in ms."""
+    decimal = next((10.0**-digits for digits in range(10) if np.allclose(time, time.round(digits), 0, 1e-12)), 0.0)
+    grid = np.linspace(time[0], time[-1], len(time))
+    return bool(decimal <= 0.1 * (grid[1] - grid[0]) and float(np.abs(time - grid).max()) <= 1.001 * decimal)

@@ -1,0 +1,30 @@
+"""Sentences on an assessment.json or activations.csv that cannot be used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.assessment_file_codes import AssessmentFileCode
+
+_REMEDY = "; make it again with `station assess`"
+_FOUND = "{path}: {where} is {found}, expected "
+
+ASSESSMENT_FILE: Mapping[StrEnum, str] = {
+    AssessmentFileCode.UNREADABLE: "{path} cannot be read: {reason}",
+    AssessmentFileCode.NOT_JSON: "{path} {reason}" + _REMEDY,
+    AssessmentFileCode.NOT_AN_OBJECT: "{path}: the document is {found}, expected an object" + _REMEDY,
+    AssessmentFileCode.INVALID_ENTRY: "{path}: {reason}" + _REMEDY,
+    AssessmentFileCode.NO_RIGID_CUFFS: _FOUND + "rigid cuffs among it" + _REMEDY,
+    AssessmentFileCode.OTHER_CUFFS: _FOUND + "the cuffs {cuffs}" + _REMEDY,
+    AssessmentFileCode.OTHER_CONDITIONS: _FOUND + "{conditions}" + _REMEDY,
+    AssessmentFileCode.COST_MISSING: _FOUND + "a cost for every rest length" + _REMEDY,
+    AssessmentFileCode.INTERVAL_MISSING: _FOUND + "an interval or null for every rest length" + _REMEDY,
+    AssessmentFileCode.WRONG_POSTURES: "{path}: postures is a list of {count:.0f}, expected three" + _REMEDY,
+    AssessmentFileCode.MUSCLE_MISSING: _FOUND + "{muscle} among them" + _REMEDY,
+    AssessmentFileCode.ACTIVATIONS_UNREADABLE: "{path} cannot be read as a table: {reason}" + _REMEDY,
+    AssessmentFileCode.ACTIVATIONS_COLUMNS: (
+        "{path} has the columns {found}, expected condition, cuff, time_s and muscles" + _REMEDY
+    ),
+    AssessmentFileCode.ACTIVATIONS_NOT_NUMBERS: "{path}, column {column}, holds values that are not numbers" + _REMEDY,
+}

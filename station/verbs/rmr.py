@@ -1,0 +1,159 @@
+"""The verb rmr: muscle redundancy of a motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from station.exit_code import DONE, LOSSY
+from station.verbs.given_options import ensure_effective, names_in
+from station.verbs.motion_options import BundledOrOsim, EffortFile, ExternalLoads, IgnoreForces
+from station.verbs.options import (
+    Axes,
+    End,
+    MotionCutoff,
+    Paths,
+    Side,
+    Start,
+    Tendons,
+    print_message,
+    print_motion_notes,
+)
+
+if TYPE_CHECKING:
+    from station.assessment.rmr import SolvedMotion
+
+BundledOrTable = Annotated[
+    Path | None, typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled arm raise.")
+]
+EffortExponent = Annotated[
+    int, typer.Option(min=2, max=3, help="Effort: sum of squares (2) or of cubes (3) of the activations.")
+]
+LeaveOut = Annotated[
+    list[str] | None, typer.Option(help="Leave out this spring, ligament or contact of the model; may be repeated.")
+]
+Glenoid = Annotated[
+    bool, typer.Option("--glenoid/--no-glenoid", help="Keep the reaction of a shoulder inside its glenoid.")
+]
+GlenoidAspect = Annotated[
+    float, typer.Option(min=0.1, max=10.0, help="Width ratio of the glenoid, across to along the edge.")
+]
+Joints = Annotated[str, typer.Option(help="Joints whose reactions are wanted besides the glenoid's: a,b")]
+Actuators = Annotated[
+    list[Path] | None,
+    typer.Option(help="OpenSim file of a ForceSet (.xml) that is added to the model, as residuals; may be repeated."),
+]
+StaticOptimisation = Annotated[
+    bool,
+    typer.Option(
+        "--static-optimisation",
+        help="As OpenSim's: no activation dynamics, no passive muscle forces, no glenoid, all weights 1.",
+    ),
+]
+
+
+def rmr(
+    context: typer.Context,
+    output: Annotated[Path, typer.Option(help="Activations, forces, reserves, joint reaction: .csv, .sto, .parquet.")],
+    motion: BundledOrTable = None,
+    model: BundledOrOsim = "bundled",
+    ignore_forces: IgnoreForces = False,
+    leave_out: LeaveOut = None,
+    external_loads: ExternalLoads = None,
+    actuators: Actuators = None,
+    effort: EffortFile = None,
+    static_optimisation: StaticOptimisation = False,
+    exponent: EffortExponent = 2,
+    glenoid: Glenoid = True,
+    no_no_glenoid: Annotated[bool, typer.Option("--no-no-glenoid", hidden=True)] = False,
+    glenoid_aspect: GlenoidAspect = 1.0,
+    free_coordinates: Annotated[str, typer.Option(help="Coordinates without tracked acceleration: a,b")] = "",
+    joint: Joints = "",
+    reaction_on: Annotated[Side, typer.Option(help="Body that the joints' reactions act on.")] = "child",
+    reaction_in: Annotated[Axes, typer.Option(help="Body in whose axes they are given.")] = "ground",
+    paths: Paths = "opensim",
+    tendons: Tendons = "rigid",
+    cutoff_hz: MotionCutoff = None,
+    start: Start = None,
+    end: End = None,
+    every: Annotated[int, typer.Option(min=1, help="Solve every N-th frame.")] = 1,
+    plot: Annotated[Path | None, typer.Option(help="Figures: one .png, or a folder.")] = None,
+) -> None:
+    """Solve the muscle-redundancy problem of a motion: activations, muscle forces and joint reaction."""
+    from rich.console import Console
+
+    from solver.multibody.joint_reactions import ReactionRequest
+    from solver.redundancy.options import RedundancyOptions
+    from solver.redundancy.options import static_optimisation as as_static_optimisation
+    from station.assessment.compilation import compilation_shown
+    from station.assessment.given_motion import MotionCut, MuscleInputs
+    from station.assessment.rmr import solve_muscles
+    from station.assessment.rmr_table import ensure_writable
+    from station.progress import progress_bars
+
+    ensure_writable(output)
+    _ensure_compatible(plot, actuators, model, tendons, every)
+    joints, cone = names_in(joint), glenoid or no_no_glenoid
+    asked = ensure_effective(context, joints, has_glenoid_cone=cone, static_optimisation=static_optimisation)
+    free, wanted = names_in(free_coordinates), ReactionRequest(joints, reaction_on, reaction_in)
+    options = RedundancyOptions(cone, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
+    options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2, tendons=tendons)
+    added, left_out = tuple(actuators or ()), tuple(leave_out or ())
+    inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, left_out, added)
+    usual = 6.0 if static_optimisation else 3.0
+    cut = MotionCut((usual if cutoff_hz is None else cutoff_hz) or None, start, end, every)
+    if static_optimisation:
+        options, cut = as_static_optimisation(options), replace(cut, derivatives="splines")
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
+        solved = solve_muscles(inputs, cut, options, progress, asked)
+    _print_conditions(solved)
+    _write(output, plot, solved)
+    raise typer.Exit(LOSSY if solved.solution.unsolved else DONE)
+
+
+def _ensure_compatible(plot: Path | None, actuators: list[Path] | None, model: str, tendons: str, every: int) -> None:
+    """Refuse options that do not go together."""
+    if plot is not None and plot.suffix not in ("", ".png"):
+        raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
+    if actuators and model == "bundled":
+        raise typer.BadParameter("--actuators needs an .osim file as --model")
+    if tendons == "elastic" and every > 1:
+        raise typer.BadParameter(
+            "--tendons elastic needs every frame, because fibre velocities are differences of frames; leave out --every"
+        )
+
+
+def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
+    """The table, and the figures if they are asked for."""
+    from station.assessment.rmr_table import write_solved
+
+    left_out = write_solved(output, solved)
+    if left_out is not None:
+        print_message(left_out)
+    print(output)
+    if plot is not None:
+        from station.report.rmr_figures import draw_solved
+
+        draw_solved(plot, solved)
+        print(plot)
+
+
+def _print_conditions(solved: SolvedMotion) -> None:
+    """The notes, forces that were left out, large reserves, and frames and muscles without a converged solution."""
+    from station.assessment.left_out import describe_left_out
+    from station.assessment.outcomes import describe_unconverged, describe_unsolved
+    from station.assessment.reserves import describe_large_reserves
+
+    print_motion_notes(solved.notes)
+    if solved.solution.fibers is not None:
+        print_message(f"tendons: {solved.notes['tendons']}")
+    for sentence in (
+        *describe_left_out(solved.model, solved.left_out),
+        *describe_large_reserves(solved.model, solved.large_reserves),
+        *describe_unsolved(solved.solution),
+        *describe_unconverged(solved.solution),
+    ):
+        print_message(sentence)

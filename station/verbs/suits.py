@@ -1,0 +1,152 @@
+"""Verbs on a suit: assess, optimise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from station.exit_code import DONE, LOSSY
+from station.verbs.given_options import given_of
+from station.verbs.motion_options import BundledOrMotion, BundledOrOsim, CutoffHz, EffortFile, ExternalLoads
+from station.verbs.options import Condition, Freedom, Paths, Tendons, print_message
+
+CuffsFile = Annotated[Path, typer.Option(help="cuffs.json of `station fit`, or written by hand.")]
+People = Annotated[
+    int | None, typer.Option(min=2, help="People drawn for the total uncertainty and the decision, as 1000.")
+]
+Budget = Annotated[
+    Path | None, typer.Option(help="Sources of uncertainty (.toml); draws its number of people. Default: bundled.")
+]
+Indices = Annotated[
+    int | None,
+    typer.Option(min=8, help="Sobol indices of the sources, from 7 times as many people; a power of two, as 128."),
+]
+Draws = Annotated[
+    int, typer.Option(min=0, help="Number of draws from the covariance of the cuffs; 0 for no intervals.")
+]
+Workers = Annotated[
+    int | None, typer.Option(min=1, help="Number of processes for the people. Default: this one, with all cores.")
+]
+Donnings = Annotated[
+    list[Path] | None,
+    typer.Option(help="Session folder with more donnings of cuffs, for their spread; may be repeated."),
+]
+Subject = Annotated[
+    Path | None, typer.Option(help="Session folder with the wearer's pose and motion trials and subject.toml.")
+]
+
+
+def assess(
+    context: typer.Context,
+    cuffs: CuffsFile,
+    output: Annotated[Path, typer.Option(help="Output folder for assessment.json, activations.csv and report.html.")],
+    motion: BundledOrMotion = None,
+    suit: Annotated[Path | None, typer.Option(help="Default: the bundled exotendon suit.")] = None,
+    model: BundledOrOsim = "bundled",
+    external_loads: ExternalLoads = None,
+    effort: EffortFile = None,
+    cutoff_hz: CutoffHz = 3.0,
+    cuff: Annotated[list[str] | None, typer.Option(help="Assess this cuff; may be repeated. Default: all.")] = None,
+    emg: Annotated[Path | None, typer.Option(help="Measured EMG: a CSV of muscle,reduction_percent,sd.")] = None,
+    beside: Annotated[Path | None, typer.Option(help="Another motion for comparison.")] = None,
+    subject: Subject = None,
+    draws: Draws = 200,
+    people: People = None,
+    budget: Budget = None,
+    indices: Indices = None,
+    donnings: Donnings = None,
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler for the people, tcp://…")] = None,
+    workers: Workers = None,
+    paths: Paths = "opensim",
+    tendons: Tendons = "rigid",
+) -> None:
+    """Assess the effect of the suit with these cuffs on muscle effort, over its rest length, with intervals."""
+    from rich.console import Console
+
+    from solver.suit.suit import BUNDLED_SUIT
+    from station.assessment.assess import assess_file, sentences_on
+    from station.assessment.assessment_inputs import AssessmentInputs
+    from station.assessment.compilation import compilation_shown
+    from station.assessment.people_run import PeopleOptions, people_run
+    from station.progress import progress_bars
+    from station.report.page import write_report
+    from station.tables import assessment_table
+
+    if subject is not None and (motion, external_loads, beside) != (None, None, None):
+        raise typer.BadParameter("--subject brings its own motion; leave out --motion, --external-loads and --beside")
+    if subject is not None and given_of(context, ("cutoff_hz",)):
+        raise typer.BadParameter("--subject has a filter of its own, at 3 Hz; leave out --cutoff-hz")
+    if indices is not None and indices & (indices - 1):
+        raise typer.BadParameter(f"--indices should be a power of two, as 128, and is {indices}")
+    chosen = tuple(cuff or ())
+    files = (cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, chosen, paths, external_loads, subject, effort)
+    if tendons == "elastic":
+        _ensure_undrawn(is_drawn=(draws, people, budget, indices) != (0, None, None, None))
+    inputs = AssessmentInputs(*files, cutoff_hz or None, tendons)
+    with (
+        progress_bars(Console(stderr=True)) as progress,
+        compilation_shown(progress),
+        people_run(output, PeopleOptions(budget, people, indices, scheduler, workers, tuple(donnings or ()))) as run,
+    ):
+        assessed = assess_file(inputs, output, draws, run, progress)
+    write_report(output)
+    Console(markup=False).print(assessment_table(assessed.assessment, assessed.total))
+    for sentence in sentences_on(assessed, cuffs):
+        print_message(sentence)
+    raise typer.Exit(LOSSY if assessed.assessment.unsolved or assessed.is_changed else DONE)
+
+
+def _ensure_undrawn(*, is_drawn: bool) -> None:
+    """Refuse draws with elastic tendons."""
+    if is_drawn:
+        raise typer.BadParameter(
+            "--tendons elastic needs --draws 0 and no people, because draws are solved in some of the frames and fibre "
+            "velocities are differences of frames"
+        )
+
+
+def optimise(
+    cuffs: CuffsFile,
+    output: Annotated[Path, typer.Option(help="Output folder for optimum.json.")],
+    motion: BundledOrMotion = None,
+    suit: Annotated[Path | None, typer.Option(help="Initial suit; default: the bundled exotendon suit.")] = None,
+    model: BundledOrOsim = "bundled",
+    external_loads: ExternalLoads = None,
+    effort: EffortFile = None,
+    cutoff_hz: CutoffHz = 3.0,
+    cuff: Annotated[str | None, typer.Option(help="The cuff; optional if there is only one.")] = None,
+    condition: Annotated[Condition, typer.Option(help="Effects of the cuffs.")] = "both",
+    free: Annotated[
+        list[Freedom] | None,
+        typer.Option(help="Further parameters besides the rest length; may be repeated. Points move by up to 5 cm."),
+    ] = None,
+    draws: Annotated[int, typer.Option(min=0, help="Number of draws from the covariance of the cuffs.")] = 50,
+) -> None:
+    """Find the rest length, and on request the stiffness and points of the cord, with the least muscle effort."""
+    from rich.console import Console
+
+    from solver.suit.optimise import SearchOutcome
+    from solver.suit.suit import BUNDLED_SUIT
+    from station.assessment.assessment_inputs import AssessmentInputs
+    from station.assessment.compilation import compilation_shown
+    from station.assessment.optimum import optimise_file
+    from station.progress import progress_bars
+    from station.tables import optimum_table
+
+    chosen = (cuff,) if cuff else ()
+    inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=chosen, external_loads=external_loads)
+    inputs = replace(inputs, effort=effort, cutoff_hz=cutoff_hz or None)
+    freedoms: Any = tuple(freedom.value for freedom in free or ())
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
+        written = optimise_file(inputs, output, condition, freedoms, draws, progress)
+    optimised = written.optimised
+    Console(markup=False).print(optimum_table(optimised))
+    for sentence in written.remarks:
+        print_message(sentence)
+    for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
+        print_message(f"the search stopped at the limit of {name}; a better suit may exist beyond it")
+    if SearchOutcome.NOT_CONVERGED in (optimised.fitted.outcome, optimised.robust.outcome):
+        print_message("the search did not converge within its limit of iterations; free fewer parameters of the suit")
