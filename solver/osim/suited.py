@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as Xml
 
 import numpy as np
@@ -22,6 +23,7 @@ from solver.suit.suited_model import CORD, CUFF_NAMES
 
 Array = NDArray[np.float64]
 
+NO_NAME = r"[\s/\\*+]"  # characters that the name of a component of OpenSim cannot have
 REACH = 0.2  # m, either way: the range of a cuff's coordinates; they are not clamped to it
 
 
@@ -31,7 +33,8 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario)
     A cuff is a body with its mass, the cord's end its origin: welded where it is rigid, else free to shift along its
     holder's x, y, z (coordinates waist_cuff_x, …, zero at rest, held by the bushing). Where cuffs slip along the cord,
     their migration lengthens the PathSpring, which leaves the cord's line and its tension; along the bone it moves
-    their rest. Raises SuitError for a law that OpenSim's forces do not have, or for names in use.
+    their rest. The cord's points carry the names of the suit's parts. Raises SuitError for a law that OpenSim's forces
+    do not have, or for names in use.
     """
     _ensure_can_be_written(root, model, suit, wearing)
     osim = root.find("Model")
@@ -47,7 +50,8 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario)
     spring = add(objects_of(osim, "ForceSet"), "PathSpring", CORD)
     points = add_path(spring)
     for part in suit.parts:
-        add_path_point(points, f"{CORD}_{part}", f"/bodyset/{part}_cuff", np.zeros(3))
+        name = re.sub(NO_NAME, "_", suit.names[part])
+        add_path_point(points, f"{CORD}_{name}", f"/bodyset/{part}_cuff", np.zeros(3))
     slack = wearing.migration if slips_along_cord else 0.0
     length = float(wearing.rest_lengths[-1]) + slack
     add_values(spring, resting_length=length, stiffness=suit.stiffness, dissipation=0.0)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.osim.document import Element
 from solver.osim.reader import read_osim_model
-from solver.suit.suit import Suit, SuitMass, SuitPoint
+from solver.suit.suit import PARTS, Suit, SuitMass, SuitPoint
 from solver.suit.suited_model import CORD, CUFF_NAMES, CUFFS_AT_ENDS, SuitedModel
 
 Array = NDArray[np.float64]
@@ -54,6 +54,7 @@ def read_suited(
         rest_lengths=np.array([rest_length]),
         reference_rest_length=rest_length,
         is_straight=is_straight,
+        names={part: part for part in PARTS} | _names_of_parts(cord, worn),
     )
     return SuitedModel(
         bare=read_osim_model(
@@ -100,6 +101,13 @@ def _require_no_bend(cord: Element, worn: tuple[str, ...]) -> None:
         raise cord.refusal(f"does not run straight through the origins of {', '.join(worn)}; export it again")
     if path.objects("PathWrapSet"):
         raise cord.refusal("wraps, and the cord of a suit of ours does not; export it again")
+
+
+def _names_of_parts(cord: Element, worn: tuple[str, ...]) -> dict[str, str]:
+    """Waist, shoulder or arm → what it is called; the cord's points carry these names."""
+    points = cord.child("GeometryPath").objects("PathPointSet")
+    parts = (name.removesuffix("_cuff") for name in worn)
+    return {part: point.name.removeprefix(f"{CORD}_") or part for part, point in zip(parts, points, strict=True)}
 
 
 def _spring(element: Element, part: Literal["waist", "arm"]) -> CuffParameters | None:

@@ -103,9 +103,11 @@ def _differentiate(motion: Motion, cut: MotionCut, *, is_assembled: bool) -> Kin
 
 
 def _describe_suit(suited: SuitedModel) -> str:
-    cuffs = (("waist", suited.waist), ("arm", suited.arm))
+    """The file has one resting length, to which `station export --osim` adds migration along the cord."""
+    suit, cuffs = suited.suit, {"waist": suited.waist, "arm": suited.arm}
     described = (
-        f"{site} cuff {'rigid' if cuff is None else f'{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m'}"
-        for site, cuff in cuffs
+        f"{suit.names[part]} cuff {'rigid' if cuff is None else f'{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m'}"
+        for part, cuff in cuffs.items()
     )
-    return f"cord {suited.suit.stiffness:g} N/m from {suited.suit.reference_rest_length:g} m, {', '.join(described)}"
+    length = f"resting length with migration {suit.reference_rest_length:g} m"
+    return f"cord {suit.stiffness:g} N/m, {length}, {', '.join(described)}"

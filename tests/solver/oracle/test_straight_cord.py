@@ -39,6 +39,7 @@ NOTHING = SuitMass("foot", 0.0, HEEL.location, np.zeros(3))
 BAND = SuitMass("thigh", 0.3, np.array([0.0, -0.2, 0.0]), np.array([7e-4, 6e-4, 8e-4]))
 LENGTHS = np.array([0.45])
 SUIT = Suit(HEEL, HEEL, THIGH, 900.0, 0.0, (NOTHING, NOTHING, BAND), LENGTHS, 0.45, is_straight=True)
+NAMES = {"waist": "heel", "shoulder": "shoulder", "arm": "left thigh"}
 CUFF = CuffParameters("thigh", "arm", 2530.0, 139.0, 0.022)
 
 
@@ -120,7 +121,7 @@ def names_of_mobilities(model: Any, state: Any) -> list[str]:
 
 @pytest.mark.parametrize("condition", ["rigid", "visco_elastic"])
 def test_what_is_written_is_read_again(condition: Condition, tmp_path: Path) -> None:
-    bare, path = suited_file(tmp_path, SUIT, condition)
+    bare, path = suited_file(tmp_path, replace(SUIT, names=NAMES), condition)
     opensim.Model(str(path)).printToXML(str(path))
     suited = read_suited(read_document(path))
     assert suited is not None and suited.suit.is_straight and suited.waist is None
@@ -129,6 +130,7 @@ def test_what_is_written_is_read_again(condition: Condition, tmp_path: Path) -> 
         np.testing.assert_allclose(found.location, expected.location, atol=1e-12)
     assert [mass.mass for mass in suited.suit.masses] == [0.0, 0.0, 0.3]
     assert (suited.suit.stiffness, suited.suit.reference_rest_length) == (900.0, 0.45)
+    assert suited.suit.names == NAMES | {"arm": "left_thigh"}, "OpenSim has no spaces in names"
     assert (suited.arm is None) == (condition == "rigid")
     assert [body.name for body in suited.bare.bodies] == [body.name for body in bare.bodies]
 

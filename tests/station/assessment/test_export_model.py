@@ -149,7 +149,7 @@ def test_rmr_reads_the_suited_model_and_finds_what_an_assessment_does(
     names = list(bundled_model().muscle_names)
     np.testing.assert_allclose(table[names].to_numpy(), effort.activations[0], atol=1e-7)
     assert np.abs(effort.activations[0] - slack.activations[0]).max() > 0.01, "the suit does something"
-    assert "# suit=cord 500 N/m from 0.74 m" in out.read_text()
+    assert "# suit=cord 500 N/m, resting length with migration 0.74 m, waist cuff " in out.read_text()
 
 
 @pytest.mark.oracle
