@@ -12,6 +12,7 @@ from pathlib import Path
 
 from nicegui import app, ui
 
+from station.console.compression import CompressionMiddleware
 from station.console.live_feed import LiveFeed
 from station.console.live_page import show_live_page
 from station.console.server import LIVE_POLL_S, AccessMiddleware, answer_beat, ensure_free, print_address
@@ -41,6 +42,7 @@ def serve_live(folder: Path, *, port: int = 8422, is_opened: bool = False) -> No
             show=False,
             reload=False,
             show_welcome_message=False,
+            gzip_middleware_factory=CompressionMiddleware,
         )
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
 from station.config import StationConfig
 from station.console.actions import Actions
@@ -24,6 +23,7 @@ from station.console.charts import (
     line,
 )
 from station.console.mark_receipt import MarkReceipt
+from station.console.update_sender import UpdateSender
 from station.protocol import BODY_TESTS, TrialSpec
 from station.session.controller import SessionController
 from station.session.guide import RestState
@@ -32,8 +32,6 @@ from station.session.live_trial import LiveTrial
 SHOWN_S = 20.0
 """Seconds of each curve over time."""
 DRAW_TIMEOUT_S = 10.0
-UNDRAWN_UPDATES = 2
-"""Updates sent to a browser and not drawn yet; more are sent only when one is drawn, so that it is never far behind."""
 HIGH_LOAD = 0.8
 """Fraction of the force limit."""
 STATE_TEXTS = {"idle": "opening the devices", "armed": "armed: start the capture", "closing": "closing"}
@@ -231,12 +229,11 @@ class _Figures:
 
 
 class _Charts:
-    """The curves and the markers; the next update is sent when the browser has drawn the last one."""
+    """The curves and the markers."""
 
     def __init__(self, controller: SessionController, live: LiveTrial) -> None:
         self._live, self._client = live, ui.context.client
-        self._undrawn = 0
-        self._drawn_at: float | None = None
+        self._sender = UpdateSender(self._draw)
         self._roles = marker_roles(controller.session.config, live.spec)
         motion = motion_axis(live)
         with ui.element("div").classes("charts"):
@@ -245,30 +242,21 @@ class _Charts:
             self._markers = ui.element("canvas").classes("markers").props('aria-label="markers, drag to turn"')
 
     def tick(self) -> None:
-        at = self._live.latest.get("at")
-        if at is not None and at != self._drawn_at and self._undrawn < UNDRAWN_UPDATES:
-            self._drawn_at = at
-            background_tasks.create(self._draw(at))
+        self._sender.tick(self._live.latest.get("at"))
 
-    async def _draw(self, at: float) -> None:
+    async def _draw(self) -> None:
         live, latest = self._live, self._live.latest
         points = [
             {"name": name, "role": self._roles.get(name, "other"), "at": point}
             for name, point in zip(latest.get("seen", {}), latest.get("points", []), strict=False)
         ]
         update = {
-            "at": at,
+            "at": latest["at"],
             "over_time": (self._over_time.id, [{"data": points} for points in curves_over_time(live)]),
             "loop": (self._loop.id, [{"data": _force_over_motion(live)}]),
             "markers": (self._markers.html_id, points),
         }
-        self._undrawn += 1
-        try:
-            await self._client.run_javascript(f"return station.draw({json.dumps(update)})", timeout=DRAW_TIMEOUT_S)
-        except TimeoutError:  # a frozen or closed browser; the page itself shows the age of its data
-            await asyncio.sleep(0)
-        finally:
-            self._undrawn -= 1
+        await self._client.run_javascript(f"return station.draw({json.dumps(update)})", timeout=DRAW_TIMEOUT_S)
 
 
 def curves_over_time(live: LiveTrial) -> list[list[tuple[float, float]]]:

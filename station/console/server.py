@@ -26,6 +26,7 @@ from starlette.responses import FileResponse, PlainTextResponse, RedirectRespons
 from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.config import StationConfig, parse_config
+from station.console.compression import CompressionMiddleware
 from station.console.live_feed import LiveFeed
 from station.console.live_page import PATH as LIVE_PATH
 from station.console.live_page import show_live_page
@@ -162,6 +163,7 @@ def serve(
             show=False,
             reload=False,
             show_welcome_message=False,
+            gzip_middleware_factory=CompressionMiddleware,
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import time
@@ -20,10 +19,6 @@ PATIENCE_S = 120.0
 
 def patience_ms(seconds: float = PATIENCE_S) -> float:
     return 1000 * scaled_timeout(seconds)
-
-
-def is_busy() -> bool:
-    return os.getloadavg()[0] > 3 * (os.cpu_count() or 1)
 
 
 @contextmanager
@@ -88,7 +83,7 @@ def runs(page: Page) -> None:
 
 
 def picture_updates(page: Page) -> list[float]:
-    """When pictures of a trial were sent to the page [s], from its next loading on."""
+    """Wall time at which each update of a trial's curves reached the page [s], from its next loading on."""
     sent: list[float] = []
 
     def take(frame: bytes | str) -> None:
