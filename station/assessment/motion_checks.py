@@ -1,6 +1,7 @@
 """Checks of a motion and its loads.
 
-Steps that are uneven, coordinates against a coupler, lock or prescription or far out of range, and loads that are off.
+Steps that are uneven, a filter with a low cut-off, coordinates against a coupler, lock or prescription or far out of
+range, and loads that are off.
 None is an error: OpenSim's tools take such a motion as it is. Notes name the coordinates, the greatest value first.
 """
 
@@ -29,8 +30,12 @@ FULL_TURN = 2 * np.pi
 RANGES_OUTSIDE, LEAST_OUTSIDE, MOST_OUTSIDE = 10.0, 1.0, 100.0
 """A translation is beyond its range by more than 10 times its width, but at least 1 m and at most 100 m, so that a
 sprint along a track is not. Ranges without a limit, ±99999.9 in OpenSim's files, count as ±100 m."""
+LEAST_CUTOFF = 4.0
+"""Cut-off in mean frequencies of the angles. Walking, of about 1.2 Hz, is filtered at 6 Hz (Winter, Biomechanics and
+Motor Control of Human Movement), the arm lifts of the published study, of 0.2 to 0.5 Hz, at 3 Hz."""
 FINDINGS = {
     "resampled_from_s": (AssessmentCode.RESAMPLED, "steps"),
+    "low_cutoff": (AssessmentCode.LOW_CUTOFF, "frequencies"),
     "violates_constraint": (AssessmentCode.VIOLATES_CONSTRAINT, "coordinates"),
     "beyond_range": (AssessmentCode.BEYOND_RANGE, "coordinates"),
     "translation_beyond_range": (AssessmentCode.TRANSLATION_BEYOND_RANGE, "coordinates"),
@@ -41,7 +46,7 @@ UNITS = {"rotation": "rad", "translation": "m", "coupled": "rad or m"}
 
 
 def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
-    """Notes by name, those of FINDINGS: the uneven steps, or "coordinate value unit, …"; none where nothing is found.
+    """Notes by name, those of FINDINGS: steps, frequencies, or "coordinate value unit, …"; none without findings.
 
     A coordinate violates its constraint by the largest difference from what the constraint gives. An angle is beyond
     its range [rad] if it is more than a full turn outside, as degrees that were read as radians are; a translation [m]
@@ -55,6 +60,7 @@ def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
     steps = kinematics.steps
     notes = {
         "resampled_from_s": "" if steps is None else f"{steps[0]:.6g} to {steps[1]:.6g}",
+        "low_cutoff": _low_cutoff(model, kinematics),
         "violates_constraint": _listed(model, differences, held & (differences > tolerance)),
         "beyond_range": _beyond_range(model, kinematics.positions, ~held & ~is_distance),
         "translation_beyond_range": _beyond_range(model, kinematics.positions, ~held & is_distance),
@@ -73,6 +79,23 @@ def motion_findings(notes: Mapping[str, str], missing: Sequence[str] = ()) -> li
     return without + [
         Message(code, {figure: notes[name]}) for name, (code, figure) in FINDINGS.items() if name in notes
     ]
+
+
+def _low_cutoff(model: Model, kinematics: Kinematics) -> str:
+    """Cut-off and mean frequency where the filter removes a part of the motion; "" for less than one period.
+
+    The mean frequency is the RMS of the speeds of all rotations over that of their angles about the mean, after the
+    filter: noise does not raise it. A part of a period has no frequency: of a ramp it would be any.
+    """
+    is_angle = np.array([coordinate.motion == "rotation" for coordinate in model.coordinates])
+    angles, speeds = kinematics.positions[:, is_angle], kinematics.speeds[:, is_angle]
+    amplitude = np.sqrt(((angles - angles.mean(axis=0)) ** 2).sum())
+    if kinematics.cutoff is None or not amplitude:
+        return ""
+    frequency = float(np.sqrt((speeds**2).sum()) / amplitude / (2 * np.pi))
+    has_period = frequency * (kinematics.time[-1] - kinematics.time[0]) >= 1
+    is_low = has_period and kinematics.cutoff < LEAST_CUTOFF * frequency
+    return f"cut-off {kinematics.cutoff:g} Hz, mean frequency of the angles {frequency:.2g} Hz" if is_low else ""
 
 
 def _beyond_range(model: Model, positions: Array, is_checked: NDArray[np.bool_]) -> str:

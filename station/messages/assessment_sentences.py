@@ -118,6 +118,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.RESAMPLED: (
         "The steps of the motion are {steps} s. It is interpolated to even ones, of the median step."
     ),
+    AssessmentCode.LOW_CUTOFF: (
+        "The low-pass filter removes a part of this motion: {frequencies}. Choose a higher cut-off (--cutoff-hz), for "
+        "walking 6 Hz."
+    ),
     AssessmentCode.NO_LOAD_APPLIED: (
         "No external load is applied: {file} has no ExternalForce that is switched on. Set its appliesForce to true."
     ),

@@ -292,6 +292,7 @@ class AssessmentCode(StrEnum):
     BEYOND_RANGE = "motion.beyond_range"
     TRANSLATION_BEYOND_RANGE = "motion.translation_beyond_range"
     RESAMPLED = "motion.resampled"
+    LOW_CUTOFF = "motion.low_cutoff"
     NO_LOAD_APPLIED = "loads.none_applied"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.motion import Kinematics, differentiate, read_motion, read_table, write_table
+from solver.motion import Kinematics, Motion, differentiate, read_motion, read_table, write_table
 from solver.osim.reader import read_osim
 from station.assessment.motion_checks import ANGLE_TOLERANCE, motion_checks, motion_findings
 from station.messages.codes import AssessmentCode
@@ -45,6 +46,34 @@ def kinematics_of(step: Step, path: Path, cutoff: float | None = None) -> Kinema
 def test_a_right_motion_has_no_notes_also_after_a_filter(step: Step, cutoff: float | None) -> None:
     assert motion_checks(read_osim(step.model), kinematics_of(step, step.motion, cutoff)) == {}
     assert motion_findings({}) == []
+
+
+@pytest.mark.parametrize(
+    ("frequency", "seconds", "cutoff", "is_low"),
+    [(0.5, 4.0, 3, False), (0.8, 4.0, 3, True), (1.2, 2.0, 6, False), (1.2, 2.0, None, False)],
+)
+def test_a_cutoff_below_four_mean_frequencies_is_low(
+    step: Step, frequency: float, seconds: float, cutoff: int | None, is_low: bool
+) -> None:
+    """The mean frequency of a sine is its frequency."""
+    model, time = read_osim(step.model), np.arange(0, seconds, 0.01)
+    angles = np.tile(model.default_coordinates, (len(time), 1))
+    angles[:, model.coordinate_index("hip_flexion")] = 0.4 * np.sin(2 * np.pi * frequency * time)
+    noise = np.random.default_rng(3).normal(0.0, 0.01, len(time))
+    angles[:, model.coordinate_index("hip_adduction")] = noise
+    notes = motion_checks(model, differentiate(Motion(model.coordinate_names, time, angles), cutoff))
+    found = re.fullmatch(rf"cut-off {cutoff} Hz, mean frequency of the angles (.*) Hz", notes.get("low_cutoff", ""))
+    assert (found is not None) == is_low
+    assert found is None or float(found[1]) == pytest.approx(frequency, rel=0.05)
+
+
+def test_a_piece_of_a_slow_motion_has_no_low_cutoff(step: Step) -> None:
+    """0.2 s of a lift of 6 s is a ramp, whose angles vary little about their mean."""
+    model, time = read_osim(step.model), np.arange(0, 6, 0.01)
+    angles = np.tile(model.default_coordinates, (len(time), 1))
+    angles[:, model.coordinate_index("hip_flexion")] = 0.5 - 0.5 * np.cos(np.pi * time / 3)
+    piece = differentiate(Motion(model.coordinate_names, time, angles), 3.0, 1.0, 1.2)
+    assert "low_cutoff" not in motion_checks(model, piece)
 
 
 def test_a_patella_in_degrees_violates_its_coupler_by_the_difference(step: Step, tmp_path: Path) -> None:
