@@ -36,6 +36,7 @@ STIFFNESS_STEP, MOST_STIFFNESS_STEPS = np.log(1.2), 8.0  # a factor of 4.3 eithe
 POINT_STEP, MOST_POINT_STEPS = 0.01, 5.0  # m
 PRECISION = 0.01  # of a step
 TRIES_PER_FREEDOM = 80
+STAGE = "trying suits"
 
 
 class SearchOutcome(StrEnum):
@@ -97,6 +98,7 @@ def optimise_suit(
     pairs = _drawn_pairs(waist, arm, draws.count if condition != "rigid" else 0)
     fitted = search.best(pairs[:1])
     robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted
+    progress(STAGE, search.tried, search.tried)  # the total was the limit of iterations; it is now what was needed
     whole = prepare_suited_motion(motion, suit)
     start, best, safe = (
         SuitCandidate(
@@ -171,7 +173,7 @@ class _Search:
         return self._suit(found.x), self._at_limit(found.x), outcome
 
     def _mean_cost(self, steps: Array, pairs: Sequence[Pair]) -> float:
-        self.progress("trying suits", self.tried, 2 * TRIES_PER_FREEDOM * len(self.bounds))
+        self.progress(STAGE, self.tried, 2 * TRIES_PER_FREEDOM * len(self.bounds))
         self.tried += 1
         try:
             return float(_costs(self.suited, self._suit(steps), self.condition, pairs).mean())

@@ -23,9 +23,9 @@ UNDRAWN = DrawSettings(count=0, every=10)
 HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.012, np.diag([200.0, 20.0, 0.01]) ** 2)
 
 
-def found(*free, condition="visco_elastic", draws=0, arm=HAND):
+def found(*free, condition="visco_elastic", draws=0, arm=HAND, **options):
     settings = DrawSettings(draws, every=10)
-    return optimise_suit(LoadedMotion(MODEL, MOTION), SUIT, (WAIST, arm), condition, free, draws=settings)
+    return optimise_suit(LoadedMotion(MODEL, MOTION), SUIT, (WAIST, arm), condition, free, draws=settings, **options)
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +66,14 @@ def test_a_search_that_ends_at_its_limit_says_so(rest_length_only):
     stopped = optimise_suit(LoadedMotion(MODEL, MOTION), narrow, (WAIST, HAND), "rigid", draws=UNDRAWN)
     assert stopped.fitted.at_limit == ("rest_length",)
     assert stopped.fitted.suit.reference_rest_length == pytest.approx(0.68, abs=1e-3)
+
+
+def test_the_progress_of_a_search_that_converges_ends_with_the_suits_tried():
+    calls = []
+    tried = found(progress=lambda *call: calls.append(call)).tried
+    assert calls[-1] == ("trying suits", tried, tried)
+    assert [done for _, done, _ in calls] == list(range(tried + 1))
+    assert {total for _, _, total in calls[:-1]} == {160} and tried < 160
 
 
 def test_the_robust_optimum_is_the_better_one_on_average():
