@@ -13,6 +13,7 @@ from types import TracebackType
 from station.progress import Progress
 
 STAGE = "compiling the solver"
+FIRST_USE = "The solver is compiled, once on this machine; this takes about 15 s on two idle processors."
 COMMAND = (sys.executable, "-m", "solver.compile_ahead", "--with-parent")
 
 
@@ -90,7 +91,8 @@ class CompilationAhead:
 def compilation_shown(progress: Progress) -> Iterator[None]:
     """Show compilation in this process as a separate stage, instead of a warning per kernel.
 
-    When it begins, a second process starts with the last kernels. This one loads them if they are ready by then.
+    When it begins, a message says how long it takes, because a log shows no stage before it ends, and a second process
+    starts with the last kernels. This one loads them if they are ready by then.
     """
     # the compiler behind it takes long to import
     from solver.compile_ahead import KERNELS, LAST_FIRST, CompilationCount
@@ -100,6 +102,7 @@ def compilation_shown(progress: Progress) -> Iterator[None]:
     def report(ready: int, total: int) -> None:
         nonlocal has_begun
         if not has_begun:
+            print(FIRST_USE, file=sys.stderr, flush=True)
             others.enter_context(CompilationAhead((*COMMAND, LAST_FIRST)))
         has_begun = True
         progress(STAGE, min(ready, total - 1), total)

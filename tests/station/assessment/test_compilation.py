@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import pytest
 
 from solver.compile_ahead import KERNELS, LAST_FIRST
-from station.assessment.compilation import CompilationAhead, compilation_shown
+from station.assessment.compilation import FIRST_USE, CompilationAhead, compilation_shown
 from station.progress import silent
 
 Shown = list[tuple[str, int, int]]
@@ -79,14 +79,17 @@ def test_the_second_process_ends_with_the_station(started: list[subprocess.Popen
     assert child.returncode is not None
 
 
-def test_what_is_compiled_in_this_process_is_a_stage_and_no_warning(capsys, started) -> None:
+def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_start(capsys, started) -> None:
     shown: Shown = []
     with compilation_shown(lambda *count: shown.append(count)):
         assert not started
+        assert capsys.readouterr().err == ""
         logging.getLogger("solver.compiled").warning("compiling %s", "a kernel")
+        assert capsys.readouterr().err == FIRST_USE + "\n"
+        logging.getLogger("solver.compiled").warning("compiling %s", "another kernel")
         (second,) = started
         assert second.args[-1] == LAST_FIRST
-    (first, last) = shown
+    (first, _, last) = shown
     assert first[0] == last[0] == "compiling the solver"
     assert first[1] < first[2]
     assert last[1] == last[2] == len(KERNELS)
