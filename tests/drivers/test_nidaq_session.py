@@ -197,15 +197,14 @@ def test_a_task_that_died_behind_a_broken_link_is_begun_anew(link: Link, world: 
     assert unaccounted(items, "/force") == []
 
 
-def test_a_network_of_half_a_second_each_way_is_named_as_the_reason(
+def test_a_network_with_a_longer_round_trip_than_allowed_is_named_as_the_reason(
     server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", 9.0)
+    connect_s = scaled_timeout(20.0)
+    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", connect_s)
     monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(10.0))
-    with (  # a call may take a tenth of the time-out for connecting
-        TcpProxy(server.port, delay_s=0.5) as slow,
-        raises_refusal(DeviceCode.NETWORK_TOO_SLOW),
-    ):
+    monkeypatch.setattr(nidaq_session, "LONGEST_ROUND_TRIP", 0.19 / connect_s)
+    with TcpProxy(server.port, delay_s=0.1) as slow, raises_refusal(DeviceCode.NETWORK_TOO_SLOW):
         daq(slow.port, world.utc_ns).open()
 
 

@@ -34,11 +34,11 @@ from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
 from tests.station.refusals import raises_refusal
+from tests.timeout import scaled_timeout
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
 ENDED = Message(TrialCode.CAPTURE_ENDED)
 TRIAL = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, str(ENDED), codes=(ENDED,))
-
 
 OLDER = (
     '{"at": "2026-01-01T08:00:00.000+00:00", "kind": "setup", "subject": "P01", "operator": "ab", '
@@ -204,7 +204,7 @@ def test_two_processes_that_write_at_once_keep_every_line_of_both(tmp_path: Path
         "for number in range(60): write_mark(Path(sys.argv[1]), 'a.mcap', number, sys.argv[2] * 500)"
     )
     writers = [subprocess.Popen([sys.executable, "-c", many, str(tmp_path), who]) for who in ("console", "terminal")]  # noqa: S603
-    assert [writer.wait(60) for writer in writers] == [0, 0]
+    assert [writer.wait(scaled_timeout(60)) for writer in writers] == [0, 0]
     entries = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text().splitlines()]
     assert {entry["format"] for entry in entries} == {1}
     for who in ("console", "terminal"):

@@ -12,6 +12,7 @@ import pytest
 
 from drivers.simulators.bench import Bench
 from drivers.simulators.errors import SimulatorCode
+from tests.timeout import scaled_timeout
 
 QUIET = {"operator": {"capture": "remote"}}
 
@@ -30,14 +31,14 @@ class Talker:
 @contextmanager
 def talking(bench: Bench) -> Iterator[Talker]:
     with socket.create_connection(("127.0.0.1", bench.ports["clock"])) as connection:
-        connection.settimeout(30.0)
+        connection.settimeout(scaled_timeout(30.0))
         yield Talker(connection)
 
 
 def test_an_attached_station_moves_the_world_and_is_told_what_was_sent(simulated_bench: Callable[..., Bench]) -> None:
     bench = simulated_bench(**QUIET)
     with talking(bench) as talker, socket.create_connection(("127.0.0.1", bench.ports["serial"])) as serial:
-        serial.settimeout(30.0)
+        serial.settimeout(scaled_timeout(30.0))
         port = serial.getsockname()[1]
         attached = talker.ask({"attach": "a test"})
         assert (attached["now"], attached["speed"]) == (0.0, None)

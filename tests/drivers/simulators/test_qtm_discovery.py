@@ -13,6 +13,7 @@ from qtm_rt import discovery
 
 from drivers.simulators.bench import Bench
 from drivers.simulators.qtm_discovery import QtmDiscovery
+from tests.timeout import scaled_timeout
 
 
 def test_qtm_rt_discovers_the_simulated_bench(
@@ -39,7 +40,7 @@ def test_qtm_rt_discovers_the_simulated_bench(
             lambda: AtOurPort(receiver=found.append), local_addr=("127.0.0.1", 0), allow_broadcast=True
         )
         protocol.send_discovery_packet()
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(scaled_timeout(10.0)):
             while not found:
                 await asyncio.sleep(0.005)
         given.close()
@@ -60,7 +61,7 @@ def test_the_answer_goes_to_the_port_that_the_packet_names_and_what_is_no_reques
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening,
     ):
         listening.bind(("127.0.0.1", 0))
-        listening.settimeout(10.0)
+        listening.settimeout(scaled_timeout(10.0))
         port = listening.getsockname()[1]
         for packet in (b"", b"\0" * 10, struct.pack("<II", 10, 1) + struct.pack(">H", port), b"\xff" * 60):
             asking.sendto(packet, ("127.0.0.1", responder.port))

@@ -90,7 +90,7 @@ def test_it_goes_no_farther_than_the_slowest_station_allows() -> None:
         assert slow.advance_to(0.25) == 0.25
         assert clock.now() == 0.25
         slow.advance_to(10.0)
-        ahead.join(PATIENCE_S)
+        ahead.join(scaled_timeout(PATIENCE_S))
         assert not ahead.is_alive()
     clock.stop()
 
@@ -199,7 +199,7 @@ def test_whoever_waits_is_told_that_the_world_has_ended() -> None:
     waiting = threading.Thread(target=wait)
     waiting.start()
     clock.stop()
-    waiting.join(PATIENCE_S)
+    waiting.join(scaled_timeout(PATIENCE_S))
     assert told == ["the simulated bench has ended"]
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from recordings.reader import open_recording
 from tests.station.killing import DAEMONS, LOSS_BOUND_S, KillBench, ensure_contiguous, ensure_recovered
+from tests.timeout import scaled_timeout
 
 
 @pytest.mark.slow
@@ -18,7 +19,7 @@ def test_fifty_killed_daemons_leave_all_but_half_a_second(tmp_path: Path) -> Non
     with KillBench(tmp_path) as bench:
         killed = [one for _ in range(5) for one in bench.kill(random.uniform(0, 10, DAEMONS).tolist())]
     for one in killed:
-        assert max(one.losses_s().values()) <= LOSS_BOUND_S
+        assert max(one.losses_s().values()) <= scaled_timeout(LOSS_BOUND_S)
         ensure_contiguous(open_recording(one.path))
         ensure_recovered(one.path)
     assert len(killed) == 50

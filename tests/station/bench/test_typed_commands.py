@@ -14,6 +14,7 @@ import pytest
 from drivers.simulators.settings import Settings
 from drivers.simulators.world import World
 from station.bench.typed_commands import execute_commands, execute_commands_in_thread, parse_fault
+from tests.timeout import scaled_timeout
 
 
 def test_a_line_is_a_fault_at_the_present_time() -> None:
@@ -65,7 +66,7 @@ def test_an_unreadable_standard_input_is_ignored() -> None:
     replies: list[str] = []
     for lines in (None, unreadable()):
         thread = execute_commands_in_thread(lines, World(Settings(), None), replies.append)
-        thread.join(10.0)
+        thread.join(scaled_timeout(10.0))
         assert not thread.is_alive() and replies == []
 
 

@@ -30,6 +30,7 @@ from station.sweep.solving import solve_task
 from tests.solver.uncertainty.test_people import CASE
 from tests.station.refusals import raises_refusal
 from tests.station.sweep.plans import write_plan
+from tests.timeout import scaled_timeout
 
 VARY = 'condition = ["rigid", "both"]\nrest_length_m = [0.7, 0.74]\nhand_mass_kg = [0, 0.5, 1, 1.5, 2]'
 
@@ -89,7 +90,7 @@ def test_a_sweep_survives_a_killed_worker(client: Client, plan: SweepPlan, ran_t
     found = run_sweep(plan, tmp_path, partial(solve_on, client), at(1, lambda: os.kill(victim, signal.SIGKILL)))
     assert errors_in(found) == []
     assert found.table.read_bytes() == ran_through
-    client.wait_for_workers(2, timeout=60)
+    client.wait_for_workers(2, timeout=scaled_timeout(60))
     assert victim not in client.run(os.getpid).values()
 
 
