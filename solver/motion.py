@@ -55,7 +55,7 @@ class Kinematics:
     speeds        u [rad/s or m/s];  accelerations [rad/s² or m/s²]
     cutoff        of the low-pass filter [Hz], None where none was used
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
-    steps         of the recorded times, as in Motion
+    steps         of the recorded times, and missing: coordinates without data, both as in Motion
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
     angular velocity. Over a slow arm raise the two differ by up to 0.1 rad/s; published activations compare only so.
@@ -69,6 +69,7 @@ class Kinematics:
     cutoff: float | None
     derivatives: Derivatives = "differences"
     steps: tuple[float, float] | None = None
+    missing: tuple[str, ...] = ()
 
     def cut(self, frames: slice) -> Kinematics:
         """These frames alone, without a step between them."""
@@ -84,9 +85,9 @@ class Kinematics:
         frames, coordinates = self.positions.shape
         span = f"{self.time[0]:g} to {self.time[-1]:g} s" if frames else "no frames"
         described = f"Kinematics: {frames} frames of {coordinates} coordinates, {span}; low-pass filter: {self.filter}"
-        if self.steps is None:
-            return described
-        return f"{described}; interpolated from steps of {self.steps[0]:.6g} to {self.steps[1]:.6g} s"
+        if self.steps is not None:
+            described += f"; interpolated from steps of {self.steps[0]:.6g} to {self.steps[1]:.6g} s"
+        return f"{described}; without data: {', '.join(self.missing)}" if self.missing else described
 
     @property
     def filter(self) -> str:
@@ -162,7 +163,7 @@ def differentiate(
     accelerations = np.gradient(speeds, interval, axis=0)
     kept = frames_between(motion.time, start, end)
     moved = (positions[kept], speeds[kept], accelerations[kept])
-    return Kinematics(motion.time[kept], interval, *moved, cutoff, steps=motion.steps)
+    return Kinematics(motion.time[kept], interval, *moved, cutoff, steps=motion.steps, missing=motion.missing)
 
 
 def frames_between(time: Array, start: float | None, end: float | None) -> NDArray[np.bool_]:

@@ -62,6 +62,7 @@ def differentiate_by_splines(
         cutoff=cutoff,
         derivatives="splines",
         steps=motion.steps,
+        missing=motion.missing,
     )
 
 

@@ -17,7 +17,7 @@ from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model
-from solver.motion import Kinematics, decimate, differentiate
+from solver.motion import Kinematics, decimate
 from solver.redundancy.motion import solve_motion as solve
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import RedundancyOptions, options_for
@@ -32,7 +32,7 @@ from station.assessment.assessment_inputs import worn_cuffs
 from station.fit import SessionError, fit_session_folder
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
-from station.sources import BUNDLED, loads_of, model_of, motion_of
+from station.sources import BUNDLED, CUTOFF_HZ, kinematics_of, loads_of, model_of
 
 File = Path | str
 
@@ -73,14 +73,16 @@ def load_model(source: File = BUNDLED) -> Model:
     return model_of(str(source))
 
 
-def load_motion(model: Model, path: File | None = None, cutoff_hz: float | None = 3.0, every: int = 1) -> Kinematics:
+def load_motion(
+    model: Model, path: File | None = None, cutoff_hz: float | None = CUTOFF_HZ, every: int = 1
+) -> Kinematics:
     """Read a motion (.mot, .sto, .csv) and differentiate it; without a path, the bundled raise of the arm.
 
     cutoff_hz: of the low-pass filter (Butterworth of order 4, forwards and backwards), None for no filter. every: keep
-    every n-th frame. Uneven steps are interpolated to even ones; the repr of the result has them. Raises MotionError.
+    every n-th frame. Uneven steps are interpolated to even ones, and a coordinate without a column keeps its default or
+    is where a constraint holds it; the repr of the result has both. Raises MotionError.
     """
-    recorded = motion_of(None if path is None else Path(path), model)
-    return decimate(differentiate(recorded, cutoff_hz), every)
+    return decimate(kinematics_of(None if path is None else Path(path), model, cutoff_hz), every)
 
 
 def solve_motion(

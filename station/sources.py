@@ -14,7 +14,8 @@ from documents.regular_file import LARGEST_TABLE, read_regular
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
-from solver.motion import Motion, read_motion
+from solver.motion import Kinematics, Motion, differentiate, read_motion
+from solver.motion_splines import held_by_constraints
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.document import read_document
 from solver.osim.loads import data_file, read_external_loads
@@ -24,6 +25,8 @@ from solver.raise_arm import simulate_arm_raise
 from solver.suit.suited_model import CORD, CUFFS_AT_ENDS, SuitedModel
 
 BUNDLED = "bundled"
+CUTOFF_HZ = 3.0
+"""Of the published study; gait needs about 6."""
 
 
 def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
@@ -57,11 +60,15 @@ def model_and_suit_of(
     return read_osim_model(document, ignore_forces=ignore_forces, actuators=actuators), None
 
 
-def motion_of(path: Path | None, model: Model, *, with_defaults: bool = False) -> Motion:
-    """The motion of a file, or the bundled raise of the arm; with_defaults as in read_motion."""
-    if path is None:
-        return simulate_arm_raise(model)
-    return read_motion(path, model, with_defaults=with_defaults)
+def motion_of(path: Path | None, model: Model) -> Motion:
+    """The motion of a file, with defaults in place of missing columns, or the bundled raise of the arm."""
+    return simulate_arm_raise(model) if path is None else read_motion(path, model, with_defaults=True)
+
+
+def kinematics_of(path: Path | None, model: Model, cutoff_hz: float | None = CUTOFF_HZ) -> Kinematics:
+    """The motion of motion_of, filtered and differentiated; those without data are where constraints hold them."""
+    kinematics = differentiate(motion_of(path, model), cutoff_hz)
+    return held_by_constraints(model, kinematics, kinematics.missing)
 
 
 def loads_of(path: Path | None, model: Model, time: NDArray[float64]) -> tuple[ExternalForce, ...]:

@@ -181,7 +181,7 @@ def _assess_other_motion(
 
 
 def _findings_on_inputs(case: AssessedCase, on_loads: dict[str, str], *, has_people: bool) -> tuple[Finding, ...]:
-    found = motion_findings(motion_checks(case.model, case.kinematics) | on_loads, case.missing)
+    found = motion_findings(motion_checks(case.model, case.kinematics) | on_loads)
     if has_people and not has_arm_segments(case.model):
         found.append(Message(AssessmentCode.NO_ARM_SEGMENTS))
     return tuple(found)

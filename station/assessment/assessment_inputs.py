@@ -14,8 +14,7 @@ from fitting.laws.model_class import SLIP
 from fitting.results.seal import Standing
 from solver.cuff import CuffParameters
 from solver.model import Model, ModelError
-from solver.motion import Kinematics, MotionError, differentiate, read_motion
-from solver.motion_splines import held_by_constraints
+from solver.motion import Kinematics, MotionError
 from solver.multibody.external_loads import ExternalForce
 from solver.paths import PathMode
 from solver.point_mass import with_point_mass
@@ -28,11 +27,9 @@ from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.codes import InputCode
 from station.messages.message import Message
-from station.sources import loads_of, model_of, motion_of, named_hash, named_hashes
+from station.sources import CUTOFF_HZ, kinematics_of, loads_of, model_of, named_hash, named_hashes
 
 RIGID = "rigid"
-CUTOFF_HZ = 3.0
-"""Of the published study; gait needs about 6."""
 HELD_MASS = 2.0  # kg in the hand, if both the assessed and the other motion are the bundled one
 
 
@@ -83,11 +80,8 @@ class AssessmentInputs:
         options = RedundancyOptions(path_mode=self.paths, tendons=self.tendons)
         return options if self.effort is None else read_effort(self.effort).applied(model, options)[1]
 
-    def read_motion(self, model: Model) -> tuple[Kinematics, tuple[str, ...]]:
-        """The motion, and its coordinates without data: at their default, or where a constraint holds them."""
-        motion = motion_of(self.motion, model, with_defaults=True)
-        kinematics = differentiate(motion, self.cutoff_hz)
-        return held_by_constraints(model, kinematics, motion.missing), motion.missing
+    def read_motion(self, model: Model) -> Kinematics:
+        return kinematics_of(self.motion, model, self.cutoff_hz)
 
     def read_loads(self, model: Model, kinematics: Kinematics) -> tuple[ExternalForce, ...]:
         return loads_of(self.external_loads, model, kinematics.time)
@@ -106,11 +100,12 @@ class AssessmentInputs:
     def read_other_motion(self, model: Model) -> tuple[str, Model, Kinematics] | None:
         """Name, model and kinematics of the other motion; by default the bundled raise, or that with a mass."""
         if self.beside is not None:
-            kinematics = differentiate(read_motion(self.beside, model), self.cutoff_hz)
+            kinematics = kinematics_of(self.beside, model, self.cutoff_hz)
             interpolated = "" if kinematics.steps is None else " (interpolated to even steps)"
-            return self.beside.name + interpolated, model, kinematics
+            without = f" (without data: {', '.join(kinematics.missing)})" if kinematics.missing else ""
+            return self.beside.name + interpolated + without, model, kinematics
         try:
-            kinematics = differentiate(motion_of(None, model))
+            kinematics = kinematics_of(None, model)
             if self.motion is not None:
                 return "bundled raise of the arm", model, kinematics
             hand = model.bodies[model.body_index("hand")]

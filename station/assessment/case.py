@@ -21,7 +21,6 @@ class AssessedCase:
     """What is assessed. drawn are motions within the uncertainty of the markers, of a wearer only.
 
     spread of each suit marker about its point [m], empty where the suit's points are those of its file
-    missing coordinates without data in the motion
     """
 
     model: Model
@@ -30,7 +29,6 @@ class AssessedCase:
     drawn: tuple[Kinematics, ...] = ()
     subject: AssessedSubject | None = None
     spread: dict[str, float] | None = None
-    missing: tuple[str, ...] = ()
 
 
 def read_case(
@@ -39,8 +37,7 @@ def read_case(
     """Raises the sentence of the part that cannot be used."""
     generic, suit = inputs.read_model(), inputs.read_suit(most_rest_lengths)
     if inputs.subject is None:
-        kinematics, missing = inputs.read_motion(generic)
-        return AssessedCase(generic, kinematics, suit, missing=missing)
+        return AssessedCase(generic, inputs.read_motion(generic), suit)
     if not has_arm_segments(generic):
         bodies = ", ".join(body for segment in ARM_SEGMENTS.values() for body in segment.bodies)
         raise UnusedOption(Message(InputCode.NO_ARM_OF_SUBJECT, {"model": generic.name, "bodies": bodies}))

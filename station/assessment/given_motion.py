@@ -11,14 +11,14 @@ from solver.motion_splines import Accelerations, differentiate_by_splines, held_
 from solver.multibody.external_loads import ExternalForce
 from solver.suit.suited_model import SuitedModel
 from station.assessment.motion_checks import load_checks, motion_checks
-from station.sources import loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
+from station.sources import CUTOFF_HZ, loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
 
 
 @dataclass(frozen=True)
 class MotionCut:
     """The part of a motion that is solved, times in seconds; cutoff_hz of the low-pass filter, None for no filter."""
 
-    cutoff_hz: float | None = 3.0
+    cutoff_hz: float | None = CUTOFF_HZ
     start: float | None = None
     end: float | None = None
     every: int = 1
@@ -53,7 +53,6 @@ class MuscleInputs:
 class GivenMotion:
     """The model, with its suit if it has one, and motion and loads in the frames that are solved.
 
-    missing   coordinates without data: at their default, or where a constraint holds them
     on_loads  notes of load_checks on the file of external loads
     """
 
@@ -61,17 +60,14 @@ class GivenMotion:
     suited: SuitedModel | None
     kinematics: Kinematics
     loads: tuple[ExternalForce, ...]
-    missing: tuple[str, ...]
     on_loads: dict[str, str]
 
     @property
     def notes(self) -> dict[str, str]:
         """Suit, filter, frames and the notes of all checks, for the header of a result."""
         suit = {} if self.suited is None else {"suit": _describe_suit(self.suited)}
-        missing = {"without_data": ", ".join(self.missing)} if self.missing else {}
         return {
             **suit,
-            **missing,
             **motion_checks(self.model, self.kinematics),
             **self.on_loads,
             "filter": self.kinematics.filter,
@@ -83,7 +79,7 @@ class GivenMotion:
 def read_given_motion(inputs: MuscleInputs, cut: MotionCut, *, is_assembled: bool = False) -> GivenMotion:
     """Read all files but the effort's. is_assembled: constraints hold all coordinates, not those without data alone."""
     model, suited = model_and_suit_of(inputs.model, ignore_forces=inputs.ignore_forces, actuators=inputs.actuators)
-    motion = motion_of(inputs.motion, model, with_defaults=True)
+    motion = motion_of(inputs.motion, model)
     held = model.coordinate_names if is_assembled else motion.missing
     whole = held_by_constraints(model, _differentiate(motion, cut, is_assembled=is_assembled), held)
     kinematics = decimate(whole, cut.every)
@@ -91,7 +87,7 @@ def read_given_motion(inputs: MuscleInputs, cut: MotionCut, *, is_assembled: boo
     on_loads = load_checks(inputs.external_loads, loads)
     if suited is not None:
         loads += suited.loads(whole, cut.every)
-    return GivenMotion(model, suited, kinematics, loads, motion.missing, on_loads)
+    return GivenMotion(model, suited, kinematics, loads, on_loads)
 
 
 def _differentiate(motion: Motion, cut: MotionCut, *, is_assembled: bool) -> Kinematics:

@@ -1,8 +1,8 @@
 """Checks of a motion and its loads.
 
-Steps that are uneven, a filter with a low cut-off, coordinates against a coupler, lock or prescription or far out of
-range, and loads that are off.
-None is an error: OpenSim's tools take such a motion as it is. Notes name the coordinates, the greatest value first.
+Coordinates without data, steps that are uneven, a filter with a low cut-off, coordinates against a coupler, lock or
+prescription or far out of range, and loads that are off. None is an error: OpenSim's tools take such a motion as it
+is. Notes name the coordinates, the greatest value first.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ LEAST_CUTOFF = 4.0
 """Cut-off in mean frequencies of the angles. Walking, of about 1.2 Hz, is filtered at 6 Hz (Winter, Biomechanics and
 Motor Control of Human Movement), the arm lifts of the published study, of 0.2 to 0.5 Hz, at 3 Hz."""
 FINDINGS = {
+    "without_data": (AssessmentCode.WITHOUT_DATA, "coordinates"),
     "resampled_from_s": (AssessmentCode.RESAMPLED, "steps"),
     "low_cutoff": (AssessmentCode.LOW_CUTOFF, "frequencies"),
     "violates_constraint": (AssessmentCode.VIOLATES_CONSTRAINT, "coordinates"),
@@ -59,6 +60,7 @@ def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
     tolerance = np.where(is_distance, DISTANCE_TOLERANCE, ANGLE_TOLERANCE)
     steps = kinematics.steps
     notes = {
+        "without_data": ", ".join(kinematics.missing),
         "resampled_from_s": "" if steps is None else f"{steps[0]:.6g} to {steps[1]:.6g}",
         "low_cutoff": _low_cutoff(model, kinematics),
         "violates_constraint": _listed(model, differences, held & (differences > tolerance)),
@@ -73,12 +75,9 @@ def load_checks(path: Path | None, loads: Sequence[ExternalForce]) -> dict[str, 
     return {} if path is None or loads else {"no_load_applied": path.name}
 
 
-def motion_findings(notes: Mapping[str, str], missing: Sequence[str] = ()) -> list[Message[AssessmentCode]]:
-    """A finding for each of the notes of motion_checks and load_checks, and one for coordinates without data."""
-    without = [Message(AssessmentCode.WITHOUT_DATA, {"coordinates": ", ".join(missing)})] if missing else []
-    return without + [
-        Message(code, {figure: notes[name]}) for name, (code, figure) in FINDINGS.items() if name in notes
-    ]
+def motion_findings(notes: Mapping[str, str]) -> list[Message[AssessmentCode]]:
+    """A finding for each of the notes of motion_checks and load_checks."""
+    return [Message(code, {figure: notes[name]}) for name, (code, figure) in FINDINGS.items() if name in notes]
 
 
 def _low_cutoff(model: Model, kinematics: Kinematics) -> str:

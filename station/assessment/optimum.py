@@ -60,7 +60,7 @@ def optimise_file(
         names = ", ".join(cuff.name for cuff in arms) or "none"
         raise InputError(Message(InputCode.ONE_ARM_CUFF, {"names": names}))
     model = inputs.read_model()
-    kinematics, missing = inputs.read_motion(model)
+    kinematics = inputs.read_motion(model)
     loads, suit = inputs.read_loads(model, kinematics), inputs.read_suit()
     optimised = optimise_suit(
         LoadedMotion(model, kinematics, loads, inputs.read_options(model)),
@@ -73,7 +73,7 @@ def optimise_file(
     )
     remarks = cuff_remarks(inputs.cuffs, (cuffs[cuff.name] for cuff in (*arms, *waists)))
     notes = motion_checks(model, kinematics) | load_checks(inputs.external_loads, loads)
-    remarks += map(str, motion_findings(notes, missing))
+    remarks += map(str, motion_findings(notes))
     if draws and condition != "rigid" and not optimised.robust.drawn.size:
         remarks.append(str(Message(AssessmentCode.NO_COVARIANCE)))
     plain = {

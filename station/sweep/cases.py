@@ -1,4 +1,4 @@
-"""Cases of a plan: every file is read once; the key of a case is a hash of everything that determines its result."""
+"""Cases of a plan, with their files; the key of a case is a hash of everything that determines its result."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,8 @@ from documents.regular_file import LARGEST_TABLE, read_regular
 from fitting.cuffs.wearable_cuff import WearableCuff
 from solver.cuff import CuffParameters, by_site
 from solver.model import Model, ModelError
-from solver.motion import MotionError, differentiate
+from solver.motion import Kinematics, MotionError
+from solver.multibody.external_loads import ExternalForce
 from solver.osim.loads import data_file
 from solver.point_mass import with_point_mass
 from solver.suit.scenarios import LoadedMotion, SuitScenario
@@ -26,13 +27,18 @@ from station.assessment.assessment_inputs import cuff_remarks, read_cuffs_to_wea
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
-from station.sources import BUNDLED, loads_of, model_of, motion_of
+from station.sources import BUNDLED, kinematics_of, loads_of, model_of
 from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value
 from station.sweep.solving import Failure, Task, WornCase
 from station.versions import solver_digest
 
 FRAMES_PER_TASK = 100_000
 """Frames of all scenarios of a task: some seconds of work, which is lost if a worker is killed."""
+
+MOTIONS_IN_MEMORY = 32
+"""Of a plan with more, motions are read for their remarks and again for their cases."""
+
+LoadedKinematics = tuple[Kinematics, tuple[ExternalForce, ...]]
 
 GEOMETRY = ("model", "motion", "external_loads", "hand_mass_kg", "suit")
 """Axes whose values cases of one task have in common: the same postures and masses."""
@@ -59,6 +65,7 @@ class SweepInputs:
         self.plan, self.solver = plan, solver_digest()
         self.model, self.suit, self.cuffs = cache(self._model), cache(self._suit), cache(self._cuffs)
         self.digest, self.motion_remarks = cache(self._digest), cache(self._motion_remarks)
+        self.loaded_kinematics = lru_cache(MOTIONS_IN_MEMORY)(self._loaded_kinematics)
         for name in plan.values("model"):
             self.model(name)
         self.cases = [self._case(number, point) for number, point in enumerate(plan.points())]
@@ -114,13 +121,9 @@ class SweepInputs:
     def _motion(self, geometry: Point) -> LoadedMotion | Failure:
         """The motion, or the reason why it cannot be used."""
         try:
-            model, motion, loads = self.model(geometry["model"]), geometry["motion"], geometry["external_loads"]
-            kinematics = differentiate(motion_of(None if motion == BUNDLED else self._path(motion), model))
-            return LoadedMotion(
-                model=_with_mass_in_hand(model, float(str(geometry["hand_mass_kg"]))),
-                kinematics=kinematics,
-                loads=loads_of(None if loads == NONE else self._path(loads), model, kinematics.time),
-            )
+            kinematics, forces = self.loaded_kinematics(*(geometry[axis] for axis in GEOMETRY[:3]))
+            mass = float(str(geometry["hand_mass_kg"]))
+            return LoadedMotion(_with_mass_in_hand(self.model(geometry["model"]), mass), kinematics, forces)
         except (ModelError, MotionError) as error:
             return Failure.of(error)
 
@@ -128,13 +131,18 @@ class SweepInputs:
         """Findings on a motion and its loads; none on those that cannot be used, whose cases have an error."""
         if (motion, loads) == (BUNDLED, NONE):
             return ()
-        geometry = {"model": model, "motion": motion, "external_loads": loads, "hand_mass_kg": 0.0}
-        moving = self._motion(geometry)
-        if isinstance(moving, Failure):
+        try:
+            kinematics, forces = self.loaded_kinematics(model, motion, loads)
+        except (ModelError, MotionError):
             return ()
-        notes = motion_checks(moving.model, moving.kinematics)
-        notes |= load_checks(None if loads == NONE else self._path(loads), moving.loads)
+        notes = motion_checks(self.model(model), kinematics)
+        notes |= load_checks(None if loads == NONE else self._path(loads), forces)
         return tuple(map(str, motion_findings(notes)))
+
+    def _loaded_kinematics(self, model: Value, motion: Value, loads: Value) -> LoadedKinematics:
+        body = self.model(model)
+        kinematics = kinematics_of(None if motion == BUNDLED else self._path(motion), body)
+        return kinematics, loads_of(None if loads == NONE else self._path(loads), body, kinematics.time)
 
     def _model(self, name: Value) -> Model:
         return model_of(BUNDLED if name == BUNDLED else str(self._path(name)))

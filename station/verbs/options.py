@@ -91,12 +91,11 @@ def print_result(result: TrialResult, format: Format, *, is_kept: bool = True) -
 
 
 def print_motion_notes(notes: Mapping[str, str]) -> None:
-    """Print to stderr: the filter of a motion, coordinates without data, and the findings of its checks."""
+    """Print to stderr: the filter of a motion, and the findings of its checks."""
     from station.assessment.motion_checks import motion_findings
 
     print_message(f"filter: {notes['filter']}")
-    missing = notes["without_data"].split(", ") if "without_data" in notes else []
-    for finding in motion_findings(notes, missing):
+    for finding in motion_findings(notes):
         print_message(str(finding))
 
 

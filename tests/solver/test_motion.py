@@ -103,6 +103,7 @@ def test_a_coordinate_without_a_column_keeps_its_default_on_request_but_not_all_
     motion = read_motion(path, body, with_defaults=True)
     assert motion.missing == ("elbow_flexion",)
     np.testing.assert_allclose(motion.coordinates, [[90.0, 0.7], [180.0, 0.7], [0.0, 0.7]])
+    assert "without data: elbow_flexion" in repr(differentiate(motion, None))
 
 
 @pytest.mark.parametrize("with_defaults", [True, False])

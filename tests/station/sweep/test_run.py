@@ -15,11 +15,12 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode, SolverError
 from solver.model import ModelError
-from solver.motion import differentiate, write_table
+from solver.motion import differentiate, read_motion, write_table
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import SuitError, read_suit
 from solver.suit.uncertainty import DrawSettings
+from station import sources
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.messages.codes import InputCode
 from station.messages.sweep_codes import SweepCode
@@ -78,6 +79,30 @@ def test_uneven_steps_and_loads_that_are_off_are_remarks_of_their_cases(tmp_path
     for row in table.to_dict("records"):
         assert ("interpolated" in row["remarks"]) == (row["motion"] == "uneven.sto")
         assert ("off.xml" in row["remarks"]) == (row["external_loads"] == "off.xml")
+
+
+def test_a_motion_without_a_column_is_that_with_the_default_and_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, raised = bundled_model(), simulate_arm_raise(bundled_model())
+    place = model.coordinate_index("elbow_flexion")
+    coordinates = raised.coordinates.copy()
+    coordinates[:, place] = model.default_coordinates[place]
+    write_table(tmp_path / "whole.sto", raised.names, raised.time, coordinates)
+    kept = [index for index in range(len(raised.names)) if index != place]
+    write_table(tmp_path / "part.sto", [raised.names[index] for index in kept], raised.time, coordinates[:, kept])
+    read: list[str] = []
+    monkeypatch.setattr(
+        sources, "read_motion", lambda path, *a, **k: (read.append(path.name), read_motion(path, *a, **k))[1]
+    )
+    vary = 'motion = ["whole.sto", "part.sto"]\nhand_mass_kg = [0, 2]\nrest_length_m = 0.74'
+    found, table = swept(tmp_path, f'cuff = "hand"\ncondition = "rigid"\n{vary}')
+    assert (found.cases, found.failed, sorted(read)) == (4, 0, ["part.sto", "whole.sto"])
+    whole, part = (table[table["motion"] == name] for name in ("whole.sto", "part.sto"))
+    np.testing.assert_allclose(part["normalised_cost"], whole["normalised_cost"], rtol=1e-12)
+    assert (
+        part["remarks"].str.contains("elbow_flexion").all() and not whole["remarks"].str.contains("elbow_flexion").any()
+    )
 
 
 def test_rows_are_in_the_order_of_the_plan_with_the_parameters_of_the_suit(tmp_path: Path) -> None:
