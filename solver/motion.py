@@ -37,6 +37,7 @@ class Motion:
     coordinates  (frames, coordinates) [rad], translations [m]
     missing      names of the coordinates without data, which keep their default values
     steps        shortest and longest step of the recorded times [s], if they were uneven; None if they were even
+    largest_degrees  largest angle [°] of a file in degrees; None of one in radians
     """
 
     names: tuple[str, ...]
@@ -44,6 +45,7 @@ class Motion:
     coordinates: Array
     missing: tuple[str, ...] = ()
     steps: tuple[float, float] | None = None
+    largest_degrees: float | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,7 +57,7 @@ class Kinematics:
     speeds        u [rad/s or m/s];  accelerations [rad/s² or m/s²]
     cutoff        of the low-pass filter [Hz], None where none was used
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
-    steps         of the recorded times, and missing: coordinates without data, both as in Motion
+    steps, missing, largest_degrees  of the recorded motion, as in Motion
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
     angular velocity. Over a slow arm raise the two differ by up to 0.1 rad/s; published activations compare only so.
@@ -70,6 +72,7 @@ class Kinematics:
     derivatives: Derivatives = "differences"
     steps: tuple[float, float] | None = None
     missing: tuple[str, ...] = ()
+    largest_degrees: float | None = None
 
     def cut(self, frames: slice) -> Kinematics:
         """These frames alone, without a step between them."""
@@ -133,20 +136,25 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
         raise MotionError(f"{sentence}; keep one of them", SolverCode.MALFORMED_TABLE)
     time = table[:, columns.index("time")]
     coordinates = np.tile(model.default_coordinates, (len(time), 1))
+    largest_degrees = 0.0 if in_degrees else None
     for index, coordinate in enumerate(model.coordinates):
         if coordinate.name not in missing:
-            is_angle = in_degrees and coordinate.motion == "rotation"
-            coordinates[:, index] = table[:, columns.index(coordinate.name)] * (np.pi / 180 if is_angle else 1.0)
+            values = table[:, columns.index(coordinate.name)]
+            if largest_degrees is not None and coordinate.motion == "rotation":
+                largest_degrees = max(largest_degrees, float(np.abs(values).max()))
+                values = np.radians(values)
+            coordinates[:, index] = values
     _ensure_possible(path, model, coordinates)
     if is_even(time):
-        return Motion(names=names, time=time, coordinates=coordinates, missing=missing)
+        return Motion(names, time, coordinates, missing, largest_degrees=largest_degrees)
     steps, grid = np.diff(time), even_grid(time)
     if grid is None:
         raise MotionError(
             f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; resample it",
             SolverCode.UNEVEN_TIME,
         )
-    return Motion(names, grid, interpolated(time, coordinates, grid), missing, (float(steps.min()), float(steps.max())))
+    limits = (float(steps.min()), float(steps.max()))
+    return Motion(names, grid, interpolated(time, coordinates, grid), missing, limits, largest_degrees)
 
 
 def differentiate(
@@ -163,7 +171,8 @@ def differentiate(
     accelerations = np.gradient(speeds, interval, axis=0)
     kept = frames_between(motion.time, start, end)
     moved = (positions[kept], speeds[kept], accelerations[kept])
-    return Kinematics(motion.time[kept], interval, *moved, cutoff, steps=motion.steps, missing=motion.missing)
+    recorded = (motion.steps, motion.missing, motion.largest_degrees)
+    return Kinematics(motion.time[kept], interval, *moved, cutoff, "differences", *recorded)
 
 
 def frames_between(time: Array, start: float | None, end: float | None) -> NDArray[np.bool_]:

@@ -63,6 +63,7 @@ def differentiate_by_splines(
         derivatives="splines",
         steps=motion.steps,
         missing=motion.missing,
+        largest_degrees=motion.largest_degrees,
     )
 
 

@@ -33,6 +33,10 @@ class ExternalForce:
     origin: int
     point: Array
 
+    def points_in_ground(self, state: Postures) -> Array:
+        """(frames, 3) [m] where the force acts."""
+        return state.origin_in_ground[:, self.origin] + rotate(state.rotation_to_ground[:, self.origin], self.point)
+
     def decimate(self, every: int) -> ExternalForce:
         """In every N-th frame, the first included."""
         return self.cut(slice(None, None, every))
@@ -47,7 +51,6 @@ def load_wrenches(loads: Sequence[ExternalForce], state: Postures) -> Array:
     wrenches = np.zeros((*state.origin_in_ground.shape[:2], 6))
     for load in loads:
         to_ground = state.rotation_to_ground[:, load.axes]
-        place = state.origin_in_ground[:, load.origin] + rotate(state.rotation_to_ground[:, load.origin], load.point)
-        wrenches[:, load.body] += wrench_about_origin(place, rotate(to_ground, load.force))
+        wrenches[:, load.body] += wrench_about_origin(load.points_in_ground(state), rotate(to_ground, load.force))
         wrenches[:, load.body, :3] += rotate(to_ground, load.torque)
     return wrenches

@@ -150,7 +150,7 @@ def assess_cuffs(
         cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
         subject = plain_subject(case.subject, case.spread, cord)
         hashes |= subject_inputs(inputs.subject, case.subject)
-    on_loads = load_checks(inputs.external_loads, moving.loads)
+    on_loads = load_checks(inputs.external_loads, moving.loads, moving.model, moving.kinematics)
     on_inputs = _findings_on_inputs(case, on_loads, has_people=people is not None)
     names = dict(suit.names)
     return AssessedSuit(

@@ -84,7 +84,7 @@ def read_given_motion(inputs: MuscleInputs, cut: MotionCut, *, is_assembled: boo
     whole = held_by_constraints(model, _differentiate(motion, cut, is_assembled=is_assembled), held)
     kinematics = decimate(whole, cut.every)
     loads = loads_of(inputs.external_loads, model, kinematics.time)
-    on_loads = load_checks(inputs.external_loads, loads)
+    on_loads = load_checks(inputs.external_loads, loads, model, kinematics)
     if suited is not None:
         loads += suited.loads(whole, cut.every)
     return GivenMotion(model, suited, kinematics, loads, on_loads)

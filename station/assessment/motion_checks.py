@@ -1,8 +1,9 @@
 """Checks of a motion and its loads.
 
 Coordinates without data, steps that are uneven, a filter with a low cut-off, coordinates against a coupler, lock or
-prescription or far out of range, and loads that are off. None is an error: OpenSim's tools take such a motion as it
-is. Notes name the coordinates, the greatest value first.
+prescription or far out of range, angles that look like radians in a file in degrees, and loads that are off or far from
+their body. None is an error: OpenSim's tools take such a motion as it is. Notes name the coordinates, the greatest
+value first.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from solver.motion import Kinematics
 from solver.motion_splines import held_by_constraints
 from solver.multibody.constraints import is_held
 from solver.multibody.external_loads import ExternalForce
+from solver.multibody.postures import postures
+from station.assessment.reserves import unit_of
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 
@@ -33,6 +36,11 @@ sprint along a track is not. Ranges without a limit, ±99999.9 in OpenSim's file
 LEAST_CUTOFF = 4.0
 """Cut-off in mean frequencies of the angles. Walking, of about 1.2 Hz, is filtered at 6 Hz (Winter, Biomechanics and
 Motor Control of Human Movement), the arm lifts of the published study, of 0.2 to 0.5 Hz, at 3 Hz."""
+LARGEST_RADIANS = np.pi
+"""A motion in degrees without a larger number looks like one in radians."""
+FAR_FROM_BODY, SHARE_OF_FORCE = 1.0, 0.05
+"""A load is far from its body if its point is more than 1 m from the body's origin, longer than any segment, while its
+force is above 5 % of its greatest: a centre of pressure has no meaning without a force."""
 FINDINGS = {
     "without_data": (AssessmentCode.WITHOUT_DATA, "coordinates"),
     "resampled_from_s": (AssessmentCode.RESAMPLED, "steps"),
@@ -40,7 +48,9 @@ FINDINGS = {
     "violates_constraint": (AssessmentCode.VIOLATES_CONSTRAINT, "coordinates"),
     "beyond_range": (AssessmentCode.BEYOND_RANGE, "coordinates"),
     "translation_beyond_range": (AssessmentCode.TRANSLATION_BEYOND_RANGE, "coordinates"),
+    "radians_as_degrees": (AssessmentCode.RADIANS_AS_DEGREES, "angle"),
     "no_load_applied": (AssessmentCode.NO_LOAD_APPLIED, "file"),
+    "load_far_from_body": (AssessmentCode.LOAD_FAR_FROM_BODY, "loads"),
 }
 """Code of the finding of a note, and the figure that the note is in its sentence."""
 UNITS = {"rotation": "rad", "translation": "m", "coupled": "rad or m"}
@@ -51,28 +61,39 @@ def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
 
     A coordinate violates its constraint by the largest difference from what the constraint gives. An angle is beyond
     its range [rad] if it is more than a full turn outside, as degrees that were read as radians are; a translation [m]
-    if it is as far outside as millimetres that were read as metres are.
+    if it is as far outside as millimetres that were read as metres are. Radians as degrees: the largest angle.
     """
-    held = is_held(model)
+    held, kinds = is_held(model), _kinds(model)
     expected = held_by_constraints(model, kinematics).positions
     differences = np.abs(kinematics.positions - expected).max(axis=0)
-    is_distance = np.array([coordinate.motion == "translation" for coordinate in model.coordinates])
+    is_distance = kinds == "translation"
     tolerance = np.where(is_distance, DISTANCE_TOLERANCE, ANGLE_TOLERANCE)
-    steps = kinematics.steps
+    steps, degrees = kinematics.steps, kinematics.largest_degrees or 0.0
     notes = {
         "without_data": ", ".join(kinematics.missing),
         "resampled_from_s": "" if steps is None else f"{steps[0]:.6g} to {steps[1]:.6g}",
         "low_cutoff": _low_cutoff(model, kinematics),
         "violates_constraint": _listed(model, differences, held & (differences > tolerance)),
-        "beyond_range": _beyond_range(model, kinematics.positions, ~held & ~is_distance),
+        "beyond_range": _beyond_range(model, kinematics.positions, ~held & (kinds == "rotation")),
         "translation_beyond_range": _beyond_range(model, kinematics.positions, ~held & is_distance),
+        "radians_as_degrees": f"{degrees:.3g}" if 0.0 < degrees <= LARGEST_RADIANS else "",
     }
     return {name: note for name, note in notes.items() if note}
 
 
-def load_checks(path: Path | None, loads: Sequence[ExternalForce]) -> dict[str, str]:
-    """Note no_load_applied, the name of the file, if a file of external loads was given and applies none."""
-    return {} if path is None or loads else {"no_load_applied": path.name}
+def load_checks(
+    path: Path | None, loads: Sequence[ExternalForce], model: Model, kinematics: Kinematics
+) -> dict[str, str]:
+    """Notes on the loads of a file.
+
+    no_load_applied has the name of the file if it applies none, load_far_from_body "load distance m from body, …".
+    """
+    if path is None:
+        return {}
+    if not loads:
+        return {"no_load_applied": path.name}
+    far = _far_from_body(loads, model, kinematics)
+    return {"load_far_from_body": far} if far else {}
 
 
 def motion_findings(notes: Mapping[str, str]) -> list[Message[AssessmentCode]]:
@@ -97,23 +118,43 @@ def _low_cutoff(model: Model, kinematics: Kinematics) -> str:
     return f"cut-off {kinematics.cutoff:g} Hz, mean frequency of the angles {frequency:.2g} Hz" if is_low else ""
 
 
+def _far_from_body(loads: Sequence[ExternalForce], model: Model, kinematics: Kinematics) -> str:
+    state = postures(model, kinematics.positions, kinematics.speeds, kinematics.time)
+    far = []
+    for load in loads:
+        force = np.linalg.norm(load.force, axis=1)
+        distance = np.linalg.norm(load.points_in_ground(state) - state.origin_in_ground[:, load.body], axis=1)
+        farthest = distance[force > SHARE_OF_FORCE * force.max()].max(initial=0.0)
+        if farthest > FAR_FROM_BODY:
+            far.append(f"{load.name} {farthest:.3g} m from {model.bodies[load.body].name}")
+    return ", ".join(far)
+
+
+def _kinds(model: Model) -> NDArray[np.str_]:
+    """(coordinates,) "rotation", "translation", or "coupled", which has no unit.
+
+    OpenSim's ScaleTool puts a MultiplierFunction around translations, which OpenSim then calls coupled, too.
+    """
+    return np.array(
+        [
+            "translation" if one.motion == "coupled" and unit_of(model, index) == "N" else one.motion
+            for index, one in enumerate(model.coordinates)
+        ]
+    )
+
+
 def _beyond_range(model: Model, positions: Array, is_checked: NDArray[np.bool_]) -> str:
-    """Of rotations and translations; a coordinate that mixes them has no unit, and so no limit."""
-    kinds = np.array([coordinate.motion for coordinate in model.coordinates])
     low, high = np.array([coordinate.range for coordinate in model.coordinates]).T
-    is_distance = kinds == "translation"
+    is_distance = _kinds(model) == "translation"
     low, high = (np.where(is_distance, limit.clip(-MOST_OUTSIDE, MOST_OUTSIDE), limit) for limit in (low, high))
     farthest = np.clip(RANGES_OUTSIDE * (high - low), LEAST_OUTSIDE, MOST_OUTSIDE)
     tolerance = np.where(is_distance, farthest, FULL_TURN)
     least, greatest = positions.min(axis=0), positions.max(axis=0)
     below, above = low - least, greatest - high
-    is_outside = (np.maximum(below, above) > tolerance) & (kinds != "coupled")
+    is_outside = np.maximum(below, above) > tolerance
     return _listed(model, np.where(below > above, least, greatest), is_checked & is_outside)
 
 
 def _listed(model: Model, values: Array, is_listed: NDArray[np.bool_]) -> str:
-    found = sorted(np.flatnonzero(is_listed), key=lambda index: -abs(values[index]))
-    return ", ".join(
-        f"{model.coordinate_names[index]} {values[index]:.3g} {UNITS[model.coordinates[index].motion]}"
-        for index in found
-    )
+    found, kinds = sorted(np.flatnonzero(is_listed), key=lambda index: -abs(values[index])), _kinds(model)
+    return ", ".join(f"{model.coordinate_names[index]} {values[index]:.3g} {UNITS[kinds[index]]}" for index in found)

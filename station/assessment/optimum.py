@@ -72,7 +72,7 @@ def optimise_file(
         progress=progress,
     )
     remarks = cuff_remarks(inputs.cuffs, (cuffs[cuff.name] for cuff in (*arms, *waists)))
-    notes = motion_checks(model, kinematics) | load_checks(inputs.external_loads, loads)
+    notes = motion_checks(model, kinematics) | load_checks(inputs.external_loads, loads, model, kinematics)
     remarks += map(str, motion_findings(notes))
     if draws and condition != "rigid" and not optimised.robust.drawn.size:
         remarks.append(str(Message(AssessmentCode.NO_COVARIANCE)))

@@ -115,6 +115,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "Translations far outside their range: {coordinates}. If these columns of the motion are in millimetres, "
         "convert them to metres."
     ),
+    AssessmentCode.RADIANS_AS_DEGREES: (
+        "No angle of the motion is larger than {angle}°, and its header has inDegrees=yes. If the angles are in "
+        "radians, write inDegrees=no."
+    ),
     AssessmentCode.RESAMPLED: (
         "The steps of the motion are {steps} s. It is interpolated to even ones, of the median step."
     ),
@@ -124,6 +128,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     ),
     AssessmentCode.NO_LOAD_APPLIED: (
         "No external load is applied: {file} has no ExternalForce that is switched on. Set its appliesForce to true."
+    ),
+    AssessmentCode.LOAD_FAR_FROM_BODY: (
+        "External forces far from their body: {loads}. Check the unit and the axes of their points, and the body of "
+        "each force."
     ),
     InputCode.UNKNOWN_CUFF: (
         "the cuffs file has no cuff {missing}, only {known}; fit the session again or choose another cuff"

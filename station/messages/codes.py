@@ -291,9 +291,11 @@ class AssessmentCode(StrEnum):
     VIOLATES_CONSTRAINT = "motion.violates_constraint"
     BEYOND_RANGE = "motion.beyond_range"
     TRANSLATION_BEYOND_RANGE = "motion.translation_beyond_range"
+    RADIANS_AS_DEGREES = "motion.radians_as_degrees"
     RESAMPLED = "motion.resampled"
     LOW_CUTOFF = "motion.low_cutoff"
     NO_LOAD_APPLIED = "loads.none_applied"
+    LOAD_FAR_FROM_BODY = "loads.far_from_body"
 
 
 class DecisionCode(StrEnum):

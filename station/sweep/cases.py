@@ -135,8 +135,8 @@ class SweepInputs:
             kinematics, forces = self.loaded_kinematics(model, motion, loads)
         except (ModelError, MotionError):
             return ()
-        notes = motion_checks(self.model(model), kinematics)
-        notes |= load_checks(None if loads == NONE else self._path(loads), forces)
+        body, path = self.model(model), None if loads == NONE else self._path(loads)
+        notes = motion_checks(body, kinematics) | load_checks(path, forces, body, kinematics)
         return tuple(map(str, motion_findings(notes)))
 
     def _loaded_kinematics(self, model: Value, motion: Value, loads: Value) -> LoadedKinematics:

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from solver.motion import Kinematics, Motion, differentiate, read_motion, read_table, write_table
+from solver.osim.loads import read_external_loads
 from solver.osim.reader import read_osim
-from station.assessment.motion_checks import ANGLE_TOLERANCE, motion_checks, motion_findings
+from station.assessment.motion_checks import ANGLE_TOLERANCE, load_checks, motion_checks, motion_findings
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_angles, step_in
 from tests.station.command import Ran
@@ -125,6 +126,45 @@ def test_a_translation_in_millimetres_is_far_beyond_its_range(
     assert notes == MISSING | (expected if is_named else {})
     codes = [finding.code for finding in motion_findings(notes)]
     assert codes == [AssessmentCode.WITHOUT_DATA] + [AssessmentCode.TRANSLATION_BEYOND_RANGE] * is_named
+
+
+def test_a_translation_in_millimetres_is_named_also_in_a_model_that_opensim_scaled(step: Step, tmp_path: Path) -> None:
+    line = "<LinearFunction><coefficients>1 0</coefficients></LinearFunction>"
+    scaled = f"<MultiplierFunction><function>{line}</function><scale>1</scale></MultiplierFunction>"
+    head, axis, tail = step.model.read_text().partition("<coordinates>pelvis_ty</coordinates><axis>0 1 0</axis>")
+    model = tmp_path / "scaled.osim"
+    model.write_text(head + axis + tail.replace(line, scaled, 1))
+    assert next(one for one in read_osim(model).coordinates if one.name == "pelvis_ty").motion == "coupled"
+    motion = read_motion(write_angles(tmp_path / "mm.sto", 1e3, "pelvis_ty"), read_osim(model), with_defaults=True)
+    notes = motion_checks(read_osim(model), differentiate(motion, None))
+    assert notes == MISSING | {"translation_beyond_range": "pelvis_ty 945 m"}
+
+
+@pytest.mark.parametrize(("unit", "is_named"), [(1.0, True), (180 / np.pi, False)])
+def test_radians_under_a_header_of_degrees_are_named_by_the_largest(
+    step: Step, tmp_path: Path, unit: float, is_named: bool
+) -> None:
+    angles = tuple(name for name in ALL if not name.startswith("pelvis_t") or name == "pelvis_tilt")
+    path = write_angles(tmp_path / "step.mot", unit, *angles, header="inDegrees=yes")
+    largest = max(np.abs(step_angles(np.arange(81) / 100)[name]).max() for name in angles)
+    notes = motion_checks(read_osim(step.model), kinematics_of(step, path))
+    assert notes.get("radians_as_degrees") == (f"{largest:.3g}" if is_named else None)
+    codes = [finding.code for finding in motion_findings(notes)]
+    assert (AssessmentCode.RADIANS_AS_DEGREES in codes) == is_named
+
+
+def test_a_centre_of_pressure_in_millimetres_is_far_from_its_body(tmp_path: Path) -> None:
+    step = step_in(tmp_path)
+    model, kinematics = read_osim(step.model), kinematics_of(step, step.motion)
+    loads = read_external_loads(step.loads, model, kinematics.time)
+    assert load_checks(step.loads, loads, model, kinematics) == {}
+    wrong = replace(loads[0], point=1e3 * loads[0].point)
+    notes = load_checks(step.loads, [wrong], model, kinematics)
+    name, distance, *where = notes["load_far_from_body"].split()
+    assert (name, *where) == ("plate", "m", "from", "foot")
+    is_pressed = wrong.force[:, 1] > 0.1 * wrong.force[:, 1].max()  # the foot is within 2 m of the ground's origin
+    assert float(distance) == pytest.approx(np.linalg.norm(wrong.point, axis=1)[is_pressed].max(), abs=40.0)
+    assert [finding.code for finding in motion_findings(notes)] == [AssessmentCode.LOAD_FAR_FROM_BODY]
 
 
 def test_both_verbs_say_that_no_load_is_applied_and_that_steps_are_interpolated(
