@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.dense import padded
+from solver.dense import aligned, padded
 from solver.frozen import read_only
 from solver.multibody.rotations import each_frame
 from solver.redundancy.elimination import ReducedRows, Unreduced, eliminate
@@ -108,9 +108,9 @@ def reduce_frames(
     width = padded(controls - free + tracked)
     triangle = Triangle(
         free=np.empty((tracked + cone, free)),
-        others=np.empty((tracked + cone, width)),
+        others=aligned(tracked + cone, width),
         reflector=np.empty(tracked),
-        sums=np.empty(width),
+        sums=aligned(width),
     )
     first = unreduced._replace(matrix=unreduced.matrix[:1])
     if rank is None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from solver.dense import invert_part, matrix_times
+from solver.dense import CACHE_LINE, aligned, invert_part, matrix_times
 
 RANDOM = np.random.default_rng(7)
 
@@ -32,3 +32,10 @@ def test_a_part_of_a_matrix_is_inverted_and_a_product_fills_the_first_columns() 
     assert not system[:, count + rows :].any()
     np.testing.assert_allclose(product[:, :33], matrix @ factor, atol=1e-13)
     assert (product[:, 33:] == 9.0).all()
+
+
+def test_aligned_memory_starts_at_a_cache_line() -> None:
+    arrays = [aligned(rows, 33) for rows in range(1, 12)]
+    assert {array.ctypes.data % CACHE_LINE for array in arrays} == {0}
+    assert all(array.flags.c_contiguous and array.shape == (rows, 33) for rows, array in enumerate(arrays, 1))
+    assert not any(array.any() for array in arrays)
