@@ -43,6 +43,7 @@ class SolverCode(StrEnum):
     NOT_POSITIVE = "model_unusable.not_positive"
     NOT_NAMED = "model_unusable.not_named"
     WRONG_PENNATION = "model_unusable.wrong_pennation"
+    WRONG_MUSCLE = "model_unusable.wrong_muscle"
     NO_TENDON = "model_unusable.no_elastic_tendon"
 
     MOTION = "motion_unusable"

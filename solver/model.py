@@ -6,7 +6,7 @@ ground needs no special case; the ground's pose is the identity, its mass, veloc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -22,6 +22,7 @@ from solver.errors import SolverCode
 from solver.frozen import freeze_arrays
 from solver.functions.coordinate import Function
 from solver.functions.fibre import Curves
+from solver.functions.fibre_limits import ABOVE_ZERO, FROM_ZERO, Interval, first_outside, outside_of_curves
 from solver.functions.tendon import TendonCurve
 from solver.joint_motion import NO_COORDINATE as NO_COORDINATE  # noqa: PLC0414 (part of the interface)
 from solver.joint_motion import AxisMotion as AxisMotion  # noqa: PLC0414 (part of the interface)
@@ -180,6 +181,8 @@ class Muscle:
     fiber_damping   damping force at the greatest velocity, over the greatest isometric force; with elastic tendons only
     min_control, max_control  limits of the activation in static optimisation
     activation_time_constant, deactivation_time_constant  0 for an activation that takes any value at once
+
+    Raises ModelError for a figure, also of the curves, outside its limits.
     """
 
     name: str
@@ -197,6 +200,22 @@ class Muscle:
     fiber_damping: float = 0.0
     min_control: float = 0.0
     max_control: float = 1.0
+
+    def __post_init__(self) -> None:
+        outside = first_outside(self, MUSCLE_LIMITS.items()) or outside_of_curves(self.curves)
+        if outside is not None:
+            raise ModelError(f"muscle {self.name} should have {outside}; correct it", SolverCode.WRONG_MUSCLE)
+
+
+MUSCLE_LIMITS: Mapping[str, Interval] = {
+    "max_isometric_force": FROM_ZERO,
+    "optimal_fiber_length": ABOVE_ZERO,
+    "max_contraction_velocity": ABOVE_ZERO,
+    "activation_time_constant": Interval(0.0, np.inf, "[]"),
+    "deactivation_time_constant": Interval(0.0, np.inf, "[]"),
+    "fiber_damping": FROM_ZERO,
+}
+"""A time constant may be infinite: of an activation that does not fall."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.errors import SolverCode
 from solver.functions.fibre import Curves, DeGrooteFreglyCurves, MillardCurves, SchutteCurves, ThelenCurves
+from solver.functions.fibre_limits import outside_of_curves
 from solver.functions.tendon import DeGrooteFreglyTendon, MillardTendon, TendonCurve, ThelenTendon
 from solver.model import Muscle, WrapSurface
 from solver.osim.document import Element
@@ -34,7 +35,7 @@ def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface])
     return Muscle(
         name=element.name,
         path=read_path(element.child("GeometryPath"), names, surfaces),
-        max_isometric_force=element.number("max_isometric_force", "1000"),
+        max_isometric_force=element.not_negative("max_isometric_force", "1000"),
         optimal_fiber_length=element.positive("optimal_fiber_length", "0.1"),
         tendon_slack_length=element.number("tendon_slack_length", "0.2"),
         pennation_at_optimal=_pennation(element),
@@ -42,7 +43,7 @@ def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface])
         max_contraction_velocity=fastest,
         activation_time_constant=rise,
         deactivation_time_constant=fall,
-        curves=_CURVES[element.tag](element),
+        curves=_curves(element),
         tendon=_tendon(element),
         fiber_damping=_fiber_damping(element),
         min_control=least,
@@ -195,12 +196,32 @@ def _schutte_curves(element: Element) -> Curves:
     return SchutteCurves(active, read_named_function(element, "passive_force_length_curve"))
 
 
+def _curves(element: Element) -> Curves:
+    curves = _CURVES[element.tag](element)
+    outside = outside_of_curves(curves)
+    if outside is not None:
+        named = replace(outside, name=f"<{_TAGS[element.tag][outside.name]}>")
+        raise element.refusal(f"should have {named}; correct it", SolverCode.WRONG_MUSCLE)
+    return curves
+
+
 _CURVES: dict[str, Callable[[Element], Curves]] = {
     "Millard2012EquilibriumMuscle": _millard_curves,
     "Thelen2003Muscle": _thelen_curves,
     "DeGrooteFregly2016Muscle": _de_groote_fregly_curves,
     "Schutte1993Muscle_Deprecated": _schutte_curves,
 }
+_TAGS = {
+    "Millard2012EquilibriumMuscle": {
+        name: option for options in MILLARD_OPTIONS.values() for option, name in options.items()
+    },
+    "Thelen2003Muscle": {name: option for option, name in THELEN_OPTIONS.items()},
+    "DeGrooteFregly2016Muscle": {
+        "width": "active_force_width_scale",
+        "passive_strain": "passive_fiber_strain_at_one_norm_force",
+    },
+}
+"""Figure of the curves → its property."""
 
 
 def _has_rigid_tendon(element: Element) -> bool:
@@ -210,7 +231,7 @@ def _has_rigid_tendon(element: Element) -> bool:
 def _fiber_damping(element: Element) -> float:
     """As OpenSim uses it: below a threshold Millard's muscle has none."""
     if element.tag == "DeGrooteFregly2016Muscle":
-        return element.number("fiber_damping", "0")
+        return element.not_negative("fiber_damping", "0")
     if element.tag != "Millard2012EquilibriumMuscle":
         return 0.0
     damping = element.number("fiber_damping", "0.1")

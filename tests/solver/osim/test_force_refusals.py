@@ -15,7 +15,20 @@ BOTH = "<socket_body1>/bodyset/leaf</socket_body1><socket_body2>/bodyset/leaf</s
 ENDS = "<bodyA>leaf</bodyA><bodyB>ground</bodyB>"
 POINT = "<PathPoint name='p'><socket_parent_frame>/ground</socket_parent_frame></PathPoint>"
 PATH = f"<GeometryPath><PathPointSet><objects>{POINT}{POINT}</objects></PathPointSet></GeometryPath>"
+MILLARD = "Millard2012EquilibriumMuscle"
 UNREADABLE = [
+    (
+        f"<{MILLARD} name='f'>{PATH}<ForceVelocityCurve><isometric_slope>0.5</isometric_slope></ForceVelocityCurve>"
+        f"</{MILLARD}>",
+        SolverCode.WRONG_MUSCLE,
+        "f should have <isometric_slope> in (1.09722, inf) and has 0.5",
+    ),
+    (
+        f"<Thelen2003Muscle name='f'>{PATH}<fv_linear_extrap_threshold>0.5</fv_linear_extrap_threshold>"
+        "</Thelen2003Muscle>",
+        SolverCode.WRONG_MUSCLE,
+        "f should have <fv_linear_extrap_threshold> in (0.714286, 1) and has 0.5",
+    ),
     (
         "<PathActuator name='f'>" + PATH.replace(POINT, "", 1) + "</PathActuator>",
         SolverCode.WRONG_PATH,
