@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
+from pickle import UnpicklingError
 from time import perf_counter
 from types import CodeType
 from typing import Any, TypeVar, cast
@@ -23,6 +24,9 @@ from solver.linked import KernelCompiler, LinkedCompiler, PrivateKernelCompiler
 Function = TypeVar("Function", bound=Callable[..., object])
 
 LOCK_TIMEOUT_S = 900.0  # the longest kernel takes half a minute; with 16 busy loops beside it, ten times as long
+
+_UNREADABLE = (AttributeError, ImportError, EOFError, IndexError, ValueError, UnpicklingError)
+"""Of a kernel that was cached for a type that was renamed or moved, or of a file that lost its end as power failed."""
 
 logger = logging.getLogger(__name__)
 cache_logger = logging.getLogger("solver.cache")  # apart, because a progress bar replaces the messages of the other
@@ -128,13 +132,20 @@ class _CodeCache(_Cache):  # type: ignore[misc]
     def _cached(self, signature: Any, target: Any) -> Any:
         try:
             return super()._load_overload(signature, target)
-        except (AttributeError, ImportError):  # cached for a type that was renamed or moved
+        except _UNREADABLE:
             self.flush()
             return None
 
     def _save_overload(self, signature: Any, data: Any) -> None:
         try:
             super()._save_overload(signature, data)
+        except OSError as error:
+            cache_logger.warning(
+                "compiled code cannot be kept in %s (%s), so each process compiles it; free space there, or set "
+                "NUMBA_CACHE_DIR to a folder with space",
+                self.cache_path,
+                error.strerror,
+            )
         finally:
             self._lock.release(force=True)
         logger.warning("compiled %s in %.1f s", _title(self._py_func), perf_counter() - self._start)

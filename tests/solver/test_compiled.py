@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import errno
 import logging
+import os
 import sys
 from collections import namedtuple
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 
 import numba
 import pytest
+from numba.core import caching
 
 from solver import compiled
 
@@ -89,6 +92,36 @@ def test_a_kernel_that_was_kept_for_a_type_of_another_name_is_compiled_again(
         monkeypatch.setattr(types, name, pair, raising=False)
         assert _kernel(tmp_path, more="[1] + x[0]")(pair(3.0, 4.0)) == 2.0 * 4.0 + 3.0
         monkeypatch.delattr(types, name)
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("rest", [b"", b"\0" * 500, b"\x80\x05\x95"])
+def test_a_kernel_whose_cached_file_was_damaged_is_compiled_again_and_kept(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, suffix: str, rest: bytes
+) -> None:
+    """As after a power failure: a file without its end, or zeros in its place."""
+    _kernel(tmp_path)(3.0)
+    (file,) = tmp_path.rglob(f"*.{suffix}")
+    file.write_bytes(rest)
+    assert _kernel(tmp_path)(3.0) == 6.0
+    caplog.clear()
+    assert _kernel(tmp_path)(3.0) == 6.0
+    assert not caplog.records
+
+
+def test_a_kernel_that_finds_no_space_on_the_disk_runs_and_says_that_it_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def save(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(caching.IndexDataCacheFile, "_save_data", save)
+    assert _kernel(tmp_path)(3.0) == 6.0
+    (message,) = [record.getMessage() for record in caplog.records if record.name == "solver.cache"]
+    assert os.strerror(errno.ENOSPC) in message
+    monkeypatch.undo()
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    assert _kernel(tmp_path)(3.0) == 6.0
 
 
 def test_a_kernel_that_another_process_compiles_meanwhile_is_waited_for_and_loaded(
