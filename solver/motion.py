@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.regular_file import LARGEST_TABLE, read_regular
+from solver.coded_finding import CodedFinding, describe_codes
 from solver.errors import SolverCode, SolverError
 from solver.model import Model
 from solver.time_grid import even_grid, interpolated, is_even
@@ -58,6 +59,7 @@ class Kinematics:
     cutoff        of the low-pass filter [Hz], None where none was used
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
     steps, missing, largest_degrees  of the recorded motion, as in Motion
+    findings      of cuffstation.load_motion: what is unusual in the motion
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
     angular velocity. Over a slow arm raise the two differ by up to 0.1 rad/s; published activations compare only so.
@@ -73,6 +75,7 @@ class Kinematics:
     steps: tuple[float, float] | None = None
     missing: tuple[str, ...] = ()
     largest_degrees: float | None = None
+    findings: tuple[CodedFinding, ...] = ()
 
     def cut(self, frames: slice) -> Kinematics:
         """These frames alone, without a step between them."""
@@ -90,7 +93,9 @@ class Kinematics:
         described = f"Kinematics: {frames} frames of {coordinates} coordinates, {span}; low-pass filter: {self.filter}"
         if self.steps is not None:
             described += f"; interpolated from steps of {self.steps[0]:.6g} to {self.steps[1]:.6g} s"
-        return f"{described}; without data: {', '.join(self.missing)}" if self.missing else described
+        if self.missing:
+            described += f"; without data: {', '.join(self.missing)}"
+        return described + describe_codes(self.findings)
 
     @property
     def filter(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model
 from solver.motion import Kinematics, decimate
+from solver.multibody.external_loads import ExternalForce
 from solver.redundancy.motion import solve_motion as solve
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import RedundancyOptions, options_for
@@ -29,6 +31,10 @@ from solver.suit.scenarios import Condition, LoadedMotion
 from solver.suit.suit import BUNDLED_SUIT, SuitError, read_suit
 from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import worn_cuffs
+from station.assessment.findings import Finding
+from station.assessment.findings import findings as assessment_findings
+from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
+from station.assessment.reserves import large_reserves, reserve_findings, reserve_shares
 from station.fit import SessionError, fit_session_folder
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
@@ -80,9 +86,11 @@ def load_motion(
 
     cutoff_hz: of the low-pass filter (Butterworth of order 4, forwards and backwards), None for no filter. every: keep
     every n-th frame. Uneven steps are interpolated to even ones, and a coordinate without a column keeps its default or
-    is where a constraint holds it; the repr of the result has both. Raises MotionError.
+    is where a constraint holds it. The findings of the result say so, as the terminal does. Raises MotionError.
     """
-    return decimate(kinematics_of(None if path is None else Path(path), model, cutoff_hz), every)
+    kinematics = kinematics_of(None if path is None else Path(path), model, cutoff_hz)
+    findings = tuple(motion_findings(motion_checks(model, kinematics)))
+    return replace(decimate(kinematics, every), findings=findings)
 
 
 def solve_motion(
@@ -94,11 +102,15 @@ def solve_motion(
     """Solve the muscle-redundancy problem of every frame: activations, forces and joint reactions.
 
     Equations: Belli et al. 2023 (solver/redundancy/problem.py). A frame that cannot be solved has its outcome and NaN.
-    A model without a shoulder has no glenoid constraint. external_loads: OpenSim's ExternalLoads (.xml). Raises
-    ModelError, MotionError.
+    A model without a shoulder has no glenoid constraint. external_loads: OpenSim's ExternalLoads (.xml). The findings
+    of the result are those on motion and loads, and on reserves that give what muscles should. Raises ModelError,
+    MotionError.
     """
-    loads = loads_of(None if external_loads is None else Path(external_loads), model, kinematics.time)
-    return solve(model, kinematics, options_for(model, options or RedundancyOptions()), loads=loads)
+    loads, on_inputs = _loads(external_loads, model, kinematics)
+    options = options_for(model, options or RedundancyOptions())
+    solution = solve(model, kinematics, options, loads=loads)
+    large = large_reserves(model, options, reserve_shares(model, kinematics, loads, solution))
+    return replace(solution, findings=(*on_inputs, *reserve_findings(model, large)))
 
 
 def open_stream(
@@ -147,15 +159,27 @@ def assess(
 
     The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. draws:
     number of draws of the cuffs from the covariance of their fit; most_frames: limit of the frames that are solved;
-    external_loads: OpenSim's ExternalLoads (.xml). Raises NotIdentified, ModelError, SuitError.
+    external_loads: OpenSim's ExternalLoads (.xml). The findings of the result are those that `station assess` prints.
+    Raises NotIdentified, ModelError, SuitError.
     """
     model = model or load_model()
     kinematics = kinematics or load_motion(model)
     every = 1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames)
     worn = _worn(cuffs)
-    loads = loads_of(None if external_loads is None else Path(external_loads), model, kinematics.time)
+    loads, on_inputs = _loads(external_loads, model, kinematics)
     motion = LoadedMotion(model, kinematics, loads, options or RedundancyOptions())
-    return assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=DrawSettings(count=draws))
+    found = assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=DrawSettings(count=draws))
+    has_covariance = any(cuff.covariance.any() for cuff in worn)
+    return replace(found, findings=(*assessment_findings(found, has_covariance=has_covariance), *on_inputs))
+
+
+def _loads(
+    external_loads: File | None, model: Model, kinematics: Kinematics
+) -> tuple[tuple[ExternalForce, ...], list[Finding]]:
+    """The loads, and the findings on them and on the motion."""
+    path = None if external_loads is None else Path(external_loads)
+    loads = loads_of(path, model, kinematics.time)
+    return loads, motion_findings(motion_checks(model, kinematics) | load_checks(path, loads, model, kinematics))
 
 
 def _worn(cuffs: Mapping[str, CuffFit | WearableCuff]) -> list[CuffParameters]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.coded_finding import CodedFinding, describe_codes
 from solver.multibody.joint_reactions import JointReactions
 from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
@@ -44,6 +45,7 @@ class MotionSolution:
     muscle_outcomes    (frames, muscles) of MuscleOutcome: whether path and force of each muscle converged
     joint_reactions    of the options' reactions; NaN in frames that are INFEASIBLE or NOT_FINITE
     fibers             their lengths and forces with elastic tendons; None with rigid ones
+    findings           of cuffstation.solve_motion: on motion and loads, and large reserves
     """
 
     muscles: tuple[str, ...]
@@ -62,6 +64,7 @@ class MotionSolution:
     muscle_outcomes: NDArray[np.object_]
     joint_reactions: JointReactions
     fibers: ElasticForces | None = None
+    findings: tuple[CodedFinding, ...] = ()
 
     @property
     def unsolved(self) -> int:
@@ -78,6 +81,7 @@ class MotionSolution:
         return (
             f"MotionSolution: {len(self.time)} frames, {self.unsolved} not solved, {len(self.muscles)} muscles\n"
             f"  mean effort {np.nanmean(self.effort):.4g}, joint reaction up to {np.nanmax(force):.0f} N"
+            f"{describe_codes(self.findings)}"
         )
 
     def to_dataframe(self) -> pd.DataFrame:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.coded_finding import CodedFinding, describe_codes
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode
 from solver.muscle import MuscleOutcome
@@ -106,6 +107,7 @@ class Assessment:
     outcomes        each FrameOutcome but SOLVED that occurs → (frame, scenario) pairs that ended so
     muscle_outcomes each MuscleOutcome but CONVERGED that occurs → frames in which a muscle ended so
     has_glenoid_cone  whether the joint reaction was kept inside a glenoid
+    findings        of cuffstation.assess: on the cuffs, their intervals, frames without a solution, motion and loads
     """
 
     muscles: tuple[str, ...]
@@ -123,11 +125,12 @@ class Assessment:
     outcomes: Mapping[FrameOutcome, int]
     muscle_outcomes: Mapping[MuscleOutcome, int]
     has_glenoid_cone: bool = True
+    findings: tuple[CodedFinding, ...] = ()
 
     def __repr__(self) -> str:
         rows = self.to_dataframe().to_string(index=False, float_format="{:.4g}".format)
         title = f"Assessment: {self.scenarios} scenarios, {self.unsolved} frames not solved; effort over a slack cord"
-        return f"{title}\n{rows}"
+        return f"{title}{describe_codes(self.findings)}\n{rows}"
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row per curve: condition, cuff, least_effort over that with a slack cord, and rest_length_m where it is."""

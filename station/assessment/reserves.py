@@ -17,6 +17,7 @@ from solver.redundancy.left_out import actuator_forces
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import RedundancyOptions, effort_weights
 from station.messages.codes import AssessmentCode
+from station.messages.message import Figures, Message
 
 Array = NDArray[np.float64]
 ReserveShares = Mapping[str, tuple[float, float]]
@@ -61,15 +62,10 @@ def large_reserves(model: Model, options: RedundancyOptions, shares: ReserveShar
     }
 
 
-def describe_large_reserves(model: Model, large: ReserveShares) -> list[str]:
-    """A sentence with its code; none without large reserves."""
-    if not large:
-        return []
-    return [
-        f"Reserves give {shares_text(model, large)}, more than {100 * LARGE_RESERVES:g} %: the muscles do not give the "
-        "motion, because they are too weak, their passive forces oppose it, or these reserves cost too little "
-        f"(optimal_force in --actuators or --effort) [{AssessmentCode.RESERVES_LARGE}]"
-    ]
+def reserve_findings(model: Model, large: ReserveShares) -> list[Message[AssessmentCode]]:
+    """One that names the coordinates; none without large reserves."""
+    figures: Figures = {"shares": shares_text(model, large), "percent": 100 * LARGE_RESERVES}
+    return [Message(AssessmentCode.RESERVES_LARGE_AT, figures)] if large else []
 
 
 def shares_text(model: Model, shares: ReserveShares) -> str:

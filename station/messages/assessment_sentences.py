@@ -70,6 +70,11 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "to {effort:.3g} at {at_m:.3f} m. Take the weight off the actuators of coordinates that no muscle moves, such "
         "as those of a pelvis, with --effort (unweighted_coordinates); otherwise use a lighter load or another motion."
     ),
+    AssessmentCode.RESERVES_LARGE_AT: (
+        "Reserves give {shares}, more than {percent:g} %: the muscles do not give the motion, because they are too "
+        "weak, their passive forces oppose it, or these reserves cost too little (optimal_force in --actuators or "
+        "--effort)."
+    ),
     AssessmentCode.RATE_EXCEEDED: (
         _UNSOLVED + "exceed the rate of activation since the previous frame; they are solved without that limit."
     ),

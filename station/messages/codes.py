@@ -277,6 +277,7 @@ class AssessmentCode(StrEnum):
     MIGRATION_COST = "cord.migration_cost"
     RESERVES_SMALL = "reserves.small"
     RESERVES_LARGE = "reserves.large"
+    RESERVES_LARGE_AT = "reserves.large.at_coordinates"
     RATE_EXCEEDED = "frames.beyond_activation_rate"
     INFEASIBLE = "frames.infeasible"
     INFEASIBLE_WITHOUT_CONE = "frames.infeasible.without_cone"

@@ -145,14 +145,14 @@ def _print_conditions(solved: SolvedMotion) -> None:
     """The notes, forces that were left out, large reserves, and frames and muscles without a converged solution."""
     from station.assessment.left_out import describe_left_out
     from station.assessment.outcomes import describe_unconverged, describe_unsolved
-    from station.assessment.reserves import describe_large_reserves
+    from station.assessment.reserves import reserve_findings
 
     print_motion_notes(solved.notes)
     if solved.solution.fibers is not None:
         print_message(f"tendons: {solved.notes['tendons']}")
     for sentence in (
         *describe_left_out(solved.model, solved.left_out),
-        *describe_large_reserves(solved.model, solved.large_reserves),
+        *(f"{found} [{found.code}]" for found in reserve_findings(solved.model, solved.large_reserves)),
         *describe_unsolved(solved.solution),
         *describe_unconverged(solved.solution),
     ):

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import cuffstation as cs
 from solver.cuff import CuffParameters
 from solver.model import Model
 from solver.motion import decimate, differentiate, read_motion, read_table, write_table
@@ -73,6 +74,34 @@ def test_the_files_give_a_report_with_the_words_of_the_leg(station, tmp_path: Pa
         assert word in page, word
     for word in ("arm cuff", "lowest arm", "bundled suit", "Another motion is shown"):
         assert word not in page, word
+
+
+def test_the_results_of_the_library_have_the_findings_of_the_command_line(leg: Model, station, tmp_path: Path) -> None:
+    assert station("assess", *FILES, *SUIT_FILES[:4], "--draws", 0, "--output", tmp_path).code in (0, 3)
+    plain = json.loads((tmp_path / "assessment.json").read_text())
+    motion = cs.load_motion(leg, LEG / "stride.mot")
+    cuffs, loads = cs.read_cuffs(LEG / "shank.json"), LEG / "ground.xml"
+    assessment = cs.assess(cuffs, leg, motion, LEG / "shank_suit.toml", draws=0, external_loads=loads)
+    assert [found.code for found in assessment.findings] == [found["code"] for found in plain["finding_codes"]]
+    assert list(map(str, assessment.findings)) == plain["findings"]
+    assert [found.code for found in motion.findings] == ["motion.low_cutoff"]
+    assert "findings: motion.low_cutoff" in repr(motion) and "model.no_glenoid" in repr(assessment)
+
+
+def test_a_solution_of_the_library_says_that_reserves_give_what_muscles_should(tmp_path: Path) -> None:
+    step = step_in(tmp_path)
+    actuators = "".join(
+        f'<CoordinateActuator name="{name}_r"><coordinate>{name}</coordinate><optimal_force>500</optimal_force>'
+        "</CoordinateActuator>"
+        for name in (*PELVIS, "hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle")
+    )
+    text = step.model.read_text()
+    (tmp_path / "strong.osim").write_text(text.replace("<ForceSet><objects>", f"<ForceSet><objects>{actuators}"))
+    model = cs.load_model(tmp_path / "strong.osim")
+    motion = cs.load_motion(model, step.motion, every=8)
+    solution = cs.solve_motion(model, motion, external_loads=step.loads)
+    assert [found.code for found in solution.findings] == ["motion.without_data", "reserves.large.at_coordinates"]
+    assert "knee_angle" in str(solution.findings[-1]) and "pelvis" not in str(solution.findings[-1])
 
 
 @pytest.mark.parametrize("wrong", [(), ("--draws", 8), ("--draws", 0, "--people", 100)])
