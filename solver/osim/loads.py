@@ -15,6 +15,10 @@ from solver.multibody.external_loads import ExternalForce
 from solver.osim.document import Element, read_document
 
 Array = NDArray[np.float64]
+LONGEST_GAP = 10.0
+"""In median steps. A spline across a longer one invents a force; OpenSim takes it without a message."""
+LEAST_RECORDED = 20
+"""Rows. Fewer are written by hand, and as far apart as they need to be."""
 
 
 def data_file(path: Path) -> Path:
@@ -52,6 +56,7 @@ class _Data:
                 SolverCode.MALFORMED_TABLE,
             )
         _ensure_covered(path, table[:, 0], time)
+        _ensure_no_gap(path, table[:, 0], time)
         return _Data(path.name, columns, _interpolated(table, time))
 
     def vectors(self, element: Element, identifier: str) -> Array:
@@ -105,6 +110,20 @@ def _ensure_covered(path: Path, given: Array, time: Array) -> None:
     part = f"solve from {covered[0]:g} to {covered[-1]:g} s, or give longer data" if len(covered) else "give other data"
     raise MotionError(
         f"{path.name} should cover the motion, {time[0]:g} to {time[-1]:g} s, and has {first:g} to {last:g} s; {part}",
+        SolverCode.NOT_COVERED,
+    )
+
+
+def _ensure_no_gap(path: Path, given: Array, time: Array) -> None:
+    """Raise MotionError where a recording lacks samples between the first and the last of the times."""
+    steps = np.diff(given)
+    is_gap = (steps > LONGEST_GAP * np.median(steps)) & (given[:-1] < time[-1]) & (given[1:] > time[0])
+    if len(given) < LEAST_RECORDED or not is_gap.any():
+        return
+    gap = int(np.flatnonzero(is_gap)[0])
+    raise MotionError(
+        f"{path.name} should cover the motion without a gap and has no sample between {given[gap]:g} and "
+        f"{given[gap + 1]:g} s; fill the gap, or solve the time before or after it",
         SolverCode.NOT_COVERED,
     )
 

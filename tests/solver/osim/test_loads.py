@@ -119,6 +119,19 @@ def test_a_table_in_place_of_its_document_is_one_sentence(files: Path) -> None:
         read_external_loads(files.with_name("handle.mot"), MODEL, TIME)
 
 
+def test_a_gap_in_recorded_loads_is_refused_where_the_motion_meets_it(files: Path) -> None:
+    names = [f"handle_{part}{axis}" for part in "vp" for axis in "xyz"]
+    time = np.arange(0.0, 1.0, 0.01)
+    recorded = time[(time < 0.4) | (time > 0.6)]
+    write_table(files.with_name("handle.mot"), names, recorded, np.ones((len(recorded), 6)))
+    with raises_refusal(SolverCode.NOT_COVERED, naming="no sample between 0.39 and 0.61 s"):
+        read_external_loads(files, MODEL, np.array([0.1, 0.9]))
+    assert len(read_external_loads(files, MODEL, np.array([0.1, 0.39]))) == 1
+    by_hand = np.array([0.0, 0.01, 0.02, 0.03, 1.0])
+    write_table(files.with_name("handle.mot"), names, by_hand, np.ones((5, 6)))
+    assert len(read_external_loads(files, MODEL, TIME)) == 1
+
+
 def test_a_fault_in_its_data_is_one_sentence(files: Path) -> None:
     with raises_refusal(SolverCode.NOT_COVERED, naming="0 to 1.5 s") as caught:
         read_external_loads(files, MODEL, 1.5 * TIME)
