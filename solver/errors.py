@@ -32,6 +32,7 @@ class SolverCode(StrEnum):
     WRONG_GLENOID = "model_unusable.wrong_glenoid"
     NOT_BALANCED = "model_unusable.not_balanced"
     NEGATIVE_WEIGHT = "model_unusable.negative_weight"
+    WRONG_OPTION = "model_unusable.wrong_option"
     NOT_WRITABLE = "model_unusable.not_writable"
     NO_MARKERS = "model_unusable.no_markers_in_common"
     TOO_FEW_MARKERS = "model_unusable.too_few_markers"

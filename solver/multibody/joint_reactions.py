@@ -8,7 +8,7 @@ what the joint carries; forces on bodies, as those of muscles, external loads an
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from solver.multibody.dynamics import EquationsOfMotion, multipliers
 from solver.multibody.force_element import total_loads
 from solver.multibody.postures import Postures, jacobians, point_acceleration, points_in_ground, velocity_at
 from solver.multibody.rotations import cross, rotate, wrench_about_origin
+from solver.option_values import ensure_known, ensure_names
 
 Array = NDArray[np.float64]
 Side = Literal["child", "parent"]
@@ -33,6 +34,12 @@ class ReactionRequest:
     joints: tuple[str, ...] = ()
     on: Side = "child"
     axes: Axes = "ground"
+
+    def __post_init__(self) -> None:
+        """Raise ModelError for another side or other axes."""
+        ensure_names("joints", self.joints)
+        ensure_known("on", self.on, get_args(Side))
+        ensure_known("axes", self.axes, get_args(Axes))
 
 
 @dataclass(frozen=True, eq=False)

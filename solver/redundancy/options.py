@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.multibody.constraints import is_held
 from solver.multibody.joint_reactions import ReactionRequest
+from solver.option_values import ensure_known, ensure_names
 from solver.paths import PathMode
 from solver.redundancy.glenoid import JOINT, is_shoulder
 from solver.static_forces import MuscleForceModel
@@ -21,6 +22,13 @@ Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
 Exponent = Literal[2, 3]
 Tendons = Literal["rigid", "elastic"]
+_KNOWN = {
+    "path_mode": get_args(PathMode),
+    "exponent": get_args(Exponent),
+    "solver": get_args(Solver),
+    "muscle_force_model": get_args(MuscleForceModel),
+    "tendons": get_args(Tendons),
+}
 
 UNWEIGHTED_COORDINATES = (
     *(f"ground_thorax_{axis}" for axis in ("rot_x", "rot_y", "rot_z", "tx", "ty", "tz")),
@@ -72,6 +80,18 @@ class RedundancyOptions:
     muscle_force_model: MuscleForceModel = "rigid_tendon"
     has_muscle_limits: bool = False
     tendons: Tendons = "rigid"
+
+    def __post_init__(self) -> None:
+        """Raise ModelError for a value that is not known: most would act as the default does."""
+        for name, known in _KNOWN.items():
+            ensure_known(name, getattr(self, name), known)
+        for name in ("free_coordinates", "unweighted_coordinates"):
+            ensure_names(name, getattr(self, name))
+        if not 0.0 < self.glenoid_aspect < np.inf:
+            raise ModelError(
+                f"glenoid_aspect should be a ratio above 0 and is {self.glenoid_aspect}; give another",
+                SolverCode.WRONG_OPTION,
+            )
 
 
 def static_optimisation(options: RedundancyOptions) -> RedundancyOptions:
@@ -128,9 +148,9 @@ def effort_weights(model: Model, options: RedundancyOptions) -> Array:
         )
     usual = [options.muscle_weight] * len(model.muscles) + reserves
     weights = np.array([options.weights.get(name, weight) for name, weight in zip(names, usual, strict=True)])
-    if weights.min(initial=0.0) < 0.0:
+    if not (weights >= 0.0).all():
         raise ModelError(
-            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of powers",
+            f"weights should be numbers from 0 and one is {weights.min():g}; an effort is a sum of powers",
             SolverCode.NEGATIVE_WEIGHT,
         )
     return weights

@@ -1,0 +1,22 @@
+"""Checks of the values of options that are given in Python, where no command line has checked them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from solver.errors import SolverCode
+from solver.model import ModelError
+
+
+def ensure_known(option: str, value: object, known: Collection[object]) -> None:
+    """Raise ModelError for a value that is none of those known: most would act as the default does."""
+    if value not in known:
+        sentence = f"{option} is {value!r}, expected {' or '.join(map(repr, known))}; give one of these"
+        raise ModelError(sentence, SolverCode.WRONG_OPTION)
+
+
+def ensure_names(option: str, names: Collection[str]) -> None:
+    """Raise ModelError for a single text in place of several names: its letters would be taken for names."""
+    if isinstance(names, str):
+        sentence = f"{option} is {names!r}, expected several names; write ({names!r},) for one"
+        raise ModelError(sentence, SolverCode.WRONG_OPTION)
