@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -48,6 +48,13 @@ def compiled_with_allocation(function: Function) -> Function:
     return _linked(function, counts_references=True)
 
 
+def compiled_with_sums_in_any_order(function: Function) -> Function:
+    """Like compiled, but LLVM may add the terms of a sum in another order, and may round a product and a sum once. Only
+    so it computes eight terms at once.
+    """
+    return _linked(function, counts_references=False, fastmath={"reassoc", "contract"})
+
+
 def compiled_for_python(function: Function) -> Function:
     """Like compiled, but callable from Python, and cached on disk until anything it depends on changes.
 
@@ -79,7 +86,7 @@ def _kernel(function: Function, compiler: type) -> Function:
     return cast(Function, kernel)
 
 
-def _linked(function: Function, *, counts_references: bool) -> Function:
+def _linked(function: Function, *, counts_references: bool, fastmath: Collection[str] = ()) -> Function:
     options: dict[str, Any] = {
         "error_model": "numpy",
         "nogil": True,
@@ -87,6 +94,7 @@ def _linked(function: Function, *, counts_references: bool) -> Function:
         "no_cfunc_wrapper": True,
         "pipeline_class": LinkedCompiler,
         "_nrt": counts_references,
+        "fastmath": set(fastmath),
     }
     linked: Any = njit(**options)(function)
     if hasattr(linked, "get_call_template"):  # not with NUMBA_DISABLE_JIT

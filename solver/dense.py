@@ -7,7 +7,7 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled
+from solver.compiled import compiled, compiled_with_sums_in_any_order
 
 Array = NDArray[np.float64]
 Order = NDArray[np.int64]
@@ -82,14 +82,15 @@ def matrix_times(matrix: Array, rows: Array, product: Array) -> None:
                 own[j] += a * one[j]
 
 
-@compiled
-def rows_times_rows(M: Array, inverse: Array, R: Array, weighted: Array, product: Array) -> None:
+@compiled_with_sums_in_any_order
+def rows_times_rows(M: Array, diagonal: Array, R: Array, product: Array) -> None:
     """M · diagonal · Mᵀ + R, symmetric."""
     for i in range(len(M)):
-        for j in range(len(weighted)):
-            weighted[j] = M[i, j] * inverse[j]
         for j in range(i + 1):
-            product[i, j] = product[j, i] = dot(weighted, M[j]) + R[i, j]
+            entry = R[i, j]
+            for k in range(len(diagonal)):
+                entry += M[i, k] * diagonal[k] * M[j, k]
+            product[i, j] = product[j, i] = entry
 
 
 @compiled
@@ -131,9 +132,10 @@ def factor(matrix: Array, order: Order) -> bool:
                 matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
         inverse = 1.0 / matrix[k, k]
         for i in range(k + 1, count):
-            matrix[i, k] *= inverse
+            share = matrix[i, k] * inverse
+            matrix[i, k] = share
             for j in range(k + 1, count):
-                matrix[i, j] -= matrix[i, k] * matrix[k, j]
+                matrix[i, j] -= share * matrix[k, j]
     return True
 
 
@@ -144,9 +146,11 @@ def divide(matrix: Array, order: Order, x: Array) -> None:
     for k in range(count):
         x[k], x[order[k]] = x[order[k]], x[k]
     for k in range(count):
+        known = x[k]
         for i in range(k + 1, count):
-            x[i] -= matrix[i, k] * x[k]
+            x[i] -= matrix[i, k] * known
     for k in range(count - 1, -1, -1):
+        rest = x[k]
         for j in range(k + 1, count):
-            x[k] -= matrix[k, j] * x[j]
-        x[k] /= matrix[k, k]
+            rest -= matrix[k, j] * x[j]
+        x[k] = rest / matrix[k, k]

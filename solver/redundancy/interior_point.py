@@ -73,7 +73,7 @@ def has_unreachable_row(problem: FrameProblem, work: InteriorWorkspace) -> bool:
 @compiled
 def _follow_central_path(problem: FrameProblem, work: InteriorWorkspace) -> int:
     q, M, R, t, p, lower, upper, exponent = problem
-    (matrix, order, weighted), point, step, error, inverse, gradient, aim = work
+    (matrix, order), point, step, error, inverse, gradient, aim = work
     (a, z, v, slack), (da, dz, dv) = point, step
     n, has_cone = len(q), p < len(t)
     s, W = _start(problem, point), (1.0, 0.0, 0.0, 0.0)
@@ -92,7 +92,7 @@ def _follow_central_path(problem: FrameProblem, work: InteriorWorkspace) -> int:
             return SOLVED
         if violation > VIOLATION_LIMIT and _is_certificate(problem, v, gradient):
             return INFEASIBLE
-        rows_times_rows(M, inverse, R, weighted, matrix)
+        rows_times_rows(M, inverse, R, matrix)
         if has_cone:
             W = scaling(s, read_ray(v))
             add_square(matrix, W)
@@ -188,7 +188,7 @@ def _is_certificate(problem: FrameProblem, v: Array, gradient: Array) -> bool:
 def _step(problem: FrameProblem, work: InteriorWorkspace, offset: Ray, W: Scaling) -> Ray:
     """The Newton step to slack · z = aim and, for the cone, to ds + W² dλ = offset. Fills da, dz and dv, returns ds."""
     q, M, exponent = problem.q, problem.M, problem.exponent
-    (factors, order, _), (a, z, _, slack), (da, dz, dv), error, inverse, gradient, aim = work
+    (factors, order), (a, z, _, slack), (da, dz, dv), error, inverse, gradient, aim = work
     p = len(dv) - 3
     for j in range(len(da)):
         pull = gradient[j] + aim[0, j] / slack[0, j] - aim[1, j] / slack[1, j]

@@ -30,12 +30,12 @@ SHORTEST_STEP = 0.05  # of step halving
 @compiled
 def newton(problem: FrameProblem, work: NewtonWorkspace, a: Array, v: Array) -> float:
     """Improve v and fill a; returns the norm of the remaining errors, infinite if a step cannot be computed."""
-    (matrix, order, weighted), free_inverse, error, previous, change = work
+    (matrix, order), free_inverse, error, previous, change = work
     size, ray = optimality_errors(problem, a, v, free_inverse, error)
     for _ in range(MOST_STEPS):
         if size <= NEWTON_GOAL:
             break
-        rows_times_rows(problem.M, free_inverse, problem.R, weighted, matrix)
+        rows_times_rows(problem.M, free_inverse, problem.R, matrix)
         if problem.equalities < len(problem.t):
             project_rows(matrix, problem.equalities, ray)
         if not factor(matrix, order):

@@ -13,11 +13,10 @@ Array = NDArray[np.float64]
 
 
 class RowSystem(NamedTuple):
-    """The linear system of a step: matrix (m, m), its pivot order (m,), and a row weighted by column (n,)."""
+    """The linear system of a step: matrix (m, m) and its pivot order (m,)."""
 
     matrix: Array
     order: Order
-    weighted: Array
 
 
 class NewtonWorkspace(NamedTuple):
@@ -74,7 +73,7 @@ class FrameWorkspace(NamedTuple):
 
 def allocate_frame(n: int, m: int) -> FrameWorkspace:
     """Working memory for n muscles and m rows."""
-    system = RowSystem(matrix=np.zeros((m, m)), order=np.zeros(m, np.int64), weighted=np.zeros(n))
+    system = RowSystem(matrix=np.zeros((m, m)), order=np.zeros(m, np.int64))
     return FrameWorkspace(
         cost=np.zeros(n),
         relaxed=np.zeros((m, m)),
