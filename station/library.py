@@ -34,7 +34,7 @@ from station.assessment.assessment_inputs import worn_cuffs
 from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
-from station.assessment.reserves import large_reserves, reserve_findings, reserve_shares
+from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
 from station.fit import SessionError, fit_session_folder
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
@@ -103,14 +103,15 @@ def solve_motion(
 
     Equations: Belli et al. 2023 (solver/redundancy/problem.py). A frame that cannot be solved has its outcome and NaN.
     A model without a shoulder has no glenoid constraint. external_loads: OpenSim's ExternalLoads (.xml). The findings
-    of the result are those on motion and loads, and on reserves that give what muscles should. Raises ModelError,
+    of the result are those on motion and loads, and on reserves and residuals that are large. Raises ModelError,
     MotionError.
     """
     loads, on_inputs = _loads(external_loads, model, kinematics)
     options = options_for(model, options or RedundancyOptions())
     solution = solve(model, kinematics, options, loads=loads)
-    large = large_reserves(model, options, reserve_shares(model, kinematics, loads, solution))
-    return replace(solution, findings=(*on_inputs, *reserve_findings(model, large)))
+    shares = reserve_shares(model, kinematics, loads, solution)
+    large, residuals = large_reserves(model, options, shares), large_residuals(model, options, shares)
+    return replace(solution, findings=(*on_inputs, *reserve_findings(model, large, residuals)))
 
 
 def open_stream(

@@ -15,7 +15,7 @@ from solver.multibody.external_loads import ExternalForce
 from solver.multibody.tables import tables_of
 from solver.redundancy.left_out import actuator_forces
 from solver.redundancy.motion_solution import MotionSolution
-from solver.redundancy.options import RedundancyOptions, effort_weights
+from solver.redundancy.options import UNWEIGHTED_COORDINATES, RedundancyOptions, effort_weights
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 
@@ -27,6 +27,10 @@ LARGE_RESERVES = 0.1
 """Share of reserves above which muscles do not explain a motion: of the RMS force that the motion needs, or of the
 effort with a slack cord (the published motions need less than 0.01). OpenSim's guide "Reserves and Residuals" has it
 for peaks.
+"""
+LARGE_RESIDUALS = 0.1
+"""Share of the weight of the model above which residuals carry the body in place of measured loads. OpenSim's guide
+allows peaks of 5 % of the greatest net external force; RMS residuals of gait2392 in its public walk are 4 %.
 """
 LEAST_SHARE = 0.01
 """Of the greatest force with the same unit: less is not reported."""
@@ -51,21 +55,43 @@ def large_reserves(model: Model, options: RedundancyOptions, shares: ReserveShar
     They should at a tracked coordinate that a muscle crosses and whose actuators have a weight. So residuals of a
     pelvis are not counted, nor arms without muscles, nor the actuators that carry thorax and forearm.
     """
-    is_muscles = _is_crossed(model) & ~is_held(model)
-    is_muscles[[model.coordinate_index(name) for name in options.free_coordinates]] = False
-    weights = effort_weights(model, options)[len(model.muscles) :]
-    free = {name for name, weight in zip(model.actuated_names, weights, strict=True) if weight == 0.0}
+    is_muscles = _is_crossed(model) & _is_counted(model, options)
     return {
         name: (given, needed)
         for name, (given, needed) in shares.items()
-        if given > LARGE_RESERVES * needed and is_muscles[model.coordinate_index(name)] and name not in free
+        if given > LARGE_RESERVES * needed and is_muscles[model.coordinate_index(name)]
     }
 
 
-def reserve_findings(model: Model, large: ReserveShares) -> list[Message[AssessmentCode]]:
-    """One that names the coordinates; none without large reserves."""
-    figures: Figures = {"shares": shares_text(model, large), "percent": 100 * LARGE_RESERVES}
-    return [Message(AssessmentCode.RESERVES_LARGE_AT, figures)] if large else []
+def large_residuals(model: Model, options: RedundancyOptions, shares: ReserveShares) -> ReserveShares:
+    """Coordinate → RMS residual force and weight of the model [N], where the first is above LARGE_RESIDUALS.
+
+    Residuals are forces of actuators at coordinates that move a part of the model along a line and that no muscle
+    crosses, such as pelvis_ty. Those of the bundled model's thorax stand for a seat.
+    """
+    is_residual = ~_is_crossed(model) & _is_counted(model, options)
+    is_residual &= [unit_of(model, index) == "N" for index in range(len(model.coordinates))]
+    weight = float(sum(body.mass for body in model.bodies) * np.linalg.norm(model.gravity))
+    return {
+        name: (given, weight)
+        for name, (given, _) in shares.items()
+        if given > LARGE_RESIDUALS * weight
+        and is_residual[model.coordinate_index(name)]
+        and name not in UNWEIGHTED_COORDINATES
+    }
+
+
+def reserve_findings(model: Model, large: ReserveShares, residuals: ReserveShares) -> list[Message[AssessmentCode]]:
+    """One that names the coordinates of large reserves, one that names those of large residuals."""
+    found = []
+    if large:
+        figures: Figures = {"shares": shares_text(model, large), "percent": 100 * LARGE_RESERVES}
+        found.append(Message(AssessmentCode.RESERVES_LARGE_AT, figures))
+    if residuals:
+        (weight,) = {weight for _, weight in residuals.values()}
+        forces = listed([f"{given:.3g} N at {name}" for name, (given, _) in residuals.items()])
+        found.append(Message(AssessmentCode.RESIDUALS_LARGE, {"forces": forces, "weight": weight}))
+    return found
 
 
 def shares_text(model: Model, shares: ReserveShares) -> str:
@@ -79,7 +105,7 @@ def shares_text(model: Model, shares: ReserveShares) -> str:
 
 def listed(parts: Sequence[str]) -> str:
     """The first MOST_NAMED, and the number of the others."""
-    more = f" and less at {len(parts) - MOST_NAMED} more" if len(parts) > MOST_NAMED else ""
+    more = f" and smaller ones at {len(parts) - MOST_NAMED} more" if len(parts) > MOST_NAMED else ""
     return ", ".join(parts[:MOST_NAMED]) + more
 
 
@@ -101,6 +127,16 @@ def _greatest_of_its_unit(model: Model, sizes: Array) -> Array:
     """(coordinates,) the greatest size among the coordinates with the same unit, so that shares can be compared."""
     units = np.array([unit_of(model, coordinate) for coordinate in range(len(sizes))])
     return np.array([max(sizes[units == unit].max(), 1e-9) for unit in units])
+
+
+def _is_counted(model: Model, options: RedundancyOptions) -> NDArray[np.bool_]:
+    """(coordinates,) whether the acceleration is tracked, and the coordinate's own actuator, if any, has a weight."""
+    is_counted = ~is_held(model)
+    weights = effort_weights(model, options)[len(model.muscles) :]
+    free = [name for name, weight in zip(model.actuated_names, weights, strict=True) if weight == 0.0]
+    names = {*options.free_coordinates, *free} & set(model.coordinate_names)
+    is_counted[[model.coordinate_index(name) for name in names]] = False
+    return is_counted
 
 
 def _is_crossed(model: Model) -> NDArray[np.bool_]:

@@ -278,6 +278,7 @@ class AssessmentCode(StrEnum):
     RESERVES_SMALL = "reserves.small"
     RESERVES_LARGE = "reserves.large"
     RESERVES_LARGE_AT = "reserves.large.at_coordinates"
+    RESIDUALS_LARGE = "residuals.large"
     RATE_EXCEEDED = "frames.beyond_activation_rate"
     INFEASIBLE = "frames.infeasible"
     INFEASIBLE_WITHOUT_CONE = "frames.infeasible.without_cone"

@@ -150,9 +150,10 @@ def _print_conditions(solved: SolvedMotion) -> None:
     print_motion_notes(solved.notes)
     if solved.solution.fibers is not None:
         print_message(f"tendons: {solved.notes['tendons']}")
+    found_reserves = reserve_findings(solved.model, solved.large_reserves, solved.large_residuals)
     for sentence in (
         *describe_left_out(solved.model, solved.left_out),
-        *(f"{found} [{found.code}]" for found in reserve_findings(solved.model, solved.large_reserves)),
+        *(f"{found} [{found.code}]" for found in found_reserves),
         *describe_unsolved(solved.solution),
         *describe_unconverged(solved.solution),
     ):

@@ -14,9 +14,10 @@ from solver.osim.reader import read_osim
 from solver.redundancy.options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.left_out import describe_left_out
-from station.assessment.reserves import unit_of
+from station.assessment.reserves import reserve_findings, unit_of
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from station.assessment.rmr_table import reserve_unit
+from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in
 from tests.station.command import Ran
 
@@ -78,7 +79,27 @@ def test_reserves_in_place_of_muscles_are_told_and_residuals_are_not(step: Step,
     cut = ("--actuators", strong.actuators, "--static-optimisation", "--from", 0.2, "--to", 0.6, "--every", 5)
     ran: Ran = station("rmr", *files, *cut, "--output", tmp_path / "a.csv")
     assert ran.code == 0
-    assert "reserves.large" in ran.err and "N m at knee_angle" in ran.err and "pelvis" not in ran.err
+    (told,) = [line for line in ran.err.splitlines() if "reserves.large" in line]
+    assert "N m at knee_angle" in told and "pelvis" not in told
+
+
+def test_residuals_that_carry_the_body_are_told_with_its_weight(step: Step, tmp_path: Path) -> None:
+    inputs = MuscleInputs(step.motion, str(step.model), None, None, True, actuators=(step.actuators,))
+    solved = solve_muscles(inputs, CUT, OPTIONS)
+    given, weight = solved.large_residuals["pelvis_ty"]
+    assert weight == pytest.approx(58.6 * 9.81)
+    assert given == pytest.approx(weight, rel=0.1)  # no foot carries it
+    assert json.loads(solved.notes["large_residuals"])["pelvis_ty"] == [given, weight]
+    codes = [found.code for found in reserve_findings(solved.model, {}, solved.large_residuals)]
+    assert codes == [AssessmentCode.RESIDUALS_LARGE]
+    supported = solve(step).large_residuals
+    assert supported.get("pelvis_ty", (0.0, weight))[0] < 0.6 * given
+
+
+def test_the_actuators_that_carry_a_thorax_are_no_residuals() -> None:
+    solved = solve_muscles(MuscleInputs(), MotionCut(every=60), static_optimisation(RedundancyOptions()))
+    assert np.abs(solved.solution.reserves).max() > 200.0
+    assert solved.large_residuals == {}
 
 
 def test_small_reserves_free_coordinates_and_actuators_without_weight_are_not_told(step: Step) -> None:
