@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 import gc
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numba import njit
 from numba.core.errors import TypingError
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
 from solver.linked import PrivateKernelCompiler
+
+
+def test_the_newest_numba_that_may_be_installed_is_the_one_under_test() -> None:
+    """The solver uses undocumented parts of numba, which any version may change."""
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (declared,) = (Requirement(text) for text in project["dependencies"] if text.startswith("numba"))
+    (limit,) = (Version(part.version) for part in declared.specifier if part.operator == "<")
+    tested = Version(version("numba"))
+    assert limit.release == (tested.major, tested.minor + 1), (
+        f"numba {tested} is installed and pyproject.toml allows those below {limit}: if all other tests pass with the "
+        "newest numba, set the limit to the next minor version; otherwise install the newest that is allowed"
+    )
 
 
 def _spread(x: Any, out: Any) -> float:
