@@ -39,18 +39,18 @@ LEAST_NOISE = 1e-5
 @dataclass(frozen=True)
 class IkInputs:
     """Files of a trial. model and markers may come from the set-up; without a set-up every marker that model and file
-    share is followed, with weight 1. start, end [s] narrow the set-up's time range. noise [m] is the standard deviation
-    of a marker along each axis, None: as found in the markers. prefix stands before the labels of the person. vertical
-    is the upward axis of the file; where it is not y, the markers are turned into the ground of the model. marker_set
-    is the name or the file of a set whose markers the model is to have (marker_sets.toml). is_smoothed: the trial is
-    smoothed as a whole, too.
+    share is followed, with weight 1. start, end [s] replace those of the set-up's time range. noise [m] is the standard
+    deviation of a marker along each axis, None: as found in the markers. prefix stands before the labels of the person.
+    vertical is the upward axis of the file; where it is not y, the markers are turned into the ground of the model.
+    marker_set is the name or the file of a set whose markers the model is to have (marker_sets.toml). is_smoothed: the
+    trial is smoothed as a whole, too.
     """
 
     model: str | None
     markers: Path | None
     setup: Path | None
-    start: float = -math.inf
-    end: float = math.inf
+    start: float | None = None
+    end: float | None = None
     noise: float | None = None
     prefix: str = ""
     vertical: Vertical = "y"
@@ -98,7 +98,8 @@ def solve_postures(inputs: IkInputs) -> SolvedPostures:
     file = inputs.markers or named_file(setup.marker_file if setup else None, "markers' file", "--markers")
     followed = [task for task, weight in setup.markers.items() if weight > 0] if setup else names
     table = read_body_markers(file, followed, inputs.prefix)
-    kept = _frames(file, table, inputs, setup)
+    span, overridden = _time_range(inputs, setup)
+    kept = _frames(file, table, span)
     known = [marker.name for marker in model.markers]
     ensure_common(file.name, table.labels, followed, known)
     expected = [marker for marker in followed if marker in known and (setup or marker in table.labels)]
@@ -107,7 +108,7 @@ def solve_postures(inputs: IkInputs) -> SolvedPostures:
     time = table.time_s[kept]
     tasks = setup.tasks(model, table.labels, time)
     observed = markers_in_ground(model, table, tasks, kept, inputs.vertical)
-    findings += ensure_markers_fit(model, file.name, expected, tasks, observed)
+    findings += overridden + ensure_markers_fit(model, file.name, expected, tasks, observed)
     solution = solve_inverse_kinematics(model, observed, tasks)
     noise = _noise(time, observed) if inputs.noise is None else np.full(len(tasks.markers), inputs.noise)
     uncertainty = posture_uncertainty(model, observed, tasks, solution, noise)
@@ -131,19 +132,24 @@ def _smoothed(model: Model, time: Array, observed: Array, tasks: TrackingTasks, 
     return smooth_motion(model, observed, float(np.median(steps)), tasks, noise)
 
 
-def _frames(file: Path, table: MarkerTable, inputs: IkInputs, setup: IkSetup | None) -> NDArray[np.bool_]:
-    """(frames,) of the file that are solved. Raises MotionError where there is none."""
-    ensure_interval(inputs.start, inputs.end)
+def _time_range(inputs: IkInputs, setup: IkSetup | None) -> tuple[tuple[float, float], tuple[Finding, ...]]:
+    """The range [s] that is solved: of the command line before that of the set-up; and a finding where they differ."""
+    ensure_interval(-math.inf if inputs.start is None else inputs.start, math.inf if inputs.end is None else inputs.end)
     low, high = setup.time_range if setup else (-math.inf, math.inf)
-    first, last = max(low, inputs.start), min(high, inputs.end)
+    first, last = low if inputs.start is None else inputs.start, high if inputs.end is None else inputs.end
+    is_overridden = (math.isfinite(low) and first != low) or (math.isfinite(high) and last != high)
+    figures = {"setup_range_s": f"{low:g} to {high:g}", "range_s": f"{first:g} to {last:g}"}
+    return (first, last), (Message(KinematicsCode.OTHER_RANGE, figures),) if is_overridden else ()
+
+
+def _frames(file: Path, table: MarkerTable, span: tuple[float, float]) -> NDArray[np.bool_]:
+    """(frames,) of the file that are solved. Raises MotionError where there is none."""
+    first, last = span
     kept = (table.time_s >= first - 1e-6) & (table.time_s <= last + 1e-6)
     if not kept.any():
-        limits = (
-            "--from and --to" if setup is None else f"--from, --to and the set-up's time_range, {low:g} to {high:g} s"
-        )
         raise MotionError(
             f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame between {first:g} "
-            f"and {last:g} s; correct {limits}",
+            f"and {last:g} s; correct --from and --to, or the set-up's time_range",
             SolverCode.NO_FRAMES,
         )
     return np.asarray(kept)

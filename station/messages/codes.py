@@ -82,6 +82,7 @@ class KinematicsCode(StrEnum):
     WITHOUT_PLACE = "marker_set.without_place"
     ELSEWHERE = "marker_set.other_body"
     WRONG_FACTOR = "scale.factor"
+    OTHER_RANGE = "setup.time_range_overridden"
     NOT_HELD = "posture.not_held"
     NOT_CONVERGED = "posture.not_converged"
     GAP_OPEN = "posture.gap_open"

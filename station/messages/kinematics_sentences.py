@@ -58,6 +58,9 @@ KINEMATICS: Mapping[StrEnum, str] = {
         "{body} would be scaled by {factor:.2f} with the markers of {file}, expected {least:g} to {most:g}; check the "
         "labels, and the pairs of markers in the set-up"
     ),
+    KinematicsCode.OTHER_RANGE: (
+        "--from and --to override the set-up's time_range, {setup_range_s} s: frames from {range_s} s are solved"
+    ),
     KinematicsCode.NOT_HELD: (
         "no visible marker determines {coordinates} in {frames} frames: the values there are not measured"
     ),

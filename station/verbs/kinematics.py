@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -132,9 +131,8 @@ def ik(
 
     if output.suffix not in (".mot", ".sto", ".csv"):
         raise typer.BadParameter(f"--output should end in .mot, .sto or .csv and is {output.name}")
-    span = -math.inf if start is None else start, math.inf if end is None else end
     noise = None if noise_mm is None else 1e-3 * noise_mm
-    solved = solve_postures(IkInputs(model, markers, setup, *span, noise, prefix, vertical, marker_set, smooth))
+    solved = solve_postures(IkInputs(model, markers, setup, start, end, noise, prefix, vertical, marker_set, smooth))
     for note in (*solved.notes, *summary(solved)):
         print_message(note)
     write_postures(output, solved)

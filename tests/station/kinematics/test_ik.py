@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,30 @@ def test_the_set_up_names_the_markers_and_the_time(tmp_path: Path, capsys, monke
     np.testing.assert_allclose(table[[0, -1], 0], [0.1, 0.2])
 
 
+@pytest.mark.parametrize(
+    ("words", "solved", "is_overridden"),
+    [
+        ((), (0.1, 0.2), False),
+        (("--from", "0.05"), (0.05, 0.2), True),
+        (("--from", "0", "--to", "0.25"), (0.0, 0.25), True),
+        (("--from", "0.1", "--to", "0.2"), (0.1, 0.2), False),
+    ],
+)
+def test_the_command_line_overrides_the_time_range_of_the_set_up_and_says_so(
+    words: tuple[str, ...], solved: tuple[float, float], is_overridden: bool, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    trial(tmp_path)
+    tasks = "".join(TASK.format(name=marker.name, weight=1) for marker in MODEL.markers)
+    (tmp_path / "setup.xml").write_text(SETUP.format(range="0.1 0.2", tasks=tasks), encoding="utf-8")
+    given = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.mot", *words)
+    code, told = run(capsys, monkeypatch, *given)
+    assert code == 0
+    np.testing.assert_allclose(read_motion(tmp_path / "q.mot", MODEL).time[[0, -1]], solved)
+    findings = json.loads((tmp_path / "q_ik.json").read_text())["findings"]
+    codes = [found["code"] for found in findings]
+    assert ("setup.time_range_overridden" in codes) == ("0.1 to 0.2 s" in told) == is_overridden
+
+
 def test_a_frame_without_markers_is_left_out_told_and_code_3(tmp_path: Path, capsys, monkeypatch) -> None:
     trial(tmp_path, hidden=29)
     words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
@@ -111,7 +136,8 @@ def test_a_frame_without_markers_is_left_out_told_and_code_3(tmp_path: Path, cap
     [
         ("", (), "has no task that is applied"),
         (TASK.format(name="of no model", weight=1), (), "[markers.none_in_common]"),
-        (TASK.format(name="of no model", weight=1), ("--from", "5"), "time_range, -1 to 9 s"),
+        (TASK.format(name="of no model", weight=1), ("--from", "5"), "no frame between 5 and 9 s"),
+        (TASK.format(name="of no model", weight=1), ("--from", "10"), "no frame between 10 and 9 s"),
         (TASK.format(name="of no model", weight=1), ("--from", "5", "--to", "4"), "should be before the end 4 s"),
         (TASK.format(name="of no model", weight=1), ("--from", "nan"), "not a number"),
         ('<IKCoordinateTask name="x"><value_type>guessed</value_type></IKCoordinateTask>', (), "value_type guessed"),
