@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.dense import copy
-from solver.redundancy.interior_point import has_unreachable_row, interior_point
+from solver.redundancy.interior_point import interior_point, is_certificate
 from solver.redundancy.newton import NEWTON_GOAL, newton, optimality_errors
 from solver.redundancy.reduced_problem import (
     BEYOND_RATE,
@@ -68,14 +68,21 @@ def solve_frames(problem: SequenceProblem, start: WarmStart, work: FrameWorkspac
 
 @compiled
 def _solve_frame(problem: FrameProblem, widest: Array, work: FrameWorkspace, a: Array, v: Array) -> int:
-    """Solve within the bounds; if infeasible, within the widest, which stay in lower and upper; else violate least."""
+    """Solve within the bounds; if infeasible, within the widest, which stay in lower and upper; else violate least.
+
+    Where the interior-point method stops without a proof, as with distant targets, the multipliers of the least
+    violation are one, but for violations near round-off.
+    """
     for attempt in range(2):
         if attempt:
             _set_widest_bounds(widest, problem.lower, problem.upper)
         code = _solve(problem, work, a, v)
-        if code != INFEASIBLE:
-            return BEYOND_RATE if attempt and code == SOLVED else code
-    _minimise_violation(problem, work, a, v)
+        if code == SOLVED:
+            return BEYOND_RATE if attempt else SOLVED
+        if attempt or code == NOT_CONVERGED:
+            _minimise_violation(problem, work, a, v)
+        if code == NOT_CONVERGED and not is_certificate(problem, v, work.interior.gradient):
+            return NOT_CONVERGED
     return INFEASIBLE
 
 
@@ -132,9 +139,7 @@ def _solve(problem: FrameProblem, work: FrameWorkspace, a: Array, v: Array) -> i
         _round_to_bounds(problem, work.interior.point.a, a)
         return SOLVED
     error, _ = optimality_errors(problem, a, v, work.newton.free_inverse, work.newton.error)
-    if error <= VIOLATION_LIMIT:
-        return SOLVED
-    return INFEASIBLE if has_unreachable_row(problem, work.interior) else NOT_CONVERGED
+    return SOLVED if error <= VIOLATION_LIMIT else NOT_CONVERGED
 
 
 @compiled

@@ -54,20 +54,22 @@ def interior_point(problem: FrameProblem, work: InteriorWorkspace, v: Array) -> 
 
 
 @compiled
-def has_unreachable_row(problem: FrameProblem, work: InteriorWorkspace) -> bool:
-    """Whether one equality alone proves that the problem is infeasible. A target so distant that rounding stops the
-    method before its multipliers are a certificate is usually out of reach in one row.
+def is_certificate(problem: FrameProblem, v: Array, gradient: Array) -> bool:
+    """Whether v proves that the problem is infeasible; fills the gradient Mᵀ v (n,).
+
+    Farkas' lemma: points that meet the rows have v·t ≤ v·M a + v·R u, R u being the contribution of the eliminated
+    unknowns. The first term is at most that of the best corner of the bounds, the second at most √(v·R v) √(u·R u),
+    too small where the effort is bounded. The missing part, the depth, over Σ |v| is a violation that no point avoids.
     """
-    M, t, v, gradient = problem.M, problem.t, work.step.v, work.gradient
-    for i in range(problem.equalities):
-        for j in range(len(v)):
-            v[j] = 0.0
-        v[i] = 1.0 if t[i] > 0.0 else -1.0
-        for j in range(len(gradient)):
-            gradient[j] = v[i] * M[i, j]
-        if _is_certificate(problem, v, gradient):
-            return True
-    return False
+    _, M, R, t, _, lower, upper, _ = problem
+    columns_times(M, v, gradient)
+    depth, effort, size = dot(v, t), 0.0, 0.0
+    for j in range(len(gradient)):
+        depth -= max(lower[j] * gradient[j], upper[j] * gradient[j])
+    for i in range(len(v)):
+        effort += v[i] * dot(R[i], v)
+        size += abs(v[i])
+    return depth > VIOLATION_LIMIT * size and depth * depth > 2.0 * LARGEST_EFFORT * effort
 
 
 @compiled
@@ -90,7 +92,7 @@ def _follow_central_path(problem: FrameProblem, work: InteriorWorkspace) -> int:
         is_near = largest <= GOAL
         if is_near and (exponent == 2 or largest <= CUBIC_GOAL or largest > 0.5 * before):
             return SOLVED
-        if violation > VIOLATION_LIMIT and _is_certificate(problem, v, gradient):
+        if violation > VIOLATION_LIMIT and is_certificate(problem, v, gradient):
             return INFEASIBLE
         rows_times_rows(M, inverse, R, matrix)
         if has_cone:
@@ -166,22 +168,6 @@ def _stationarity_error(problem: FrameProblem, point: Iterate, gradient: Array) 
             pull = gradient[i] + point.z[0, i] - point.z[1, i]
             largest = max(largest, abs(slope(q[i], point.a[i], exponent) - pull))
     return largest
-
-
-@compiled
-def _is_certificate(problem: FrameProblem, v: Array, gradient: Array) -> bool:
-    """Farkas' lemma: points that meet the rows have v·t ≤ v·M a + v·R u, R u being the contribution of the eliminated
-    unknowns. The first term is at most that of the best corner of the bounds, the second at most √(v·R v) √(u·R u),
-    too small where the effort is bounded. The missing part, the depth, over Σ |v| is a violation that no point avoids.
-    """
-    _, _, R, t, _, lower, upper, _ = problem
-    depth, effort, size = dot(v, t), 0.0, 0.0
-    for j in range(len(gradient)):
-        depth -= max(lower[j] * gradient[j], upper[j] * gradient[j])
-    for i in range(len(v)):
-        effort += v[i] * dot(R[i], v)
-        size += abs(v[i])
-    return depth > VIOLATION_LIMIT * size and depth * depth > 2.0 * LARGEST_EFFORT * effort
 
 
 @compiled
