@@ -132,8 +132,8 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "The steps of the motion are {steps} s. It is interpolated to even ones, of the median step."
     ),
     AssessmentCode.LOW_CUTOFF: (
-        "The low-pass filter removes a part of this motion: {frequencies}. Choose a higher cut-off (--cutoff-hz), for "
-        "walking 6 Hz."
+        "The low-pass filter removes a part of this motion: {frequencies}. Choose a higher cut-off (--cutoff-hz, or "
+        "cutoff_hz in the plan of a sweep), for walking 6 Hz."
     ),
     AssessmentCode.NO_LOAD_APPLIED: (
         "No external load is applied: {file} has no ExternalForce that is switched on. Set its appliesForce to true."

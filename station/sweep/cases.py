@@ -94,6 +94,7 @@ class SweepInputs:
             "version": metadata.version("cuffstation"),
             "solver": self.solver,
             "every": self.plan.every,
+            "cutoff_hz": self.plan.cutoff_hz,
             "files": [self.digest(axis, point[axis]) for axis in ("model", "motion", "external_loads", "suit")],
             "hand_mass": point["hand_mass_kg"],
             "cord": [suit.stiffness, *(getattr(suit, part).location.tolist() for part in PARTS)],
@@ -141,7 +142,7 @@ class SweepInputs:
 
     def _loaded_kinematics(self, model: Value, motion: Value, loads: Value) -> LoadedKinematics:
         body = self.model(model)
-        kinematics = kinematics_of(None if motion == BUNDLED else self._path(motion), body)
+        kinematics = kinematics_of(None if motion == BUNDLED else self._path(motion), body, self.plan.cutoff_hz)
         return kinematics, loads_of(None if loads == NONE else self._path(loads), body, kinematics.time)
 
     def _model(self, name: Value) -> Model:

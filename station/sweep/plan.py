@@ -21,7 +21,7 @@ from solver.suit.scenarios import Condition
 from station.errors import StationError
 from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
-from station.sources import BUNDLED
+from station.sources import BUNDLED, CUTOFF_HZ
 
 Value = str | float | tuple[float, ...]
 Point = dict[str, Value]
@@ -50,6 +50,7 @@ class SweepPlan:
     axes    name → values, or the span of a sample; in the order of AXES
     method  "grid", "latin_hypercube" or "random"; count and seed: of a sample
     every   muscles are solved in every N-th frame
+    cutoff_hz  of the low-pass filter of the motions, None for no filter
     digest  SHA-256 of the file
     """
 
@@ -60,6 +61,7 @@ class SweepPlan:
     seed: int
     every: int
     digest: str
+    cutoff_hz: float | None = CUTOFF_HZ
 
     def values(self, axis: str) -> tuple[Value, ...]:
         """The values of an axis; empty for a span."""
@@ -100,6 +102,7 @@ def read_plan(path: Path) -> SweepPlan:
         seed=table.seed,
         every=table.every,
         digest=hashlib.sha256(content).hexdigest(),
+        cutoff_hz=table.cutoff_hz or None,
     )
 
 
@@ -195,6 +198,7 @@ class _PlanTable(Section):
     """The keys of a plan."""
 
     every: Annotated[Whole, Field(ge=1)] = 1
+    cutoff_hz: NonNegative = CUTOFF_HZ
     method: Literal["grid", "latin_hypercube", "random"] = "grid"
     count: Annotated[Whole, Field(ge=1, le=MOST_POINTS)] = 1
     seed: Annotated[Whole, Field(ge=0)] = 0

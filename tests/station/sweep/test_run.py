@@ -105,6 +105,20 @@ def test_a_motion_without_a_column_is_that_with_the_default_and_is_read_once(
     )
 
 
+def test_the_cutoff_of_the_plan_filters_its_motions(tmp_path: Path) -> None:
+    raised = simulate_arm_raise(bundled_model())
+    shaken = raised.coordinates.copy()
+    shaken[:, raised.names.index("shoulder_elv")] += 2e-3 * np.sin(2 * np.pi * 8.0 * raised.time)
+    write_table(tmp_path / "shaken.sto", raised.names, raised.time, shaken)
+    vary = 'motion = ["bundled", "shaken.sto"]\ncuff = "hand"\ncondition = "rigid"\nrest_length_m = 0.74'
+    difference = []
+    for cutoff in (3.0, 20.0):
+        plan = read_plan(write_plan(tmp_path, vary, f"every = 60\ncutoff_hz = {cutoff}\n"))
+        table = pd.read_parquet(run_sweep(plan, tmp_path / "out", here).table)
+        difference.append(abs(np.diff(table["normalised_cost"].to_numpy())[0]))
+    assert difference[0] < 0.05 * difference[1]
+
+
 def test_rows_are_in_the_order_of_the_plan_with_the_parameters_of_the_suit(tmp_path: Path) -> None:
     vary = (
         'condition = "rigid"\nstiffness_n_per_m = [300, 600]\narm_point_m = [-0.01, -0.1, -0.06]\nrest_length_m = 0.7'
