@@ -170,8 +170,9 @@ def assess(
     tendons with draws or in some frames only.
     """
     draws = draws or DrawSettings()
+    apart = draws.frames_apart(len(motion.kinematics.time))
     if draws.count:  # before all frames are solved
-        ensure_all_frames(motion.options, draws.every)
+        ensure_all_frames(motion.options, apart)
     arms, waist = _arms_and_waist(cuffs)
     suited = prepare_suited_motion(motion, suit, every)
     suited.ensure_pulls()
@@ -182,7 +183,7 @@ def assess(
     drawn = None
     if draws.count and (draws.motions or any(cuff.covariance.any() for cuff in (waist, *arms) if cuff)):
         decimated = [
-            prepare_suited_motion(replace(motion, kinematics=kinematics), suit, draws.every)
+            prepare_suited_motion(replace(motion, kinematics=kinematics), suit, apart)
             for kinematics in (motion.kinematics, *draws.motions)
         ]
         span = _all_tried if draws.motions else _around_optimum

@@ -86,13 +86,13 @@ def optimise_suit(
     """Search by the simplex method of Nelder and Mead, from the suit's reference rest length, with a waist cuff, None a
     rigid one, and an arm cuff.
 
-    Muscles are solved in every draws.every-th frame, 50 draws of the cuffs by default; motions are not drawn. Raises as
+    Muscles are solved in the frames of the draws, 50 draws of the cuffs by default; motions are not drawn. Raises as
     prepare_suited_motion, and if the cord never pulls. A candidate that cannot be solved has infinite cost.
     """
     if suit.is_straight and "shoulder" in free:
         raise SuitError("a straight cord has no shoulder point to move; free another point", SolverCode.SUIT)
     draws, (waist, arm) = draws or DrawSettings(count=50), cuffs
-    decimated = prepare_suited_motion(motion, suit, draws.every)
+    decimated = prepare_suited_motion(motion, suit, draws.frames_apart(len(motion.kinematics.time)))
     decimated.ensure_pulls()
     search = _Search(decimated, condition, tuple(free), progress)
     pairs = _drawn_pairs(waist, arm, draws.count if condition != "rigid" else 0)

@@ -32,18 +32,24 @@ SEED = 1
 NODES = 8  # rest lengths of a drawn curve
 PAIRS_AT_ONCE = 40  # bounds the memory
 MOST_TRIES = 100  # a draw
+MOST_APART, LEAST_FRAMES = 20, 30
 
 
 @dataclass(frozen=True, eq=False)
 class DrawSettings:
     """How uncertainty is propagated: draws of all cuffs, solved in every N-th frame.
 
+    every    N; None: 20, or less where a short motion, as a stride, would keep fewer than 30 frames
     motions  with the frames of the assessed one, drawn from the uncertainty of its postures; the draws use them in turn
     """
 
     count: int = 200
-    every: int = 20
+    every: int | None = None
     motions: Sequence[Kinematics] = ()
+
+    def frames_apart(self, frames: int) -> int:
+        """N for a motion with so many frames."""
+        return self.every or min(MOST_APART, max(1, frames // LEAST_FRAMES))
 
 
 @dataclass(frozen=True, eq=False)

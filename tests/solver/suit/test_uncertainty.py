@@ -1,10 +1,11 @@
 """Draws of a cuff: they have the fit's covariance, start with the fitted cuff, and are springs."""
 
 import numpy as np
+import pytest
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
-from solver.suit.uncertainty import draw_cuff
+from solver.suit.uncertainty import DrawSettings, draw_cuff
 from tests.solver.refusals import raises_refusal
 
 COVARIANCE = np.array([[200.0**2, 0.6 * 200 * 15, 0.0], [0.6 * 200 * 15, 15.0**2, 0.0], [0.0, 0.0, 0.001**2]])
@@ -42,6 +43,12 @@ def test_draws_that_are_starved_of_tries_are_refused(monkeypatch):
     monkeypatch.setattr("solver.suit.uncertainty.MOST_TRIES", 1)
     with raises_refusal(SolverCode.STIFFNESS_NOT_DRAWN, naming="soft"):
         drawn(CuffParameters("soft", "arm", 100.0, 1.0, 0.0, np.diag([150.0**2, 0.0, 0.0])), 500)
+
+
+@pytest.mark.parametrize(("frames", "apart"), [(601, 20), (794, 20), (131, 4), (25, 1)])
+def test_a_short_motion_keeps_thirty_frames_for_the_draws(frames, apart):
+    assert DrawSettings().frames_apart(frames) == apart
+    assert DrawSettings(every=10).frames_apart(frames) == 10
 
 
 def test_a_cuff_that_is_given_does_not_vary():
