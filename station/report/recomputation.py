@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,6 +27,7 @@ from station.progress import Progress, silent
 from station.report.located import Source, resolve
 from station.report.report_file import ReportedNumberEntry, ReportFileError, read_numbers
 from station.report.sourced_number import Form, reduced
+from station.sources import CUTOFF_HZ
 
 TOLERANCE = 1e-6
 """Relative difference of two numbers that count as equal: other processors and libraries round differently."""
@@ -129,7 +130,7 @@ def _assessment_links(
 
     inputs = _inputs(folder, plain)
     if inputs is None:
-        remark = "its motion, model or suit is not in this folder; assess it again with those files"
+        remark = "its motion, model, suit or effort file is not in this folder; assess it again with those files"
         yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, remark)
         return
     worn = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
@@ -152,14 +153,15 @@ def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
     named, cuffs = plain["inputs"], folder / CUFFS_FILE
     has_subject = bool(plain.get("subject"))
     is_bundled = {role: named[role].startswith("bundled") for role in ("model", "motion")}
-    others = {"emg", "external_loads", "beside"} & set(named)
+    others = {"emg", "external_loads", "beside", "effort"} & set(named)
     is_known = has_subject or all(is_bundled.values())
     suit = named["suit"].endswith(sha256_of(BUNDLED_SUIT))
     if not (is_known and suit and cuffs.is_file() and not others and named["cuffs"].endswith(sha256_of(cuffs))):
         return None
     chosen = tuple(name for name, cuff in plain["cuffs"].items() if cuff["site"] != "waist")
-    subject, tendons = folder if has_subject else None, named.get("tendons", "rigid")
-    return AssessmentInputs(cuffs, chosen=chosen, paths=named["paths"], subject=subject, tendons=tendons)
+    inputs = AssessmentInputs(cuffs, chosen=chosen, paths=named["paths"], subject=folder if has_subject else None)
+    cutoff = named.get("cutoff_hz", f"{CUTOFF_HZ:g}")
+    return replace(inputs, tendons=named.get("tendons", "rigid"), cutoff_hz=None if cutoff == "none" else float(cutoff))
 
 
 def _listed(folder: Path) -> Mapping[str, ReportedNumberEntry]:

@@ -10,7 +10,10 @@ from typing import Any
 
 import pytest
 
+from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.results.seal import Standing
+from station.assessment.assess import assess_cuffs, write_assessment
+from station.assessment.assessment_inputs import AssessmentInputs
 from station.checksums import write_checksums
 from station.files.chain import Link
 from station.messages.file_codes import NumberCode
@@ -84,6 +87,23 @@ def test_numbers_of_a_report_without_a_cuffs_file_follow_from_the_samples(sessio
     write_report(session)
     (link,) = recomputed_links(session)
     assert link.what.startswith("report.json ← fit of the recordings") and link.standing == Standing.AS_RECORDED
+
+
+@pytest.mark.parametrize("cutoff_hz", [None, 1.0])
+def test_an_assessment_is_computed_again_with_its_own_filter(session: Path, cutoff_hz: float | None) -> None:
+    inputs = AssessmentInputs(session / "cuffs.json", cutoff_hz=cutoff_hz)
+    assessed = assess_cuffs(read_cuffs(inputs.cuffs), inputs, most_frames=4, most_rest_lengths=5, draws=0)
+    write_assessment(assessed, session)
+    write_report(session)
+    assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.AS_RECORDED
+
+
+def test_an_assessment_with_weights_of_a_file_is_not_computed_again(session: Path) -> None:
+    path = session / "assessment.json"
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    plain["inputs"]["effort"] = f"effort.toml {64 * 'a'}"
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.UNRECORDED
 
 
 def test_an_assessment_whose_motion_is_elsewhere_is_not_computed_again(session: Path) -> None:
