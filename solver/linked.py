@@ -10,15 +10,22 @@ result (docs/decisions/0056-first-use-in-two-processes.md).
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any, cast
 
 from numba.core import codegen, compiler, compiler_machinery, types
-from numba.core.typed_passes import AnnotateTypes, NativeLowering
+from numba.core.typed_passes import (
+    AnnotateTypes,
+    DumpParforDiagnostics,
+    InlineOverloads,
+    IRLegalization,
+    NativeLowering,
+    NopythonRewrites,
+    NoPythonSupportedFeatureValidation,
+)
 from numba.core.untyped_passes import (
+    DeadBranchPrune,
     FindLiterallyCalls,
     InlineClosureLikes,
     InlineInlinables,
@@ -26,10 +33,11 @@ from numba.core.untyped_passes import (
     LiteralUnroll,
     MakeFunctionToJitFunction,
     RewriteDynamicRaises,
+    RewriteSemanticConstants,
     WithLifting,
 )
 
-from solver.operator_signatures import remember_signatures
+from solver.short_compilation import short_compilation
 
 _Library: Any = codegen.JITCodeLibrary  # all of these are without types
 _Compiler: Any = compiler.CompilerBase
@@ -43,8 +51,7 @@ class KernelCompiler(_Compiler):  # type: ignore[misc]
     """For njit(pipeline_class=...) of a function that Python calls: numba's own passes, and what speeds them up."""
 
     def compile_extra(self, function: Callable[..., object]) -> Any:
-        remember_signatures(self.state.typingctx)
-        with _collection_paused():
+        with short_compilation(self.state.typingctx):
             return super().compile_extra(function)
 
     def define_pipelines(self) -> list[Any]:
@@ -75,7 +82,8 @@ class LinkedCompiler(_Compiler):  # type: ignore[misc]
 def _short_pipeline(state: Any, name: str) -> Any:
     """numba's passes but for those that the solver's functions do not need."""
     pipeline = _Passes.define_nopython_pipeline(state, name)
-    pipeline.passes = [described for described in pipeline.passes if described[0] not in _UNNEEDED]
+    unneeded = _UNNEEDED if state.flags.nrt else {*_UNNEEDED, IRLegalization}
+    pipeline.passes = [described for described in pipeline.passes if described[0] not in unneeded]
     pipeline.finalize()
     return pipeline
 
@@ -85,24 +93,22 @@ _UNNEEDED = {
     InlineClosureLikes,
     MakeFunctionToJitFunction,
     InlineInlinables,
+    InlineOverloads,
     FindLiterallyCalls,
     LiteralUnroll,
     LiteralPropagationSubPipelinePass,
     RewriteDynamicRaises,
+    RewriteSemanticConstants,
+    DeadBranchPrune,
+    NopythonRewrites,
+    NoPythonSupportedFeatureValidation,
+    DumpParforDiagnostics,
 }
-"""Passes for with, closures, comprehensions, functions that are inlined as Python, literally, and raise with values."""
+"""Passes for with, closures, comprehensions, functions that are inlined as Python, literally, raise with values,
+arguments that are None, and arithmetic with whole arrays; and a check for what the solver's functions do not use.
 
-
-@contextmanager
-def _collection_paused() -> Iterator[None]:
-    """Without garbage collection, which in vain looks through the many objects of the compiler again and again."""
-    is_paused = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if is_paused:
-            gc.enable()
+IRLegalization deletes variables after their last use, which only counts references.
+"""
 
 
 class _LinkedLibrary(_Library):  # type: ignore[misc]

@@ -144,15 +144,17 @@ def _ended_blades(ended: int, most: int, steps: int, sense: int, r1: Vector, inn
     node = 0
     while node < NODES and f[origin + sense * node] < STOP:
         node += 1
-    if node in (0, NODES):
-        return ended if node == 0 else most
+    if node == 0:
+        return ended
+    if node == NODES:
+        return most
     lowest, next_lowest = log(max(f[origin + sense * (node - 1)], SMALLEST)), log(f[origin + sense * node])
     spacing = fan.logits[node] - fan.logits[node - 1]
     bound = fan.logits[node - 1] + (log(STOP) - lowest) / (next_lowest - lowest) * spacing
     count = max(ended, int(SPACINGS * fan.positions[node - 1]) - skipped)
     while count < most and fan.blade_logits[count + skipped] < bound:
         count += 1
-    margin = (UNCERTAIN[0] + UNCERTAIN[1] * 2**steps) * spacing / (next_lowest - lowest)
+    margin = (UNCERTAIN[0] + UNCERTAIN[1] * (1 << steps)) * spacing / (next_lowest - lowest)
     while (
         count < most and fan.blade_logits[count + skipped] - bound < margin and _ends(count, steps, sense, r1, inner, a)
     ):
