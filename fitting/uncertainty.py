@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from fitting.results.outcome import FitOutcome
 
@@ -98,6 +97,20 @@ class Repeat:
         return combine([self])
 
 
+def student_half_width(dof: float) -> float:
+    """Half width of a 95 % interval over its standard error, if that was computed from scatter: Student's t."""
+    from scipy.special import stdtrit  # as scipy.stats, which takes a second to import
+
+    return float(stdtrit(dof, 0.975))
+
+
+def chi_square_limit(dof: float, level: float = CHI_SQUARE_LEVEL) -> float:
+    """The value that χ² does not exceed with the probability `level`."""
+    from scipy.special import gammaincinv
+
+    return float(2 * gammaincinv(dof / 2, level))
+
+
 def normal_estimate(value: float, error: float) -> Estimate:
     """An estimate whose error is normal and known."""
     return Estimate(value, error, (value - NORMAL_95 * error, value + NORMAL_95 * error))
@@ -105,7 +118,7 @@ def normal_estimate(value: float, error: float) -> Estimate:
 
 def student_estimate(value: float, error: float, dof: int) -> Estimate:
     """An estimate whose standard error was computed from scatter with `dof` degrees of freedom."""
-    half_width = _student(dof) * error
+    half_width = student_half_width(dof) * error
     return Estimate(value, error, (value - half_width, value + half_width))
 
 
@@ -129,11 +142,11 @@ def combine(repeats: Sequence[Repeat]) -> Estimate:
     known = _of_mean(weights, scatter)
     half_widths, errors = [NORMAL_95 * known], [known]
     if dof:
-        half_widths.append(_student(dof) * _of_mean(weights, noise) * inflation)
+        half_widths.append(student_half_width(dof) * _of_mean(weights, noise) * inflation)
     if len(repeats) > 1:
         spread = float(weights @ (values - mean) ** 2) / (len(repeats) - 1)
         errors.append(math.sqrt(spread / weights.sum()))
-        half_widths.append(_student(len(repeats) - 1) * errors[-1])
+        half_widths.append(student_half_width(len(repeats) - 1) * errors[-1])
     error = max(errors)
     common = _average([repeat.common for repeat in repeats], weights)
     half_width = math.hypot(max(half_widths), NORMAL_95 * common)
@@ -191,7 +204,3 @@ def _average(values: Sequence[float], weights: NDArray[np.float64]) -> float:
 def _of_mean(weights: NDArray[np.float64], errors: NDArray[np.float64] | Sequence[float]) -> float:
     """Standard error of the weighted mean of independent values."""
     return float(np.linalg.norm(weights * np.asarray(errors)) / weights.sum())
-
-
-def _student(dof: int) -> float:
-    return float(stats.t.ppf(0.975, dof))

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
-from scipy.constants import g
 
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import describe_error
@@ -26,6 +25,7 @@ from recordings.manifest import (
     TrialSubject,
     is_file_name,
 )
+from recordings.standard_gravity import g
 from station.body_config import AnalogSection, BodySection, EmgSection
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE

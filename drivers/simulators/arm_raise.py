@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from drivers.simulators.settings import RaiseSettings
 from drivers.simulators.shoulder import Shoulder
@@ -37,6 +36,8 @@ class RaisedPosture:
     """Coordinates (n, 15) at shares (n,) of a full raise from 0 to 1, the thorax upright in ground."""
 
     def __init__(self, shoulder: Shoulder) -> None:
+        from scipy.interpolate import CubicSpline  # a fifth of the start of a bench, most of which have no wearer
+
         share = np.linspace(0.0, 1.0, KNOTS)
         coordinates = np.zeros((KNOTS, len(shoulder.coordinate_names)))
         for name, (low, high) in RHYTHM_DEG.items():

@@ -9,6 +9,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.uncertainty import student_half_width
+
 
 class RepeatUnit(StrEnum):
     """Unit of analysis of a condition. Codes are stable.
@@ -43,8 +45,6 @@ def emg_change(reference: Sequence[Sequence[float]], condition: Sequence[Sequenc
     conditions. Cycles of a trial are not independent of each other (same electrodes, same fatigue), so several trials
     enter by their means (analysis of summary measures: J. N. S. Matthews et al., BMJ 300:230-235, 1990).
     """
-    from scipy import stats
-
     (before, before_unit), (after, after_unit) = _log_levels(reference), _log_levels(condition)
     difference = float(after.mean() - before.mean())
     ratio, counts, units = float(np.exp(difference)), (len(before), len(after)), (before_unit, after_unit)
@@ -53,7 +53,7 @@ def emg_change(reference: Sequence[Sequence[float]], condition: Sequence[Sequenc
     variances = np.array([sample.var(ddof=1) / len(sample) for sample in (before, after)])
     variance = float(variances.sum())
     dof = variance**2 / float(np.sum(variances**2 / (np.array(counts) - 1))) if variance > 0 else 1.0
-    half_width = float(stats.t.ppf(0.975, dof)) * np.sqrt(variance)
+    half_width = student_half_width(dof) * np.sqrt(variance)
     ci95 = (float(np.exp(difference - half_width)), float(np.exp(difference + half_width)))
     return EmgChange(ratio, ci95, float(ratio * np.sqrt(variance)), counts, units)
 

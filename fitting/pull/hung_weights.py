@@ -14,13 +14,13 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from fitting.pull.plateaus import Plateau
 from fitting.results.codes import TrialNoteCode
 from fitting.results.rendering import Figures, Note
 from fitting.trial.calibration import find_mistake
 from fitting.uncertainty import Estimate, normal_estimate
+from recordings.standard_gravity import g
 
 MAX_SCALE_ERROR = 0.03
 """Relative error of weights and hook that is tolerated."""

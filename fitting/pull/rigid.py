@@ -7,7 +7,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 MIN_ANCHOR_MARKERS = 3
 MIN_ANCHOR_WIDTH = 5e-3
@@ -138,6 +137,8 @@ def leave_each_out(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def path_without_ghosts(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Points (frames, markers, 3) with NaN for outliers of single markers in time (Hampel filter), and their number."""
+    from scipy.ndimage import median_filter  # the recorder uses only the poses of this file, and starts faster
+
     cleaned = points.copy()
     for marker in range(points.shape[1]):
         seen = np.flatnonzero(np.isfinite(points[:, marker, 0]))

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from fitting.pull.plateaus import SAME_LOAD, Plateau
 from fitting.pull.pull import Pull
@@ -30,7 +29,7 @@ from fitting.spatial.tensor import (
     symmetric,
     unit_tensors,
 )
-from fitting.uncertainty import CHI_SQUARE_LEVEL
+from fitting.uncertainty import chi_square_limit
 
 BATCH = 0.5
 """Seconds of the batch means from which the error of a hold's mean is computed, because sway is coloured noise."""
@@ -46,7 +45,7 @@ def held_tensor(trials: Sequence[Pull], gain_sd: float) -> Tensor:
     directions = require_span(np.array([pull.direction for pull, _ in seen]), "stiffness", "static")
     holds = [[_hold(pull, rope, plateau) for plateau in pull.plateaus] for pull, rope in seen]
     fit = _solve(holds, [np.zeros(len(trial), np.intp) for trial in holds])
-    if fit.chi_square > stats.chi2.ppf(CHI_SQUARE_LEVEL, max(fit.dof, 1)):
+    if fit.chi_square > chi_square_limit(max(fit.dof, 1)):
         slipped = [_segments(pull.plateaus) for pull, _ in seen]
         if all(len(np.unique(segment)) < len(segment) for segment in slipped):
             fit = _solve(holds, slipped)

@@ -12,14 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from fitting.errors import CodedError
 from fitting.pull.direction import APART, angle_between
 from fitting.results.codes import TensorCode
 from fitting.results.outcome import FitOutcome
 from fitting.results.rendering import Figures
-from fitting.uncertainty import NORMAL_95, Estimate
+from fitting.uncertainty import NORMAL_95, Estimate, chi_square_limit, student_half_width
 
 LEAST_SPREAD = 0.15
 """Least third singular value of the unit vectors, over the first, for directions that span space."""
@@ -151,7 +150,7 @@ def entry_errors(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 _TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-_CONE_95 = float(stats.chi2.ppf(0.95, 2))
+_CONE_95 = chi_square_limit(2, 0.95)
 
 
 def _different_directions(directions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -165,7 +164,7 @@ def _different_directions(directions: NDArray[np.float64]) -> NDArray[np.float64
 
 def half_width_factor(inflation: float, dof: int) -> float:
     """Half width of a 95 % interval over the standard error: Student's t if the error is from the scatter."""
-    return float(stats.t.ppf(0.975, dof)) if inflation > 1 else NORMAL_95
+    return student_half_width(dof) if inflation > 1 else NORMAL_95
 
 
 def block_diagonal(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
@@ -23,7 +22,7 @@ from fitting.pull.pull import Pull
 from fitting.results.outcome import FitOutcome
 from fitting.static.stiffness import LEAST_SD, StaticFit
 from fitting.static.tangent import within
-from fitting.uncertainty import CHI_SQUARE_LEVEL, Estimate, normal_estimate
+from fitting.uncertainty import Estimate, chi_square_limit, normal_estimate
 
 BIN = 0.5
 MIN_BINS = 20
@@ -76,7 +75,7 @@ class Creep:
     @property
     def explains(self) -> bool:
         """Whether the residual with creep is that of noise."""
-        return self.dof > 0 and self.chi_square < float(stats.chi2.ppf(CHI_SQUARE_LEVEL, self.dof))
+        return self.dof > 0 and self.chi_square < chi_square_limit(self.dof)
 
     def recovery(self, trial: int) -> float:
         """Displacement [m] still to come after the last hold of trial number `trial` (from 0); recovery is negative."""

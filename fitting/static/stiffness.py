@@ -15,12 +15,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from fitting.pull.plateaus import SAME_LOAD, Plateau
 from fitting.results.outcome import NEGLIGIBLE, FitOutcome, worst
 from fitting.static.tangent import HeldPoints, TangentLaw, fit_law, within
-from fitting.uncertainty import CHI_SQUARE_LEVEL, NORMAL_95, Estimate, Repeat, as_inverse, combine
+from fitting.uncertainty import NORMAL_95, Estimate, Repeat, as_inverse, chi_square_limit, combine
 
 MIN_STRAIGHT = 2
 """Degrees of freedom that a line through the plateaus must have before slip is excluded."""
@@ -172,14 +171,14 @@ def _has_one_curve(unslipped: Sequence[StaticFit], law: TangentLaw | None, *, on
         return True
     if law is None or law.outcome is not FitOutcome.CONVERGED:
         return False
-    return law.chi_square < float(stats.chi2.ppf(CHI_SQUARE_LEVEL, law.dof)) and (not only_rose or law.growth > 0)
+    return law.chi_square < chi_square_limit(law.dof) and (not only_rose or law.growth > 0)
 
 
 def _is_straight(fits: Sequence[StaticFit]) -> bool:
     """Whether the loads of every segment are on a line within their errors."""
     repeats = [fit.repeat for fit in fits if fit.repeat is not None]
     dof = sum(repeat.dof for repeat in repeats)
-    return dof >= MIN_STRAIGHT and sum(repeat.chi_square for repeat in repeats) < stats.chi2.ppf(CHI_SQUARE_LEVEL, dof)
+    return dof >= MIN_STRAIGHT and sum(repeat.chi_square for repeat in repeats) < chi_square_limit(dof)
 
 
 def _friction(turned: Sequence[StaticFit]) -> float:
@@ -208,7 +207,7 @@ def _friction_stiffness(fits: Sequence[StaticFit], turned: Sequence[StaticFit]) 
     if not found or not loading or any(_count_falls(fit.plateaus) > 1 for fit in fits):
         return None
     dof, chi_square = sum(repeat.dof for repeat in loading), sum(repeat.chi_square for repeat in loading)
-    if _is_straight(fits) or (dof > 0 and chi_square > stats.chi2.ppf(CHI_SQUARE_LEVEL, dof)):
+    if _is_straight(fits) or (dof > 0 and chi_square > chi_square_limit(dof)):
         return None
     stiffness, with_friction = as_inverse(combine(found)), as_inverse(combine(loading))
     return with_friction if stiffness.value * (1 - 2 * MOST_FRICTION) < with_friction.value < stiffness.value else None
@@ -255,7 +254,7 @@ def _retraces(unslipped: Sequence[StaticFit]) -> bool:
             difference = fit.x[j] - fit.x[i] - fit.repeat.value * (force[j] - force[i])
             chi_square += float(difference**2 / (fit.x_sd[i] ** 2 + fit.x_sd[j] ** 2))
         count += len(pairs)
-    return count > 0 and chi_square < float(stats.chi2.ppf(CHI_SQUARE_LEVEL, count))
+    return count > 0 and chi_square < chi_square_limit(count)
 
 
 def _returns(force: NDArray[np.float64]) -> bool:

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from fitting.errors import NotConverged, UnusableTrial
 from fitting.results.codes import RejectionCode, TrialNoteCode
@@ -32,6 +31,7 @@ from fitting.trial.clocks import LagUncertainty
 from fitting.trial.oscillation import Oscillation, find_oscillation
 from fitting.uncertainty import Repeat, combine
 from recordings.manifest import BounceRig, DataOrigin
+from recordings.standard_gravity import g
 
 WINDOW_CYCLES = 4
 MIN_CYCLES = 10.0

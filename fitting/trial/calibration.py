@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from fitting.results.codes import GainMistake
 from fitting.results.rendering import Note
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin, LoadCell
+from recordings.standard_gravity import g
 
 MAX_GAIN_ERROR = 0.05
 """A larger error of the gain indicates a wrong setting or weight, not a drifted cell; the gain is then not used."""

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from documents.plain_data import parse_json
 from documents.regular_file import read_regular
@@ -21,6 +20,7 @@ from fitting.results.codes import FitErrorCode, NoteCode
 from fitting.results.rendering import Figures, Note
 from fitting.trial.calibration import code_width, level_bias
 from fitting.trial.trial import Trial
+from recordings.standard_gravity import g
 
 CHECKS_FILE = "calibration.jsonl"
 LARGEST_FILE = 16 << 20

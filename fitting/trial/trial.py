@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode
@@ -22,6 +21,7 @@ from fitting.trial.sync_certificate import SyncCertificate, certify
 from fitting.trial.timeline import build_timeline
 from recordings.manifest import CuffSite, DataOrigin, Manifest, TestKind
 from recordings.reader import Track
+from recordings.standard_gravity import g
 
 DEFAULT_CUFF_MASS = 0.2
 

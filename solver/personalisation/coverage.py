@@ -11,23 +11,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from enum import StrEnum
 
+from solver.coverage_code import CoverageCode
 from solver.model import Marker, Model
 
 HOLDING = 3
 FOREARM = ("ulna", "radius", "hand")
-
-
-class CoverageCode(StrEnum):
-    """What a marker set leaves open."""
-
-    THORAX_NOT_DETERMINED = "thorax_not_determined"
-    NO_SCAPULA_MARKERS = "no_scapula_markers"
-    FEW_SCAPULA_MARKERS = "few_scapula_markers"
-    HUMERUS_NOT_DETERMINED = "humerus_not_determined"
-    AXIAL_ROTATION_UNCERTAIN = "axial_rotation_uncertain"
-    NO_FOREARM_MARKERS = "no_forearm_markers"
 
 
 ESSENTIAL = (CoverageCode.THORAX_NOT_DETERMINED, CoverageCode.HUMERUS_NOT_DETERMINED)

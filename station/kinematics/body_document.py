@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.constants import g
 
-from solver.personalisation.coverage import CoverageCode
+from recordings.standard_gravity import g
+from solver.coverage_code import CoverageCode
 from solver.personalisation.estimate import EstimateOutcome
 from solver.personalisation.segment_masses import segment_masses
 from solver.scaling_code import ScalingCode

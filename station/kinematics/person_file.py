@@ -6,8 +6,8 @@ import xml.etree.ElementTree as Xml
 from pathlib import Path
 
 import numpy as np
-from scipy.constants import g
 
+from recordings.standard_gravity import g
 from solver.errors import SolverCode
 from solver.model import ModelError
 from solver.osim.ik_setup import ik_setup_document, ik_setup_of_tasks

@@ -12,10 +12,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from solver.coverage_code import CoverageCode
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome
 from solver.inverse_kinematics.solve import PostureOutcome
 from solver.motion import write_table
-from solver.personalisation.coverage import CoverageCode
 from station.kinematics.checks import finding_lines
 from station.kinematics.ik import SolvedPostures
 from station.messages.codes import KinematicsCode

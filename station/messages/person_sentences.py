@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
-from solver.personalisation.coverage import CoverageCode
+from solver.coverage_code import CoverageCode
 from solver.scaling_code import ScalingCode
 from station.messages.person_codes import PersonCode
 

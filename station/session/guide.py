@@ -14,9 +14,9 @@ from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
-from scipy.constants import g
 
 from recordings.manifest import TestKind
+from recordings.standard_gravity import g
 from station.config import ProtocolSection
 from station.messages.codes import CueCode
 from station.messages.message import Figures, Message

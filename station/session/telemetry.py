@@ -27,9 +27,9 @@ from recordings.topics import EMG
 from station.bench.background_view import BackgroundView
 from station.bench.bench_clock import BenchClock
 from station.bench.disk import RESERVE_BYTES, bytes_free
-from station.bench.live import StreamTally
 from station.bench.live_displacement import LiveDisplacement
 from station.bench.snapshot import Snapshot, TrialState
+from station.bench.stream_tally import StreamTally
 from station.messages.message import join_sentences
 
 REFRESH_S = 0.05

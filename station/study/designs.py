@@ -7,8 +7,6 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from scipy.constants import g
-
 from fitting.study.information import (
     InstrumentNoise,
     damping_error,
@@ -17,6 +15,7 @@ from fitting.study.information import (
     stiffness_error,
 )
 from fitting.study.power import ExpectedSpread, difference_error, paired_power
+from recordings.standard_gravity import g
 from station.messages.message import Message
 from station.messages.study_codes import PlanCode
 from station.study.plan_file import StudyPlan

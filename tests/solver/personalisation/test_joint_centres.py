@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from solver.coverage_code import CoverageCode
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import assemble
 from solver.model import PathPoint
 from solver.multibody.postures import points_in_ground, postures
-from solver.personalisation.coverage import CoverageCode, check_coverage
+from solver.personalisation.coverage import check_coverage
 from solver.personalisation.joint_centres import (
     functional_centre,
     glenohumeral_centre_below_acromion,

@@ -13,11 +13,11 @@ from scipy.constants import g
 from benchmarks.subject_body import BODY_MASS, HELD_MASS, joint_force_error, renamed_generic
 from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
+from solver.coverage_code import CoverageCode
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.osim.ik_setup import read_ik_setup
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
-from solver.personalisation.coverage import CoverageCode
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.person import PersonInputs, measure_person
 from station.kinematics.person_findings import PersonError

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import fcntl
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from tests.timeout import scaled_timeout
 
 SMALLEST_PIPE = 4096
 PATIENCE_S = 120
+NOT_FOR_RECORDING = {"scipy", "numba", "pandas", "rich", "nicegui"}
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +51,13 @@ def assert_whole(folder: Path) -> None:
     assert contents.complete and not contents.gaps
     assert contents.outcome is not None and contents.outcome.accepted
     assert recorded.accepted and [message.code for message in recorded.codes] == [TrialCode.CAPTURE_ENDED]
+
+
+def test_the_recorder_starts_without_the_packages_of_fits_and_pages() -> None:
+    """The operator waits for it before every trial."""
+    code = f"import sys, station.session.trial_daemon; print(*{NOT_FOR_RECORDING} & sys.modules.keys())"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert ran.stdout.split() == []
 
 
 def test_a_running_trial_sends_telemetry_and_stores_marks(
