@@ -2,8 +2,8 @@
 
 The machine code is kept on disk (compiled.py), so this can be done once after an installation, or in a second process
 while trials are recorded. A second process beside one that needs the kernels now begins with the last ones
-(--last-first), so that both together take half the time. stdout has one line of JSON per kernel: how many are ready,
-and how many there are.
+(--last-first), so that both together take half the time. It imports little before it compiles. stdout has one line of
+JSON per kernel: how many are ready, and how many there are.
 """
 
 from __future__ import annotations
@@ -15,80 +15,37 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from solver import compiled
-from solver.bundled import bundled_model
-from solver.cuff import CuffParameters
-from solver.functions.bezier import evaluate_chain
-from solver.inverse_kinematics.information import fill_information
-from solver.inverse_kinematics.sensitivity import fill_sensitivities
-from solver.inverse_kinematics.sequence import solve_frames as solve_postures
-from solver.inverse_kinematics.solve import TrackingTasks
-from solver.inverse_kinematics.uncertainty import posture_uncertainty
-from solver.model import Marker, Model
-from solver.motion import differentiate
-from solver.multibody.bodies import move_bodies
-from solver.multibody.dynamics import equations_of_motion, response_to_loads
-from solver.multibody.masses import mass_matrix_and_bias
-from solver.multibody.postures import points_in_ground, postures
-from solver.multibody.responses import fill_responses
-from solver.path_lines import path_lines
-from solver.personalisation.estimate import estimate_body
-from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.elimination import eliminate
-from solver.redundancy.frames import solve_frames
-from solver.redundancy.sequence import FrameSequence, solve_sequence
-from solver.stream.fixed_lag import smooth_window
-from solver.stream.stream_solver import StreamSolver
-from solver.suit.assessment import assess
-from solver.suit.scenarios import LoadedMotion
-from solver.suit.suit import read_suit
-from solver.suit.uncertainty import DrawSettings
-from solver.wrapping.moving_points import place_points
-from solver.wrapping.path_nodes import place_path_nodes
-from solver.wrapping.tension import evaluate_wrapped_paths
-
-KERNELS: tuple[Any, ...] = (
-    move_bodies,
-    place_points,
-    evaluate_wrapped_paths,
-    evaluate_chain,
-    mass_matrix_and_bias,
-    fill_responses,
-    eliminate,
-    solve_frames,
-    solve_postures,
-    fill_sensitivities,
-    fill_information,
-    smooth_window,
-    place_path_nodes,
+KERNELS = (
+    ("solver.multibody.bodies", "move_bodies"),
+    ("solver.wrapping.moving_points", "place_points"),
+    ("solver.wrapping.tension", "evaluate_wrapped_paths"),
+    ("solver.functions.bezier", "evaluate_chain"),
+    ("solver.multibody.masses", "mass_matrix_and_bias"),
+    ("solver.multibody.responses", "fill_responses"),
+    ("solver.redundancy.elimination", "eliminate"),
+    ("solver.redundancy.frames", "solve_frames"),
+    ("solver.inverse_kinematics.sequence", "solve_frames"),
+    ("solver.inverse_kinematics.sensitivity", "fill_sensitivities"),
+    ("solver.inverse_kinematics.information", "fill_information"),
+    ("solver.stream.fixed_lag", "smooth_window"),
+    ("solver.wrapping.path_nodes", "place_path_nodes"),
 )
-"""Kernels that an assessment and its drawings call, in order of use; a test finds a missing one."""
+"""Modules and names of the kernels that an assessment and its drawings call, in order of use; a test finds a missing
+one."""
 
-SKIN_MARKERS = ("ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "EpL", "EpM")
+COMPILER = logging.getLogger("solver.compiled")
 WITH_PARENT = "--with-parent"
 LAST_FIRST = "--last-first"
 NICENESS = 2
 """The parent has priority, but finally waits for this process: with 5 on a busy machine, for minutes."""
-FRAMES_APART = 300
 
 
 def compile_ahead() -> None:
-    """Compile what is not on disk yet, and load the rest: assess a suit in three frames of the bundled motion."""
-    model = bundled_model()
-    suit = read_suit()
-    suit = replace(suit, rest_lengths=np.array([suit.reference_rest_length]))
-    cuff = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
-    motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
-    assess(motion, suit, [cuff], every=FRAMES_APART, draws=DrawSettings(count=0))
-    path_lines(model, postures(model, motion.kinematics.positions[:1], motion.kinematics.speeds[:1]))
-    observed = _estimate_a_body(model, motion.kinematics.positions[:: FRAMES_APART // 3])
-    _stream(model, observed)
+    """Compile what is not on disk yet, and load the rest."""
+    from solver.kernel_calls import call_every_kernel  # imports as much as an assessment does
+
+    call_every_kernel()
 
 
 def compile_last_first() -> None:
@@ -96,6 +53,13 @@ def compile_last_first() -> None:
 
     Nothing of this needs the paths: to call what does, this process would wait until the first has compiled them.
     """
+    import numpy as np
+
+    from solver.bundled import bundled_model
+    from solver.multibody.dynamics import equations_of_motion, response_to_loads
+    from solver.multibody.postures import postures
+    from solver.redundancy.sequence import FrameSequence, solve_sequence
+
     one, equation, no_cone = np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 3, 1))
     problem = FrameSequence(one, equation, equation, no_cone, np.eye(1, 3)[None], rise=one, fall=one)
     solve_sequence(problem, progress=lambda *_: None, workers=1)
@@ -106,31 +70,10 @@ def compile_last_first() -> None:
     compile_ahead()
 
 
-def _estimate_a_body(model: Model, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From the markers of a few postures (frames, markers, 3), which are returned, with its uncertainty."""
-    markers = _skin_markers(model)
-    state = postures(model, coordinates, np.zeros_like(coordinates))
-    observed = np.stack([points_in_ground(state, marker.body, marker.location) for marker in markers], axis=1)
-    estimate = estimate_body(model, markers, [observed])
-    posture_uncertainty(estimate.model, observed, estimate.tasks, estimate.postures[0], 1e-3)
-    return observed
-
-
-def _stream(model: Model, observed: NDArray[np.float64]) -> None:
-    """A few frames of markers (frames, markers, 3), frame by frame."""
-    markers = _skin_markers(model)
-    stream = StreamSolver(model, TrackingTasks(markers, np.ones(len(markers))), {"bare": None}, lag_s=0.0)
-    for frame, positions in enumerate(observed):
-        stream.push(float(frame), positions)
-
-
-def _skin_markers(model: Model) -> tuple[Marker, ...]:
-    return tuple(marker for marker in model.markers if marker.name in SKIN_MARKERS)
-
-
 def count_ready() -> int:
     """How many of KERNELS this process has compiled or loaded."""
-    return sum(bool(kernel.signatures) for kernel in KERNELS)
+    loaded = (getattr(sys.modules.get(module), name, None) for module, name in KERNELS)
+    return sum(bool(kernel.signatures) for kernel in loaded if kernel is not None)
 
 
 class CompilationCount(logging.Handler):
@@ -144,11 +87,11 @@ class CompilationCount(logging.Handler):
         self._report(count_ready(), len(KERNELS))
 
     def __enter__(self) -> CompilationCount:
-        compiled.logger.addHandler(self)
+        COMPILER.addHandler(self)
         return self
 
     def __exit__(self, *_: object) -> None:
-        compiled.logger.removeHandler(self)
+        COMPILER.removeHandler(self)
 
 
 def main() -> None:

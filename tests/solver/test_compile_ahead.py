@@ -37,7 +37,7 @@ sys.argv.append(LAST_FIRST)
 main()
 before = signatures()
 assert count_ready() == len(KERNELS) == 13, before
-assert all(len(kernel.signatures) == 1 for kernel in KERNELS), before
+assert all(before[f"{module}.{name}"] == 1 for module, name in KERNELS), before
 
 from fitting.cuffs.cuffs_file import read_cuffs
 from station.assessment.assess import assess_cuffs
