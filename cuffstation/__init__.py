@@ -5,7 +5,7 @@
     cuffs = cs.fit_session("simulated/demo").cuffs           # stiffness, damping, migration with their uncertainty
     cs.plot(cs.assess(cuffs)).savefig("effort.png")   # muscle effort over the cord's rest length
 
-The eleven functions below, the types of their results and the roots of their exceptions follow semantic versioning;
+The twelve functions below, the types of their results and the roots of their exceptions follow semantic versioning;
 everything else may change. Units are SI from a trial on; a recording keeps the unit of its device in Stream.unit.
 """
 
@@ -27,6 +27,7 @@ from solver.motion import Kinematics
 from solver.multibody.joint_reactions import ReactionRequest
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.reserves import Reserve, with_reserves
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import Assessment
@@ -58,6 +59,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "RedundancyOptions",
+    "Reserve",
     "SessionFit",
     "SolverError",
     "StationError",
@@ -76,5 +78,6 @@ __all__ = [
     "read_cuffs",
     "read_recording",
     "solve_motion",
+    "with_reserves",
     "write_cuffs",
 ]

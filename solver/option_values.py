@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from os import PathLike
 
 from solver.errors import SolverCode
 from solver.model import ModelError
@@ -15,8 +16,8 @@ def ensure_known(option: str, value: object, known: Collection[object]) -> None:
         raise ModelError(sentence, SolverCode.WRONG_OPTION)
 
 
-def ensure_names(option: str, names: Collection[str]) -> None:
-    """Raise ModelError for a single text in place of several names: its letters would be taken for names."""
-    if isinstance(names, str):
+def ensure_names(option: str, names: Collection[str | PathLike[str]]) -> None:
+    """Raise ModelError for a single name in place of several: the letters of a text would be taken for names."""
+    if isinstance(names, str | PathLike):
         sentence = f"{option} is {names!r}, expected several names; write ({names!r},) for one"
         raise ModelError(sentence, SolverCode.WRONG_OPTION)

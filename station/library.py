@@ -20,6 +20,7 @@ from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model
 from solver.motion import Kinematics, decimate
 from solver.multibody.external_loads import ExternalForce
+from solver.option_values import ensure_names
 from solver.redundancy.motion import solve_motion as solve
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import RedundancyOptions, options_for
@@ -35,6 +36,7 @@ from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
+from station.assessment.rmr import ensure_distinct_controls
 from station.fit import SessionError, fit_session_folder
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
@@ -74,9 +76,15 @@ def fit_session(folder: File) -> SessionFit:
     return fit_session_folder(Path(folder), None)
 
 
-def load_model(source: File = BUNDLED) -> Model:
-    """Read an OpenSim model (.osim), or the bundled thoracoscapular one. Raises ModelError."""
-    return model_of(str(source))
+def load_model(source: File = BUNDLED, *, actuators: Sequence[File] = (), ignore_forces: bool = False) -> Model:
+    """Read an OpenSim model (.osim), or the bundled thoracoscapular one.
+
+    actuators: files of OpenSim with a ForceSet that is added to the model, such as residuals of a free pelvis and
+    reserves of its joints. ignore_forces: leave out forces and controllers that the solver does not have; left_out of
+    the model names them. Raises ModelError.
+    """
+    ensure_names("actuators", actuators)
+    return model_of(str(source), ignore_forces=ignore_forces, actuators=[Path(path) for path in actuators])
 
 
 def load_motion(
@@ -106,6 +114,7 @@ def solve_motion(
     of the result are those on motion and loads, and on reserves and residuals that are large. Raises ModelError,
     MotionError.
     """
+    ensure_distinct_controls(model)
     loads, on_inputs = _loads(external_loads, model, kinematics)
     options = options_for(model, options or RedundancyOptions())
     solution = solve(model, kinematics, options, loads=loads)

@@ -37,7 +37,7 @@ def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path
     Raises ModelError for a model that already has the suit of `station export --osim`.
     """
     if name == BUNDLED:
-        return bundled_model()
+        return _bundled(actuators)
     model = read_osim(Path(name), ignore_forces=ignore_forces, actuators=actuators)
     if CORD in {force.name for force in model.forces} and {*CUFFS_AT_ENDS} <= {body.name for body in model.bodies}:
         raise ModelError(
@@ -52,7 +52,7 @@ def model_and_suit_of(
 ) -> tuple[Model, SuitedModel | None]:
     """As model_of, but a model with the suit of `station export --osim` is taken, with that suit beside it."""
     if name == BUNDLED:
-        return bundled_model(), None
+        return _bundled(actuators), None
     document = read_document(Path(name))
     suited = read_suited(document, ignore_forces=ignore_forces, actuators=actuators)
     if suited is not None:
@@ -96,3 +96,9 @@ def named_hash(path: Path) -> str:
 def without_hash(named: str) -> str:
     """The name without the SHA-256."""
     return re.sub(r" [0-9a-f]{64}$", "", named)
+
+
+def _bundled(actuators: Sequence[Path]) -> Model:
+    if actuators:
+        raise ModelError("the bundled model takes no files of actuators; give an .osim file", SolverCode.WRONG_OPTION)
+    return bundled_model()

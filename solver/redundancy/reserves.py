@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.model import CoordinateActuator, Model
+from solver.errors import SolverCode
+from solver.model import CoordinateActuator, Model, ModelError
 
 
 @dataclass(frozen=True)
@@ -18,9 +19,18 @@ class Reserve:
     min_control: float = -np.inf
     max_control: float = np.inf
 
+    def __post_init__(self) -> None:
+        """Raise ModelError for values that effort.toml refuses, too."""
+        if not (0.0 < self.optimal_force < np.inf and self.min_control <= 0.0 <= self.max_control):
+            raise ModelError(
+                f"a reserve should have a finite optimal_force above 0 and control limits around 0, and has "
+                f"{self.optimal_force} and {self.min_control} to {self.max_control}; give others",
+                SolverCode.WRONG_OPTION,
+            )
+
 
 def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
-    """The model with such an actuator on each of these coordinates, by name.
+    """The model with such an actuator on each of these coordinates, by name: reserves [N m], residuals [N].
 
     It replaces the actuator of the coordinate if there is one. Raises ModelError where there is no such coordinate.
     """

@@ -65,7 +65,7 @@ def solve_muscles(
     model = without_forces(given.model, inputs.left_out)
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
-    _ensure_distinct_controls(model)
+    ensure_distinct_controls(model)
     options = _with_cone_joint(model, options)
     if glenoid_options and not options.has_glenoid_cone:
         figures = {"options": " and ".join(glenoid_options), "model": model.name}
@@ -100,7 +100,7 @@ def ensure_joints_and_markers(model: Model, options: RedundancyOptions) -> None:
         raise ModelError(f"the model {model.name} {'; and it '.join(obstacles)}", code)
 
 
-def _ensure_distinct_controls(model: Model) -> None:
+def ensure_distinct_controls(model: Model) -> None:
     """Raise ModelError where muscles and actuators share a name, because columns are named by them."""
     names = [*model.muscle_names, *(actuator.name for actuator in model.actuators)]
     repeated = [name or "(without a name)" for name, count in Counter(names).items() if count > 1]

@@ -26,6 +26,7 @@ FUNCTIONS = {
     "read_cuffs",
     "read_recording",
     "solve_motion",
+    "with_reserves",
     "write_cuffs",
 }
 TYPES = {
@@ -38,6 +39,7 @@ TYPES = {
     "ReactionRequest",
     "Recording",
     "RedundancyOptions",
+    "Reserve",
     "SessionFit",
     "StreamFrame",
     "StreamSolver",
