@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.dense import copy
-from solver.redundancy.interior_point import interior_point, is_certificate
+from solver.redundancy.interior_point import LARGEST_EFFORT, effort_of_eliminated, interior_point, is_certificate
 from solver.redundancy.newton import NEWTON_GOAL, newton, optimality_errors
 from solver.redundancy.reduced_problem import (
     BEYOND_RATE,
@@ -71,12 +71,15 @@ def _solve_frame(problem: FrameProblem, widest: Array, work: FrameWorkspace, a: 
     """Solve within the bounds; if infeasible, within the widest, which stay in lower and upper; else violate least.
 
     Where the interior-point method stops without a proof, as with distant targets, the multipliers of the least
-    violation are one, but for violations near round-off.
+    violation are one, but for violations near round-off. A solution beyond LARGEST_EFFORT is infeasible wherever the
+    method started: on its way it may or may not meet the certificate.
     """
     for attempt in range(2):
         if attempt:
             _set_widest_bounds(widest, problem.lower, problem.upper)
         code = _solve(problem, work, a, v)
+        if code == SOLVED and effort_of_eliminated(problem.R, v) > LARGEST_EFFORT:
+            code = INFEASIBLE
         if code == SOLVED:
             return BEYOND_RATE if attempt else SOLVED
         if attempt or code == NOT_CONVERGED:

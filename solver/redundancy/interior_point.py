@@ -39,7 +39,7 @@ CUBIC_GOAL = 1e-12  # with p = 3, where the last point is the solution; GOAL is 
 MOST_STEPS = 50
 FIRST_GAP = 0.1  # of each complementary pair
 SHARE_OF_STEP = 0.995  # of the longest step to the boundary
-LARGEST_EFFORT = 1e7  # ½ v·R v above which no solution is sought
+LARGEST_EFFORT = 1e9  # ½ v·R v above which no solution is sought
 
 
 @compiled
@@ -63,13 +63,21 @@ def is_certificate(problem: FrameProblem, v: Array, gradient: Array) -> bool:
     """
     _, M, R, t, _, lower, upper, _ = problem
     columns_times(M, v, gradient)
-    depth, effort, size = dot(v, t), 0.0, 0.0
+    depth, size = dot(v, t), 0.0
     for j in range(len(gradient)):
         depth -= max(lower[j] * gradient[j], upper[j] * gradient[j])
     for i in range(len(v)):
-        effort += v[i] * dot(R[i], v)
         size += abs(v[i])
-    return depth > VIOLATION_LIMIT * size and depth * depth > 2.0 * LARGEST_EFFORT * effort
+    return depth > VIOLATION_LIMIT * size and depth * depth > 4.0 * LARGEST_EFFORT * effort_of_eliminated(R, v)
+
+
+@compiled
+def effort_of_eliminated(R: Array, v: Array) -> float:
+    """½ v·R v."""
+    effort = 0.0
+    for i in range(len(v)):
+        effort += 0.5 * v[i] * dot(R[i], v)
+    return effort
 
 
 @compiled

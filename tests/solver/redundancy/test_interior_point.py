@@ -160,6 +160,17 @@ def test_a_solution_does_not_show_where_it_came_from():
     np.testing.assert_allclose(alone[:, 0], whole[:, -1], atol=1e-9)
 
 
+@pytest.mark.parametrize("scale", [1e4, 3e4, 1e6])
+@pytest.mark.parametrize("seed", range(6))
+def test_an_outcome_does_not_depend_on_the_frame_before(seed, scale):
+    """Targets that only controls of thousands reach: solved or infeasible by the limit of the effort alone."""
+    sequence = random_sequence(seed, frames=6, cone=0)
+    sequence = replace(sequence, target=scale * sequence.target, weights=np.array([1.0] * 10 + [10.0] * 5))
+    together = solve_sequence(sequence, silent)[1]
+    alone = [solve_sequence(sequence.cut(slice(i, i + 1)), silent)[1][:, 0] for i in range(6)]
+    np.testing.assert_array_equal(together, np.stack(alone, axis=1))
+
+
 def test_progress_counts_frames_to_the_last():
     seen = []
     solve_sequence(random_sequence(0, frames=230), lambda done, total: seen.append((done, total)))
