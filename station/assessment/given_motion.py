@@ -9,6 +9,7 @@ from solver.model import Model
 from solver.motion import Derivatives, Kinematics, Motion, decimate, differentiate
 from solver.motion_splines import Accelerations, differentiate_by_splines, held_by_constraints
 from solver.multibody.external_loads import ExternalForce
+from solver.osim.loads import data_file
 from solver.suit.suited_model import SuitedModel
 from station.assessment.motion_checks import load_checks, motion_checks
 from station.sources import CUTOFF_HZ, loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
@@ -40,6 +41,11 @@ class MuscleInputs:
     ignore_forces: bool = False
     left_out: tuple[str, ...] = ()
     actuators: tuple[Path, ...] = ()
+
+    def files(self) -> tuple[Path | str | None, ...]:
+        """All that is read."""
+        data = None if self.external_loads is None else data_file(self.external_loads)
+        return self.motion, self.model, self.external_loads, data, self.effort, *self.actuators
 
     def hashes(self) -> dict[str, str]:
         """Role → "name SHA-256", or a name alone for what comes with the station."""

@@ -20,6 +20,7 @@ from station.verbs.options import (
     Rrd,
     Speed,
     TestOfPull,
+    ensure_not_read,
     print_message,
     print_result,
 )
@@ -196,6 +197,7 @@ def export(
     elif output is None or file is not None or session is not None or to is not None:
         raise WrongExport(Message(ExportCode.INCOMPLETE_MODEL_COMMAND))
     else:
+        ensure_not_read([output], (model, suit, cuffs))
         with busy("writing the model"):
             suited = SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m)
             remarks = [Message(ExportCode.MODEL_NOTE, {"text": text}) for text in write_suited_model(suited, output)]

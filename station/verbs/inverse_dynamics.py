@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from station.verbs.motion_options import BundledOrOsim, ExternalLoads, IgnoreForces
-from station.verbs.options import End, Start, print_message, print_motion_notes
+from station.verbs.options import End, Start, ensure_not_read, print_message, print_motion_notes
 
 
 def id_(
@@ -28,6 +28,7 @@ def id_(
     if output.suffix not in (".csv", ".sto"):
         raise typer.BadParameter(f"--output should end in .csv or .sto and is {output.name}")
     inputs = MuscleInputs(motion, model, external_loads, ignore_forces=ignore_forces)
+    ensure_not_read([output], inputs.files())
     found = solve_inverse_dynamics(inputs, MotionCut(cutoff_hz or None, start, end, derivatives="splines"))
     print_motion_notes(found.notes)
     if "left_out" in found.notes:

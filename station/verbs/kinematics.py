@@ -9,7 +9,7 @@ import typer
 
 from station.exit_code import DONE, LOSSY
 from station.verbs.given_options import given_of
-from station.verbs.options import End, Start, print_message
+from station.verbs.options import End, Start, ensure_not_read, print_message
 
 if TYPE_CHECKING:
     from station.kinematics.person import PersonInputs
@@ -18,6 +18,7 @@ Prefix = Annotated[str, typer.Option(help='Prefix of the person\'s labels as QTM
 MarkerSet = Annotated[
     str, typer.Option(help="Marker set of the model: isb, thoracoscapular, qualisys_sports, or a file.toml.")
 ]
+HeldMass = Annotated[float | None, typer.Option(min=0.0, help="Load in the hand in all trials [kg]; without --setup.")]
 WriteSetup = Annotated[Path | None, typer.Option(help="Also write the task as OpenSim's set-up file (.xml).")]
 VerticalOption = Annotated[
     Literal["x", "y", "z"], typer.Option(help="Upward axis of the file; OpenSim's files have y, QTM's usually z.")
@@ -40,9 +41,7 @@ def scale(
     write_setup: WriteSetup = None,
     vertical: VerticalOption = "y",
     body_mass: Annotated[float | None, typer.Option(min=0.0, help="The person's mass [kg]; without --setup.")] = None,
-    held_mass: Annotated[
-        float | None, typer.Option(min=0.0, help="Load in the hand in all trials [kg]; without --setup.")
-    ] = None,
+    held_mass: HeldMass = None,
     keep_tendons: Annotated[
         bool, typer.Option("--keep-tendons", help="Leave tendon slack lengths as scaling makes them; without --setup.")
     ] = False,
@@ -62,6 +61,7 @@ def scale(
     from station.kinematics.scale import ScaleInputs, scale_body, summary, write_body, write_scale_setup
 
     files = tuple(markers or ())
+    ensure_not_read((output, write_setup), (model, setup, *files))
     if setup is None:
         if model is None or not files or body_mass is None:
             raise typer.BadParameter("without --setup, --model, --markers and --body-mass are needed")
@@ -131,6 +131,7 @@ def ik(
 
     if output.suffix not in (".mot", ".sto", ".csv"):
         raise typer.BadParameter(f"--output should end in .mot, .sto or .csv and is {output.name}")
+    ensure_not_read((output, write_setup), (markers, model, setup))
     noise = None if noise_mm is None else 1e-3 * noise_mm
     solved = solve_postures(IkInputs(model, markers, setup, start, end, noise, prefix, vertical, marker_set, smooth))
     for note in (*solved.notes, *summary(solved)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -97,6 +97,15 @@ def print_motion_notes(notes: Mapping[str, str]) -> None:
     print_message(f"filter: {notes['filter']}")
     for finding in motion_findings(notes):
         print_message(str(finding))
+
+
+def ensure_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | str | None]) -> None:
+    """Refuse to write over a file that the command reads, by whatever path."""
+    written = [path for path in outputs if path is not None and path.exists()]
+    for path in inputs:
+        for output in written:
+            if path is not None and Path(path).exists() and output.samefile(path):
+                raise typer.BadParameter(f"the output is {output}, which the command reads; give another name")
 
 
 def print_message(message: str) -> None:

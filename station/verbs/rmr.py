@@ -19,6 +19,7 @@ from station.verbs.options import (
     Side,
     Start,
     Tendons,
+    ensure_not_read,
     print_message,
     print_motion_notes,
 )
@@ -103,6 +104,7 @@ def rmr(
     options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2, tendons=tendons)
     added, left_out = tuple(actuators or ()), tuple(leave_out or ())
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, left_out, added)
+    ensure_not_read([output], inputs.files())
     usual = 6.0 if static_optimisation else 3.0
     cut = MotionCut((usual if cutoff_hz is None else cutoff_hz) or None, start, end, every)
     if static_optimisation:

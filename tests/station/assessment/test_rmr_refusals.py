@@ -18,6 +18,7 @@ from solver.redundancy.sequence import FrameOutcome
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
 from station.assessment.rmr import solve_muscles
+from tests.solver.legs import step_in
 from tests.station.command import Ran, assert_one_sentence
 
 Station = Callable[..., Ran]
@@ -28,6 +29,28 @@ def model(tmp_path: Path) -> Path:
     path = tmp_path / "own.osim"
     path.write_bytes(Xml.tostring(osim_document(bundled_model())))
     return path
+
+
+@pytest.mark.parametrize("verb", ["rmr", "id"])
+@pytest.mark.parametrize("read", ["motion", "data", "link"])
+def test_a_result_does_not_replace_what_it_was_computed_from(
+    station: Station, tmp_path: Path, verb: str, read: str
+) -> None:
+    step = step_in(tmp_path)
+    (tmp_path / "link.sto").symlink_to(step.motion)
+    output = {"motion": step.motion, "data": step.loads.with_suffix(".sto"), "link": tmp_path / "link.sto"}[read]
+    before = output.read_bytes()
+    files = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)
+    ran = station(verb, *files, "--output", output)
+    assert ran.code == 2 and output.name in " ".join(ran.err.split())
+    assert output.read_bytes() == before
+
+
+def test_a_scaled_or_suited_model_does_not_replace_the_generic_one(station: Station, model: Path) -> None:
+    before = model.read_bytes()
+    ran = station("export", "--osim", "--model", model, "--output", model)
+    scaled = station("scale", "--setup", model.with_name("setup.xml"), "--model", model, "--output", model)
+    assert (ran.code, scaled.code, model.read_bytes()) == (2, 2, before)
 
 
 def _changed(path: Path, *changes: tuple[str, str]) -> Path:
