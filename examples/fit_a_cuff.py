@@ -2,7 +2,7 @@
 # # Fit a cuff, and change one assumption
 #
 # Stiffness, damping and migration of every cuff of a session, with their uncertainty and its causes; then the same
-# donning without its last trial.
+# donning without its last trial. `station demo` records `simulated/demo`.
 
 # %%
 import sys
@@ -11,6 +11,8 @@ from pathlib import Path
 import cuffstation as cs
 
 SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "simulated/demo")
+if not any(SESSION.glob("*.mcap")):
+    sys.exit(f"{SESSION} has no recording; record simulated/demo with `station demo`")
 session = cs.fit_session(SESSION)
 print(session.to_dataframe().to_string(index=False))
 

@@ -13,7 +13,10 @@ import numpy as np
 import cuffstation as cs
 
 SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "simulated/demo")
-recording = cs.read_recording(next(path for path in sorted(SESSION.glob("*.mcap")) if "static" in path.name))
+files = sorted(SESSION.glob("*static*.mcap"))
+if not files:
+    sys.exit(f"{SESSION} has no recording of a static test; record simulated/demo with `station demo`")
+recording = cs.read_recording(files[0])
 print(recording)
 
 # %% [markdown]

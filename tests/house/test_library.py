@@ -110,6 +110,17 @@ def test_what_no_result_is_is_not_drawn() -> None:
         cs.plot("demo")
 
 
+@pytest.mark.parametrize("name", ["look_at_a_recording", "fit_a_cuff"])
+def test_an_example_without_a_recording_says_how_to_make_one(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [f"{name}.py"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    assert "`station demo`" in str(ended.value.code)
+
+
 @pytest.mark.parametrize("name", sorted(path.stem for path in EXAMPLES.glob("*.py")))
 def test_the_example_runs_and_is_short(
     name: str, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
