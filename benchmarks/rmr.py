@@ -203,6 +203,18 @@ def first_use() -> None:
     with tempfile.TemporaryDirectory() as folder:
         first, later = (seconds_of(command, {"NUMBA_CACHE_DIR": folder}) for _ in range(2))
     print(f"first use on a machine          {first:8.1f} s, in a later process {later:.1f} s")
+    with tempfile.TemporaryDirectory() as folder:
+        first, later = (wall_seconds_of_command(folder) for _ in range(2))
+    print(f"station rmr, by the clock       {first:8.1f} s, later {later:.1f} s: it compiles for {first - later:.1f} s")
+
+
+def wall_seconds_of_command(folder: str) -> float:
+    """Seconds by the clock of `station rmr` on the bundled motion; compiled code is kept in the folder."""
+    command = [sys.executable, "-m", "station", "rmr", "--output", f"{folder}/rmr.csv"]
+    start = perf_counter()
+    environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+    subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True)  # noqa: S603
+    return perf_counter() - start
 
 
 def seconds_of(command: str, environment: dict[str, str]) -> float:
