@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -30,6 +29,7 @@ from station.journal import Assignment, Journal, read_journal
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
 from station.progress import Progress, silent
+from station.recordings_of_session import pulls_in
 from station.whole_file import write_whole
 
 
@@ -41,26 +41,6 @@ class DamagedSession(SessionError):
     """No recording can be used, and at least one is damaged."""
 
     exit_code = LOSSY
-
-
-def recordings_in(folder: Path) -> list[Path]:
-    """The recordings of a session; a recovered or completed file replaces its original."""
-    files = sorted(folder.glob("*.mcap"))
-    replaced = {_original_of(path) for path in files if _is(path, "recovered") or _is(path, "completed")}
-    return [path for path in files if path not in replaced]
-
-
-def pulls_in(folder: Path) -> list[Path]:
-    """As recordings_in, without the poses and motions of the wearer, which a fit of a cuff does not use."""
-    return [path for path in recordings_in(folder) if not _is_of_wearer(path)]
-
-
-def originals_in(folder: Path) -> list[Path]:
-    """As recordings_in, without recovered copies whose original exists: they contain no other data."""
-    files = {path for path in folder.glob("*.mcap") if not _is(path, "completed")}
-    kept = [path for path in files if not (_is(path, "recovered") and _original_of(path) in files)]
-    completed = {_original_of(path): path for path in folder.glob("*.mcap") if _is(path, "completed")}
-    return sorted({completed.get(path, path) for path in kept} | set(completed.values()))
 
 
 def fit_session_folder(
@@ -144,21 +124,6 @@ def _fit(
     checks = read_checks(folder)
     fitting = fit_session(with_gain_drift(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
     return fitting.with_notes(check_notes(checks))
-
-
-def _is_of_wearer(path: Path) -> bool:
-    """False for an unreadable manifest, so that the fit reports the file."""
-    with suppress(RecordingError, OSError):
-        return read_manifest(path).body is not None
-    return False
-
-
-def _is(path: Path, kind: str) -> bool:
-    return path.suffixes[-2:-1] == [f".{kind}"]
-
-
-def _original_of(path: Path) -> Path:
-    return path.with_suffix("").with_suffix(".mcap")
 
 
 def _checked(paths: Sequence[Path]) -> dict[str, CheckedFile]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.wearable_cuff import WearableCuff
+
+if TYPE_CHECKING:
+    from fitting.cuffs.cuff_fit import CuffFit  # the console uses this file, and starts without the fit
 
 SIGNIFICANT = 2
 """Significant digits of the half width."""

@@ -19,9 +19,9 @@ from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import CHECKSUMS_FILE, read_checksums, sha256_of
 from station.errors import StationError
-from station.fit import recordings_in
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
+from station.recordings_of_session import recordings_in
 
 REPORT_FILE, NUMBERS_FILE = "report.html", "report.json"
 LARGEST_REPORT = 1 << 28

@@ -32,10 +32,11 @@ from station.checksums import sha256_of, write_checksums
 from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
 from station.files.chain import NUMBERS_FILE, REPORT_FILE, chain_of
-from station.fit import fit_session_folder, pulls_in, recordings_in
+from station.fit import fit_session_folder
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
 from station.progress import Progress, silent
+from station.recordings_of_session import pulls_in, recordings_in
 from station.report.assessment_section import assessment_section, effort_figures, suit_figures
 from station.report.cuff_section import Cuffs, ReportedCuff, TrueCuff, cuff_figures, overview_figure
 from station.report.emg_section import emg_figures, emg_section

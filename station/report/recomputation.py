@@ -20,10 +20,11 @@ from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import sha256_of
 from station.files.chain import NUMBERS_FILE, Link
-from station.fit import fit_session_folder, pulls_in
+from station.fit import fit_session_folder
 from station.messages.file_codes import NumberCode
 from station.messages.message import Message
 from station.progress import Progress, silent
+from station.recordings_of_session import pulls_in
 from station.report.located import Source, resolve
 from station.report.report_file import ReportedNumberEntry, ReportFileError, read_numbers
 from station.report.sourced_number import Form, reduced

@@ -11,10 +11,10 @@ from recordings.reader import open_recording
 from recordings.recovery import recover
 from station.bench.trial_recorder import LOCK
 from station.checksums import write_checksums
-from station.fit import recordings_in
 from station.journal import Recorded, read_journal, write_recorded
 from station.messages.codes import TrialCode
 from station.messages.message import Message
+from station.recordings_of_session import recordings_in
 
 
 def adopt_recordings(folder: Path) -> None:

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from typing import Any, Literal
 
 from station.bench.check import CheckResult, inspect_bench
@@ -15,7 +16,7 @@ from station.journal_lines import Choice
 from station.messages.codes import CommandCode, TerminalCode
 from station.messages.message import Message
 from station.session.adoption import adopt_recordings
-from station.session.judgement import judge_recording, judgement_without_fit, warm_up
+from station.session.judgement import Judgement, judgement_without_fit
 from station.session.open_session import CommandRefused, OpenSession
 from station.session.plan_check import describe_plan
 from station.session.plan_status import is_donned_without_trial
@@ -103,7 +104,7 @@ class Reviewer:
             file = plan.undecided.file if plan is not None and plan.undecided is not None else None
             if file is not None and (self._session.judgement is None or self._session.judgement.file != file):
                 try:
-                    self._session.judgement = await self.in_worker(judge_recording, self._session.folder, file)
+                    self._session.judgement = await self.in_worker(_judge, self._session.folder, file)
                 except BrokenProcessPool:
                     self._session.judgement = judgement_without_fit(file)
         finally:
@@ -136,7 +137,7 @@ class Reviewer:
 
     async def warm_up(self) -> None:
         """Import the modules of the fit in the worker before the first trial needs them."""
-        await self.in_worker(warm_up)
+        await self.in_worker(_import_fit)
 
     async def in_worker(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """Run a function of a module in the worker process."""
@@ -149,3 +150,16 @@ class Reviewer:
 
     def close(self) -> None:
         self._worker.close()
+
+
+# Executed by the worker, which alone imports the fit: that takes seconds, and this process starts without it.
+
+
+def _import_fit() -> None:
+    import station.session.fitted_judgement  # noqa: F401  (the import is the effect)
+
+
+def _judge(folder: Path, file: str) -> Judgement:
+    from station.session.fitted_judgement import judge_recording
+
+    return judge_recording(folder, file)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fitting.cuffs.cuff_fit import CuffFit
 from fitting.uncertainty import Estimate
 from station.errors import StationError
-from station.fit import SessionError, fit_session_folder
 from station.interval import bracketed, of_cuff
+
+if TYPE_CHECKING:
+    from fitting.cuffs.cuff_fit import CuffFit
 
 DRAWS = 50
 
@@ -29,6 +31,7 @@ class Summary:
 
 def summarise(folder: Path) -> Summary:
     """Write cuffs.json, assessment.json and report.html into the session's folder, from the trials recorded so far."""
+    from station.fit import SessionError, fit_session_folder
     from station.report.page import write_report
 
     try:

@@ -225,11 +225,11 @@ def _export_recordings(
     from station.files.export_trial import export_recordings
     from station.files.live_info import FORMATS as LIVE_FORMATS
     from station.files.synchronised import ExportRefused, WrongExport
-    from station.fit import originals_in
     from station.live.result_file import live_results_in
     from station.messages.file_codes import ExportCode
     from station.messages.message import Message
     from station.progress import busy, progress_bars
+    from station.recordings_of_session import originals_in
 
     source = file or session
     if source is None or (file is not None and session is not None) or to is None:

@@ -13,8 +13,9 @@ from fitting.results.codes import RejectionCode
 from fitting.trial.reader import read_trial
 from recordings.reader import open_recording
 from station.files.replay import replay
-from station.fit import SessionError, fit_session_folder, pulls_in
+from station.fit import SessionError, fit_session_folder
 from station.messages.setup_codes import FolderCode
+from station.recordings_of_session import pulls_in
 from tests.station.command import Ran
 from tests.station.refusals import raises_refusal
 from tests.station.wearer import BODY, SPECS, WearerSession

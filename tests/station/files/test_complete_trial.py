@@ -12,9 +12,9 @@ from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.reader import Track, open_recording
 from station.files.complete_trial import complete_trial
 from station.files.foreign_files import ImportRefused, MarkerSource
-from station.fit import recordings_in
 from station.messages.file_codes import ImportCode
 from station.messages.message import Message
+from station.recordings_of_session import recordings_in
 from tests.station.command import assert_refused
 from tests.station.foreign import Truth, static_and_dynamic
 from tests.station.refusals import raises_refusal

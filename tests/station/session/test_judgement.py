@@ -22,9 +22,11 @@ from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
 from station.messages.codes import ReasonCode
 from station.messages.message import Message
-from station.session.judgement import Judgement, judge_recording, judgement_without_fit
+from station.session.fitted_judgement import judge_recording
+from station.session.judgement import Judgement, judgement_without_fit
 from tests.station.foreign import static_and_dynamic
 
+FIT = "station.session.fitted_judgement.fit_donning_of"
 STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
 
 
@@ -52,7 +54,7 @@ def judged(session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch) -
         trials = [replace(trial, **change) if trial.file == STATIC else trial for trial in cuff.trials]  # type: ignore[arg-type]
         changed = replace(cuff, trials=(*trials, *others))
         donnings = {"hand": {cuff.donning: changed}}
-        monkeypatch.setattr("station.session.judgement.fit_donning_of", lambda *_: replace(fitted, donnings=donnings))
+        monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings=donnings))
         return judge_recording(session, STATIC)
 
     return judge
@@ -111,7 +113,7 @@ def test_only_a_checked_recording_without_a_problem_is_good(
 
     def grade_of(*verdicts: Verdict) -> str:
         donnings = {"hand": {cuff.donning: replace(cuff, verdicts=verdicts)}}
-        monkeypatch.setattr("station.session.judgement.fit_donning_of", lambda *_: replace(fitted, donnings=donnings))
+        monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings=donnings))
         return judge_recording(session, STATIC).grade
 
     assert grade_of(Verdict.IDENTIFIED) == "good"
@@ -148,7 +150,7 @@ def test_a_dynamic_trial_whose_lag_is_unknown_is_doubtful_and_not_redone(
     trials = [replace(trial, damping=None) if trial.file == DYNAMIC else trial for trial in cuff.trials]
     changed = replace(cuff, trials=tuple(trials), verdicts=(Verdict.LAG,))
     donnings = {"hand": {cuff.donning: changed}}
-    monkeypatch.setattr("station.session.judgement.fit_donning_of", lambda *_: replace(fitted, donnings=donnings))
+    monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings=donnings))
     judgement = judge_recording(session, DYNAMIC)
     assert (judgement.advice, judgement.grade, judgement.reasons) == ("accept", "doubtful", ())
     assert judgement.verdicts == (Verdict.LAG,)
@@ -250,7 +252,7 @@ def test_an_unexpected_error_keeps_the_recording(session: Path, monkeypatch: pyt
     def fail(*_: object) -> None:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("station.session.judgement.fit_donning_of", fail)
+    monkeypatch.setattr(FIT, fail)
     judgement = judge_recording(session, STATIC)
     assert judgement.advice == "accept"
     assert judgement.reasons == (Message(ReasonCode.FIT_FAILED, {"text": "ZeroDivisionError: oh"}),)

@@ -15,7 +15,8 @@ from station.journal import read_journal, write_recorded
 from station.messages.codes import ReasonCode
 from station.protocol import TrialSpec
 from station.session.adoption import adopt_recordings
-from station.session.judgement import Judgement, judge_recording
+from station.session.fitted_judgement import judge_recording
+from station.session.judgement import Judgement
 from tests.station.wearer import CYCLES, SPECS, WearerSession
 
 POSE, UNSUITED, TIGHT = SPECS

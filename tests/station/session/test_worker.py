@@ -3,11 +3,23 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import subprocess
+import sys
 from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 
 from station.session.worker import Worker
+
+OF_THE_FIT = {"scipy.signal", "scipy.stats", "numba"}
+
+
+@pytest.mark.parametrize("process", ["station.terminal.sequencer", "station.console.server"])
+def test_only_the_worker_imports_the_fit(process: str) -> None:
+    """It takes seconds, for which an operator would wait when a session or the console starts."""
+    code = f"import sys, {process}; print(*{OF_THE_FIT} & sys.modules.keys())"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert ran.stdout.split() == []
 
 
 def test_a_worker_that_is_killed_is_replaced() -> None:

@@ -1,0 +1,232 @@
+"""The judgement of one recording, from the fit of its donning or the findings on its wearer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.trial_fit import SLIPPED, TrialFit, find_outliers, has_slipped
+from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.errors import UnusableTrial
+from fitting.results.codes import Verdict
+from fitting.results.rendering import sentence_of
+from fitting.trial.bounce import BounceTrial, fit_bounce
+from fitting.trial.force_quality import zero_notes
+from fitting.trial.trial import RejectedTrial, Trial
+from fitting.uncertainty import Estimate
+from recordings.errors import RecordingError
+from station.fit import SessionError, fit_donning_of, read_recording
+from station.interval import bracketed, digits_of, rounded
+from station.journal import JournalError, Recorded, read_journal
+from station.journal_lines import Choice
+from station.messages.codes import ReasonCode
+from station.messages.message import Message
+from station.protocol import BODY_TESTS, describe_trial
+from station.session.judgement import MISSING, Figure, Judgement, Reason, Row
+from station.session.wearer_findings import WearerFindings, examine_wearer_trial
+
+NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYNAMIC_RESULT}
+SHOWN_POINTS = 400
+QUANTITIES = {
+    "stiffness": ("k", 1.0, "N/m", 0),
+    "damping": ("c", 1.0, "N s/m", 1),
+    "migration": ("migration", 1e3, "mm", 2),
+}
+SI_NAMES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
+
+
+def judge_recording(folder: Path, file: str) -> Judgement:
+    """Fit the donning that includes this recording, or examine the wearer's trial.
+
+    Never raises: an error is a reason, and the recording is safe.
+    """
+    marks = 0
+    try:
+        journal = read_journal(folder)
+        recorded = {entry.file: entry for entry in journal.recorded}.get(file)
+        if recorded is not None and recorded.test in BODY_TESTS:
+            return _judge_wearer(examine_wearer_trial(folder / file), recorded)
+        reading = read_recording(folder / file)
+        marks = reading.marks
+        if not isinstance(reading, Trial):
+            return _judge_unfitted(reading, recorded)
+        fitted = fit_donning_of(folder, reading)
+    except (SessionError, JournalError, RecordingError, UnusableTrial) as error:
+        return Judgement(file, file, "redo", (_unusable(str(error)),), marks=marks)
+    except Exception as error:  # an unexpected error must not stop the operator
+        reason = Message(ReasonCode.FIT_FAILED, {"text": f"{type(error).__name__}: {error}"})
+        return Judgement(file, file, "accept", (reason,), marks=marks)
+    trial, cuff = _find(fitted, file)
+    if trial is None or cuff is None:
+        rejected = tuple(_unusable(str(trial.reason)) for trial in fitted.rejected if trial.file == file)
+        advice: Choice = "redo" if rejected else "accept"
+        return Judgement(file, _title(recorded, file), advice, rejected or (Message(ReasonCode.NOT_USED),), marks=marks)
+    return _judge_trial(trial, cuff, recorded, fitted.pulls.get(file), marks)
+
+
+def _judge_trial(
+    trial: TrialFit, cuff: CuffFit, recorded: Recorded | None, fitted: FittedPull | None, marks: int
+) -> Judgement:
+    others = [
+        other
+        for other in cuff.trials
+        if other.test == trial.test and other.file != trial.file and other.state == "used"
+    ]
+    zero = () if fitted is None else zero_notes(trial.zero_drift, float(np.ptp(fitted.pull.force)))
+    reasons = (
+        *_reasons(recorded, trial, cuff, others),
+        *(Message(ReasonCode.ZERO_DRIFT, {"text": note}) for note in map(str, zero)),
+    )
+    shown = set(map(str, reasons))
+    return Judgement(
+        file=trial.file,
+        title=_title(recorded, trial.file),
+        advice="redo" if reasons else "accept",
+        reasons=reasons,
+        rows=tuple(_rows(trial, others, cuff)),
+        notes=(
+            *(note for note in map(str, trial.notes) if note not in shown),
+            *map(str, cuff.notes),
+            *(sentence_of(verdict) for verdict in cuff.verdicts if verdict is Verdict.IDENTIFIED),
+        ),
+        path=_path(fitted),
+        marks=marks,
+        figures=_figures({name: getattr(trial, field) for field, name in SI_NAMES.items()}),
+        verdicts=_open_verdicts(trial, cuff),
+    )
+
+
+def _judge_unfitted(reading: BounceTrial | RejectedTrial, recorded: Recorded | None) -> Judgement:
+    """Raises UnusableTrial if a bounce calibrates nothing."""
+    if isinstance(reading, BounceTrial):
+        return _judge_bounce(reading, recorded)
+    title, reason = _title(recorded, reading.file), _unusable(str(reading.reason))
+    return Judgement(reading.file, title, "redo", (reason,), marks=reading.marks)
+
+
+def _judge_bounce(bounce: BounceTrial, recorded: Recorded | None) -> Judgement:
+    """Raises UnusableTrial if the bounce calibrates nothing."""
+    fit = fit_bounce(bounce)
+    figures = {"lag [ms]": (fit.lag, 1e3), "gain": (fit.gain, 1.0), "zero [N]": (fit.zero, 1.0)}
+    rows = tuple(
+        Row(name, _text(repeat.estimate, scale), MISSING, MISSING) for name, (repeat, scale) in figures.items()
+    )
+    measured = _figures({"lag_s": fit.lag.estimate, "gain": fit.gain.estimate, "zero_n": fit.zero.estimate})
+    notes = tuple(map(str, fit.notes))
+    return Judgement(
+        bounce.file,
+        _title(recorded, bounce.file),
+        "accept",
+        (),
+        rows,
+        notes,
+        marks=bounce.marks,
+        figures=measured,
+    )
+
+
+def _judge_wearer(findings: WearerFindings, recorded: Recorded) -> Judgement:
+    reasons = (*_recorder_reasons(recorded), *findings.reasons)
+    return Judgement(
+        recorded.file,
+        _title(recorded, recorded.file),
+        "redo" if reasons else "accept",
+        reasons,
+        tuple(Row(quantity, text, MISSING, MISSING) for quantity, text in findings.quantities.items()),
+        findings.notes,
+        marks=findings.marks,
+    )
+
+
+def _unusable(text: str) -> Reason:
+    return Message(ReasonCode.UNUSABLE, {"text": text})
+
+
+def _figures(estimates: Mapping[str, Estimate | None]) -> tuple[Figure, ...]:
+    return tuple(
+        Figure(name, estimate.value, *estimate.ci95) for name, estimate in estimates.items() if estimate is not None
+    )
+
+
+def _find(fitted: SessionFit, file: str) -> tuple[TrialFit | None, CuffFit | None]:
+    for donnings in fitted.donnings.values():
+        for cuff in donnings.values():
+            for trial in cuff.trials:
+                if trial.file == file:
+                    return trial, cuff
+    return None, None
+
+
+def _reasons(recorded: Recorded | None, trial: TrialFit, cuff: CuffFit, others: Sequence[TrialFit]) -> Iterator[Reason]:
+    """Reasons to repeat this trial."""
+    yield from _recorder_reasons(recorded)
+    # An uncertain lag is the same in a repeated trial: only a bounce helps, as the verdict says.
+    has_open_lag = trial.test == "dynamic" and Verdict.LAG in cuff.verdicts
+    if trial.state == "unusable":
+        yield _unusable(str(trial.reason))
+    elif trial.stiffness is None and trial.damping is None and not has_open_lag:
+        yield Message(NO_RESULT[trial.test])
+    if trial.migration is not None and has_slipped(trial):
+        yield Message(ReasonCode.SLIPPED, {"slip_mm": 1e3 * trial.migration.value, "limit_mm": 1e3 * SLIPPED})
+    for outlier in () if has_open_lag else find_outliers(trial, others):
+        symbol, scale, unit, digits = QUANTITIES[outlier.quantity]
+        yield Message(
+            ReasonCode.OUTLIER,
+            {
+                "symbol": symbol,
+                "value": rounded(scale * outlier.value, digits),
+                "mean": rounded(scale * outlier.mean, digits),
+                "unit": unit,
+                "distance": outlier.distance,
+            },
+        )
+
+
+def _recorder_reasons(recorded: Recorded | None) -> Iterator[Reason]:
+    if recorded is not None and not recorded.accepted:
+        yield Message(ReasonCode.NOT_ACCEPTED, {"text": recorded.sentence})
+    if recorded is not None and recorded.lost_samples:
+        yield Message(ReasonCode.LOST_SAMPLES, {"samples": recorded.lost_samples})
+
+
+def _open_verdicts(trial: TrialFit, cuff: CuffFit) -> tuple[Verdict, ...]:
+    """Results of the donning that are not identified so far; after a static trial the dynamic one is still to come."""
+    to_come = (Verdict.NO_DYNAMIC,) if trial.test == "static" else ()
+    return tuple(verdict for verdict in cuff.verdicts if verdict not in (Verdict.IDENTIFIED, *to_come))
+
+
+def _rows(trial: TrialFit, others: Sequence[TrialFit], cuff: CuffFit) -> list[Row]:
+    rows = []
+    for name, (symbol, scale, unit, _) in QUANTITIES.items():
+        earlier = [getattr(other, name) for other in others if getattr(other, name) is not None]
+        listed = ", ".join(rounded(scale * estimate.value, digits_of(estimate.ci95, scale)) for estimate in earlier)
+        this, so_far = _text(getattr(trial, name), scale), _text(getattr(cuff, name), scale)
+        rows.append(Row(f"{symbol} [{unit}]", this, listed or MISSING, so_far))
+    return rows
+
+
+def _text(estimate: Estimate | None, scale: float) -> str:
+    return MISSING if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
+
+
+def _title(recorded: Recorded | None, file: str) -> str:
+    if recorded is None:
+        return file
+    return describe_trial(recorded.cuff, recorded.test, recorded.repeat, recorded.condition)
+
+
+def _path(fitted: FittedPull | None) -> tuple[tuple[float, float], ...]:
+    """Force over displacement, decimated evenly."""
+    if fitted is None:
+        return ()
+    pull = fitted.pull
+    force: NDArray[np.float64] = np.interp(pull.marker_time, pull.force_time, pull.force)
+    seen = np.flatnonzero(np.isfinite(pull.displacement) & np.isfinite(force))
+    if not len(seen):
+        return ()
+    chosen = seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), SHOWN_POINTS)).astype(int))]
+    return tuple((round(1e3 * float(pull.displacement[i]), 3), round(float(force[i]), 3)) for i in chosen)
