@@ -67,4 +67,4 @@ def test_draws_and_single_frames_are_refused() -> None:
     with raises_refusal(SolverCode.UNSUPPORTED, naming="every 2-th"):
         assess(motion, SUIT, (HAND,), every=2, draws=UNDRAWN)
     with raises_refusal(SolverCode.UNSUPPORTED, naming="fibre velocities"):
-        optimise_suit(motion, SUIT, (None, HAND))
+        optimise_suit(motion, SUIT, (None, HAND), draws=DrawSettings(every=20))
