@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from itertools import cycle, product
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +15,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Ellipse
+from numpy.typing import NDArray
 
 from solver.model import ModelError
-from solver.redundancy.glenoid import glenoid_cone
+from solver.redundancy.glenoid import glenoid_cone, is_shoulder
 from solver.redundancy.options import effort_weights
 from solver.redundancy.sequence import FrameOutcome
 from station.assessment.rmr import SolvedMotion
@@ -27,8 +30,13 @@ from station.whole_file import write_whole
 WARM = "#c2571a"
 HEAT = ("#ffffff", "#f8dcae", "#e8743b", "#8b1e4f", "#1b0c2a")
 UNKNOWN = "#dedede"  # a frame without a solution
+COLOURS = (*SHADES, LINE, MARK, WARM, "#4aa3a2")
+STYLES = ("-", "--", ":", "-.")
+MUSCLE_ROW = 0.115  # in, for a name of 7.5 points
+NAMES_IN_COLUMN = 16
 MM = 1e3
 Page = Figure | SubFigure
+Array = NDArray[np.float64]
 
 
 def draw_solved(path: Path, solved: SolvedMotion) -> None:
@@ -45,12 +53,15 @@ def draw_solved(path: Path, solved: SolvedMotion) -> None:
 
 def _page(solved: SolvedMotion) -> bytes:
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(14, 9.2), layout="constrained")
+        figure = Figure(figsize=(14, max(9.2, 1.2 + MUSCLE_ROW * len(solved.model.muscles))), layout="constrained")
         sides: Any = figure.subfigures(1, 2, width_ratios=[1.25, 1], wspace=0.02)
-        halves: Any = sides[1].subfigures(2, 1, height_ratios=[1, 1.25])
         _activations(sides[0], solved)
-        _glenoid(halves[0], solved)
-        _reserves(halves[1], solved)
+        if _has_reaction(solved):
+            halves: Any = sides[1].subfigures(2, 1, height_ratios=[1, 1.25])
+            _glenoid(halves[0], solved)
+            _reserves(halves[1], solved)
+        else:
+            _reserves(sides[1], solved)
         figure.suptitle(
             f"{without_hash(solved.notes['motion'])}, {solved.model.name}; filter: {solved.notes['filter']}",
             x=0.01,
@@ -66,9 +77,8 @@ def _activations(page: Page, solved: SolvedMotion) -> None:
     axis = page.subplots()
     colours = LinearSegmentedColormap.from_list("activation", HEAT).with_extremes(bad=UNKNOWN)
     strongest = max(float(np.nanmax(values, initial=0.0)), 0.05)
-    image = axis.pcolormesh(
-        time, np.arange(values.shape[1]), values.T, cmap=colours, vmin=0.0, vmax=strongest, shading="nearest"
-    )
+    edges = _edges(time), _edges(np.arange(float(values.shape[1])))
+    image = axis.pcolormesh(*edges, values.T, cmap=colours, vmin=0.0, vmax=strongest)
     names = [name.replace("_", " ") for name in solved.model.muscle_names]
     axis.set_yticks(range(len(names)), names, fontsize=7.5)
     axis.invert_yaxis()
@@ -79,20 +89,30 @@ def _activations(page: Page, solved: SolvedMotion) -> None:
     page.colorbar(image, ax=axis, pad=0.01, fraction=0.03, aspect=45)
 
 
+def _edges(centres: Array) -> Array:
+    """(cells + 1,) of evenly spaced cells; those of a single one are half a unit away."""
+    half = 0.5 * (centres[1] - centres[0]) if len(centres) > 1 else 0.5
+    return np.append(centres - half, centres[-1] + half)
+
+
+def _has_reaction(solved: SolvedMotion) -> bool:
+    """Whether there is a glenoid, or a joint that was asked for."""
+    return is_shoulder(solved.model, solved.options.joint) or bool(solved.solution.joint_reactions.labels)
+
+
 def _reserves(page: Page, solved: SolvedMotion) -> None:
     """What actuators give: those that stand in for muscles, and by their units those that cost nothing."""
     groups = _reserve_groups(solved) or {("the model has no actuators", "N m"): []}
     axes = np.atleast_1d(page.subplots(len(groups), 1, sharex=True))
     for axis, ((title, unit), members) in zip(axes, groups.items(), strict=True):
-        for shade, index in zip((*SHADES, LINE, MARK, WARM, "#4aa3a2") * 9, members, strict=False):
-            values = solved.solution.reserves[:, index]
-            axis.plot(
-                solved.solution.time, values, color=shade, linewidth=1.0, label=solved.model.actuated_names[index]
-            )
+        for (style, shade), index in zip(cycle(product(STYLES, COLOURS)), members, strict=False):
+            values, name = solved.solution.reserves[:, index], solved.model.actuated_names[index]
+            axis.plot(solved.solution.time, values, color=shade, linestyle=style, linewidth=1.0, label=name)
         axis.set_title(title, loc="left")
         axis.set_ylabel(f"[{unit}]")
         if members:
-            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7.5)
+            columns = math.ceil(len(members) / NAMES_IN_COLUMN)
+            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7.5, ncols=columns)
     axes[-1].set_xlabel("time [s]")
 
 

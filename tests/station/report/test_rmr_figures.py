@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from station.report.rmr_figures import _joint_forces
+from solver.redundancy.options import RedundancyOptions, static_optimisation
+from station.assessment.given_motion import MotionCut, MuscleInputs
+from station.assessment.rmr import solve_muscles
+from station.report.rmr_figures import UNKNOWN, _activations, _joint_forces, _reserves
+from tests.solver.legs import step_in
 
 
 def test_a_leg_without_a_requested_joint_is_told_how_to_request_one_and_not_of_a_glenoid() -> None:
@@ -17,3 +25,30 @@ def test_a_leg_without_a_requested_joint_is_told_how_to_request_one_and_not_of_a
     _joint_forces(axis, solved)
     texts = [axis.get_title(loc="left"), *(text.get_text() for text in axis.texts)]
     assert "--joint" in " ".join(texts) and "glenoid" not in " ".join(texts)
+
+
+@pytest.mark.parametrize(("frames", "muscles"), [(1, 1), (1, 4), (5, 1)])
+def test_a_frame_without_a_solution_is_grey_also_where_it_or_its_muscle_is_the_only_one(
+    frames: int, muscles: int
+) -> None:
+    unsolved = SimpleNamespace(time=0.01 * np.arange(frames), activations=np.full((frames, muscles), np.nan))
+    model = SimpleNamespace(muscle_names=[f"muscle_{number}" for number in range(muscles)])
+    figure: Any = Figure()
+    canvas = FigureCanvasAgg(figure)
+    _activations(figure, SimpleNamespace(solution=unsolved, model=model))  # type: ignore[arg-type]
+    axis, *_ = figure.axes
+    canvas.draw()
+    across, up = axis.transAxes.transform((0.45, 0.45))
+    pixels = np.asarray(canvas.buffer_rgba())
+    middle = pixels[len(pixels) - int(up), int(across), :3]
+    assert "#" + bytes(middle).hex() == UNKNOWN
+
+
+def test_no_two_reserves_of_a_panel_are_drawn_alike(tmp_path: Path) -> None:
+    step = step_in(tmp_path)
+    inputs = MuscleInputs(step.motion, str(step.model), step.loads, actuators=(step.actuators,))
+    options = static_optimisation(RedundancyOptions(joint="thigh_joint"))
+    figure: Any = Figure()
+    _reserves(figure, solve_muscles(inputs, MotionCut(6.0, 0.2, 0.4, 5, "splines"), options))
+    drawn = [[(line.get_color(), line.get_linestyle()) for line in axis.lines] for axis in figure.axes]
+    assert [len(set(lines)) for lines in drawn] == [8, 3]  # rotations, translations of the pelvis
