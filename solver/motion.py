@@ -14,6 +14,7 @@ from documents.regular_file import LARGEST_TABLE, read_regular
 from solver.coded_finding import CodedFinding, describe_codes
 from solver.errors import SolverCode, SolverError
 from solver.model import Model
+from solver.option_values import ensure_at_least
 from solver.time_grid import even_grid, interpolated, is_even
 
 Array = NDArray[np.float64]
@@ -77,8 +78,14 @@ class Kinematics:
     largest_degrees: float | None = None
     findings: tuple[CodedFinding, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Raise MotionError without a frame: there is nothing to check, to solve or to average."""
+        if not len(self.time):
+            sentence = "a motion should have at least one frame and has none; choose other frames"
+            raise MotionError(sentence, SolverCode.NO_FRAMES)
+
     def cut(self, frames: slice) -> Kinematics:
-        """These frames alone, without a step between them."""
+        """These frames alone, without a step between them. Raises MotionError if there are none."""
         return replace(
             self,
             time=self.time[frames],
@@ -89,7 +96,7 @@ class Kinematics:
 
     def __repr__(self) -> str:
         frames, coordinates = self.positions.shape
-        span = f"{self.time[0]:g} to {self.time[-1]:g} s" if frames else "no frames"
+        span = f"{self.time[0]:g} to {self.time[-1]:g} s"
         described = f"Kinematics: {frames} frames of {coordinates} coordinates, {span}; low-pass filter: {self.filter}"
         if self.steps is not None:
             described += f"; interpolated from steps of {self.steps[0]:.6g} to {self.steps[1]:.6g} s"
@@ -209,6 +216,7 @@ def ensure_interval(start: float, end: float) -> None:
 
 def decimate(kinematics: Kinematics, every: int) -> Kinematics:
     """Every N-th frame, the first included; the interval grows with it, speeds and accelerations stay."""
+    ensure_at_least("every", every, 1)
     return replace(
         kinematics,
         time=kinematics.time[::every],

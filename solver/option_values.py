@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from numbers import Integral
 from os import PathLike
 
 from solver.errors import SolverCode
@@ -13,6 +14,13 @@ def ensure_known(option: str, value: object, known: Collection[object]) -> None:
     """Raise ModelError for a value that is none of those known: most would act as the default does."""
     if value not in known:
         sentence = f"{option} is {value!r}, expected {' or '.join(map(repr, known))}; give one of these"
+        raise ModelError(sentence, SolverCode.WRONG_OPTION)
+
+
+def ensure_at_least(option: str, value: int, least: int) -> None:
+    """Raise ModelError for a value that is no whole number, or a smaller one."""
+    if not isinstance(value, Integral) or value < least:
+        sentence = f"{option} is {value!r}, expected a whole number of at least {least}; give one"
         raise ModelError(sentence, SolverCode.WRONG_OPTION)
 
 

@@ -20,7 +20,7 @@ from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model
 from solver.motion import Kinematics, decimate
 from solver.multibody.external_loads import ExternalForce
-from solver.option_values import ensure_names
+from solver.option_values import ensure_at_least, ensure_names
 from solver.redundancy.motion import solve_motion as solve
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import RedundancyOptions, options_for
@@ -94,7 +94,8 @@ def load_motion(
 
     cutoff_hz: of the low-pass filter (Butterworth of order 4, forwards and backwards), None for no filter. every: keep
     every n-th frame. Uneven steps are interpolated to even ones, and a coordinate without a column keeps its default or
-    is where a constraint holds it. The findings of the result say so, as the terminal does. Raises MotionError.
+    is where a constraint holds it. The findings of the result say so, as the terminal does. Raises MotionError, and
+    ModelError for an n below 1.
     """
     kinematics = kinematics_of(None if path is None else Path(path), model, cutoff_hz)
     findings = tuple(motion_findings(motion_checks(model, kinematics)))
@@ -170,15 +171,18 @@ def assess(
     The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. draws:
     number of draws of the cuffs from the covariance of their fit; most_frames: limit of the frames that are solved;
     external_loads: OpenSim's ExternalLoads (.xml). The findings of the result are those that `station assess` prints.
-    Raises NotIdentified, ModelError, SuitError.
+    Raises NotIdentified, ModelError, SuitError, and TypeError for cuffs without names.
     """
+    worn, drawn = _worn(cuffs), DrawSettings(count=draws)
     model = model or load_model()
     kinematics = kinematics or load_motion(model)
-    every = 1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames)
-    worn = _worn(cuffs)
+    every = 1
+    if most_frames is not None:
+        ensure_at_least("most_frames", most_frames, 1)
+        every = math.ceil(len(kinematics.time) / most_frames)
     loads, on_inputs = _loads(external_loads, model, kinematics)
     motion = LoadedMotion(model, kinematics, loads, options or RedundancyOptions())
-    found = assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=DrawSettings(count=draws))
+    found = assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=drawn)
     has_covariance = any(cuff.covariance.any() for cuff in worn)
     return replace(found, findings=(*assessment_findings(found, has_covariance=has_covariance), *on_inputs))
 
@@ -193,6 +197,9 @@ def _loads(
 
 
 def _worn(cuffs: Mapping[str, CuffFit | WearableCuff]) -> list[CuffParameters]:
-    """Raises NotIdentified where a fit leaves a parameter open."""
+    """Raises NotIdentified where a fit leaves a parameter open, TypeError for anything but a mapping."""
+    if not isinstance(cuffs, Mapping):
+        found = type(cuffs).__name__
+        raise TypeError(f"cuffs should be a mapping from names to cuffs, as fit_session(…).cuffs is, and got a {found}")
     fitted = {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}
     return worn_cuffs(fitted, ())

@@ -77,11 +77,14 @@ class MotionSolution:
         return is_ended_so
 
     def __repr__(self) -> str:
-        force = np.linalg.norm(self.reaction[:, 3:], axis=1)
+        has_effort = np.isfinite(self.effort)
+        sizes = "no frame with an effort"
+        if has_effort.any():
+            force = np.linalg.norm(self.reaction[has_effort, 3:], axis=1)
+            sizes = f"mean effort {self.effort[has_effort].mean():.4g}, joint reaction up to {force.max():.0f} N"
         return (
             f"MotionSolution: {len(self.time)} frames, {self.unsolved} not solved, {len(self.muscles)} muscles\n"
-            f"  mean effort {np.nanmean(self.effort):.4g}, joint reaction up to {np.nanmax(force):.0f} N"
-            f"{describe_codes(self.findings)}"
+            f"  {sizes}{describe_codes(self.findings)}"
         )
 
     def to_dataframe(self) -> pd.DataFrame:

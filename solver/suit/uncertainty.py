@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import Kinematics
+from solver.option_values import ensure_at_least
 from solver.suit.readouts import CurveReadouts, read_off_curves, stacked
 from solver.suit.scenarios import CUFF_CONDITIONS, Condition, SuitedMotion, SuitScenario, solve_scenarios
 from solver.suit.suit import SuitError
@@ -46,6 +47,12 @@ class DrawSettings:
     count: int = 200
     every: int | None = None
     motions: Sequence[Kinematics] = ()
+
+    def __post_init__(self) -> None:
+        """Raise ModelError for a number of draws below 0, or of frames below 1."""
+        ensure_at_least("draws", self.count, 0)
+        if self.every is not None:
+            ensure_at_least("every", self.every, 1)
 
     def frames_apart(self, frames: int) -> int:
         """N for a motion with so many frames."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import cuffstation as cs
 from solver.errors import SolverCode
 from solver.model import ModelError
+from solver.motion import MotionError
 from tests.solver.legs import LEG, PELVIS, Step, step_in
 
 FRAMES = slice(20, 26)
@@ -80,3 +82,38 @@ def test_a_reserve_that_effort_toml_refuses_is_refused(values: tuple[float, ...]
     with pytest.raises(ModelError) as refused:
         cs.Reserve(*values)
     assert refused.value.code == SolverCode.WRONG_OPTION
+
+
+def test_a_motion_without_frames_is_refused_where_it_is_cut(step: Step) -> None:
+    motion = cs.load_motion(cs.load_model(step.model), step.motion, cutoff_hz=6.0)
+    with pytest.raises(MotionError) as refused:
+        motion.cut(slice(0, 0))
+    assert refused.value.code == SolverCode.NO_FRAMES
+
+
+def test_a_solution_without_a_solved_frame_is_described_without_a_warning(step: Step) -> None:
+    weak = cs.with_reserves(cs.load_model(step.model), dict.fromkeys((*PELVIS, *LEG), cs.Reserve(1.0, -1.0, 1.0)))
+    solution = solve(step, weak)
+    assert solution.unsolved == len(solution.time)
+    assert "nan" not in repr(solution)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda: cs.assess({}, draws=-5),
+        lambda: cs.assess({}, draws=2.5),  # type: ignore[arg-type]
+        lambda: cs.assess({}, most_frames=0),
+        lambda: cs.load_motion(cs.load_model(), every=0),
+        lambda: cs.load_motion(cs.load_model(), every=-1),
+    ],
+)
+def test_numbers_of_draws_and_frames_that_cannot_be_are_refused(ask: Callable[[], object]) -> None:
+    with pytest.raises(ModelError) as refused:
+        ask()
+    assert refused.value.code == SolverCode.WRONG_OPTION
+
+
+def test_cuffs_have_names() -> None:
+    with pytest.raises(TypeError, match="got a list"):
+        cs.assess([])  # type: ignore[arg-type]
