@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +14,7 @@ from numpy.typing import NDArray
 from solver.multibody.rotations import each_frame
 from solver.redundancy.problem import RedundancyProblem
 from solver.redundancy.reachability import is_met
-from solver.redundancy.sequence import SOLVERS, FrameOutcome, FrameSequence, Outcomes, RunSolver, solve_runs
+from solver.redundancy.sequence import PROCESSORS, SOLVERS, FrameOutcome, FrameSequence, Outcomes, RunSolver, solve_runs
 
 Array = NDArray[np.float64]
 CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
@@ -68,7 +71,7 @@ def solve_redundancy(
     controls, outcomes = solve_runs(solve_run, sequence, problem.is_finite, progress, workers)
     muscles = controls[..., : len(sequence.rise)]
     muscles.clip(*sequence.widest_activations, out=muscles)
-    return scenario_solutions(problem, loads, controls, outcomes)
+    return scenario_solutions(problem, loads, controls, outcomes, min(len(outcomes), workers or PROCESSORS))
 
 
 def no_loads(problem: RedundancyProblem) -> LoadResponse:
@@ -99,21 +102,42 @@ def frame_sequence(problem: RedundancyProblem, loads: LoadResponse) -> FrameSequ
 
 
 def scenario_solutions(
-    problem: RedundancyProblem, loads: LoadResponse, controls: Array, outcomes: Outcomes
+    problem: RedundancyProblem, loads: LoadResponse, controls: Array, outcomes: Outcomes, workers: int = 1
 ) -> ScenarioSolutions:
     """Reaction and residuals of x (scenarios, frames, controls) with their outcomes, which are set here: x becomes NaN
     where INFEASIBLE, and the outcome NOT_CONVERGED where x should produce the accelerations and does not.
+
+    Frames are divided among workers (threads).
     """
-    target = problem.acceleration_target - loads.acceleration[..., problem.tracked]
+    shape = outcomes.shape
+    missed, coordinates = np.empty(shape), np.empty(shape, np.intp)
+    solutions = ScenarioSolutions(controls, outcomes, missed, coordinates, np.empty((*shape, 6)), np.empty(shape))
+    edges = np.linspace(0, shape[1], workers + 1).astype(int).tolist()
+    parts = [slice(start, end) for start, end in pairwise(edges)]
+    fill = partial(_fill_frames, problem, loads, solutions)
+    if workers == 1:
+        fill(parts[0])
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(fill, parts))
+    return solutions
+
+
+def _fill_frames(problem: RedundancyProblem, loads: LoadResponse, solutions: ScenarioSolutions, part: slice) -> None:
+    controls, outcomes = solutions.controls[:, part], solutions.outcomes[:, part]
+    matrix, reaction_matrix = problem.acceleration_matrix[part], problem.reaction_matrix[part]
+    target = problem.acceleration_target[part] - loads.acceleration[:, part, problem.tracked]
     size = np.linalg.norm(target, axis=-1)
-    residual = np.subtract(each_frame(problem.acceleration_matrix, controls), target, out=target)
-    reaction = problem.reaction_at_rest + loads.reaction + each_frame(problem.reaction_matrix, controls)
-    ray = each_frame(problem.cone, reaction[..., 3:])
+    residual = np.subtract(each_frame(matrix, controls), target, out=target)
+    reaction = problem.reaction_at_rest[part] + loads.reaction[:, part] + each_frame(reaction_matrix, controls)
+    ray = each_frame(problem.cone[part], reaction[..., 3:])
     has_cone = problem.cone.shape[1] > 0
-    slack = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.full(ray.shape[:2], np.inf)
+    solutions.reaction[:, part] = reaction
+    solutions.cone_slack[:, part] = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.inf
     controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
     is_claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
-    outcomes[is_claimed & ~is_met(problem.acceleration_matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
+    outcomes[is_claimed & ~is_met(matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
     greatest = np.abs(residual, out=residual).argmax(axis=-1)
     missed = np.take_along_axis(residual, greatest[..., None], axis=-1)[..., 0]
-    return ScenarioSolutions(controls, outcomes, missed, np.flatnonzero(problem.tracked)[greatest], reaction, slack)
+    solutions.equality_residual[:, part] = missed
+    solutions.residual_coordinate[:, part] = np.flatnonzero(problem.tracked)[greatest]

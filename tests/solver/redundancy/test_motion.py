@@ -127,6 +127,19 @@ def test_scenarios_solved_together_are_those_solved_alone():
         np.testing.assert_allclose(together.controls[i], alone.controls[0], atol=1e-6)
 
 
+def test_scenarios_divided_among_workers_are_those_of_one():
+    mechanics = evaluate_motion(MODEL, SLOW)
+    problem = build_redundancy(MODEL, mechanics, RedundancyOptions())
+    frames, rows = len(SLOW.time), len(problem.tracked)
+    more = np.linspace(-1, 1, 5)[:, None, None]
+    loads = LoadResponse(more * np.ones((1, frames, rows)), 5 * more * np.ones((1, frames, 6)))
+    one, four = (solve_redundancy(problem, loads, workers=workers) for workers in (1, 4))
+    np.testing.assert_array_equal(four.outcomes, one.outcomes)
+    np.testing.assert_array_equal(four.residual_coordinate, one.residual_coordinate)
+    for name in ("controls", "equality_residual", "reaction", "cone_slack"):
+        np.testing.assert_allclose(getattr(four, name), getattr(one, name), rtol=1e-9, atol=1e-9)
+
+
 def test_a_raised_arm_keeps_its_head_in_the_socket_and_its_equations():
     mechanics = evaluate_motion(MODEL, SLOW)
     result = solve_motion(MODEL, SLOW)
