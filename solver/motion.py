@@ -160,9 +160,13 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
     if is_even(time):
         return Motion(names, time, coordinates, missing, largest_degrees=largest_degrees)
     steps, grid = np.diff(time), even_grid(time)
+    if steps.min() <= 0:
+        later = float(time[int(np.flatnonzero(steps <= 0)[0]) + 1])
+        sentence = f"{path.name} should have times that increase and has {later:g} s after a time as late or later"
+        raise MotionError(f"{sentence}; sort the frames, or leave out repeated ones", SolverCode.UNEVEN_TIME)
     if grid is None:
         raise MotionError(
-            f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; resample it",
+            f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; fill the gap",
             SolverCode.UNEVEN_TIME,
         )
     limits = (float(steps.min()), float(steps.max()))
@@ -276,7 +280,8 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
             raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
         first = ends[0] + 1
         in_degrees = _is_in_degrees(lines[: ends[0]], is_mot=path.suffix == ".mot")
-    rows = [line.replace(",", " ") for line in lines[first:] if line.strip() and line[0] != "#"]
+    given = [line for line in lines[first:] if line.strip() and line[0] != "#"]
+    rows = [line.replace(",", " ") for line in given]
     if len(rows) < 3:
         sentence = f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows"
         raise MotionError(sentence, SolverCode.NO_FRAMES)
@@ -288,12 +293,20 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
         sentence = f"{path.name} should hold numbers below its names ({error}); check the file"
         raise MotionError(sentence, SolverCode.MALFORMED_TABLE) from error
     if table.shape[1] != len(names):
+        names = _names_with_spaces(given[0])
+    if table.shape[1] != len(names):
         _ensure_same_length(path, rows)
     if not np.isfinite(table).all():
-        frame = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
-        sentence = f"{path.name} should hold finite numbers and frame {frame} does not; fill or cut the gap"
-        raise MotionError(sentence, SolverCode.NOT_FINITE)
+        frame, column = np.argwhere(~np.isfinite(table))[0]
+        sentence = f"{path.name} should hold finite numbers and has {names[column]} {table[frame, column]}"
+        raise MotionError(f"{sentence} in frame {frame + 1}; fill or cut the gap", SolverCode.NOT_FINITE)
     return names, table, in_degrees
+
+
+def _names_with_spaces(row: str) -> list[str]:
+    """Names that tabs separate, or else commas, as a name may contain spaces."""
+    separator = "\t" if "\t" in row else ","
+    return [name.strip() for name in row.strip(_FILLING).split(separator)]
 
 
 def _ensure_same_length(path: Path, rows: Sequence[str]) -> None:
@@ -330,7 +343,7 @@ def _ensure_possible(path: Path, model: Model, coordinates: Array) -> None:
         unit = {"rotation": "rad", "translation": "m"}.get(coordinate.motion, "rad or m")
         raise MotionError(
             f"{path.name} should have {coordinate.name} below {LARGEST_COORDINATE:g} {unit} and has {value:.3g} {unit} "
-            f"in frame {frame}; correct the value or cut the frame",
+            f"in frame {frame + 1}; correct the value or cut the frame",
             SolverCode.IMPOSSIBLE_VALUE,
         )
 

@@ -132,11 +132,23 @@ def test_a_missing_coordinate_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("name", "separator", "header"), [("m.csv", ",", ""), ("m.mot", "\t", "inDegrees=no\nendheader\n")]
+)
+def test_the_name_of_a_coordinate_may_contain_spaces(tmp_path, name, separator, header):
+    rows = (("time", "elbow flexion"), ("0", "1"), ("0.01", "2"), ("0.02", "3"))
+    (tmp_path / name).write_text(header + "\n".join(separator.join(row) for row in rows) + "\n")
+    motion = read_motion(tmp_path / name, model("elbow flexion"))
+    np.testing.assert_array_equal(motion.coordinates[:, 0], [1, 2, 3])
+
+
+@pytest.mark.parametrize(
     ("text", "code", "naming"),
     [
         ("time\ta\n0\t1\n", SolverCode.MALFORMED_TABLE, "endheader"),
         ("endheader\ntime\ta\n0\t1\n0.01\t2\n0.02\n", SolverCode.MALFORMED_TABLE, "frame 3"),
-        ("endheader\ntime\ta\n0\t1\n0.01\tnan\n0.02\t1\n", SolverCode.NOT_FINITE, "frame 1"),
+        ("endheader\ntime\ta\n0\t1\n0.01\tnan\n0.02\t1\n", SolverCode.NOT_FINITE, "a nan in frame 2"),
+        ("endheader\ntime\ta\n0\t1\n0.01\t1\n0.01\t1\n0.02\t1\n", SolverCode.UNEVEN_TIME, "has 0.01 s after"),
+        ("endheader\ntime\ta\n0.02\t1\n0.01\t1\n0\t1\n", SolverCode.UNEVEN_TIME, "times that increase"),
         ("endheader\ntime\ta\n0\t1\n0.01\tone\n", SolverCode.MALFORMED_TABLE, "one"),
         ("endheader\ntime\ta\n0\t1\n0.01\t1\n0.03\t1\n0.04\t1\n", SolverCode.UNEVEN_TIME, "0.01 to 0.02 s"),
         ("endheader\ntime\ta\n", SolverCode.NO_FRAMES, "1 rows"),
@@ -188,7 +200,7 @@ def test_steps_that_change_are_no_rounding(tmp_path):
 def test_a_value_that_no_coordinate_reaches_is_refused(tmp_path, value, is_refused):
     path = tmp_path / "m.mot"
     path.write_text(f"m\ninDegrees=no\nendheader\ntime\ta\tforce\n0\t1\t1e200\n0.01\t{value}\t0\n0.02\t1\t0\n")
-    with raises_refusal(SolverCode.IMPOSSIBLE_VALUE, naming="in frame 1") if is_refused else nullcontext():
+    with raises_refusal(SolverCode.IMPOSSIBLE_VALUE, naming="in frame 2") if is_refused else nullcontext():
         read_motion(path, ONE)
 
 
