@@ -34,6 +34,7 @@ from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import worn_cuffs
 from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
+from station.assessment.left_out import effect_of, left_out_findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
 from station.assessment.rmr import ensure_distinct_controls
@@ -112,8 +113,8 @@ def solve_motion(
 
     Equations: Belli et al. 2023 (solver/redundancy/problem.py). A frame that cannot be solved has its outcome and NaN.
     A model without a shoulder has no glenoid constraint. external_loads: OpenSim's ExternalLoads (.xml). The findings
-    of the result are those on motion and loads, and on reserves and residuals that are large. Raises ModelError,
-    MotionError.
+    of the result are those on motion and loads, on parts of the model that are left out, and on reserves and residuals
+    that are large. Raises ModelError, MotionError.
     """
     ensure_distinct_controls(model)
     loads, on_inputs = _loads(external_loads, model, kinematics)
@@ -121,7 +122,8 @@ def solve_motion(
     solution = solve(model, kinematics, options, loads=loads)
     shares = reserve_shares(model, kinematics, loads, solution)
     large, residuals = large_reserves(model, options, shares), large_residuals(model, options, shares)
-    return replace(solution, findings=(*on_inputs, *reserve_findings(model, large, residuals)))
+    on_model = left_out_findings(model, effect_of(model, (), kinematics, solution, shares))
+    return replace(solution, findings=(*on_inputs, *on_model, *reserve_findings(model, large, residuals)))
 
 
 def open_stream(
@@ -184,6 +186,7 @@ def assess(
     motion = LoadedMotion(model, kinematics, loads, options or RedundancyOptions())
     found = assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=drawn)
     has_covariance = any(cuff.covariance.any() for cuff in worn)
+    on_inputs += left_out_findings(model, None)
     return replace(found, findings=(*assessment_findings(found, has_covariance=has_covariance), *on_inputs))
 
 

@@ -14,6 +14,8 @@ from solver.motion import Kinematics
 from solver.redundancy.left_out import forces_of
 from solver.redundancy.motion_solution import MotionSolution
 from station.assessment.reserves import LEAST_SHARE, ReserveShares, listed, rms, shares_text, unit_of
+from station.messages.codes import AssessmentCode
+from station.messages.message import Message
 
 Array = NDArray[np.float64]
 
@@ -54,18 +56,24 @@ def effect_of(
     )
 
 
-def describe_left_out(model: Model, effect: LeftOutEffect) -> list[str]:
-    """Sentences on what is left out; none if nothing is."""
+def left_out_findings(model: Model, effect: LeftOutEffect | None) -> list[Message[AssessmentCode]]:
+    """One that names what is left out and, if it was computed, its effect; none if nothing is."""
     if not model.left_out:
         return []
-    sentences = [f"Left out of the model: {', '.join(model.left_out)}."]
+    described = "" if effect is None else _describe_effect(model, effect)
+    return [Message(AssessmentCode.LEFT_OUT, {"parts": ", ".join(model.left_out), "effect": described})]
+
+
+def _describe_effect(model: Model, effect: LeftOutEffect) -> str:
+    """Sentences with a space before each; "" without an effect that is known."""
+    sentences = []
     for name, forces in effect.loads.items():
         parts = [f"{size:.3g} {_unit(model, coordinate)} at {coordinate}" for coordinate, size in forces.items()]
         sentences.append(f"{name} would give {listed(parts)} (RMS)." if parts else f"{name} gives nothing here.")
     if model.lacking:
         given = f"give {shares_text(model, effect.reserves)}" if effect.reserves else "give nothing"
         sentences.append(f"Muscles and reserves carry the loads of {', '.join(model.lacking)}; reserves {given}.")
-    return [" ".join(sentences)]
+    return "".join(f" {sentence}" for sentence in sentences)
 
 
 def _largest(model: Model, forces: Array) -> dict[str, float]:

@@ -75,6 +75,7 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "weak, their passive forces oppose it, or these reserves cost too little (optimal_force in --actuators or "
         "--effort)."
     ),
+    AssessmentCode.LEFT_OUT: "Left out of the model: {parts}.{effect}",
     AssessmentCode.RESIDUALS_LARGE: (
         "Residual actuators give {forces} (RMS); the model weighs {weight:.0f} N. They carry what ground, seat "
         "or hands carry: give the measured forces (--external-loads), and check their unit and time."

@@ -290,6 +290,7 @@ class AssessmentCode(StrEnum):
     FIBER_NOT_CONVERGED = "muscles.fiber_not_converged"
     NO_GLENOID = "model.no_glenoid"
     NO_ARM_SEGMENTS = "model.no_arm_segments"
+    LEFT_OUT = "model.left_out"
     WITHOUT_DATA = "motion.without_data"
     VIOLATES_CONSTRAINT = "motion.violates_constraint"
     BEYOND_RANGE = "motion.beyond_range"

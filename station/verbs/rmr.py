@@ -145,17 +145,17 @@ def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
 
 def _print_conditions(solved: SolvedMotion) -> None:
     """The notes, forces that were left out, large reserves, and frames and muscles without a converged solution."""
-    from station.assessment.left_out import describe_left_out
+    from station.assessment.left_out import left_out_findings
     from station.assessment.outcomes import describe_unconverged, describe_unsolved
     from station.assessment.reserves import reserve_findings
 
     print_motion_notes(solved.notes)
     if solved.solution.fibers is not None:
         print_message(f"tendons: {solved.notes['tendons']}")
-    found_reserves = reserve_findings(solved.model, solved.large_reserves, solved.large_residuals)
+    findings = left_out_findings(solved.model, solved.left_out)
+    findings += reserve_findings(solved.model, solved.large_reserves, solved.large_residuals)
     for sentence in (
-        *describe_left_out(solved.model, solved.left_out),
-        *(f"{found} [{found.code}]" for found in found_reserves),
+        *(f"{found} [{found.code}]" for found in findings),
         *describe_unsolved(solved.solution),
         *describe_unconverged(solved.solution),
     ):

@@ -13,6 +13,7 @@ import cuffstation as cs
 from solver.errors import SolverCode
 from solver.model import ModelError
 from solver.motion import MotionError
+from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_in
 
 FRAMES = slice(20, 26)
@@ -58,7 +59,11 @@ def test_forces_that_the_solver_lacks_are_left_out_on_request(step: Step, tmp_pa
     with pytest.raises(ModelError) as refused:
         cs.load_model(file)
     assert refused.value.code == SolverCode.UNSUPPORTED
-    assert cs.load_model(file, ignore_forces=True).lacking == ("sole",)
+    model = cs.load_model(file, ignore_forces=True, actuators=[step.actuators])
+    assert model.lacking == ("sole",)
+    (found,) = [found for found in solve(step, model).findings if found.code == AssessmentCode.LEFT_OUT]
+    assert found.figures["parts"] == "ElasticFoundationForce sole"
+    assert "N at pelvis_ty" in str(found.figures["effect"])
 
 
 def test_files_of_actuators_that_cannot_be_added_are_refused(step: Step) -> None:

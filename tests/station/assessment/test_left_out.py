@@ -15,7 +15,7 @@ from solver.forces.path_force import PathSpring
 from solver.osim.writer import osim_document
 from solver.redundancy.options import RedundancyOptions
 from station.assessment.given_motion import MotionCut, MuscleInputs
-from station.assessment.left_out import describe_left_out
+from station.assessment.left_out import left_out_findings
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from tests.station.command import Ran
 
@@ -45,7 +45,7 @@ def test_a_force_left_out_by_name_does_not_act_and_its_load_is_told(file: Path) 
     assert np.abs(solved(file).solution.activations - bare.solution.activations).max() > 0.01
     load = json.loads(found.notes["left_out_effect"])["loads"]["band"]
     assert next(iter(load)) in ("shoulder_elv", "scapula_upward_rot", "plane_elv")
-    (sentence,) = describe_left_out(found.model, found.left_out)
+    (sentence,) = map(str, left_out_findings(found.model, found.left_out))
     assert f"band would give {next(iter(load.values())):.3g} N m at {next(iter(load))}" in sentence
 
 
@@ -57,7 +57,7 @@ def test_what_reserves_carry_is_told_where_the_solver_lacks_a_force(file: Path) 
     assert needed == pytest.approx(9.80665 * sum(body.mass for body in MODEL.bodies), rel=0.02)
     assert given == pytest.approx(np.sqrt((found.solution.reserves[:, 4] ** 2).mean()), rel=1e-12)
     assert MODEL.actuators[4].coordinate == vertical
-    (sentence,) = describe_left_out(found.model, found.left_out)
+    (sentence,) = map(str, left_out_findings(found.model, found.left_out))
     assert f"carry the loads of sole; reserves give {given:.3g} of {needed:.3g} N at ground_thorax_ty" in sentence
 
 

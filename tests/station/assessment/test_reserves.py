@@ -13,7 +13,7 @@ from solver.model import CoordinateActuator
 from solver.osim.reader import read_osim
 from solver.redundancy.options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
-from station.assessment.left_out import describe_left_out
+from station.assessment.left_out import left_out_findings
 from station.assessment.reserves import reserve_findings, unit_of
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from station.assessment.rmr_table import reserve_unit
@@ -62,8 +62,8 @@ def test_residuals_on_bodies_give_what_the_pelvis_needs(step: Step, tmp_path: Pa
     for name in set(PELVIS) & set(shares):
         given, needed = shares[name]
         assert given == pytest.approx(needed, rel=1e-6)
-    (sentence,) = describe_left_out(solved.model, solved.left_out)
-    assert f"reserves give {shares['pelvis_ty'][0]:.3g} of {shares['pelvis_ty'][1]:.3g} N at pelvis_ty" in sentence
+    (found,) = left_out_findings(solved.model, solved.left_out)
+    assert f"reserves give {shares['pelvis_ty'][0]:.3g} of {shares['pelvis_ty'][1]:.3g} N at pelvis_ty" in str(found)
 
 
 def test_reserves_in_place_of_muscles_are_told_and_residuals_are_not(step: Step, station, tmp_path: Path) -> None:
