@@ -10,7 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context, parent_process
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 
@@ -18,14 +18,15 @@ class Worker:
     """Runs functions of modules, one after the other, in another process; a killed process is replaced."""
 
     def __init__(self) -> None:
-        self._pool = _one_process()
+        self._lifeline, self._end_of_worker = _CONTEXT.Pipe()
+        self._pool = self._one_process()
 
     async def run(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """Raises the error of the function, and BrokenProcessPool if a second process is killed by it as well."""
         try:
             return await self._submit(work, *arguments)
         except BrokenProcessPool:  # a system short of memory kills the largest process
-            self._pool = _one_process()
+            self._pool = self._one_process()
             return await self._submit(work, *arguments)
 
     def _submit(self, work: Callable[..., Any], *arguments: Any) -> asyncio.Future[Any]:
@@ -37,15 +38,19 @@ class Worker:
             signal.signal(signal.SIGINT, handler)
 
     def close(self) -> None:
+        """End the process, also in the middle of a function: this program would wait for it before it exits."""
         self._pool.shutdown(wait=False, cancel_futures=True)
+        self._lifeline.close()
+
+    def _one_process(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, _CONTEXT, _initialise, (self._end_of_worker,))
 
 
-def _one_process() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, get_context("spawn"), _initialise)
+_CONTEXT = get_context("spawn")
 
 
-def _initialise() -> None:
-    """Lower the priority below that of recorder and console, and end with the parent.
+def _initialise(lifeline: Connection) -> None:
+    """Lower the priority below that of recorder and console, and end with the parent or its end of the lifeline.
 
     Without the watching thread, the process of a pool would outlive a parent that was killed. Ctrl-C in a terminal
     reaches the whole group; it ends the console, not the worker.
@@ -55,9 +60,9 @@ def _initialise() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
-        threading.Thread(target=_end_after, args=(parent,), name="parent", daemon=True).start()
+        threading.Thread(target=_end_after, args=(parent.sentinel, lifeline), name="parent", daemon=True).start()
 
 
-def _end_after(parent: BaseProcess) -> None:
-    parent.join()
+def _end_after(parent: int, lifeline: Connection) -> None:
+    wait([parent, lifeline])
     os._exit(0)

@@ -5,11 +5,15 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 
+import psutil
 import pytest
 
 from station.session.worker import Worker
+from tests.timeout import scaled_timeout
 
 OF_THE_FIT = {"scipy.signal", "scipy.stats", "numba"}
 
@@ -35,6 +39,34 @@ def test_a_worker_that_is_killed_is_replaced() -> None:
 
     first, second = asyncio.run(whole())
     assert len({first, second, os.getpid()}) == 3
+
+
+def test_a_closed_worker_ends_in_the_middle_of_a_function(tmp_path: Path) -> None:
+    """A summary takes minutes, and the program waits for its process before it exits."""
+    pid = tmp_path / "pid"
+
+    async def whole() -> None:
+        worker = Worker()
+        work = asyncio.ensure_future(worker.run(_work_for_ever, pid))
+        async with asyncio.timeout(scaled_timeout(60.0)):
+            while not pid.exists():
+                await asyncio.sleep(0.01)
+        work.cancel()
+        worker.close()
+
+    asyncio.run(whole())
+    psutil.wait_procs([psutil.Process(int(pid.read_text()))] if _runs(pid) else [], scaled_timeout(60.0))
+    assert not _runs(pid)
+
+
+def _work_for_ever(pid: Path) -> None:
+    pid.with_suffix(".new").write_text(str(os.getpid()))
+    pid.with_suffix(".new").rename(pid)
+    threading.Event().wait()
+
+
+def _runs(pid: Path) -> bool:
+    return psutil.pid_exists(int(pid.read_text()))
 
 
 def _ignores_ctrl_c() -> bool:
