@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, ValidationError
@@ -31,11 +32,20 @@ def describe_error(error: ValidationError, *, context: str = "") -> str:
     elif first["type"] == "value_error":
         sentence = f"{key}: {first['ctx']['error']}" if key else str(first["ctx"]["error"])
     elif first["type"] == "missing":
+        unknown = next((other for other in more if _is_beside(other, first)), None)
         sentence = f"{key} is missing"
+        if unknown is not None:  # misspelt, or under an older name
+            more.remove(unknown)
+            sentence += f", and {unknown['loc'][-1]} is not known"
     else:
         expected = _expected(first["type"], first["msg"], first.get("ctx", {}))
         sentence = f"{key} is {shortened(first['input'])}, {expected}" if key else expected
     return " ".join(sentence.split()) + (f" (and {len(more)} more)" if more else "")
+
+
+def _is_beside(error: Mapping[str, Any], missing: Mapping[str, Any]) -> bool:
+    """Whether it is an unknown key in the table that lacks one."""
+    return bool(error["type"] == "extra_forbidden" and error["loc"][:-1] == missing["loc"][:-1])
 
 
 def faulty_key(error: ValidationError, *, context: str = "") -> str:
@@ -55,6 +65,7 @@ _EXPECTED = {
     "greater_than_equal": "a number of at least {ge:g}",
     "less_than": "a number below {lt:g}",
     "less_than_equal": "a number of at most {le:g}",
+    "too_short": "a list of {min_length} or more",
 }
 """Type of pydantic's error → expectation in terms of TOML."""
 

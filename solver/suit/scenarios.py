@@ -157,10 +157,13 @@ class SuitedMotion:
         """Raises SuitError where the cord is slack in all frames, at the reference or at every rest length to try."""
         suit = self.suit
         longest, shortest = float(self.line.length.max()), float(suit.rest_lengths.min())
-        for key, length in (("reference_rest_length_m", suit.reference_rest_length), ("rest_lengths_m", shortest)):
+        for key, length in (
+            ("reference_rest_length_m", suit.reference_rest_length),
+            ("rest_lengths_m.first", shortest),
+        ):
             if length >= longest:
                 raise SuitError(
-                    f"the suit's {key} should start below {longest:.4g} m, the longest that the cord's line becomes in "
+                    f"the suit's {key} should be below {longest:.4g} m, the longest that the cord's line becomes in "
                     f"this motion, and is {length:g} m, so that the cord is slack in all frames; make it shorter",
                     SolverCode.CORD_SLACK,
                 )

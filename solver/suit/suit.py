@@ -33,6 +33,8 @@ Rate = Literal["backward", "central"]
 PARTS = ("waist", "shoulder", "arm")
 MOST_REST_LENGTHS = 10_000
 BEYOND_MEASURE = 1e12
+LARGEST_PLACE, LARGEST_MASS = 10.0, 100.0
+"""[m], [kg] Beyond any body and suit, but below a place in millimetres and a mass in grams."""
 """No number of a suit, in any unit, is as large."""
 BUNDLED_SUIT = Path(__file__).with_name("suit.toml")
 
@@ -200,7 +202,8 @@ def _quoted(text: str) -> str:
 Number = Annotated[validation.Number, Field(gt=-BEYOND_MEASURE, lt=BEYOND_MEASURE)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
-Vector = tuple[Number, Number, Number]
+Coordinate = Annotated[Number, Field(ge=-LARGEST_PLACE, le=LARGEST_PLACE)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
 Name = Annotated[str, Field(min_length=1, max_length=40)]
 
 
@@ -214,9 +217,16 @@ class _PointTable(Section):
 
 class _MassTable(Section):
     body: str
-    mass_kg: NonNegative
+    mass_kg: Annotated[NonNegative, Field(le=LARGEST_MASS)]
     center_m: Vector
     inertia_kg_m2: tuple[NonNegative, NonNegative, NonNegative]
+
+    @model_validator(mode="after")
+    def _is_of_a_body(self) -> _MassTable:
+        largest, total = max(self.inertia_kg_m2), sum(self.inertia_kg_m2)
+        if largest > (1.0 + 1e-6) * (total - largest):
+            raise ValueError(f"inertia_kg_m2 has {largest:g}, expected no moment above the sum of the other two")
+        return self
 
     def mass(self) -> SuitMass:
         return SuitMass(self.body, self.mass_kg, np.array(self.center_m), np.array(self.inertia_kg_m2))
