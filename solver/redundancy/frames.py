@@ -78,14 +78,15 @@ def _solve_frame(problem: FrameProblem, widest: Array, work: FrameWorkspace, a: 
         if attempt:
             _set_widest_bounds(widest, problem.lower, problem.upper)
         code = _solve(problem, work, a, v)
+        if code == NOT_CONVERGED:
+            _minimise_violation(problem, work, a, v)
+            is_proved = is_certificate(problem, v, work.interior.gradient)
+            code = INFEASIBLE if is_proved else _solve(problem, work, a, v)  # from the multipliers just found
         if code == SOLVED and effort_of_eliminated(problem.R, v) > LARGEST_EFFORT:
             code = INFEASIBLE
-        if code == SOLVED:
-            return BEYOND_RATE if attempt else SOLVED
-        if attempt or code == NOT_CONVERGED:
-            _minimise_violation(problem, work, a, v)
-        if code == NOT_CONVERGED and not is_certificate(problem, v, work.interior.gradient):
-            return NOT_CONVERGED
+        if code != INFEASIBLE:
+            return BEYOND_RATE if attempt and code == SOLVED else code
+    _minimise_violation(problem, work, a, v)
     return INFEASIBLE
 
 
