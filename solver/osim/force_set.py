@@ -52,6 +52,6 @@ def ensure_known_force(element: Element) -> None:
     if element.tag not in FORCES:
         raise element.refusal(
             "is a force that the solver does not support; remove it, or read the model without such forces "
-            "(ignore_forces); docs/osim-files.md lists those that are supported",
+            "(ignore_forces, --ignore-forces); docs/osim-files.md lists those that are supported",
             SolverCode.UNSUPPORTED,
         )

@@ -140,8 +140,12 @@ def _marker(element: Element, names: Names) -> Marker:
     return Marker(element.name, *names.station(element, "socket_parent_frame", "location"), is_fixed)
 
 
-def _refuse(element: Element) -> None:
-    raise element.refusal("is not supported by the solver; remove it from the model", SolverCode.UNSUPPORTED)
+def _refuse(controller: Element) -> None:
+    raise controller.refusal(
+        "is not supported by the solver; remove it from the model, or read the model without controllers "
+        "(ignore_forces, --ignore-forces)",
+        SolverCode.UNSUPPORTED,
+    )
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -96,7 +97,8 @@ def rmr(
     from station.progress import progress_bars
 
     ensure_writable(output)
-    _ensure_compatible(plot, actuators, model, tendons, every)
+    beside = {"--every": every > 1, "--static-optimisation": static_optimisation}
+    _ensure_compatible(plot, actuators, model, beside if tendons == "elastic" else {})
     joints, cone = names_in(joint), glenoid or no_no_glenoid
     asked = ensure_effective(context, joints, has_glenoid_cone=cone, static_optimisation=static_optimisation)
     free, wanted = names_in(free_coordinates), ReactionRequest(joints, reaction_on, reaction_in)
@@ -116,15 +118,22 @@ def rmr(
     raise typer.Exit(LOSSY if solved.solution.unsolved else DONE)
 
 
-def _ensure_compatible(plot: Path | None, actuators: list[Path] | None, model: str, tendons: str, every: int) -> None:
-    """Refuse options that do not go together."""
+def _ensure_compatible(
+    plot: Path | None, actuators: list[Path] | None, model: str, elastic_with: Mapping[str, bool]
+) -> None:
+    """Refuse options that do not go together; elastic_with: those given beside --tendons elastic."""
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     if actuators and model == "bundled":
         raise typer.BadParameter("--actuators needs an .osim file as --model")
-    if tendons == "elastic" and every > 1:
+    if elastic_with.get("--every"):
         raise typer.BadParameter(
             "--tendons elastic needs every frame, because fibre velocities are differences of frames; leave out --every"
+        )
+    if elastic_with.get("--static-optimisation"):
+        raise typer.BadParameter(
+            "--tendons elastic needs passive muscle forces and activation dynamics, which --static-optimisation does "
+            "not have; leave out one of them"
         )
 
 

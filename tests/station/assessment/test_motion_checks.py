@@ -209,4 +209,7 @@ def test_elastic_tendons_refuse_to_leave_out_frames(station: Station, step: Step
     ran = station("rmr", "--model", step.model, "--tendons", "elastic", "--every", 5, "--output", output)
     assert ran.code == 2
     assert "--every" in ran.err
+    static = station("rmr", "--model", step.model, "--tendons", "elastic", "--static-optimisation", "--output", output)
+    assert static.code == 2
+    assert "--static-optimisation" in static.err
     assert not output.exists()
