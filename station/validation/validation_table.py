@@ -46,7 +46,7 @@ def validation_table(solved: Sequence[SolvedVariant]) -> Table:
             found.lift,
             found.variant,
             "" if found.median_difference is None else f"{found.median_difference:.1f}",
-            _beside(f"{found.rmse_percent:.1f}", found.published_rmse_percent, ".1f"),
+            _rmse(found),
             f"{ours.correlation:.3f}",
             f"{ours.peak_ratio:.2f}",
             "" if math.isnan(found.angle) else f"{np.degrees(found.angle):.0f}°",
@@ -81,5 +81,7 @@ def _field(figure: float | None) -> str:
     return "" if figure is None or math.isnan(figure) else f"{figure:.6g}"
 
 
-def _beside(ours: str, theirs: float | None, form: str) -> str:
-    return ours if theirs is None else f"{ours} ({theirs:{form}})"
+def _rmse(found: SolvedVariant) -> str:
+    """Beside a published one, over the same frames."""
+    common, published = found.common_rmse_percent, found.published_rmse_percent
+    return f"{found.rmse_percent:.1f}" if common is None else f"{common:.1f} ({published:.1f})"

@@ -14,11 +14,12 @@ import pandas as pd
 import pytest
 
 from recordings.errors import RecordingCode
+from solver.redundancy.force_agreement import ForceAgreement
 from station.exit_code import DONE, FAILED
 from station.messages.validation_codes import ValidationCode
 from station.validation.lifts import GLENOID, ValidationFileError, find_lifts, read_lift, read_published_force
 from station.validation.validate import SolvedVariant, solve_variant, validate_folder, verdicts
-from station.validation.validation_table import write_validation
+from station.validation.validation_table import validation_table, write_validation
 from station.validation.variants import PUBLISHED_VARIANTS
 from tests.conftest import SHARED
 from tests.recordings import refusals
@@ -193,6 +194,32 @@ def test_a_published_solution_that_was_cut_is_judged_over_its_own_frames(tmp_pat
     keep_lines(tmp_path / "S8R_back_published_circle.txt", 60)
     reported = [verdict.code for verdict in verdicts(validate_folder(tmp_path)[0])]
     assert reported == [ValidationCode.PARTLY_PUBLISHED, ValidationCode.WITHIN_LIMITS]
+
+
+def test_both_figures_beside_each_other_are_of_the_same_frames() -> None:
+    """The RMSE over all 201 frames would be 10.0 % of the body weight."""
+    one = SolvedVariant(
+        lift="S8R_back",
+        variant="circle",
+        time=np.arange(201) / 50,
+        force=np.ones(201),
+        measured_force=np.ones(201),
+        body_weight=1000.0,
+        agreement=ForceAgreement(rmse=100.0, correlation=0.9, peak_ratio=1.0),
+        angle=np.nan,
+        published=ForceAgreement(rmse=122.0, correlation=0.9, peak_ratio=1.0),
+        common_rmse=125.0,
+        median_difference=1.0,
+        published_frames=59,
+        compared=59,
+        unsolved=0,
+    )
+    assert one.common_rmse_percent == 12.5
+    shown = {column.header: list(column.cells) for column in validation_table([one]).columns}
+    assert shown["RMSE [%]"] == ["12.5 (12.2)"]
+    alone = replace(one, published=None, common_rmse=None)
+    shown = {column.header: list(column.cells) for column in validation_table([alone]).columns}
+    assert shown["RMSE [%]"] == ["10.0"]
 
 
 @pytest.mark.shared
