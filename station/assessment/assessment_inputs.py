@@ -43,6 +43,12 @@ class UnknownCuff(InputError):
     exit_code = WRONG_USAGE
 
 
+class NotAFolder(InputError):
+    """The output of the command line is a file."""
+
+    exit_code = WRONG_USAGE
+
+
 @dataclass(frozen=True)
 class AssessmentInputs:
     """The files of an assessment; None or "bundled" stands for a file of the station.
@@ -143,9 +149,9 @@ def cuff_remarks(path: Path, cuffs: Iterable[WearableCuff]) -> list[str]:
 
 
 def ensure_folder(output: Path) -> None:
-    """Raise InputError, before anything is solved, if results cannot be written to output."""
+    """Raise NotAFolder, before anything is solved, if results cannot be written to output."""
     if output.exists() and not output.is_dir():
-        raise InputError(Message(InputCode.OUTPUT_IS_FILE, {"path": str(output)}))
+        raise NotAFolder(Message(InputCode.OUTPUT_IS_FILE, {"path": str(output)}))
 
 
 def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[CuffParameters]:

@@ -11,6 +11,7 @@ import pytest
 from station.assessment.assess import assess_cuffs, assess_file, decision_sentences, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear
 from station.assessment.optimum import optimise_file
+from station.exit_code import WRONG_USAGE
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 from station.messages.message import Message
 from station.report.page import write_report
@@ -82,8 +83,9 @@ def test_an_assessment_with_elastic_tendons_suggests_nothing_that_is_refused(tmp
 def test_a_file_where_the_results_should_go_is_told_before_anything_is_solved(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
     for solve in (optimise_file, assess_file):
-        with raises_refusal(InputError, InputCode.OUTPUT_IS_FILE):
+        with raises_refusal(InputError, InputCode.OUTPUT_IS_FILE) as caught:
             solve(inputs, inputs.cuffs)
+        assert caught.value.exit_code == WRONG_USAGE
 
 
 def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
