@@ -62,7 +62,7 @@ def model_and_suit_of(
 
 def motion_of(path: Path | None, model: Model) -> Motion:
     """The motion of a file, with defaults in place of missing columns, or the bundled raise of the arm."""
-    return simulate_arm_raise(model) if path is None else read_motion(path, model, with_defaults=True)
+    return _arm_raise_of(model) if path is None else read_motion(path, model, with_defaults=True)
 
 
 def kinematics_of(path: Path | None, model: Model, cutoff_hz: float | None = CUTOFF_HZ) -> Kinematics:
@@ -96,6 +96,19 @@ def named_hash(path: Path) -> str:
 def without_hash(named: str) -> str:
     """The name without the SHA-256."""
     return re.sub(r" [0-9a-f]{64}$", "", named)
+
+
+def _arm_raise_of(model: Model) -> Motion:
+    """The bundled motion. Raises ModelError, which asks for a motion, where the model lacks its coordinates."""
+    try:
+        return simulate_arm_raise(model)
+    except ModelError as error:
+        if error.code != SolverCode.UNKNOWN_NAME:
+            raise
+        raise ModelError(
+            f"the bundled arm raise does not fit the model {model.name}; give a motion of this model with --motion",
+            SolverCode.UNKNOWN_NAME,
+        ) from error
 
 
 def _bundled(actuators: Sequence[Path]) -> Model:

@@ -19,7 +19,7 @@ from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
 from station.assessment.rmr import solve_muscles
 from tests.solver.legs import step_in
-from tests.station.command import Ran, assert_one_sentence
+from tests.station.command import Ran, assert_one_sentence, assert_refused
 
 Station = Callable[..., Ran]
 
@@ -147,3 +147,9 @@ def test_an_infeasible_frame_speaks_of_the_glenoid_where_it_was_asked_for(has_gl
     assert "misses accelerations" in sentence
     assert "inf" not in sentence
     assert np.isinf(solved.solution.cone_slack).all() == (not has_glenoid)
+
+
+def test_a_model_that_the_bundled_raise_does_not_fit_needs_a_motion(station: Station, tmp_path: Path) -> None:
+    ran = station("rmr", "--model", step_in(tmp_path).model, "--output", tmp_path / "a.csv")
+    assert_refused(ran, 1, SolverCode.UNKNOWN_NAME)
+    assert "--motion" in ran.err
