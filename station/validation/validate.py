@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from solver.redundancy.force_agreement import ForceAgreement, angle_between, for
 from solver.redundancy.glenoid import glenoid_cone
 from solver.redundancy.motion import solve_motion
 from solver.redundancy.sequence import FrameOutcome
+from station.assessment.motion_checks import motion_checks, motion_findings
+from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.messages.validation_codes import ValidationCode
 from station.progress import Progress, silent
@@ -41,6 +43,7 @@ class SolvedVariant:
     published_frames    number of frames of the published solution, 0 without one
     compared            number of frames that have a published force
     unsolved            number of frames
+    findings            of the lift's motion, the same in every variant
     """
 
     lift: str
@@ -57,6 +60,7 @@ class SolvedVariant:
     published_frames: int
     compared: int
     unsolved: int
+    findings: Sequence[Message[AssessmentCode]] = ()
 
     @property
     def rmse_percent(self) -> float:
@@ -147,7 +151,13 @@ def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
         published_frames=len(lift.published[variant.name].time) if published is not None else 0,
         compared=int(is_common.sum()),
         unsolved=int((~is_solved).sum()),
+        findings=findings_of(lift),
     )
+
+
+def findings_of(lift: MeasuredLift) -> list[Message[AssessmentCode]]:
+    """What the checks of a motion find in that of a lift, such as degrees that were read as radians."""
+    return motion_findings(motion_checks(lift.model, differentiate(lift.motion, CUTOFF_HZ)))
 
 
 def verdicts(solved: list[SolvedVariant]) -> Iterator[Message[ValidationCode]]:

@@ -36,6 +36,9 @@ def validate(
     Console(markup=False).print(validation_table(solved))
     for lift in refused:
         print_message(str(lift.message))
+    for lift_name, findings in {found.lift: found.findings for found in solved}.items():
+        for finding in findings:
+            print_message(f"{lift_name}: {finding}")
     for verdict in verdicts(solved):
         print_message(str(verdict))
     if output is not None:

@@ -16,9 +16,10 @@ import pytest
 from recordings.errors import RecordingCode
 from solver.redundancy.force_agreement import ForceAgreement
 from station.exit_code import DONE, FAILED
+from station.messages.codes import AssessmentCode
 from station.messages.validation_codes import ValidationCode
 from station.validation.lifts import GLENOID, ValidationFileError, find_lifts, read_lift, read_published_force
-from station.validation.validate import SolvedVariant, solve_variant, validate_folder, verdicts
+from station.validation.validate import SolvedVariant, findings_of, solve_variant, validate_folder, verdicts
 from station.validation.validation_table import validation_table, write_validation
 from station.validation.variants import PUBLISHED_VARIANTS
 from tests.conftest import SHARED
@@ -220,6 +221,17 @@ def test_both_figures_beside_each_other_are_of_the_same_frames() -> None:
     alone = replace(one, published=None, common_rmse=None)
     shown = {column.header: list(column.cells) for column in validation_table([alone]).columns}
     assert shown["RMSE [%]"] == ["10.0"]
+
+
+@pytest.mark.shared
+def test_degrees_under_a_header_of_radians_are_a_finding_of_the_lift(tmp_path: Path) -> None:
+    copied(tmp_path, "S8R_back")
+    motion = tmp_path / "S8R_back.mot"
+    assert AssessmentCode.BEYOND_RANGE not in {one.code for one in findings_of(read_lift(tmp_path, "S8R_back", ()))}
+    text = motion.read_text(encoding="utf-8")
+    assert "inDegrees=yes" in text
+    motion.write_text(text.replace("inDegrees=yes", "inDegrees=no"), encoding="utf-8")
+    assert AssessmentCode.BEYOND_RANGE in {one.code for one in findings_of(read_lift(tmp_path, "S8R_back", ()))}
 
 
 @pytest.mark.shared
