@@ -19,13 +19,17 @@ Solve = Callable[[Iterable[Task]], Iterator[tuple[dict[str, Outcome], bool]]]
 
 @dataclass(frozen=True)
 class SweepResult:
-    """The table, and the numbers of cases that failed, were finished by an earlier run, or have unsolved frames."""
+    """The table, and the numbers of cases that failed, were finished by an earlier run, or have unsolved frames.
+
+    first_error  why the first case that failed did so
+    """
 
     table: Path
     cases: int
     found_finished: int
     failed: int
     unsolved: int
+    first_error: str | None = None
 
 
 def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = silent) -> SweepResult:
@@ -49,10 +53,12 @@ def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = 
         progress("solving cases", len(outcomes), len(known))
     table = write_table(output, plan, inputs.cases, outcomes)
     rows = [outcomes[case.key] for case in inputs.cases]
+    errors = [str(outcome["error"]) for outcome in rows if outcome["error"] is not None]
     return SweepResult(
         table=table,
         cases=len(rows),
         found_finished=found,
-        failed=sum(outcome["error"] is not None for outcome in rows),
+        failed=len(errors),
         unsolved=sum(bool(outcome["unsolved"]) for outcome in rows),
+        first_error=errors[0] if errors else None,
     )

@@ -33,7 +33,7 @@ def sweep(
         swept = run_sweep(read, output, partial(solve_on, client), progress)
     print_message(f"{swept.cases} cases, {swept.found_finished} of them from an earlier run")
     if swept.failed:
-        print_message(f"{swept.failed} cases failed; the column error has the reasons")
+        print_message(f"{swept.failed} cases failed; the column error has the reasons, the first: {swept.first_error}")
     if swept.unsolved:
         print_message(f"{swept.unsolved} cases have frames without a solution; the column unsolved counts them")
     print(swept.table)

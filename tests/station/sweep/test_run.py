@@ -162,6 +162,7 @@ def test_a_failed_case_is_a_row_with_the_reason(tmp_path: Path) -> None:
     assert table[table["motion"] == "short.mot"]["error"].str.contains("short.mot").all()
     assert set(table[table["motion"] == "short.mot"]["error_code"]) == {SolverCode.NO_FRAMES}
     assert table[table["error"].isna()]["normalised_cost"].notna().all()
+    assert found.first_error == table["error"].dropna().iloc[0]
 
 
 def test_finished_cases_are_not_solved_again_and_the_table_is_the_same(tmp_path: Path) -> None:
