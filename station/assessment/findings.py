@@ -49,6 +49,7 @@ def findings(
         *_best_rest_lengths(assessment),
         *_rest_lengths_outside_range(assessment),
         _intervals(assessment.uncertainty, has_covariance=has_covariance) if total is None else _total(total),
+        *_unsolved_people(total),
         *_cord_and_migration(assessment),
         *_reserves(assessment),
         *_unsolved_frames(assessment),
@@ -69,6 +70,13 @@ def _with_total(comparisons: Iterable[Comparison], total: TotalUncertainty) -> t
 def _total(total: TotalUncertainty) -> Finding:
     figures: Figures = {"people": total.people, "solved": total.solved, "every": total.every}
     return Message(AssessmentCode.INTERVALS_TOTAL, figures)
+
+
+def _unsolved_people(total: TotalUncertainty | None) -> Iterator[Finding]:
+    """Named, because people without a solution need not be a random part of the sample, and intervals omit them."""
+    if total is not None and total.solved < total.people:
+        figures: Figures = {"unsolved": total.people - total.solved, "people": total.people}
+        yield Message(AssessmentCode.PEOPLE_UNSOLVED, figures)
 
 
 def _choice(assessment: Assessment) -> Finding:

@@ -54,6 +54,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "Intervals contain fit, donning, body, muscles and motion: {people:.0f} drawn people, {solved:.0f} with a "
         "solution, on one in {every:.0f} frames."
     ),
+    AssessmentCode.PEOPLE_UNSOLVED: (
+        "{unsolved:.0f} of {people:.0f} drawn people have no solution for at least one cuff. The intervals are of the "
+        "others, so that people with weak muscles may be missing from them."
+    ),
     AssessmentCode.CORD_FORCE: (
         "With rigid cuffs the cord pulls with up to {force_n:.0f} N, and is slack throughout at a rest length "
         "{slack_cm:.1f} cm above the best one."

@@ -274,6 +274,7 @@ class AssessmentCode(StrEnum):
     INTERVALS = "intervals.computed"
     INTERVALS_UNVERIFIED = "intervals.unverified"
     INTERVALS_TOTAL = "intervals.total"
+    PEOPLE_UNSOLVED = "intervals.people_unsolved"
     CORD_FORCE = "cord.force"
     MIGRATION_COST = "cord.migration_cost"
     RESERVES_SMALL = "reserves.small"

@@ -10,8 +10,11 @@ import pytest
 from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
+from solver.suit.decision import CuffDecision, DecisionRule, decide
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import CurveReadouts
+from solver.uncertainty.figures import Basis
+from solver.uncertainty.total import TotalUncertainty
 from station.assessment.assessment_json import plain_assessment
 from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
 from station.messages.codes import AssessmentCode
@@ -185,3 +188,14 @@ def test_the_sentence_on_infeasible_frames_has_the_glenoid_only_with_its_cone(
 def test_the_remedy_of_large_reserves_names_the_option() -> None:
     large = replace(curve("hand", 0.85), reserve_cost=np.array([4.0, 3.0]))
     assert "--effort" in str(one(findings(assessment(large)), AssessmentCode.RESERVES_LARGE))
+
+
+@pytest.mark.parametrize(("solved", "unsolved"), [(50, []), (32, [18])])
+def test_drawn_people_without_a_solution_are_counted(solved: int, unsolved: list[int]) -> None:
+    rule = DecisionRule()
+    decision = decide({"hand": np.linspace(0.7, 0.8, 51)}, rule)
+    decisions: dict[Basis, CuffDecision] = {"at_reference": decision, "at_best": decision}
+    total = TotalUncertainty(50, solved, 1, {}, {}, decisions, rule, {}, {})
+    found = findings(assessment(curve("hand", 0.8)), total)
+    counted = [finding.figures["unsolved"] for finding in found if finding.code == AssessmentCode.PEOPLE_UNSOLVED]
+    assert counted == unsolved
