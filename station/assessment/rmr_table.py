@@ -53,7 +53,9 @@ class Column:
 def ensure_writable(path: Path) -> None:
     """Raise TableError for a name without a known suffix, before anything is computed."""
     if path.suffix not in SUFFIXES:
-        raise TableError(Message(InputCode.TABLE_FORMAT, {"name": path.name, "suffixes": ", ".join(SUFFIXES)}))
+        raise TableError(
+            Message(InputCode.TABLE_FORMAT, {"name": path.name or str(path), "suffixes": ", ".join(SUFFIXES)})
+        )
 
 
 def write_solved(path: Path, solved: SolvedMotion) -> str | None:

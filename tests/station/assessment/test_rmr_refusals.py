@@ -18,6 +18,7 @@ from solver.redundancy.sequence import FrameOutcome
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
 from station.assessment.rmr import solve_muscles
+from station.messages.codes import InputCode
 from tests.solver.legs import step_in
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 
@@ -153,3 +154,9 @@ def test_a_model_that_the_bundled_raise_does_not_fit_needs_a_motion(station: Sta
     ran = station("rmr", "--model", step_in(tmp_path).model, "--output", tmp_path / "a.csv")
     assert_refused(ran, 1, SolverCode.UNKNOWN_NAME)
     assert "--motion" in ran.err
+
+
+def test_an_output_that_is_a_folder_without_a_name_is_named(station: Station) -> None:
+    ran = station("rmr", "--output", ".")
+    assert_refused(ran, 2, InputCode.TABLE_FORMAT)
+    assert "the output is ., expected" in ran.err
