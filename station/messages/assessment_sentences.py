@@ -56,7 +56,7 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     ),
     AssessmentCode.PEOPLE_UNSOLVED: (
         "{unsolved:.0f} of {people:.0f} drawn people have no solution for at least one cuff. The intervals are of the "
-        "others, so that people with weak muscles may be missing from them."
+        "others, and may be too narrow."
     ),
     AssessmentCode.CORD_FORCE: (
         "With rigid cuffs the cord pulls with up to {force_n:.0f} N, and is slack throughout at a rest length "
