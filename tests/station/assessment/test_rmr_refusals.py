@@ -43,7 +43,8 @@ def test_a_result_does_not_replace_what_it_was_computed_from(
     before = output.read_bytes()
     files = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)
     ran = station(verb, *files, "--output", output)
-    assert ran.code == 2 and output.name in " ".join(ran.err.split())
+    said = "".join(ran.err.replace("│", "").split())  # a long path is broken anywhere
+    assert ran.code == 2 and output.name in said
     assert output.read_bytes() == before
 
 
