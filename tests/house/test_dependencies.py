@@ -48,6 +48,7 @@ def test_the_library_reads_fits_draws_and_solves_without_an_extra(session: Path)
     assert "hand" in ran.stdout
 
 
+@pytest.mark.slow
 def test_the_verbs_of_an_analyst_run_without_an_extra(session: Path) -> None:
     recording = next(path for path in sorted(session.glob("*.mcap")) if "static" in path.name)
     ran = _small(

@@ -119,6 +119,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_site_has_its_four_parts(site: Path) -> None:
     for page in (
         "tutorial/operator",
@@ -139,6 +140,7 @@ def test_the_site_has_its_four_parts(site: Path) -> None:
     assert "<li><code>sample_numbers</code>: (n,) uint64</li>" in python, "fields of a docstring are a list"
 
 
+@pytest.mark.slow
 def test_no_page_of_the_site_fetches_anything_from_elsewhere(site: Path) -> None:
     pages_seen = list(site.rglob("*.html"))
     assert len(pages_seen) > 30
