@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -27,6 +27,8 @@ LOCK_TIMEOUT_S = 900.0  # the longest kernel takes half a minute; with 16 busy l
 
 _UNREADABLE = (AttributeError, ImportError, EOFError, IndexError, ValueError, UnpicklingError)
 """Of a kernel that was cached for a type that was renamed or moved, or of a file that lost its end as power failed."""
+
+_NO_FASTMATH: Mapping[str, bool] = {}
 
 logger = logging.getLogger(__name__)
 cache_logger = logging.getLogger("solver.cache")  # apart, because a progress bar replaces the messages of the other
@@ -52,7 +54,7 @@ def compiled_with_sums_in_any_order(function: Function) -> Function:
     """Like compiled, but LLVM may add the terms of a sum in another order, and may round a product and a sum once. Only
     so it computes eight terms at once.
     """
-    return _linked(function, counts_references=False, fastmath={"reassoc", "contract"})
+    return _linked(function, counts_references=False, fastmath={"reassoc": True, "contract": True})
 
 
 def compiled_for_python(function: Function) -> Function:
@@ -86,7 +88,7 @@ def _kernel(function: Function, compiler: type) -> Function:
     return cast(Function, kernel)
 
 
-def _linked(function: Function, *, counts_references: bool, fastmath: Collection[str] = ()) -> Function:
+def _linked(function: Function, *, counts_references: bool, fastmath: Mapping[str, bool] = _NO_FASTMATH) -> Function:
     options: dict[str, Any] = {
         "error_model": "numpy",
         "nogil": True,
@@ -94,7 +96,7 @@ def _linked(function: Function, *, counts_references: bool, fastmath: Collection
         "no_cfunc_wrapper": True,
         "pipeline_class": LinkedCompiler,
         "_nrt": counts_references,
-        "fastmath": set(fastmath),
+        "fastmath": dict(fastmath),  # not a set, which each process writes in another order (_parts)
     }
     linked: Any = njit(**options)(function)
     if hasattr(linked, "get_call_template"):  # not with NUMBA_DISABLE_JIT

@@ -3,6 +3,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import subprocess
 import sys
 from collections import namedtuple
 from pathlib import Path
@@ -168,3 +169,31 @@ def test_where_no_folder_is_writable_it_is_compiled_and_said_once(
     assert "NUMBA_CACHE_DIR" in message
     assert str(tmp_path) in message
     assert sum(record.name == compiled.__name__ for record in caplog.records) == 2
+
+
+KEYS_OF_KERNELS = """
+from hashlib import sha256
+from importlib import import_module
+from solver.compile_ahead import KERNELS
+from solver.compiled import _parts
+
+for module, name in KERNELS:
+    kernel = getattr(import_module(module), name)
+    print(name, sha256(repr(list(_parts(kernel.py_func, set()))).encode()).hexdigest())
+"""
+
+
+def test_another_process_looks_for_a_kernel_under_the_same_key() -> None:
+    """Else it compiles the kernel again. The order of a set, for one, depends on the process."""
+    first, second = (
+        subprocess.run(  # noqa: S603
+            [sys.executable, "-c", KEYS_OF_KERNELS],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            check=True,
+            stdout=subprocess.PIPE,
+            text=True,
+        ).stdout
+        for seed in ("1", "2")
+    )
+    assert first.count("\n") == 13
+    assert first == second
