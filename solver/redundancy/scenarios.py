@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from solver.redundancy.reachability import is_met
 from solver.redundancy.sequence import PROCESSORS, SOLVERS, FrameOutcome, FrameSequence, Outcomes, RunSolver, solve_runs
 
 Array = NDArray[np.float64]
+SOLUTIONS_AT_ONCE = 16384  # scenarios × frames of which a worker finds residuals and reactions
 CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
 
 
@@ -107,16 +108,17 @@ def scenario_solutions(
     """Reaction and residuals of x (scenarios, frames, controls) with their outcomes, which are set here: x becomes NaN
     where INFEASIBLE, and the outcome NOT_CONVERGED where x should produce the accelerations and does not.
 
-    Frames are divided among workers (threads).
+    Frames are divided among workers (threads), a few at a time, so that what is needed meanwhile takes little memory.
     """
     shape = outcomes.shape
     missed, coordinates = np.empty(shape), np.empty(shape, np.intp)
     solutions = ScenarioSolutions(controls, outcomes, missed, coordinates, np.empty((*shape, 6)), np.empty(shape))
-    edges = np.linspace(0, shape[1], workers + 1).astype(int).tolist()
-    parts = [slice(start, end) for start, end in pairwise(edges)]
+    step = max(1, min(SOLUTIONS_AT_ONCE // max(1, shape[0]), math.ceil(shape[1] / max(1, workers))))
+    parts = [slice(start, start + step) for start in range(0, shape[1], step)]
     fill = partial(_fill_frames, problem, loads, solutions)
-    if workers == 1:
-        fill(parts[0])
+    if workers <= 1:
+        for part in parts:
+            fill(part)
     else:
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(fill, parts))
