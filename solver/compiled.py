@@ -28,8 +28,6 @@ LOCK_TIMEOUT_S = 900.0  # the longest kernel takes half a minute; with 16 busy l
 _UNREADABLE = (AttributeError, ImportError, EOFError, IndexError, ValueError, UnpicklingError)
 """Of a kernel that was cached for a type that was renamed or moved, or of a file that lost its end as power failed."""
 
-_NO_FASTMATH: Mapping[str, bool] = {}
-
 logger = logging.getLogger(__name__)
 cache_logger = logging.getLogger("solver.cache")  # apart, because a progress bar replaces the messages of the other
 
@@ -88,7 +86,7 @@ def _kernel(function: Function, compiler: type) -> Function:
     return cast(Function, kernel)
 
 
-def _linked(function: Function, *, counts_references: bool, fastmath: Mapping[str, bool] = _NO_FASTMATH) -> Function:
+def _linked(function: Function, *, counts_references: bool, fastmath: Mapping[str, bool] | bool = False) -> Function:
     options: dict[str, Any] = {
         "error_model": "numpy",
         "nogil": True,
@@ -96,7 +94,7 @@ def _linked(function: Function, *, counts_references: bool, fastmath: Mapping[st
         "no_cfunc_wrapper": True,
         "pipeline_class": LinkedCompiler,
         "_nrt": counts_references,
-        "fastmath": dict(fastmath),  # not a set, which each process writes in another order (_parts)
+        "fastmath": fastmath,  # no set, the order of which differs between processes (_parts)
     }
     linked: Any = njit(**options)(function)
     if hasattr(linked, "get_call_template"):  # not with NUMBA_DISABLE_JIT

@@ -110,11 +110,11 @@ def scenario_solutions(
 
     Frames are divided among workers (threads), a few at a time, so that what is needed meanwhile takes little memory.
     """
-    shape = outcomes.shape
+    shape = scenarios, frames = outcomes.shape
     missed, coordinates = np.empty(shape), np.empty(shape, np.intp)
     solutions = ScenarioSolutions(controls, outcomes, missed, coordinates, np.empty((*shape, 6)), np.empty(shape))
-    step = max(1, min(SOLUTIONS_AT_ONCE // max(1, shape[0]), math.ceil(shape[1] / max(1, workers))))
-    parts = [slice(start, start + step) for start in range(0, shape[1], step)]
+    step = max(1, min(SOLUTIONS_AT_ONCE // max(1, scenarios), math.ceil(frames / max(1, workers))))
+    parts = [slice(start, start + step) for start in range(0, frames, step)]
     fill = partial(_fill_frames, problem, loads, solutions)
     if workers <= 1:
         for part in parts:

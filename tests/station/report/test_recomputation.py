@@ -98,18 +98,11 @@ def test_an_assessment_is_computed_again_with_its_own_filter(session: Path, cuto
     assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.AS_RECORDED
 
 
-def test_an_assessment_with_weights_of_a_file_is_not_computed_again(session: Path) -> None:
+@pytest.mark.parametrize(("read", "file"), [("effort", "effort.toml"), ("motion", "raise.mot")])
+def test_an_assessment_with_a_file_from_elsewhere_is_not_computed_again(session: Path, read: str, file: str) -> None:
     path = session / "assessment.json"
     plain = json.loads(path.read_text(encoding="utf-8"))
-    plain["inputs"]["effort"] = f"effort.toml {64 * 'a'}"
-    path.write_text(json.dumps(plain), encoding="utf-8")
-    assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.UNRECORDED
-
-
-def test_an_assessment_whose_motion_is_elsewhere_is_not_computed_again(session: Path) -> None:
-    path = session / "assessment.json"
-    plain = json.loads(path.read_text(encoding="utf-8"))
-    plain["inputs"]["motion"] = f"raise.mot {64 * 'a'}"
+    plain["inputs"][read] = f"{file} {64 * 'a'}"
     path.write_text(json.dumps(plain), encoding="utf-8")
     assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.UNRECORDED
 
