@@ -24,19 +24,19 @@ PLACES = 200
 
 
 def main() -> None:
-    print("| what fails | where | told at once | calls that went well afterwards | samples claimed and missing |")
+    print("| failure | tried | reported at once | later calls that succeeded | samples claimed but missing |")
     print("|---|---:|---:|---:|---:|")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_trial(folder / "whole.mcap", SECONDS)
         size = (folder / "whole.mcap").stat().st_size
         rooms = [size * i // PLACES for i in range(PLACES)]
-        _row("disk full (ENOSPC), pretended", [_pretended(folder, room, errno.ENOSPC) for room in rooms])
-        _row("volume gone (EIO), pretended", [_pretended(folder, room, errno.EIO) for room in rooms])
-        _row("the disk goes with its cache (EROFS), pretended", [_goes(folder, room) for room in rooms])
-        _row("fsync fails (EIO), pretended", [_fails_to_sync(folder, good) for good in range(20)])
+        _row("disk full (ENOSPC), injected", [_pretended(folder, room, errno.ENOSPC) for room in rooms])
+        _row("volume removed (EIO), injected", [_pretended(folder, room, errno.EIO) for room in rooms])
+        _row("disk removed with its cache (EROFS), injected", [_goes(folder, room) for room in rooms])
+        _row("fsync fails (EIO), injected", [_fails_to_sync(folder, good) for good in range(20)])
         if sys.platform != "win32":
-            _row("limit to the file's size (EFBIG)", [_limited(folder, room) for room in rooms])
+            _row("file size limit (EFBIG)", [_limited(folder, room) for room in rooms])
         small = [_on_small_disk(folder, kilobytes) for kilobytes in range(8, size // 1024, 16)]
         _row("disk full (ENOSPC), a tmpfs", [claim for claim in small if claim])
 

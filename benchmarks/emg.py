@@ -22,12 +22,13 @@ from pathlib import Path
 import numpy as np
 
 from fitting.emg.shape import ShapeComparison, ShapeOutcome
-from solver.motion import differentiate, read_motion, write_table
+from solver.motion import differentiate, read_motion
 from solver.osim.reader import read_osim
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.options import RedundancyOptions
 from solver.redundancy.problem import build_redundancy
 from solver.redundancy.scenarios import solve_redundancy
+from solver.time_series_table import write_table
 from station.emg.comparison import ConditionFiles, compare_emg
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"

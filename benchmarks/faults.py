@@ -39,20 +39,21 @@ SETTLED_S = 0.1  # until the fault is active in the servers
 
 
 def main() -> None:
-    print("| device | fault | lasts | seen after | told as | counted as lost | unaccounted | others lost |")
+    titles = "device, fault, duration, reported after, reported as, counted as lost, unaccounted, loss in other devices"
+    print(f"| {' | '.join(titles.split(', '))} |")
     print("|---|---|---:|---:|---|---|---:|---:|")
     with FaultBench(speed=1.0) as bench:
         for case in CASES:
             print(_row(case, bench.suffer(case)), flush=True)
-    print("\n| fault of the sync line | told after | told as | the trial | what is known of the clocks then |")
+    print("\n| fault of the sync line | reported after | event | trial | synchronisation |")
     print("|---|---:|---|---|---|")
     for case in sync_faults.CASES:
         print(_sync_row(case), flush=True)
-    print("\n| device | fault when it is opened | refused after | in words |")
+    print("\n| device | fault when it is opened | refused after | message |")
     print("|---|---|---:|---|")
     for device, fault in AT_OPENING:
         print(_opening_row(device, fault), flush=True)
-    print("\n| device | fault that does not end | given up after |")
+    print("\n| device | fault that does not end | time-out after |")
     print("|---|---|---:|")
     for row in _rows_given_up():
         print(row)

@@ -30,13 +30,14 @@ from numpy.typing import NDArray
 
 from solver.inverse_dynamics import inverse_dynamics
 from solver.model import CoordinateActuator, Model
-from solver.motion import read_motion, read_table, write_table
+from solver.motion import read_motion
 from solver.motion_splines import differentiate_by_splines, held_by_constraints
 from solver.multibody.constraints import is_held
 from solver.osim.loads import read_external_loads
 from solver.osim.reader import read_osim
 from solver.redundancy.motion import solve_motion
 from solver.redundancy.options import RedundancyOptions, options_for, static_optimisation
+from solver.time_series_table import read_table, write_table
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.assessment.inverse_dynamics import solve_inverse_dynamics
 from station.assessment.rmr import SolvedMotion, solve_muscles

@@ -30,7 +30,7 @@ def main(rounds: int) -> None:
                 ensure_recovered(killed.path)
             print(f"{len(losses)} daemons killed", file=sys.stderr, flush=True)
     print(f"{len(losses)} kills; every file a prefix without holes, every recovery whole, indexed and idempotent\n")
-    print("| stream | lost, median | lost, 95 % | lost, most | promised |")
+    print("| stream | loss, median | loss, 95 % | loss, maximum | limit |")
     print("|---|---:|---:|---:|---:|")
     for stream in losses[0]:
         lost_ms = 1000 * np.array([loss[stream] for loss in losses])

@@ -50,9 +50,9 @@ def main(seconds: float) -> None:
     loads = (
         Load("1 kHz × 2, 30 markers at 100 Hz", 1000.0, 30, 100.0, seconds),
         Load("5 kHz × 2, 100 markers at 1 kHz", 5000.0, 100, 1000.0, seconds),
-        Load("two hours at 30 × the wall's pace at most, 7 markers", 1000.0, 7, 100.0, 120 * seconds, speed=30.0),
+        Load("two hours at most at 30 × real time, 7 markers", 1000.0, 7, 100.0, 120 * seconds, speed=30.0),
     )
-    print("\n| load | recorded | on the wall | samples | lost | daemon | early | late | file |")
+    print("\n| load | recorded | wall time | samples | lost | recorder | memory at 5 s | memory at the end | file |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     for load in loads:
         print(_row(load), flush=True)

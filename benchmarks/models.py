@@ -2,20 +2,22 @@
 
     python -m benchmarks.models FOLDER… [--states 20] [--ignore-forces] [--repeats 3]
 
-FOLDER holds .osim files that you have fetched; benchmarks/README.md lists the repositories. The table is printed as
-Markdown, a row per distinct file, then the counts. With OpenSim installed (extra `oracle`) every accepted model is
-compared with it in random states: each coordinate in its range (or near its default), speeds normal with 1 rad/s or
-0.3 m/s. Lengths are those of the muscles' paths; accelerations those without muscle forces, over the greatest of the
-state; inverse dynamics the generalised forces M u̇ + c for random accelerations, over the greatest of the state, or 1 if
-that is less. Time is processor time per state of everything that the redundancy problem needs (postures, paths,
-accelerations) in a batch of 200 states, and the ratio OpenSim's for the same (realizeAcceleration, lengths and
-generalised forces of every muscle) over it.
+FOLDER holds .osim files that you have fetched, a folder per repository; docs/osim-files.md lists the repositories. The
+table is printed as Markdown, a row per distinct file with muscles, then the counts. With OpenSim installed (extra
+`oracle`) every accepted model is compared with it in random states: each coordinate in its range (or near its default),
+speeds normal with 1 rad/s or 0.3 m/s. Lengths are those of the muscles' paths; accelerations those without muscle
+forces, over the greatest of the state; inverse dynamics the generalised forces M u̇ + c for random accelerations, over
+the greatest of the state, or 1 if that is less. Time is processor time per state of everything that the redundancy
+problem needs (postures, paths, accelerations) in a batch of 200 states, and the ratio OpenSim's for the same
+(realizeAcceleration, lengths and speeds of every muscle) over it. OpenSim is called from Python, a state at a time, and
+the calls count.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,6 +38,7 @@ Array = NDArray[np.float64]
 SEED = 18
 TIMED_STATES = 200
 NEITHER = ", nor by OpenSim"
+MUSCLE = re.compile(rb"<\w*Muscle\w*[ >]")
 
 
 @dataclass(frozen=True)
@@ -70,9 +73,9 @@ def main() -> None:
     print("| model | muscles | accepted | length [m] | acceleration | inverse dynamics | time [µs] | ratio |")
     print("|---|---|---|---|---|---|---|---|")
     rows = []
-    for path in distinct_files(arguments.folders):
+    for path, name in distinct_files(arguments.folders).items():
         row = examine(path, arguments.states, arguments.repeats, ignore_forces=arguments.ignore_forces)
-        row = replace(row, name=f"{path.parent.name}/{path.stem}")
+        row = replace(row, name=name)
         rows.append(row)
         print(row.markdown(), flush=True)
     opened = [row for row in rows if not row.problem.endswith(NEITHER)]
@@ -83,12 +86,19 @@ def main() -> None:
     print(_largest(accepted))
 
 
-def distinct_files(folders: Sequence[Path]) -> list[Path]:
-    """The .osim files below the folders in alphabetical order, each content once."""
-    found: dict[str, Path] = {}
-    for path in sorted(path for folder in folders for path in folder.rglob("*.osim")):
-        found.setdefault(hashlib.sha256(path.read_bytes()).hexdigest(), path)
-    return list(found.values())
+def distinct_files(folders: Sequence[Path]) -> dict[Path, str]:
+    """The .osim files with muscles below the folders in alphabetical order, each content once, and their names.
+
+    A name is that of the repository's folder, and the path below it with _ for / and space.
+    """
+    found: dict[str, tuple[Path, str]] = {}
+    for path, parent in sorted((path, folder) for folder in folders for path in folder.rglob("*.osim")):
+        content = path.read_bytes()
+        if MUSCLE.search(content):
+            repository, *below = path.relative_to(parent).with_suffix("").parts
+            name = "/".join([repository, *(["_".join(below).replace(" ", "_")] if below else [])])
+            found.setdefault(hashlib.sha256(content).hexdigest(), (path, name))
+    return dict(found.values())
 
 
 def examine(path: Path, states: int, repeats: int, *, ignore_forces: bool) -> Row:

@@ -22,7 +22,7 @@ from tests.recordings.cutting import Victim, record_boundaries, whole_file
 
 
 def main(share: float) -> None:
-    print("| recording | what is done to it | tried | recovered | refused | a recovery takes |")
+    print("| recording | damage | tried | recovered | refused | time of a recovery |")
     print("|---|---|---:|---:|---:|---:|")
     every, random = round(1 / share), np.random.default_rng(6)
     with tempfile.TemporaryDirectory() as folder:
@@ -38,7 +38,7 @@ def main(share: float) -> None:
             [a for a in around[::every] if 0 <= a <= size],
             short.ensure_cut_is_recovered,
         )
-        _try(short, "one bit flipped, at random", bits[::every], short.ensure_flip_is_recovered)
+        _try(short, "one random bit flipped", bits[::every], short.ensure_flip_is_recovered)
         _try(long, "cut at random", cuts[::every], long.ensure_cut_is_recovered)
         _try(short, "cut at every byte", range(0, size + 1, every), short.ensure_cut_is_recovered)
 

@@ -57,7 +57,8 @@ rope_markers = ["rope_1", "rope_2"]
 
 
 def main(seconds: float) -> None:
-    print("| a trial of 7 markers at 100 Hz, 2 channels at 1 kHz | our thread | Rerun's | both | the daemon's others |")
+    title = "7 markers at 100 Hz, 2 channels at 1 kHz"
+    print(f"| {title} | our thread | Rerun's threads | both | other threads of the recorder |")
     print("|---|---:|---:|---:|---:|")
     most = 0.0
     with viewer_without_window() as address:

@@ -81,3 +81,8 @@ __all__ = [
     "with_reserves",
     "write_cuffs",
 ]
+
+
+def __dir__() -> list[str]:
+    """The public names, which dir() and completion list."""
+    return [*__all__, "__version__"]

@@ -26,12 +26,12 @@ for cause, part in cuff.stiffness.parts.items():
 print(cuff.verdict)
 
 # %% [markdown]
-# The same fit without the last trial. The bounce calibrates the load cell.
+# The same fit without the last trial. The bounce trials calibrate lag and gain of the load cell.
 
 # %%
-used = [SESSION / trial.file for trial in cuff.trials if trial.state == "used"]
-fewer = cs.fit_donning([*SESSION.glob("test-bounce_*.mcap"), *used[:-1]])
-print(f"with all trials: {cuff}", f"without {used[-1].name}: {fewer}", sep="\n")
+used = [trial.file for trial in cuff.trials if trial.state == "used"]
+fewer = cs.fit_donning([SESSION / file for file in (*session.bounces, *used[:-1])])
+print(f"with all trials: {cuff}", f"without {used[-1]}: {fewer}", sep="\n")
 
 # %% [markdown]
 # Write the cuffs to a file, which `station assess` also reads.

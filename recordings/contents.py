@@ -81,6 +81,14 @@ class Contents:
         """Whether everything the writer was given is in the file; losses before the writer are in `gaps`."""
         return not self.missing
 
+    @property
+    def shortfalls(self) -> tuple[str, ...]:
+        """Gaps, damage and lost messages, as sentences; empty for a complete file without gaps."""
+        gaps = (
+            f"gap in {gap.stream}: {gap.count} samples from {gap.first_missing} on, {gap.cause}" for gap in self.gaps
+        )
+        return (*gaps, *self.missing)
+
     def to_json(self) -> str:
         """One JSON object with the keys topics, streams, gaps, events, complete, missing, manifest, outcome, file."""
         plain: dict[str, Any] = asdict(self)

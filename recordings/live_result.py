@@ -119,7 +119,7 @@ class LiveOutcome:
 
 @dataclass(frozen=True, eq=False)
 class LiveResult:
-    """A file that was read. outcome is None where its writer was killed; damage says what cannot be read."""
+    """A file that was read. outcome is None where its writer was killed; damage names what cannot be read."""
 
     manifest: LiveManifest
     frames: tuple[LiveFrame, ...]

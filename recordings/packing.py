@@ -1,4 +1,4 @@
-"""Messages ⇄ bytes, bit for bit. The host's time is the log time of a message and stands nowhere else."""
+"""Messages ⇄ bytes, bit for bit. The host's time is the log time of a message and in no other field."""
 
 from __future__ import annotations
 

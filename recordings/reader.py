@@ -126,7 +126,7 @@ class TrackCollector:
         self._entries: dict[str, list[Entry]] = {}  # by the stream they are of
 
     def take(self, entry: Entry) -> None:
-        """A message of ours; they come in the order of the file. Only descriptions are read at once."""
+        """A message of a recording; messages come in the order of the file. Only descriptions are read at once."""
         described = read(entry) if entry.topic == topics.STREAMS else None
         name = described.name if isinstance(described, Stream) else entry.topic
         self._entries.setdefault(name, []).append(entry)
@@ -183,7 +183,8 @@ def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -
     if survey.manifest is None:
         reasons = "; ".join(survey.missing)
         raise DamagedFile(
-            f"{path} has lost its manifest, so its samples say nothing: {reasons}", RecordingCode.MANIFEST_LOST
+            f"{path} has lost its manifest, without which its samples have no meaning: {reasons}",
+            RecordingCode.MANIFEST_LOST,
         )
     return Recording(path, survey.manifest, survey.streams, survey.outcome, survey.missing, survey.damaged)
 

@@ -111,7 +111,7 @@ def _copy(path: Path, file: BinaryIO, progress: Callable[[int], None]) -> tuple[
             data=entry.data,
         )
     if chunk is None:
-        survey_file(path)  # raises, and says why
+        survey_file(path)  # raises with the reason
     writer.finish()  # type: ignore[no-untyped-call]
     file.flush()
     os.fsync(file.fileno())

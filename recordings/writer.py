@@ -247,13 +247,13 @@ class RecordingWriter:
         """Raises WriteFailed if the path no longer names the file that was written."""
         if not self._path.exists():
             raise WriteFailed(
-                f"{self._path} was moved away while it was written; all of it is whole in the file where it is now",
+                f"{self._path} was moved while it was written; it is complete at its new place",
                 RecordingCode.MOVED,
             )
         if not self._is_at_its_path:
             raise WriteFailed(
-                f"{self._path} is another file now: the recording was moved away while it was written, and is whole "
-                "where it is now; look for it before you record the trial again",
+                f"{self._path} is now another file: the recording was moved while it was written, and is complete at "
+                "its new place; find it before you record the trial again",
                 RecordingCode.MOVED,
             )
 
@@ -289,14 +289,14 @@ class RecordingWriter:
         last = ", ".join(f"{name} {stored.last_sample_number}" for name, stored in self._stored.items())
         return (
             f"{self._path} could not be written ({reason}): the last stored samples are {last or 'none'}; "
-            "see to the disk and record the trial again"
+            "check the disk and record the trial again"
         )
 
     def _release(self) -> None:
         # Closing tries once more what could not be written; whether it can, the trial has already failed.
         with suppress(OSError):
             self._file.close()
-        self._failure = self._failure or WriteFailed(f"{self._path} is closed and takes no more", RecordingCode.CLOSED)
+        self._failure = self._failure or WriteFailed(f"{self._path} is closed for writing", RecordingCode.CLOSED)
 
 
 class _ContentLost(OSError):

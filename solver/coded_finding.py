@@ -1,4 +1,4 @@
-"""Findings that a result carries: the solver writes none, and the station those that its terminal prints."""
+"""Findings of a result: the solver adds none, the station those that its terminal prints."""
 
 from __future__ import annotations
 
@@ -18,6 +18,6 @@ class CodedFinding(Protocol):
 
 
 def describe_codes(findings: Iterable[CodedFinding]) -> str:
-    """The last part of a repr; empty without findings."""
-    codes = ", ".join(finding.code for finding in findings)
+    """The last part of a repr: every code once; empty without findings."""
+    codes = ", ".join(dict.fromkeys(finding.code for finding in findings))
     return f"; findings: {codes}" if codes else ""

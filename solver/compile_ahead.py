@@ -15,6 +15,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 KERNELS = (
     ("solver.multibody.bodies", "move_bodies"),
@@ -41,6 +42,21 @@ NICENESS = 2
 """The parent has priority, but finally waits for this process: with 5 on a busy machine, for minutes."""
 
 
+def is_first_use() -> bool:
+    """Whether no file of the first kernel is on disk; found by its name, without numba, which takes long to import.
+
+    False where the folder of the package is read-only, because numba then keeps the files elsewhere.
+    """
+    module, kernel = KERNELS[0]
+    *folders, name = module.split(".")
+    files = f"{name}.{kernel}-*.nbi"
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return os.access(chosen, os.W_OK) and not any(Path(chosen).glob(f"*/{files}"))
+    package = Path(__file__).parents[1].joinpath(*folders)
+    return os.access(package, os.W_OK) and not any(package.glob(f"__pycache__/{files}"))
+
+
 def compile_ahead() -> None:
     """Compile what is not on disk yet, and load the rest."""
     from solver.kernel_calls import call_every_kernel  # imports as much as an assessment does
@@ -58,6 +74,7 @@ def compile_last_first() -> None:
     from solver.bundled import bundled_model
     from solver.multibody.dynamics import equations_of_motion, response_to_loads
     from solver.multibody.postures import postures
+    from solver.muscle import muscle_forces
     from solver.redundancy.sequence import FrameSequence, solve_sequence
 
     one, equation, no_cone = np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 3, 1))
@@ -67,6 +84,7 @@ def compile_last_first() -> None:
     rest = model.default_coordinates[None]
     equations = equations_of_motion(model, postures(model, rest, np.zeros_like(rest)))
     response_to_loads(equations, np.zeros((1, 1, len(model.bodies), 6)))
+    muscle_forces(model, np.ones((1, len(model.muscles))), np.zeros((1, len(model.muscles))))
     compile_ahead()
 
 
@@ -98,9 +116,9 @@ def main() -> None:
     """With --with-parent this process yields to others, and ends when its standard input does."""
     if WITH_PARENT in sys.argv[1:]:
         _follow_parent()
-    with CompilationCount(_print_count):
+    with CompilationCount(_report_count):
         compile_last_first() if LAST_FIRST in sys.argv[1:] else compile_ahead()
-    _print_count(count_ready(), len(KERNELS))
+    _report_count(count_ready(), len(KERNELS))
 
 
 def _follow_parent() -> None:
@@ -115,7 +133,12 @@ def _end_with_parent() -> None:
     os._exit(1)  # at once: what is on disk is whole, since numba renames its files into place
 
 
-def _print_count(ready: int, total: int) -> None:
+def _report_count(ready: int, total: int) -> None:
+    """Print the count, or end where kernels cannot be kept: no other process would have them."""
+    from solver.compiled import keeps_code
+
+    if not keeps_code():
+        os._exit(1)
     print(json.dumps({"ready": ready, "kernels": total}), flush=True)
 
 

@@ -71,6 +71,11 @@ def compiled_with_private_functions(function: Function) -> Function:
     return _kernel(function, PrivateKernelCompiler)
 
 
+def keeps_code() -> bool:
+    """Whether this process has found no kernel yet that has no folder for its code."""
+    return not _NoCache.is_reported
+
+
 def _kernel(function: Function, compiler: type) -> Function:
     options: dict[str, Any] = {
         "error_model": "numpy",

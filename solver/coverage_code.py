@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class CoverageCode(StrEnum):
-    """What a marker set leaves open."""
+    """What a marker set does not determine."""
 
     THORAX_NOT_DETERMINED = "thorax_not_determined"
     NO_SCAPULA_MARKERS = "no_scapula_markers"

@@ -20,9 +20,9 @@ class CuffParameters:
     site        "arm" or "waist"
     stiffness   k [N/m]
     damping     c [N s/m]
-    migration   how far the cuff has moved for good along the pull [m]
+    migration   displacement along the pull that remains after unloading [m]
     covariance  (3, 3) of (stiffness, damping, migration) in those units; zero where a parameter is given, not fitted
-    source      SHA-256 of what it was fitted from, or a sentence saying where the figures come from
+    source      SHA-256 of the recordings that it was fitted from, or a sentence on the origin of the figures
     """
 
     name: str

@@ -2,7 +2,7 @@
 
 SolverError
 ├── ModelError        a model, or an option for it, that cannot be solved
-├── MotionError       a motion that does not fit the model (motion.py)
+├── MotionError       a motion, or a table over time, that cannot be used
 ├── SuitError         a suit that does not fit the model (suit/suit.py)
 └── JointCentreError  a motion from which no joint centre can be found (personalisation/joint_centres.py)
 """
@@ -96,3 +96,9 @@ class ModelError(SolverError):
     """A model that cannot be read or is inconsistent; one sentence for its author."""
 
     general_code = SolverCode.MODEL
+
+
+class MotionError(SolverError):
+    """A motion that cannot be used; one sentence."""
+
+    general_code = SolverCode.MOTION

@@ -4,7 +4,7 @@
 
 with the mass matrix M, the bias c of velocities, gravity and passive forces, and the wrenches w of the loads. Muscles
 and actuators do not act. As in OpenSim's InverseDynamicsTool, constraints do not act either: τ of a coupled or locked
-coordinate is what would have to move it without its constraint.
+coordinate is the one that its motion would need without the constraint.
 """
 
 from __future__ import annotations

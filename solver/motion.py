@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -10,24 +10,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.regular_file import LARGEST_TABLE, read_regular
 from solver.coded_finding import CodedFinding, describe_codes
-from solver.errors import SolverCode, SolverError
+from solver.errors import MotionError, SolverCode
 from solver.model import Model
 from solver.option_values import ensure_at_least
 from solver.time_grid import even_grid, interpolated, is_even
+from solver.time_series_table import read_table
 
 Array = NDArray[np.float64]
 Derivatives = Literal["differences", "splines"]
 LARGEST_COORDINATE = 1e6
 """[rad or m] Beyond any motion, also one in degrees or millimetres; a filter would spread it over all frames."""
-_FILLING = " \t,;"
-
-
-class MotionError(SolverError):
-    """A motion that cannot be used; one sentence."""
-
-    general_code = SolverCode.MOTION
 
 
 @dataclass(frozen=True)
@@ -40,6 +33,7 @@ class Motion:
     missing      names of the coordinates without data, which keep their default values
     steps        shortest and longest step of the recorded times [s], if they were uneven; None if they were even
     largest_degrees  largest angle [°] of a file in degrees; None of one in radians
+    row_counts  rows by the header of the file and rows that it has, if they differ; all of them are used
     """
 
     names: tuple[str, ...]
@@ -48,6 +42,7 @@ class Motion:
     missing: tuple[str, ...] = ()
     steps: tuple[float, float] | None = None
     largest_degrees: float | None = None
+    row_counts: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,7 +54,7 @@ class Kinematics:
     speeds        u [rad/s or m/s];  accelerations [rad/s² or m/s²]
     cutoff        of the low-pass filter [Hz], None where none was used
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
-    steps, missing, largest_degrees  of the recorded motion, as in Motion
+    steps, missing, largest_degrees, row_counts  of the recorded motion, as in Motion
     findings      of cuffstation.load_motion: what is unusual in the motion
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
@@ -76,6 +71,7 @@ class Kinematics:
     steps: tuple[float, float] | None = None
     missing: tuple[str, ...] = ()
     largest_degrees: float | None = None
+    row_counts: tuple[int, int] | None = None
     findings: tuple[CodedFinding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -123,32 +119,12 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
     missing. A motion with uneven steps, as OpenSim's RRA and CMC write it, is interpolated to an even grid; one with a
     gap is refused. Raises MotionError, which names the file and the missing or malformed part.
     """
-    names = model.coordinate_names
-    columns, table, in_degrees = read_table(path)
+    columns, table, header = read_table(path)
     columns = [_coordinate_of(column) for column in columns]
-    if "time" not in columns:
-        sentence = f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it"
-        raise MotionError(sentence, SolverCode.MISSING_COLUMN)
-    missing = tuple(name for name in names if name not in columns)
-    if len(missing) == len(names):
-        raise MotionError(
-            f"{path.name} has no coordinate of the model {model.name}, only columns such as {', '.join(columns[:4])}; "
-            f"give a motion of this model, with columns such as {', '.join(names[:3])}, or the model of this motion",
-            SolverCode.MISSING_COLUMN,
-        )
-    if missing and not with_defaults:
-        raise MotionError(
-            f"{path.name} should have a column for each of the model's {len(names)} coordinates and lacks "
-            f"{', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'} or use another model",
-            SolverCode.MISSING_COLUMN,
-        )
-    doubled = [name for name in ("time", *names) if columns.count(name) > 1]
-    if doubled:
-        sentence = f"{path.name} should have one column for each coordinate and has several for {', '.join(doubled)}"
-        raise MotionError(f"{sentence}; keep one of them", SolverCode.MALFORMED_TABLE)
+    missing = _missing(path, model, columns, with_defaults=with_defaults)
     time = table[:, columns.index("time")]
     coordinates = np.tile(model.default_coordinates, (len(time), 1))
-    largest_degrees = 0.0 if in_degrees else None
+    largest_degrees = 0.0 if header.in_degrees else None
     for index, coordinate in enumerate(model.coordinates):
         if coordinate.name not in missing:
             values = table[:, columns.index(coordinate.name)]
@@ -157,20 +133,9 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
                 values = np.radians(values)
             coordinates[:, index] = values
     _ensure_possible(path, model, coordinates)
-    if is_even(time):
-        return Motion(names, time, coordinates, missing, largest_degrees=largest_degrees)
-    steps, grid = np.diff(time), even_grid(time)
-    if steps.min() <= 0:
-        later = float(time[int(np.flatnonzero(steps <= 0)[0]) + 1])
-        sentence = f"{path.name} should have times that increase and has {later:g} s after a time as late or later"
-        raise MotionError(f"{sentence}; sort the frames, or leave out repeated ones", SolverCode.UNEVEN_TIME)
-    if grid is None:
-        raise MotionError(
-            f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; fill the gap",
-            SolverCode.UNEVEN_TIME,
-        )
-    limits = (float(steps.min()), float(steps.max()))
-    return Motion(names, grid, interpolated(time, coordinates, grid), missing, limits, largest_degrees)
+    counts = header.row_counts(len(time))
+    time, coordinates, steps = _on_even_grid(path, time, coordinates)
+    return Motion(model.coordinate_names, time, coordinates, missing, steps, largest_degrees, counts)
 
 
 def differentiate(
@@ -186,9 +151,18 @@ def differentiate(
     speeds = np.gradient(positions, interval, axis=0)
     accelerations = np.gradient(speeds, interval, axis=0)
     kept = frames_between(motion.time, start, end)
-    moved = (positions[kept], speeds[kept], accelerations[kept])
-    recorded = (motion.steps, motion.missing, motion.largest_degrees)
-    return Kinematics(motion.time[kept], interval, *moved, cutoff, "differences", *recorded)
+    return Kinematics(
+        time=motion.time[kept],
+        interval=interval,
+        positions=positions[kept],
+        speeds=speeds[kept],
+        accelerations=accelerations[kept],
+        cutoff=cutoff,
+        steps=motion.steps,
+        missing=motion.missing,
+        largest_degrees=motion.largest_degrees,
+        row_counts=motion.row_counts,
+    )
 
 
 def frames_between(time: Array, start: float | None, end: float | None) -> NDArray[np.bool_]:
@@ -198,13 +172,20 @@ def frames_between(time: Array, start: float | None, end: float | None) -> NDArr
     tolerance = (time[-1] - time[0]) / (len(time) - 1) / 1e3
     kept: NDArray[np.bool_] = (time >= first - tolerance) & (time <= last + tolerance)
     if not kept.any():
-        limits = [f"from {first:g} s"] * (start is not None) + [f"to {last:g} s"] * (end is not None)
         raise MotionError(
-            f"the motion lasts from {time[0]:g} to {time[-1]:g} s and has no frame {' '.join(limits)}; choose other "
+            f"the motion lasts from {time[0]:g} to {time[-1]:g} s and has no frame {_listed(start, end)}; choose other "
             "limits",
             SolverCode.NO_FRAMES,
         )
     return kept
+
+
+def limits_outside(time: Array, start: float | None, end: float | None) -> str:
+    """`from 0 s to 9 s`: finite limits [s] that lie outside the times (frames,) by more than a step; "" if none."""
+    step = (time[-1] - time[0]) / max(1, len(time) - 1)
+    is_early = start is not None and -np.inf < start < time[0] - step
+    is_late = end is not None and time[-1] + step < end < np.inf
+    return _listed(start if is_early else None, end if is_late else None)
 
 
 def ensure_interval(start: float, end: float) -> None:
@@ -231,108 +212,55 @@ def decimate(kinematics: Kinematics, every: int) -> Kinematics:
     )
 
 
-def write_table(
-    path: Path, names: Sequence[str], time: Array, values: Array, notes: Mapping[str, str] | None = None
-) -> None:
-    """Write time [s] and values (frames, names) with a column per name, and notes above them, a line each.
-
-    A .csv has its notes behind a #, anything else OpenSim's header. In the latter a value that is not finite is a
-    MotionError, because OpenSim's Storage stops reading there without a message.
-    """
-    is_csv = path.suffix == ".csv"
-    if not is_csv and not np.isfinite(values).all():
+def _missing(path: Path, model: Model, columns: Sequence[str], *, with_defaults: bool) -> tuple[str, ...]:
+    """Coordinates without a column. Raises MotionError for columns that are missing, or there more than once."""
+    names = model.coordinate_names
+    if not names:
+        sentence = f"the model {model.name} should have coordinates that {path.name} moves and has none"
+        raise MotionError(f"{sentence}; give a model with joints", SolverCode.MISSING_COLUMN)
+    if "time" not in columns:
+        sentence = f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it"
+        raise MotionError(sentence, SolverCode.MISSING_COLUMN)
+    missing = tuple(name for name in names if name not in columns)
+    if len(missing) == len(names):
         raise MotionError(
-            f"{path.name} should hold finite numbers, or OpenSim stops reading there; leave these frames out",
-            SolverCode.NOT_FINITE,
+            f"{path.name} has no coordinate of the model {model.name}, only columns such as {', '.join(columns[:4])}; "
+            f"give a motion of this model, with columns such as {', '.join(names[:3])}, or the model of this motion",
+            SolverCode.MISSING_COLUMN,
         )
-    separator = "," if is_csv else "\t"
-    lines = [f"{'# ' * is_csv}{name}={note}" for name, note in (notes or {}).items()]
-    if not is_csv:
-        counts = f"version=1\nnRows={len(time)}\nnColumns={len(names) + 1}\ninDegrees=no"
-        lines = [path.stem, counts, *lines, "endheader"]
-    lines.append(separator.join(["time", *names]))
-    lines += [separator.join(f"{value:.10g}" for value in row) for row in np.column_stack([time, values])]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if missing and not with_defaults:
+        raise MotionError(
+            f"{path.name} should have a column for each of the model's {len(names)} coordinates and lacks "
+            f"{', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'} or use another model",
+            SolverCode.MISSING_COLUMN,
+        )
+    doubled = [name for name in ("time", *names) if columns.count(name) > 1]
+    if doubled:
+        sentence = f"{path.name} should have one column for each coordinate and has several for {', '.join(doubled)}"
+        raise MotionError(f"{sentence}; keep one of them", SolverCode.MALFORMED_TABLE)
+    return missing
 
 
-def read_table(path: Path) -> tuple[list[str], Array, bool]:
-    """Names of the columns, their values (frames, columns), and whether angles are in degrees.
-
-    Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. Raises MotionError.
-    """
-    try:
-        raw = read_regular(path, LARGEST_TABLE)
-    except OSError as error:
-        sentence = f"{path} should be a motion file and cannot be read ({error}); check the path"
-        raise MotionError(sentence, SolverCode.UNREADABLE_TABLE) from error
-    try:
-        lines = raw.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:  # a name with an accent in the header of an older program
-        lines = raw.decode("latin-1").splitlines()
-    if path.suffix.lower() == ".trc":
-        sentence = f"{path.name} should be a table over time (.mot, .sto, .csv) and holds markers; see `station ik`"
-        raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
-    in_degrees, first = False, 0
-    if path.suffix != ".csv":
-        ends = [i for i, line in enumerate(lines) if line.strip(_FILLING) == "endheader"]
-        if not ends:
-            sentence = f"{path.name} should have a line 'endheader' above its table and has none; check it"
-            raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
-        first = ends[0] + 1
-        in_degrees = _is_in_degrees(lines[: ends[0]], is_mot=path.suffix == ".mot")
-    given = [line for line in lines[first:] if line.strip() and line[0] != "#"]
-    rows = [line.replace(",", " ") for line in given]
-    if len(rows) < 3:
-        sentence = f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows"
-        raise MotionError(sentence, SolverCode.NO_FRAMES)
-    names = rows[0].split()
-    try:
-        table = np.loadtxt(rows[1:], comments=None, ndmin=2)
-    except ValueError as error:
-        _ensure_same_length(path, rows)
-        sentence = f"{path.name} should hold numbers below its names ({error}); check the file"
-        raise MotionError(sentence, SolverCode.MALFORMED_TABLE) from error
-    if table.shape[1] != len(names):
-        names = _names_with_spaces(given[0])
-    if table.shape[1] != len(names):
-        _ensure_same_length(path, rows)
-    if not np.isfinite(table).all():
-        frame, column = np.argwhere(~np.isfinite(table))[0]
-        sentence = f"{path.name} should hold finite numbers and has {names[column]} {table[frame, column]}"
-        raise MotionError(f"{sentence} in frame {frame + 1}; fill or cut the gap", SolverCode.NOT_FINITE)
-    return names, table, in_degrees
+def _on_even_grid(path: Path, time: Array, coordinates: Array) -> tuple[Array, Array, tuple[float, float] | None]:
+    """Times and coordinates, interpolated where steps are uneven, and then the shortest and the longest step."""
+    if is_even(time):
+        return time, coordinates, None
+    steps, grid = np.diff(time), even_grid(time)
+    if steps.min() <= 0:
+        later = float(time[int(np.flatnonzero(steps <= 0)[0]) + 1])
+        sentence = f"{path.name} should have times that increase and has {later:g} s after an equal or later time"
+        raise MotionError(f"{sentence}; sort the frames, or leave out repeated ones", SolverCode.UNEVEN_TIME)
+    if grid is None:
+        raise MotionError(
+            f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; fill the gap",
+            SolverCode.UNEVEN_TIME,
+        )
+    return grid, interpolated(time, coordinates, grid), (float(steps.min()), float(steps.max()))
 
 
-def _names_with_spaces(row: str) -> list[str]:
-    """Names that tabs separate, or else commas, as a name may contain spaces."""
-    separator = "\t" if "\t" in row else ","
-    return [name.strip() for name in row.strip(_FILLING).split(separator)]
-
-
-def _ensure_same_length(path: Path, rows: Sequence[str]) -> None:
-    """Raise MotionError for the first row that has not as many columns as the row of names."""
-    lengths = [len(row.split()) for row in rows]
-    for number, length in enumerate(lengths):
-        if length != lengths[0]:
-            raise MotionError(
-                f"{path.name} should have {lengths[0]} columns in every row and has {length} in frame {number}; "
-                "the file may be cut",
-                SolverCode.MALFORMED_TABLE,
-            )
-
-
-def _is_in_degrees(header: Sequence[str], *, is_mot: bool) -> bool:
-    """As the header says. A motion file of SIMM, as OpenSim 1 wrote it, has no version and is in degrees.
-
-    Spreadsheets fill the lines of a header with tabs or commas, up to the number of columns.
-    """
-    fields = {}
-    for line in header:
-        key, *value = line.strip(_FILLING).lower().replace("=", " ").split() or [""]
-        fields[key] = " ".join(value)
-    if "indegrees" in fields:
-        return fields["indegrees"] in ("yes", "y")
-    return "version" not in fields and (is_mot or fields.get("angles") == "are in degrees.")
+def _listed(start: float | None, end: float | None) -> str:
+    limits = [f"from {start:g} s"] if start is not None else []
+    return " ".join(limits + ([f"to {end:g} s"] if end is not None else []))
 
 
 def _ensure_possible(path: Path, model: Model, coordinates: Array) -> None:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.model import Model
-from solver.motion import Kinematics, Motion, MotionError, frames_between
+from solver.motion import Kinematics, Motion, frames_between
 
 Array = NDArray[np.float64]
 Accelerations = Literal["curvatures", "slopes_of_speeds"]
@@ -64,6 +64,7 @@ def differentiate_by_splines(
         steps=motion.steps,
         missing=motion.missing,
         largest_degrees=motion.largest_degrees,
+        row_counts=motion.row_counts,
     )
 
 

@@ -14,7 +14,7 @@ FUNCTIONS = (
     *(operator.add, operator.sub, operator.mul, operator.truediv, operator.floordiv, operator.mod, operator.pow),
     *(operator.iadd, operator.isub, operator.imul, operator.itruediv, operator.neg, operator.not_),
     *(operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne, operator.is_),
-    *(operator.getitem, operator.setitem, abs, len, max, min),
+    *(operator.getitem, operator.setitem, abs, bool, len, max, min),
 )
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.model import Model
-from solver.motion import Motion, MotionError
+from solver.motion import Motion
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class ScalingCode(StrEnum):
-    """What is wrong."""
+    """Stable codes of findings on a scaled model."""
 
     POINT_INSIDE_SURFACE = "point_inside_surface"
     FIBRE_LENGTH = "fibre_length"

@@ -19,7 +19,7 @@ from solver.scaling_code import ScalingCode
 Array = NDArray[np.float64]
 
 FIBRE_RANGE = (0.5, 1.45)
-"""Of the normalised fibre length; beyond it passive force decides, below it there is no active force."""
+"""Of the normalised fibre length; beyond it passive force dominates, below it there is no active force."""
 ROUND_OFF = 1e-6
 LENGTH_RANGE = (0.9, 1.15)
 """Of a path's length ratio over the median of all."""
@@ -65,7 +65,7 @@ def check_scaling(generic: Model, scaled: Model) -> tuple[ScalingFinding, ...]:
 
 @dataclass(frozen=True, eq=False)
 class MuscleRanges:
-    """What the muscles of a model go through in a motion, each (muscles,).
+    """Ranges of the muscles of a model in a motion, each (muscles,).
 
     shortest, longest  normalised fibre length;  passive  greatest passive force [N]
     jump               of the path's length between neighbouring frames, beyond the mean of the steps about it [m]

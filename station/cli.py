@@ -7,11 +7,12 @@ has changed since it was recorded; 130 Ctrl-C. Results go to stdout, messages to
 from __future__ import annotations
 
 import io
+import math
 import os
 import re
 import sys
 from importlib.metadata import version
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn, get_args, get_type_hints
 
 import typer
 from rich.markup import escape
@@ -88,6 +89,26 @@ class Verb(TyperCommand):
             if isinstance(parameter, TyperOption | TyperArgument):
                 parameter.help = escape(parameter.help or "")
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Raise BadParameter for inf and nan where an option is a number: typer accepts inf."""
+        given = self.make_parser(ctx).parse_args(list(args))[0]
+        types = get_type_hints(self.callback)
+        for option in self.params:
+            text, kind = given.get(option.name), types.get(option.name or "")
+            if not isinstance(option, TyperOption) or not isinstance(text, str):
+                continue
+            if float in (kind, *get_args(kind)) and _is_infinite(text):
+                raise typer.BadParameter(f"expected a finite number, found {text}", ctx=ctx, param=option)
+        return super().parse_args(ctx, args)
+
+
+def _is_infinite(text: str) -> bool:
+    """Whether a number is inf or nan; False for a text, which typer refuses."""
+    try:
+        return not math.isfinite(float(text))
+    except ValueError:
+        return False
+
 
 def _show_version(is_requested: bool) -> None:
     if is_requested:
@@ -148,3 +169,7 @@ def _one_line(error: Exception) -> str:
         name = error.filename2 or error.filename
         return f"{os.fsdecode(name)} cannot be used: {error.strerror}" if name else error.strerror
     return re.sub(r"\[Errno -?\d+\] ", "", " ".join(str(error).split())) or type(error).__name__
+
+
+if __name__ == "__main__":
+    main()

@@ -84,7 +84,7 @@ def run_demo(folder: Path | None, speed: float | None, seed: int, ahead: Compila
         raise DemoError(Message(FolderCode.DEMO_NOT_EMPTY, {"folder": str(folder)}))
     messages, results = Console(stderr=True), Console(markup=False)
     report = partial(messages.print, markup=False, highlight=False, soft_wrap=True)
-    with progress_bars(messages) as progress, compilation_shown(progress):
+    with progress_bars(messages) as progress, compilation_shown(progress, ahead):
         ahead.show(progress)
         trials, truth = record_session(folder, demo_config(), speed, seed, progress, report)
         write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")

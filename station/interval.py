@@ -36,32 +36,32 @@ def bracketed(
     is_limited: at most `digits` decimals, without an interval that they do not show
     """
     if ci95 is None or not has_width(ci95):
-        return rounded(scale * value, digits)
+        return shown(scale * value, digits)
     if is_limited and digits_of(ci95, scale) > digits:
-        low, high = (rounded(end, digits) for end in sorted(scale * end for end in ci95))
+        low, high = (shown(end, digits) for end in sorted(scale * end for end in ci95))
         if low == high:
-            return rounded(scale * value, digits)
+            return shown(scale * value, digits)
     else:
         low, high = between(ci95, scale, digits).split(" to ")
         digits = digits_of(ci95, scale, digits)
     below, above = "≤" * (censored in ("low", "both")), "≥" * (censored in ("high", "both"))
     ends = f"{below}{low} to {above}{high}".replace(" ", UNBROKEN)
-    return f"{rounded(scale * value, digits)} ({ends})"
+    return f"{shown(scale * value, digits)} ({ends})"
 
 
 def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:
     """`12.21 to 12.47`."""
     digits = digits_of(ci95, scale, digits)
     low, high = sorted(scale * end for end in ci95)
-    return f"{rounded(low, digits)} to {rounded(high, digits)}"
+    return f"{shown(low, digits)} to {shown(high, digits)}"
 
 
 def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) -> str:
     """`12.34 ± 0.13`, with the half width of the interval."""
     if ci95 is None or not has_width(ci95):
-        return rounded(scale * value, digits)
+        return shown(scale * value, digits)
     digits = digits_of(ci95, scale, digits)
-    return f"{rounded(scale * value, digits)} ± {rounded(_half(ci95, scale), digits)}"
+    return f"{shown(scale * value, digits)} ± {rounded(_half(ci95, scale), digits)}"
 
 
 def of_cuff(fit: CuffFit | WearableCuff, quantity: str, text: str) -> str:
@@ -91,6 +91,11 @@ def has_width(ci95: Sequence[float]) -> bool:
 def rounded(number: float, digits: int) -> str:
     """The number with `digits` decimals, without a negative zero."""
     return f"{number:z.{digits}f}"
+
+
+def shown(number: float, digits: int) -> str:
+    """The same with a minus sign instead of a hyphen: for people, not for programs."""
+    return rounded(number, digits).replace("-", "−")
 
 
 def _half(ci95: Sequence[float], scale: float) -> float:

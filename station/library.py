@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.cuffs_file import ensure_by_name
 from fitting.cuffs.wearable_cuff import WearableCuff
 from fitting.session import fit_session as fit_trials
 from fitting.trial.reader import read_trials
 from recordings.reader import Recording, open_recording
-from solver.cuff import CuffParameters, by_site
+from solver.cuff import by_site
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model
@@ -29,9 +31,9 @@ from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
 from solver.suit.assessment import assess as assess_suit
 from solver.suit.scenarios import Condition, LoadedMotion
-from solver.suit.suit import BUNDLED_SUIT, SuitError, read_suit
+from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from solver.suit.uncertainty import DrawSettings
-from station.assessment.assessment_inputs import worn_cuffs
+from station.assessment.assessment_inputs import cuff_findings, worn_cuffs
 from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
 from station.assessment.left_out import effect_of, left_out_findings
@@ -41,7 +43,8 @@ from station.assessment.rmr import ensure_distinct_controls
 from station.fit import SessionError, fit_session_folder
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
-from station.sources import BUNDLED, CUTOFF_HZ, kinematics_of, loads_of, model_of
+from station.motion_filter import CUTOFF_HZ
+from station.sources import BUNDLED, kinematics_of, loads_of, model_of
 
 File = Path | str
 
@@ -57,12 +60,17 @@ def read_recording(path: File) -> Recording:
 def fit_donning(recordings: Sequence[File]) -> CuffFit:
     """Fit stiffness [N/m], damping [N s/m] and migration [m] of one cuff from all trials of one donning.
 
-    Bounce trials among them calibrate the lag of the load cell. Raises SessionError if no trial can be used, or if
-    the recordings are of several cuffs or donnings.
+    Bounce trials among them calibrate lag and gain of the load cell (SessionFit.bounces names those of a session);
+    without one, the notes of the fit have note.not_calibrated. Raises SessionError if no trial can be used, or if the
+    recordings are of several cuffs or donnings.
     """
-    trials, rejected = read_trials([Path(path) for path in recordings])
+    if isinstance(recordings, str | PathLike) or not isinstance(recordings, Iterable):
+        raise TypeError(f"recordings should be a list of paths, and got a {type(recordings).__name__}")
+    paths = [Path(path) for path in recordings]
+    trials, rejected = read_trials(paths)
     if not trials:
-        reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected) or "none was given"
+        reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
+        reasons = reasons or ("there are only bounce trials; add the trials of a cuff" if paths else "none was given")
         raise SessionError(Message(FolderCode.NO_TRIAL_USABLE, {"reasons": reasons}))
     fitted = fit_trials(trials, rejected)
     found = [fit for fits in fitted.donnings.values() for fit in fits.values()]
@@ -98,6 +106,7 @@ def load_motion(
     is where a constraint holds it. The findings of the result say so, as the terminal does. Raises MotionError, and
     ModelError for an n below 1.
     """
+    _ensure("model", model, Model)
     kinematics = kinematics_of(None if path is None else Path(path), model, cutoff_hz)
     findings = tuple(motion_findings(motion_checks(model, kinematics)))
     return replace(decimate(kinematics, every), findings=findings)
@@ -116,6 +125,8 @@ def solve_motion(
     of the result are those on motion and loads, on parts of the model that are left out, and on reserves and residuals
     that are large. Raises ModelError, MotionError.
     """
+    _ensure("model", model, Model)
+    _ensure("kinematics", kinematics, Kinematics)
     ensure_distinct_controls(model)
     loads, on_inputs = _loads(external_loads, model, kinematics)
     options = options_for(model, options or RedundancyOptions())
@@ -131,7 +142,7 @@ def open_stream(
     model: Model | None = None,
     rest_lengths: Mapping[str, float] | None = None,
     cuffs: Mapping[str, CuffFit | WearableCuff] | None = None,
-    suit: File = BUNDLED_SUIT,
+    suit: File | None = None,
     *,
     lag_s: float = DEFAULT_LAG,
     options: RedundancyOptions | None = None,
@@ -142,10 +153,14 @@ def open_stream(
     rest length of the cord [m]; "slack" is always solved. cuffs: an arm cuff and a waist cuff that all scenarios wear,
     with migration and compliance; rigid ones where there is none. Raises NotIdentified, ModelError, SuitError.
     """
+    if isinstance(markers, str) or not isinstance(markers, Iterable):
+        found = type(markers).__name__
+        raise TypeError(f"markers should be names, or a mapping from names to weights, and got a {found}")
     model = model or load_model()
+    _ensure("model", model, Model)
     weights = dict(markers) if isinstance(markers, Mapping) else dict.fromkeys(markers, 1.0)
     tasks = TrackingTasks(tuple(model.marker(name) for name in weights), np.array(list(weights.values())))
-    arms, waists = by_site(_worn(cuffs or {}))
+    arms, waists = by_site(worn_cuffs(_wearable(cuffs or {}), ()))
     if len(arms) > 1 or len(waists) > 1:
         named = ", ".join(cuff.name for cuff in (*arms, *waists))
         raise SuitError(f"a suit has one cuff at the arm and one at the waist, got {named}", SolverCode.WRONG_CUFF)
@@ -154,14 +169,14 @@ def open_stream(
     scenarios = {"slack": StreamScenario()} | {
         name: StreamScenario(length, condition, waist, arm) for name, length in (rest_lengths or {}).items()
     }
-    return StreamSolver(model, tasks, scenarios, suit=read_suit(Path(suit)), options=options, lag_s=lag_s)
+    return StreamSolver(model, tasks, scenarios, suit=_suit(suit), options=options, lag_s=lag_s)
 
 
 def assess(
     cuffs: Mapping[str, CuffFit | WearableCuff],
     model: Model | None = None,
     kinematics: Kinematics | None = None,
-    suit: File = BUNDLED_SUIT,
+    suit: File | None = None,
     *,
     draws: int = 200,
     most_frames: int | None = None,
@@ -175,19 +190,22 @@ def assess(
     external_loads: OpenSim's ExternalLoads (.xml). The findings of the result are those that `station assess` prints.
     Raises NotIdentified, ModelError, SuitError, and TypeError for cuffs without names.
     """
-    worn, drawn = _worn(cuffs), DrawSettings(count=draws)
+    fits, drawn = _wearable(cuffs), DrawSettings(count=draws)
+    worn = worn_cuffs(fits, ())
     model = model or load_model()
+    _ensure("model", model, Model)
     kinematics = kinematics or load_motion(model)
+    _ensure("kinematics", kinematics, Kinematics)
     every = 1
     if most_frames is not None:
         ensure_at_least("most_frames", most_frames, 1)
         every = math.ceil(len(kinematics.time) / most_frames)
     loads, on_inputs = _loads(external_loads, model, kinematics)
     motion = LoadedMotion(model, kinematics, loads, options or RedundancyOptions())
-    found = assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=drawn)
+    found = assess_suit(motion, _suit(suit), worn, every=every, draws=drawn)
     has_covariance = any(cuff.covariance.any() for cuff in worn)
-    on_inputs += left_out_findings(model, None)
-    return replace(found, findings=(*assessment_findings(found, has_covariance=has_covariance), *on_inputs))
+    on_suit = assessment_findings(found, has_covariance=has_covariance) + cuff_findings(fits.values())
+    return replace(found, findings=(*on_suit, *on_inputs, *left_out_findings(model, None)))
 
 
 def _loads(
@@ -199,10 +217,20 @@ def _loads(
     return loads, motion_findings(motion_checks(model, kinematics) | load_checks(path, loads, model, kinematics))
 
 
-def _worn(cuffs: Mapping[str, CuffFit | WearableCuff]) -> list[CuffParameters]:
-    """Raises NotIdentified where a fit leaves a parameter open, TypeError for anything but a mapping."""
-    if not isinstance(cuffs, Mapping):
-        found = type(cuffs).__name__
-        raise TypeError(f"cuffs should be a mapping from names to cuffs, as fit_session(…).cuffs is, and got a {found}")
-    fitted = {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}
-    return worn_cuffs(fitted, ())
+def _suit(path: File | None) -> Suit:
+    """The suit of a file, or the bundled one. Raises SuitError."""
+    return read_suit(BUNDLED_SUIT if path is None else Path(path))
+
+
+def _ensure(name: str, value: object, kind: type[Model | Kinematics]) -> None:
+    """Raise TypeError for an argument of another type, as where two are exchanged or a path is given."""
+    if not isinstance(value, kind):
+        made_by = {Model: "load_model", Kinematics: "load_motion"}[kind]
+        found = type(value).__name__
+        raise TypeError(f"{name} should be a {kind.__name__}, as {made_by}(…) returns, and got a {found}")
+
+
+def _wearable(cuffs: Mapping[str, CuffFit | WearableCuff]) -> dict[str, WearableCuff]:
+    """Raises TypeError for anything but a mapping."""
+    ensure_by_name(cuffs)
+    return {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}

@@ -23,10 +23,9 @@ from solver.osim.reader import read_osim, read_osim_model
 from solver.osim.suited_reader import read_suited
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.suited_model import CORD, CUFFS_AT_ENDS, SuitedModel
+from station.motion_filter import CUTOFF_HZ
 
 BUNDLED = "bundled"
-CUTOFF_HZ = 3.0
-"""Of the published study; gait needs about 6."""
 
 
 def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
@@ -91,6 +90,12 @@ def named_hashes(model: str, motion: Path | None, external_loads: Path | None) -
 def named_hash(path: Path) -> str:
     """Name and SHA-256 of a file."""
     return f"{path.name} {hashlib.sha256(read_regular(path, LARGEST_TABLE)).hexdigest()}"
+
+
+def repeated_name(trials: Sequence[Path]) -> str | None:
+    """The first name that two of these files give to a trial: that of the file, without folder and suffix."""
+    names = [path.stem for path in trials]
+    return next((name for name in names if names.count(name) > 1), None)
 
 
 def without_hash(named: str) -> str:

@@ -10,13 +10,14 @@ from rich.table import Table
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.published_method import PublishedFit
-from fitting.results.codes import TrialNoteCode
+from fitting.results.codes import NoteCode, TrialNoteCode
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin
 from solver.suit.assessment import Assessment
 from solver.suit.optimise import OptimisedSuit
 from solver.suit.quantity import Quantity
 from solver.uncertainty.total import TotalUncertainty
+from station.assessment.interval_sources import sources_text
 from station.interval import between, bracketed, digits_of, of_cuff, plus_minus, rounded
 
 Truth = Mapping[str, Mapping[str, float]]
@@ -28,7 +29,8 @@ def print_cuffs(fitted: SessionFit, console: Console) -> None:
     if fitted.origin is DataOrigin.SIMULATED:
         console.print("SIMULATED data: the devices of the recordings report that they are simulated")
     console.print(cuff_table(fitted.cuffs))
-    console.print(_describe_calibration(fitted), highlight=False)
+    for line in _describe_calibration(fitted):
+        console.print(line, highlight=False)
     for name, donnings in fitted.donnings.items():
         for donning, fit in donnings.items():
             for trial in fit.trials:
@@ -36,20 +38,25 @@ def print_cuffs(fitted: SessionFit, console: Console) -> None:
                     console.print(f"{trial.file}: {trial.state}: {trial.reason}", highlight=False)
                 for note in trial.notes:
                     console.print(f"{trial.file}: {note}", highlight=False)
-            for sentence in (*fit.notes, *_describe_law(fit), *_describe_tensors(fit), *_describe_diagnosis(fit)):
+            notes = (note for note in fit.notes if note.code is not NoteCode.NOT_CALIBRATED)
+            for sentence in (*notes, *_describe_law(fit), *_describe_tensors(fit), *_describe_diagnosis(fit)):
                 console.print(f"{name}, donning {donning}: {sentence}", highlight=False)
     for rejected in fitted.rejected:
         console.print(f"{rejected.file}: {rejected.reason}", highlight=False)
 
 
-def _describe_calibration(fitted: SessionFit) -> str:
-    """Source of the lag between force and markers."""
+def _describe_calibration(fitted: SessionFit) -> Iterator[str]:
+    """Source of lag and gain, for all cuffs."""
     found = fitted.calibration
     if found is None:
-        return "lag and gain of the load cell are as declared; calibrate them with `station record --test bounce`"
+        fits = [fit for donnings in fitted.donnings.values() for fit in donnings.values()]
+        yield from dict.fromkeys(
+            str(note) for fit in fits for note in fit.notes if note.code is NoteCode.NOT_CALIBRATED
+        )
+        return
     lag, gain, zero = found.lag, found.gain, found.zero
     figures = f"lag {_estimate(lag, 1e3)} ms, gain {_estimate(gain)}, zero {_estimate(zero)} N"
-    return "; ".join((f"{', '.join(found.sources)}: {figures}", *map(str, found.notes)))
+    yield "; ".join((f"{', '.join(found.sources)}: {figures}", *map(str, found.notes)))
 
 
 def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Table:
@@ -90,10 +97,12 @@ def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> Tab
 def assessment_table(assessment: Assessment, total: TotalUncertainty | None = None) -> Table:
     """Normalised muscle effort of every condition at the reference rest length and at its best one.
 
-    Intervals are of the total uncertainty where it is known, otherwise of the cuffs' fit.
+    Intervals are of the total uncertainty where it is known, otherwise of what was drawn.
     """
     reference = f"cost at {assessment.reference_rest_length:.3f} m"
-    table = Table(caption="± is half of the 95 % interval of " + ("the cuffs' fit" if total is None else "all sources"))
+    summary = assessment.uncertainty
+    sources = "all sources" if total else sources_text(summary.sources) if summary else ""
+    table = Table(caption=f"± is half of the 95 % interval of {sources}" if sources else None)
     table.add_column("condition", no_wrap=True)
     for heading in ("cuff", reference, "best rest length [m]", "cost there", "90 % width [cm]"):
         table.add_column(heading)

@@ -22,8 +22,8 @@ from PIL import Image
 from scipy import signal
 
 import cuffstation as cs
-from solver.motion import write_table
 from solver.redundancy.glenoid import glenoid_cone
+from solver.time_series_table import write_table
 from station.charts import svg
 from station.charts.marks import Chart
 from station.emg.comparison import ConditionFiles, compare_emg

@@ -5,6 +5,7 @@
     {"trial": {"cuff": null, "test": "motion", "condition": "tight"}}   a person's pose or motion, if set
     {"don": "hand"}                                 dons the cuff again
     {"hang_kg": 2}                                  hangs a known mass from the load cell until the next capture begins
+    {"capture": false}                              ends a capture that runs, as one that a killed station left
     {"step": 2}                                     the console is at this step, and the hands follow (operator.hands)
     {"pause_s": 60}                                 answers after pause_s world seconds
     {"fault": {"device": "ni", "fault": "unplug"}}  starts now, or at_s from now (faults.py)
@@ -29,7 +30,7 @@ from drivers.simulators.person import Worn
 from drivers.simulators.world import SimulatedTrial, TestKind, World
 from drivers.simulators.world_clock import WorldClock
 
-KNOWN = ("trial", "don", "hang_kg", "step", "fault", "pause_s", "truth", "ports", "speed", "pace", "quit")
+KNOWN = ("trial", "don", "hang_kg", "capture", "step", "fault", "pause_s", "truth", "ports", "speed", "pace", "quit")
 
 
 class ServedBench(Protocol):
@@ -52,7 +53,7 @@ def answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
-    world, clock = bench.world, bench.clock
+    world = bench.world
     match request:
         case {"trial": dict(trial)}:
             content: dict[str, Any] = {"trial": asdict(_set_up(world, trial))}
@@ -61,25 +62,34 @@ def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
         case {"hang_kg": mass}:
             world.hang(_mass_from(mass))
             content = {"hang_kg": mass}
+        case {"capture": False}:
+            content = {"was_running": world.ensure_no_capture()}
         case {"step": int(step)}:
             world.follow(step)
             content = {"step": step}
         case {"ports": True}:
             content = {"ports": bench.ports}
-        case {"pause_s": seconds}:
-            clock.advance(seconds_from("pause_s", seconds))
-            content = {"pause_s": seconds}
         case {"fault": dict(fault)}:
             content = {"fault": world.faults.inject(fault_from_dict(fault))}
         case {"truth": True}:
             content = {"truth": world.truth()}
+        case {"quit": True}:
+            content = {"quit": True}
+        case _:
+            content = _answer_of_clock(bench.clock, request)
+    return content
+
+
+def _answer_of_clock(clock: WorldClock, request: dict[str, Any]) -> dict[str, Any]:
+    match request:
+        case {"pause_s": seconds}:
+            clock.advance(seconds_from("pause_s", seconds))
+            content: dict[str, Any] = {"pause_s": seconds}
         case {"speed": speed}:
             clock.speed = speed_from(speed)
             content = {"speed": clock.speed}
         case {"pace": True}:
             content = {"speed": clock.speed, "rate": clock.rate()}
-        case {"quit": True}:
-            content = {"quit": True}
         case _:
             raise SimulatorError(
                 f"no request is {json.dumps(request)}; known are {', '.join(KNOWN)}", SimulatorCode.WRONG_REQUEST

@@ -211,6 +211,15 @@ class World:
             self._live(self._capture.end)
             return self._capture
 
+    def ensure_no_capture(self) -> bool:
+        """End a capture that runs, as an operator at the mocap PC does; returns whether one ran."""
+        with self._lock:
+            self._live(self.now())
+            is_ended = self._is_capturing
+            if is_ended:
+                self.stop_capture()
+            return is_ended
+
     # The trial on the bench
 
     def hang(self, mass_kg: float) -> None:
@@ -219,9 +228,7 @@ class World:
         It hangs until the next capture begins.
         """
         with self._lock:
-            self._live(self.now())
-            if self._is_capturing:
-                self.stop_capture()
+            self.ensure_no_capture()
             self._hung.hang(mass_kg, self._seen)
 
     @property

@@ -111,7 +111,8 @@ class CuffFit:
         return self.wearable().parameters()
 
     def __repr__(self) -> str:
-        return repr(self.wearable())
+        codes = ", ".join(dict.fromkeys(note.code for note in self.notes))
+        return repr(self.wearable()) + (f"\nnotes: {codes}" if codes else "")
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row per quantity, with its unit, value, standard_error, ci95_low, ci95_high and is_identified."""
@@ -143,6 +144,11 @@ class SessionFit:
     rejected: tuple[RejectedTrial, ...]
     calibration: Calibration | None = None
     recordings: Mapping[str, CheckedFile] = field(default_factory=dict)
+
+    @property
+    def bounces(self) -> tuple[str, ...]:
+        """Files of the bounce trials that calibrate lag and gain; empty if these are as declared."""
+        return tuple(self.calibration.sources) if self.calibration else ()
 
     @property
     def cuffs(self) -> dict[str, CuffFit]:

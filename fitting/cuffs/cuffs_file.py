@@ -50,8 +50,12 @@ def read_cuffs_document(path: Path) -> CuffsDocument:
 def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
     """Write cuffs by name, for read_cuffs and `station assess`. An existing file is replaced atomically.
 
-    Trials, tensors and the diagnosis are written, but read_cuffs does not read them. Raises OSError.
+    Trials, tensors and the diagnosis are written, but read_cuffs does not read them. Raises OSError, and TypeError for
+    anything but fits by name.
     """
+    ensure_by_name(cuffs)
+    if others := [type(fit).__name__ for fit in cuffs.values() if not isinstance(fit, CuffFit)]:
+        raise TypeError(f"cuffs should be results of a fit, and one is a {others[0]}; copy the file it was read from")
     path = Path(path)
     text = cuffs_json(SessionFit({name: {fit.donning: fit} for name, fit in cuffs.items()}, ()))
     drafted = path.with_name(f".{path.name}.draft")
@@ -59,6 +63,13 @@ def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
     with drafted.open("x", encoding="utf-8") as file:
         file.write(text)
     drafted.replace(path)
+
+
+def ensure_by_name(cuffs: object) -> None:
+    """Raise TypeError for anything but a mapping, as a session or a list of cuffs."""
+    if not isinstance(cuffs, Mapping):
+        found = type(cuffs).__name__
+        raise TypeError(f"cuffs should be a mapping from names to cuffs, as fit_session(…).cuffs is, and got a {found}")
 
 
 def _read_document(path: Path) -> dict[str, Any]:

@@ -90,7 +90,8 @@ def _judge_stiffness(static: Sequence[Pull], fit: StiffnessFit) -> tuple[Estimat
         return None, Verdict.ONLY_ROSE
     if fit.outcome is not FitOutcome.CONVERGED:
         return None, Verdict.STIFFNESS_NOT_CONVERGED
-    if stiffness.is_too_wide or stiffness.value < 0 or not math.isfinite(stiffness.ci95[1]):
+    # The interval of a reciprocal, or of few loads, is wider than its standard error says.
+    if stiffness.is_too_wide or not (stiffness.ci95[1] - stiffness.ci95[0]) / 2 < stiffness.value:
         return None, Verdict.STIFFNESS_UNCERTAIN
     return stiffness, None
 

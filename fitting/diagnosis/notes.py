@@ -21,6 +21,8 @@ from recordings.manifest import DataOrigin
 
 SAME_STIFFNESS = (0.8, 1.25)
 """Range of the ratio of dynamic to static stiffness that needs no note."""
+NO_MIGRATION = 0.5e-3
+"""Half width of an interval [m] up to which a migration around zero is known."""
 
 
 def notes_on(
@@ -36,8 +38,10 @@ def notes_on(
     return (
         *_stiffness_notes(held.stiffness, swings.fits),
         *interval_notes(None if "damping" in unidentified else identified.damping),
+        *migration_interval_notes(identified.migration),
         *held_load_notes(held),
         *_origin_notes(trials, set(origins_of(trials))),
+        *_calibration_notes(trials),
         *_migration_notes(all_static, before),
     )
 
@@ -48,6 +52,16 @@ def interval_notes(damping: Estimate | None) -> tuple[Note, ...]:
         return ()
     low, high = damping.ci95
     return (Note(NoteCode.DAMPING_INTERVAL, {"low_n_s_per_m": low, "high_n_s_per_m": high}),)
+
+
+def migration_interval_notes(migration: Estimate | None) -> tuple[Note, ...]:
+    """A note if the interval of the migration [m] is wider than its value, and too wide to be around none."""
+    if migration is None:
+        return ()
+    low, high = migration.ci95
+    if (high - low) / 2 <= max(abs(migration.value), NO_MIGRATION):
+        return ()
+    return (Note(NoteCode.MIGRATION_INTERVAL, {"low_m": low, "high_m": high}),)
 
 
 def _stiffness_notes(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> tuple[Note, ...]:
@@ -79,6 +93,16 @@ def _origin_notes(trials: Sequence[Trial], origins: set[DataOrigin]) -> tuple[No
     if not simulated or origins == {DataOrigin.SIMULATED}:
         return ()
     return (Note(NoteCode.MIXED_ORIGIN, {"simulated": ", ".join(simulated)}),)
+
+
+def _calibration_notes(trials: Sequence[Trial]) -> tuple[Note, ...]:
+    """A note if no bounce trial calibrates lag and gain, with their declared standard uncertainties."""
+    uncalibrated = [trial for trial in trials if trial.calibration is None]
+    if not uncalibrated:
+        return ()
+    lag, gain_sd = uncalibrated[0].lag, max(trial.gain_sd for trial in uncalibrated)
+    figures = {"lag_s": lag.value, "lag_sd_s": lag.declared, "gain_sd": gain_sd}
+    return (Note(NoteCode.NOT_CALIBRATED, figures),)
 
 
 def _slip_notes(stiffness: StiffnessFit) -> Iterator[Note]:

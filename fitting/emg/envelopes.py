@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 class EmgTrial:
     """Raw EMG: values (n, channels), NaN where a sample was lost; start [s] on the trial's clock, rate [Hz].
 
-    unit is "V", or "" if not known; cycles are (start, end) [s] of the arm cycles, if known.
+    unit is "V", or "" if not known; cycles are (start, end) [s] of the arm cycles, if known; unread are further
+    channels of the file, in another unit or on another clock.
     """
 
     name: str
@@ -32,6 +33,7 @@ class EmgTrial:
     unit: str
     origin: DataOrigin = DataOrigin.UNKNOWN
     cycles: tuple[tuple[float, float], ...] = ()
+    unread: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class EmgEnvelopes:
 
     unit      "1" if normalised, otherwise that of the raw EMG
     findings  by channel
+    unread    further channels of the file
     """
 
     name: str
@@ -51,6 +54,7 @@ class EmgEnvelopes:
     findings: Mapping[str, tuple[ChannelFinding, ...]]
     origin: DataOrigin = DataOrigin.UNKNOWN
     cycles: tuple[tuple[float, float], ...] = ()
+    unread: tuple[str, ...] = ()
 
     @property
     def time(self) -> Array:
@@ -100,6 +104,7 @@ def envelopes_of(
         findings,
         trial.origin,
         trial.cycles,
+        trial.unread,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
+from fitting.pull.common_time import require_common_steps
 from fitting.pull.cuff_motion import CuffMotion, along, cuff_motion, reference_posture
 from fitting.pull.direction import (
     angle_between,
@@ -154,6 +155,7 @@ def _project(moved: _Moved, direction: NDArray[np.float64], number: int, turned:
             trial.force_time, trial.force, trial.force_step, trial.marker_time, displacement, trial.step_times
         )
         require_positive_loads(plateaus)
+        require_common_steps(trial.force_time, trial.force, trial.marker_time, displacement)
         notes += check_steps(plateaus, trial.step_masses)
     return Pull(
         trial=trial,

@@ -178,6 +178,10 @@ _NOTES: Templates = {
         "the 95 % interval of damping includes zero ({low_n_s_per_m:.0f} to {high_n_s_per_m:.0f} N s/m); record more "
         "dynamic trials, and a bounce if the lag is only declared"
     ),
+    NoteCode.MIGRATION_INTERVAL: (
+        "the 95 % interval of migration is wider than its value ({low_m:mm .1f} to {high_m:mm .1f} mm); leave the cuff "
+        "unloaded for longer before the capture ends"
+    ),
     NoteCode.MIGRATED_BEFORE: (
         "the cuff migrated by {migration_m:mm .2f} mm from {file} on; its migration in {before}, recorded before, is "
         "unknown"
@@ -196,6 +200,11 @@ _NOTES: Templates = {
     NoteCode.SOFTENS: "the cuff softens" + _WITH_LOAD,
     NoteCode.ZERO_DRIFT: (
         "the load cell's zero drifts by {drift_n_per_s:per_minute +.2f} N a minute, which is removed; let it warm up"
+    ),
+    NoteCode.NOT_CALIBRATED: (
+        "lag ({lag_s:ms .2f} ± {lag_sd_s:ms .2f} ms) and gain (± {gain_sd:percent .2g} %) of the load cell are as "
+        "declared, not calibrated, and the intervals rely on them; fit with a bounce trial of the session, or record "
+        "one with `station record --test bounce`"
     ),
     NoteCode.KNOWN_MASS: (
         "known mass {mass_kg:g} kg read {found_n:.2f} ± {standard_error_n:.2f} N, of {expected_n:.2f} N ({at})"
@@ -252,7 +261,9 @@ _REFUSALS: Templates = {
         "the pass band of the EMG goes up to {highest_hz:g} Hz, expected below half of the sampling rate of "
         "{rate_hz:.4g} Hz; record at a higher rate, or lower band_hz"
     ),
-    FitErrorCode.EMG_NO_CHANNEL: "no EMG channel of {trial} is usable ({findings}); record it again",
+    FitErrorCode.EMG_NO_CHANNEL: (
+        "no EMG channel of {trial} is usable ({findings}); record it again, or export the raw signal"
+    ),
     FitErrorCode.EMG_MVC_SHORT: (
         "an MVC trial lasts {duration_s:.3g} s, expected at least its window of {window_s:g} s"
     ),

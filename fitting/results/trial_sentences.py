@@ -99,6 +99,10 @@ REJECTIONS: Templates = {
         "force falls from {before_n:.1f} N to {after_n:.1f} N when the load is added, expected a rise; set "
         "load_cell.polarity to the other sign"
     ),
+    RejectionCode.STEPS_APART: (
+        "force and displacement are not on one clock: their steps are {offset_s:+.1f} s apart, positive if the "
+        "displacement is later; check the sync line, or import the files with this lag (`--lag-s`)"
+    ),
     RejectionCode.ZERO_DRIFT: (
         _REST
         + " (load_cell.zero_drift_relative_limit); look for a load that was left on or a loose mount, let the load "

@@ -49,7 +49,7 @@ def values_of(measurements: Sequence[Observation]) -> Array:
 
 
 def known_covariance(measurements: Sequence[Observation]) -> Array:
-    """Covariance (n, n) of the errors that the fits know: noise of each, and what a session's values share."""
+    """Covariance (n, n) of the known errors of the fits: noise of each value, and common errors of a session."""
     noise = np.array([measurement.noise for measurement in measurements])
     shared = np.array([measurement.shared for measurement in measurements])
     sessions = Factor("session", [measurement.session for measurement in measurements]).incidence()

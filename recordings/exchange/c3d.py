@@ -14,7 +14,7 @@ import numpy as np
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.c3d_layout import EXPORT_AGAIN, read_c3d_layout
 from recordings.exchange.lengths import millimetres
-from recordings.exchange.tables import MarkerTable, SignalTable, distinct_labels
+from recordings.exchange.tables import MarkerTable, SignalTable, distinct_labels, require_single_channels
 
 
 def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
@@ -41,7 +41,7 @@ def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
 
 
 def read_c3d_signals(path: Path, wanted: Sequence[str]) -> SignalTable:
-    """Those of the wanted analog channels that are there. Raises ForeignFile."""
+    """Those of the wanted analog channels that are there. Raises ForeignFile, also if one is there twice."""
     c3d = _open(path)
     analog = c3d["parameters"]["ANALOG"]
     labels, units = _texts(analog, "LABELS"), _texts(analog, "UNITS")
@@ -50,6 +50,7 @@ def read_c3d_signals(path: Path, wanted: Sequence[str]) -> SignalTable:
         raise ForeignFile(
             f"{path} holds no analog channel; export the analog data with the markers", RecordingCode.FOREIGN_NO_CHANNEL
         )
+    require_single_channels([label for label in labels if label in wanted], str(path))
     start = _first_frame(c3d) / _rate(c3d["parameters"]["POINT"], path)
     place = {name: labels.index(name) for name in wanted if name in labels}
     return SignalTable(
@@ -76,7 +77,7 @@ def _open(path: Path) -> Any:
         c3d = ezc3d.c3d(str(path))  # type: ignore[no-untyped-call]
     except Exception as error:  # the package raises what its C++ throws: OSError, RuntimeError, MemoryError, IndexError
         raise ForeignFile(
-            f"{path} cannot be read as C3D: it is damaged, or its parameters do not keep to the format; {EXPORT_AGAIN}",
+            f"{path} cannot be read as C3D: it is damaged, or its parameters violate the format; {EXPORT_AGAIN}",
             RecordingCode.FOREIGN_DAMAGED,
         ) from error
     _, points, frames = c3d["data"]["points"].shape

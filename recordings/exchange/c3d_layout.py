@@ -1,6 +1,6 @@
 """How a C3D file lays out its frames, from its header: a check on what a reader makes of the parameters.
 
-The numbers of points and analog values stand twice in a C3D file, in the header and in the parameters. Where they
+The numbers of points and analog values are in a C3D file twice, in the header and in the parameters. Where they
 differ, one of the two shifts every frame after the first, and only the size of the file shows which.
 """
 
@@ -21,13 +21,13 @@ EXPORT_AGAIN = "open it in the program that wrote it, and export it again"
 
 @dataclass(frozen=True)
 class C3dLayout:
-    """What the header says.
+    """Layout of the frames by the header.
 
     size        of the file [bytes]
     start       of the first frame [bytes]
     value_size  2 for integers, 4 for floating point [bytes]
     points, analog_values  of a frame; analog values are those of all channels and samples together
-    frames, last_frame     frames count from any number; a last one of 65535 stands for any later one
+    frames, last_frame     frames count from any number; a last one of 65535 means this one or any later one
     """
 
     path: Path
@@ -42,7 +42,7 @@ class C3dLayout:
     def require_agreement(self, points: int, analog_values: int, frames: int) -> None:
         """Raises ForeignFile where these numbers, of the parameters, contradict the header and the size backs that.
 
-        A header that counts channels instead of values is such a case; one of 65535 frames stands for any more.
+        A header that counts channels instead of values is such a case; one of 65535 frames means this number or more.
         """
         if frames != self.frames and self.last_frame < MOST_COUNTED:
             raise ForeignFile(

@@ -1,6 +1,6 @@
 """EMG as text in columns, as Delsys, Noraxon, QTM and scripts export it: separated by tab, semicolon or comma.
 
-Above the numbers stands a line of titles, or QTM's header of keys (docs.qualisys.com, "Analog data (_a.tsv)"). Titles
+Above the numbers is a line of titles, or QTM's header of keys (docs.qualisys.com, "Analog data (_a.tsv)"). Titles
 may carry units: `AD [mV]`, `AD (uV)`, `AD_mv`, `AD, V`. Delsys writes a time column before every sensor and pads the
 slower sensors at the end; only the channels that share the first one's clock are read.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.tables import SignalTable, require_rising
+from recordings.exchange.tables import SignalTable, require_rising, require_single_channels
 from recordings.exchange.text import MISSING, PRINTED_BY_C, read_lines, read_numbers
 
 SEPARATORS = ("\t", ";", ",")
@@ -40,7 +40,8 @@ _DELSYS_LABEL = re.compile(r"Label:\s*(.+?)\s+Sampling frequency:.*?\bUnit:\s*(\
 def read_delimited_emg(path: Path, rate_hz: float | None = None, labels: Sequence[str] = ()) -> SignalTable:
     """All channels of a file. rate_hz [Hz] and labels are for a file that lacks them, and do not overrule it.
 
-    A column whose title names a unit other than a voltage is not read, but is listed in SignalTable.names.
+    A column whose title names a unit other than a voltage, or on another clock than the first, is not read, but is
+    listed in SignalTable.names.
     Raises ForeignFile where there are no numbers, no titles, no time and no rate, or a time does not rise.
     """
     lines = read_lines(path)
@@ -70,7 +71,7 @@ def read_delimited_emg(path: Path, rate_hz: float | None = None, labels: Sequenc
         time,
         {name: values[: len(time), i] for i, name in voltages.items()},
         {name: units[name] for name in voltages.values()},
-        tuple(_named(title)[0] if i in columns else title for i, title in enumerate(layout.titles)),
+        tuple(title if _TIME.fullmatch(title) else _named(title)[0] for title in layout.titles),
     )
 
 
@@ -180,9 +181,4 @@ def _require_channels(names: tuple[str, ...], path: Path) -> None:
             f"{path} has no column that may be EMG: none without a unit, and none in V, mV or uV",
             RecordingCode.FOREIGN_NO_CHANNEL,
         )
-    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
-    if twice is not None:
-        raise ForeignFile(
-            f"{path} names the channel {twice!r} twice; give each a title of its own",
-            RecordingCode.FOREIGN_REPEATED_NAME,
-        )
+    require_single_channels(names, str(path))

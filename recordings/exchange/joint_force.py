@@ -32,6 +32,9 @@ NO_KINEMATICS = 3
 """Marker of samples that are left out."""
 LARGEST_GAP_S = 0.05
 """Between samples; five are measured in that time."""
+WEIGHT = "BodyWeight"
+LEAST_WEIGHT_N, LARGEST_WEIGHT_N = 200.0, 2500.0
+"""Of a patient: 20 to 255 kg. A mass in kg under a header of newtons is below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +70,13 @@ def read_joint_force(path: Path) -> JointForceRecord:
     first = _titles_line(lines, path)
     titles = lines[first].split()
     columns = _columns(titles, lines[first + 1].split(), path)
-    rows = [line for line in lines[first + 2 :] if line.strip()]
-    _ensure_announced(lines[:first], len(rows), path)
-    table = read_numbers(rows, "\t", columns, path, first + 3)
+    numbers = np.array([i for i, line in enumerate(lines, start=1) if i > first + 2 and line.strip()], dtype=int)
+    _ensure_announced(lines[:first], len(numbers), path)
+    table = read_numbers([lines[i - 1] for i in numbers], "\t", columns, path, int(numbers.min(initial=len(lines))))
     marked = table[table[:, -1] > 0, 0]
-    table = table[table[:, -1] != NO_KINEMATICS]
-    _ensure_plausible(table, path)
+    is_known = table[:, -1] != NO_KINEMATICS
+    table = table[is_known]
+    _ensure_plausible(table, numbers[is_known], path)
     captured = np.flatnonzero(table[:, -1] > 0)
     if len(captured) < FEWEST_SAMPLES:
         raise ForeignFile(
@@ -81,8 +85,7 @@ def read_joint_force(path: Path) -> JointForceRecord:
             RecordingCode.FOREIGN_NO_MOTION,
         )
     kept = table[captured[0] : captured[-1] + 1]
-    weight = _header_number(lines[:first], "BodyWeight", path)
-    return JointForceRecord(kept[:, 0] - marked[0], kept[:, 1:4], kept[:, 4], weight)
+    return JointForceRecord(kept[:, 0] - marked[0], kept[:, 1:4], kept[:, 4], _body_weight(lines[:first], path))
 
 
 def _titles_line(lines: Sequence[str], path: Path) -> int:
@@ -128,13 +131,16 @@ def _ensure_announced(header: Sequence[str], found: int, path: Path) -> None:
         )
 
 
-def _ensure_plausible(table: Array, path: Path) -> None:
-    """Raise ForeignFile for holes, times that do not increase, and a resultant that is not that of the components."""
+def _ensure_plausible(table: Array, numbers: NDArray[np.int64], path: Path) -> None:
+    """Raise ForeignFile for holes, times that do not increase, and a resultant that is not that of the components.
+
+    numbers (samples,) are those of the lines.
+    """
     holes = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if len(holes) or not len(table):
-        place = f"sample {holes[0] + 1}" if len(holes) else "its table"
+        place = f"line {numbers[holes[0]]}" if len(holes) else "its table"
         raise ForeignFile(
-            f"{path} has no number somewhere in {place}, expected every sample; download it again",
+            f"{path} has no number somewhere in {place}, expected every sample; it may be cut, download it again",
             RecordingCode.FOREIGN_NOT_A_NUMBER,
         )
     backwards = np.flatnonzero(np.diff(table[:, 0]) <= 0)
@@ -152,6 +158,26 @@ def _ensure_plausible(table: Array, path: Path) -> None:
             f"components within {ROUNDING_N:g} N; check its columns",
             RecordingCode.FOREIGN_CONTRADICTORY,
         )
+
+
+def _body_weight(header: Sequence[str], path: Path) -> float | None:
+    """The body weight [N], None where the header has none."""
+    line = next((line for line in header if line.startswith(WEIGHT)), "")
+    weight = _header_number(header, WEIGHT, path)
+    title = line.split("\t")[0].strip(" :")
+    if weight is not None and title != f"{WEIGHT} [N]":
+        raise ForeignFile(
+            f"{path} has {title} in its header, expected {WEIGHT} [N]; convert the number to newtons, and correct the "
+            "line",
+            RecordingCode.FOREIGN_UNIT,
+        )
+    if weight is not None and not LEAST_WEIGHT_N <= weight <= LARGEST_WEIGHT_N:
+        raise ForeignFile(
+            f"{path} has {title} {weight:g} in its header, expected {LEAST_WEIGHT_N:g} to {LARGEST_WEIGHT_N:g} N; is "
+            "it a mass in kg?",
+            RecordingCode.FOREIGN_UNIT,
+        )
+    return weight
 
 
 def _header_number(header: Sequence[str], key: str, path: Path) -> float | None:

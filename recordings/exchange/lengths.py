@@ -24,7 +24,8 @@ def millimetres(unit: str, where: str) -> float:
     known = MILLIMETRES.get(SPELLED_OUT.get(told.removesuffix("s"), told))
     if known is None:
         raise ForeignFile(
-            f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; give --mocap-unit",
+            f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; export it in one of them, "
+            "or import it with --mocap-unit",
             RecordingCode.FOREIGN_UNIT,
         )
     return known

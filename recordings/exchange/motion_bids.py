@@ -95,7 +95,7 @@ def bids_files(trial: BidsTrial) -> dict[PurePosixPath, bytes]:
 
 
 def bids_summary(trials: Sequence[BidsTrial], generator: str, version: str) -> dict[PurePosixPath, bytes]:
-    """What a data set of these trials says of itself: its description, its participants, when each scan began."""
+    """Metadata of a data set of these trials: description, participants, start of each scan."""
     description = {
         "Name": "Cuff compliance: markers on the body and on the cuff, and the force in the rope that pulls it",
         "BIDSVersion": VERSION,

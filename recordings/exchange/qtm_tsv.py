@@ -47,7 +47,7 @@ def write_qtm_tsv(table: MarkerTable, captured: datetime | None = None) -> str:
     """The text of such a file, with Frame and Time columns; a missing marker leaves its fields empty.
 
     Programs read the header by the places of its lines, so all of QTM's are there in its order. Cameras are not known
-    and count 0; so do analog channels, which stand in a file of their own.
+    and count 0; so do analog channels, which are in a file of their own.
     """
     header = [
         f"NO_OF_FRAMES\t{len(table.time_s)}",
@@ -102,7 +102,7 @@ def _require_count(header: dict[str, list[str]], key: str, found: int, verb: str
 
 
 def _leading_columns(titles: str, rows: Sequence[str], widest: int, markers: int, path: Path) -> int:
-    """How many columns stand before the first marker's: by their titles, else by counting fields."""
+    """Number of columns before the first marker's: by their titles, else by counting fields."""
     names = [title.strip().lower() for title in titles.split("\t")]
     if names[0] in ("frame", "time"):
         return 2 if names[1] == "time" else 1

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.tables import SignalTable, require_rising
+from recordings.exchange.tables import SignalTable, require_rising, require_single_channels
 from recordings.exchange.text import read_lines, read_numbers, write_table
 
 SEPARATORS = (",", ";", "\t")
@@ -18,7 +18,7 @@ SEPARATORS = (",", ";", "\t")
 def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalTable:
     """Those of the wanted columns that are there; lines before the header are empty or begin with #.
 
-    Raises ForeignFile where there is no time, a number is none, or the times do not rise.
+    Raises ForeignFile where there is no time, a wanted column twice, a number is none, or the times do not rise.
     """
     lines = read_lines(path)
     start = next(
@@ -30,6 +30,7 @@ def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalT
             f"{path} has no column {time_column}, only {', '.join(titles)}; name it with --time-column",
             RecordingCode.FOREIGN_MISSING_COLUMN,
         )
+    require_single_channels([title for title in titles if title in (time_column, *wanted)], str(path))
     chosen = [time_column, *(name for name in wanted if name in titles)]
     values = read_numbers(lines[start + 1 :], separator, [titles.index(name) for name in chosen], path, start + 2)
     require_rising(values[:, 0], f"{path}, {time_column},", start + 2)

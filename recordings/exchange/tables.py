@@ -17,10 +17,10 @@ class MarkerTable:
 
     labels     of the markers, each once
     rate_hz    nominal frame rate
-    time_s     (frames,) strictly rising; without a time in the file frame n stands at (n − 1)/rate_hz
+    time_s     (frames,) strictly rising; without times in the file frame n is at (n − 1)/rate_hz
     positions  (frames, markers, 3) float64 mm in the mocap frame, NaN where a marker was missing
     residuals  (frames, markers) mm, 0 if the file has none
-    notes      sentences on what was read otherwise than the file says
+    notes      sentences on what was not read as it is in the file
     """
 
     labels: tuple[str, ...]
@@ -55,11 +55,11 @@ class SignalTable:
 def require_rising(time_s: NDArray[np.float64], where: str, first_line: int = 1) -> None:
     """Raises ForeignFile at the first time (n,) that is no number or not later than the one before.
 
-    where names file and column; times stand on consecutive lines from first_line on.
+    where names file and column; the times are in consecutive lines from first_line on.
     """
     if len(time_s) < 2:
         raise ForeignFile(
-            f"{where} holds {len(time_s)} samples, expected at least 2; is the file whole?",
+            f"{where} holds {len(time_s)} samples, expected at least 2; export the complete file",
             RecordingCode.FOREIGN_TOO_SHORT,
         )
     broken = np.flatnonzero(~np.isfinite(time_s))
@@ -73,8 +73,8 @@ def require_rising(time_s: NDArray[np.float64], where: str, first_line: int = 1)
         at = int(back[0]) + 1
         what = "again" if time_s[at] == time_s[at - 1] else f"after {time_s[at - 1]:.9g} s"
         raise ForeignFile(
-            f"{where} has {time_s[at]:.9g} s {what} in line {first_line + at}, expected times that rise; "
-            "export it anew, with enough digits, or repair the line",
+            f"{where} has {time_s[at]:.9g} s {what} in line {first_line + at}, expected increasing times; "
+            "export it again, with enough digits, or repair the line",
             RecordingCode.FOREIGN_TIME_NOT_RISING,
         )
 
@@ -93,10 +93,20 @@ def require_labels(labels: tuple[str, ...], where: str) -> None:
         )
 
 
-def distinct_labels(labels: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Labels of which one that stands twice is numbered, RTHI#1 and RTHI#2, and a note where there is one.
+def require_single_channels(names: Sequence[str], where: str) -> None:
+    """Raises ForeignFile where a file has two channels, or columns, of one of the names."""
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise ForeignFile(
+            f"{where} names the channel {twice!r} twice; give each a title of its own",
+            RecordingCode.FOREIGN_REPEATED_NAME,
+        )
 
-    Which of the two is meant is for the operator to say: neither keeps the name. Raises ForeignFile as require_labels.
+
+def distinct_labels(labels: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Labels, of which repeated ones are numbered (RTHI#1, RTHI#2), and a note if there are any.
+
+    The operator decides which of them is meant: neither keeps the name. Raises ForeignFile as require_labels.
     """
     twice = [label for label in dict.fromkeys(labels) if label and labels.count(label) > 1]
     numbered = tuple(
@@ -107,14 +117,14 @@ def distinct_labels(labels: Sequence[str], where: str) -> tuple[tuple[str, ...],
         return numbered, ()
     return numbered, (
         f"{where} names more than one marker {', '.join(twice)}: they are numbered {twice[0]}#1, {twice[0]}#2 in the "
-        f"file's order; --label {twice[0]}#1={twice[0]} chooses one",
+        f"file's order; rename one in the file, or import it with --label {twice[0]}#1={twice[0]}",
     )
 
 
 def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Positions (frames, markers, 3) with NaN where a coordinate is missing or all three are exactly zero.
 
-    Zeros are how several programs write a marker that was not seen; no real one stands in the origin to the last bit.
+    Zeros are how several programs write a marker that was not seen; no real one is exactly in the origin.
     """
     missing = ~np.isfinite(positions).all(axis=2) | (positions == 0).all(axis=2)
     return np.where(missing[..., None], np.nan, positions)
@@ -126,12 +136,12 @@ def settle_times(
     """Frame rate [Hz] and times (frames,) [s] of a file; the column of times has priority.
 
     numbers (frames,) count the frames, the first of the capture is 1; time (frames,) [s] or None; rate [Hz], 0 where
-    the file does not tell. Raises ForeignFile where they contradict each other or do not rise.
+    the file has none. Raises ForeignFile where they contradict each other or do not rise.
     """
     if time is None:
         if rate <= 0:
             raise ForeignFile(
-                f"{where} tells neither a frame rate nor times; export it with its time column",
+                f"{where} has neither a frame rate nor times; export it with its time column",
                 RecordingCode.FOREIGN_NO_RATE,
             )
         require_rising(numbers, f"{where}, frame numbers,", first_line)
@@ -140,7 +150,7 @@ def settle_times(
     counted = count_samples(time)[1]
     if rate > 0 and abs(counted / rate - 1) > 0.01:
         raise ForeignFile(
-            f"{where} announces {rate:g} frames a second, and its times tell {counted:.6g}; are they in s?",
+            f"{where} states {rate:g} frames a second, and its times give {counted:.6g}; check that they are in s",
             RecordingCode.FOREIGN_CONTRADICTORY,
         )
     return rate or counted, time

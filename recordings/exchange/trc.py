@@ -18,10 +18,10 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
     """unit, where given, overrides the file's. Raises ForeignFile where it is none, or not all of it is there.
 
     A marker that is (0, 0, 0) in every frame was never seen, unless it is one of the tracked and the only such marker:
-    then the file's origin was put there.
+    then the file's origin was put there. Frames that show no marker do not count.
     """
     lines = read_lines(path)
-    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+    if len(lines) < 5 or not lines[0].startswith("PathFileType"):
         raise ForeignFile(
             f"{path} does not begin with PathFileType and five lines of header, expected a TRC file",
             RecordingCode.FOREIGN_WRONG_TYPE,
@@ -30,18 +30,24 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
     labels, notes = distinct_labels(_fields(lines[3])[2:], str(path))
     first = next((i for i in range(4, len(lines)) if lines[i].split("\t", 1)[0].strip().isdigit()), len(lines))
     _require_markers(header, len(labels), path)
+    if first == len(lines):
+        raise ForeignFile(
+            f"{path} has a header and no row of numbers below it; export it again, whole",
+            RecordingCode.FOREIGN_TOO_SHORT,
+        )
     rows, stale = _whole_rows(header, lines[first:], path)
     notes += stale + _notes_on_missing(rows, path)
     values = read_numbers(rows, "\t", range(2 + 3 * len(labels)), path, first + 1)
     scale = millimetres(unit or header.get("Units", ""), str(path))
     positions = scale * values[:, 2:].reshape(len(rows), len(labels), 3)
-    origin = _origin(positions, labels, tracked)
     found = without_origin(positions)
+    shown = np.isfinite(found).any(axis=(1, 2))
+    origin = _origin(positions[shown], labels, tracked)
     if origin is not None:
-        found[:, origin] = 0.0
+        found[shown, origin] = 0.0
         notes += (
-            f"{path} has {labels[origin]}, and no other marker, at (0, 0, 0) in every frame: it is taken for the "
-            "origin, not for missing",
+            f"{path} has {labels[origin]}, and no other marker, at (0, 0, 0) in every frame that shows markers: it is "
+            "taken for the origin, not for missing",
         )
     rate, time = settle_times(values[:, 0], values[:, 1], _rate(header, path), str(path), first + 1)
     return MarkerTable(labels, rate, time, found, np.zeros(found.shape[:2]), notes)
@@ -90,7 +96,7 @@ def _whole_rows(header: dict[str, str], rows: list[str], path: Path) -> tuple[li
     announced, found = header.get("NumFrames", str(len(rows))).removesuffix(".0"), len(rows)
     if announced == str(found):
         return rows, ()
-    note = f"{path} announces NumFrames {announced} and holds {found}: all that it holds are read; is it whole?"
+    note = f"{path} announces NumFrames {announced} and holds {found}: all of these are read; check that it is complete"
     is_ended = path.read_bytes().endswith((b"\n", b"\r"))
     if is_ended or not announced.isdigit() or int(announced) < found:
         return rows, (note,)
@@ -99,11 +105,11 @@ def _whole_rows(header: dict[str, str], rows: list[str], path: Path) -> tuple[li
 
 def _notes_on_missing(rows: Sequence[str], path: Path) -> tuple[str, ...]:
     printed = printed_by_c(rows)
-    return (f"{path} writes {', '.join(printed)} where a value is missing, and is read so",) if printed else ()
+    return (f"{path} has {', '.join(printed)} for values that are read as missing",) if printed else ()
 
 
 def _origin(positions: NDArray[np.float64], labels: Sequence[str], tracked: Collection[str]) -> int | None:
-    """Index of the marker that is the file's origin, if there is one."""
+    """Index of the marker that is the file's origin, if there is one; of the frames that show markers."""
     never_moved = np.flatnonzero((positions == 0).all(axis=(0, 2)))
     return int(never_moved[0]) if len(never_moved) == 1 and labels[never_moved[0]] in tracked else None
 

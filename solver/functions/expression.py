@@ -24,7 +24,7 @@ LONGEST, DEEPEST = 5000, 200
 
 
 class ExpressionError(ModelError):
-    """The rest of a sentence about a property of a model: what its expression has that the parser does not know."""
+    """The rest of a sentence about a property of a model: what its expression has that the parser does not support."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Divided by the semi-axes, the ellipsoid is the unit sphere and its section with 
 tangents are preserved, lengths are not. In a half-plane at angle ψ about the line through both ends, with u along the
 line and v across it and away from it, the path runs from the start to the circle, over it and on to the end. All these
 circles have a chord on the line in common: the higher the arc above it, the longer the path. Where the line is close to
-the centre, heights differ too little to tell, and lengths are compared.
+the centre, heights differ too little, and lengths are compared.
 """
 
 from __future__ import annotations

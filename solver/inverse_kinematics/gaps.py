@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome
 from solver.model import Model
-from solver.motion import Motion, MotionError
+from solver.motion import Motion
 
 Array = NDArray[np.float64]
 

@@ -146,7 +146,7 @@ def as_utf8(raw: bytes) -> bytes:
     """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1, without malformed comments.
 
     OpenSim writes and reads the names in <credits> byte for byte, whatever the header declares, and a comment ends at
-    its first --> even if another begins within it. It also reads an & that stands for itself, as between two authors.
+    its first --> even if another begins within it. It also reads an & as itself, as between two authors.
     """
     declared = re.match(rb"<\?xml[^>]*encoding=[\"']([^\"']+)", raw)
     if raw.startswith(BYTE_ORDER_MARKS) or (declared and declared[1].lower() not in (b"utf-8", b"utf8")):

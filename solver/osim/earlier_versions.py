@@ -230,5 +230,5 @@ def _set(model: Element, tag: str, objects: list[Element]) -> Element:
 
 
 def _element(place: Element, tag: str, *, text: str = "", children: list[Element] | None = None) -> Element:
-    """A new element; a refusal names the line of the one that it stands for."""
+    """A new element; a refusal names the line of the one that it replaces."""
     return Element(place.file, place.line, tag, {}, children or [], [text])

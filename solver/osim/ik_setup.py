@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.functions.coordinate import natural_spline
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model, ModelError
-from solver.motion import MotionError, read_table
 from solver.osim.document import Element, read_document
 from solver.osim.xml_elements import VERSION, add, add_values
+from solver.time_series_table import read_table
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,11 @@ class IkSetup:
     model_file: Path | None
     marker_file: Path | None
     coordinate_file: Path | None
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The files that it names."""
+        return self.model_file, self.marker_file, self.coordinate_file
 
     def tasks(self, model: Model, labels: Collection[str], time: Array) -> TrackingTasks:
         """The tasks that model and markers have, at times (frames,) [s]; a task for a marker that one of them lacks is
@@ -74,13 +79,13 @@ class IkSetup:
                 f"the task of {name} takes its value from a file, and the set-up names none; name it",
                 SolverCode.MALFORMED,
             )
-        columns, table, in_degrees = read_table(self.coordinate_file)
+        columns, table, header = read_table(self.coordinate_file)
         if name not in columns or len(table) < 4:
             raise MotionError(
                 f"{self.coordinate_file.name} should have a column {name} of four rows; add it",
                 SolverCode.MISSING_COLUMN,
             )
-        scale = np.pi / 180 if in_degrees and coordinate.motion == "rotation" else 1.0
+        scale = np.pi / 180 if header.in_degrees and coordinate.motion == "rotation" else 1.0
         spline = natural_spline(table[:, 0], scale * table[:, columns.index(name)], 2)
         values: Array = spline.derivatives(time)[0]
         return values

@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.model import GROUND, Model, ModelError
-from solver.motion import MotionError, read_table
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.document import Element, read_document
+from solver.time_series_table import read_table
 
 Array = NDArray[np.float64]
 LONGEST_GAP = 10.0
 """In median steps. A spline across a longer one invents a force; OpenSim takes it without a message."""
+LARGEST_LOAD = 1e9
+"""[N, N m or m] Beyond any load in any unit; squares of far larger ones are not finite."""
 LEAST_RECORDED = 20
 """Rows. Fewer are written by hand, and as far apart as they need to be."""
 
@@ -41,11 +43,14 @@ def read_external_loads(path: Path, model: Model, time: Array) -> tuple[External
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """Columns of a data file, and their values (frames, columns) at the times of the motion."""
+    """Columns of a data file, and their values (frames, columns) at the times of the motion; largest (columns,) value
+    of every column, which is 0 throughout where that is beyond LARGEST_LOAD.
+    """
 
     name: str
     columns: list[str]
     values: Array
+    largest: Array
 
     @staticmethod
     def read(path: Path, time: Array) -> _Data:
@@ -57,7 +62,9 @@ class _Data:
             )
         _ensure_covered(path, table[:, 0], time)
         _ensure_no_gap(path, table[:, 0], time)
-        return _Data(path.name, columns, _interpolated(table, time))
+        largest = np.abs(table).max(axis=0)
+        largest[0] = 0.0  # times since 1970 are as large
+        return _Data(path.name, columns, _interpolated(np.where(largest > LARGEST_LOAD, 0.0, table), time), largest)
 
     def vectors(self, element: Element, identifier: str) -> Array:
         """(frames, 3) of the three columns whose names begin with the identifier, in the file's order."""
@@ -75,6 +82,13 @@ class _Data:
                 f"has the columns {', '.join(self.columns[i] for i in found)} of {self.name} in this order, in which "
                 "OpenSim takes them for x, y and z; order them"
             )
+        for i in found:
+            if self.largest[i] > LARGEST_LOAD:
+                raise MotionError(
+                    f"{self.name} should have {self.columns[i]} below {LARGEST_LOAD:g} N, N m or m and has "
+                    f"{self.largest[i]:.3g}; correct the value",
+                    SolverCode.IMPOSSIBLE_VALUE,
+                )
         return self.values[:, found]
 
 

@@ -77,6 +77,12 @@ class ScaleSetup:
     marker_set_file: Path | None = None
 
     @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The files that it names."""
+        placed = () if self.placement is None else self.placement.files
+        return self.model_file, self.marker_file, self.marker_set_file, *placed
+
+    @property
     def marker_names(self) -> frozenset[str]:
         """Names of the markers in measurements and placement tasks."""
         measured = {name for measurement in self.measurements for pair in measurement.pairs for name in pair}

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.osim.document import Element
 from solver.osim.reader import read_osim_model
+from solver.suit.cord import ensure_possible
 from solver.suit.suit import PARTS, Suit, SuitMass, SuitPoint
 from solver.suit.suited_model import CORD, CUFF_NAMES, CUFFS_AT_ENDS, SuitedModel
 
@@ -29,8 +30,9 @@ SETS = ("BodySet", "JointSet", "ForceSet")
 def read_suited(
     document: Element, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()
 ) -> SuitedModel | None:
-    """The suited model in a document of ours, None where it wears none. ModelError, with the line, where the suit was
-    changed into one that no suit of ours is, or the bare model cannot be read. The options are those of read_osim.
+    """The model and its suit in a document, None where it has no suit. ModelError, with the line, where the suit was
+    changed beyond the structure that `station export --osim` writes, or the bare model cannot be read. The options are
+    those of read_osim.
     """
     element = document.find("Model")
     cord = None if element is None else _named(element, "ForceSet", CORD)
@@ -42,7 +44,7 @@ def read_suited(
     points, masses = zip(*(cuffs.get(name, _unused(cuffs)) for name in CUFF_NAMES), strict=True)
     _require_no_bend(cord, worn)
     if cord.number("dissipation", "0"):
-        raise cord.refusal("has a dissipation, which grows with the stretch, and no cord of ours does; set it to 0")
+        raise cord.refusal("has a dissipation, which increases with the stretch; set it to 0")
     rest_length = cord.number("resting_length")
     suit = Suit(
         waist=points[0],
@@ -100,7 +102,7 @@ def _require_no_bend(cord: Element, worn: tuple[str, ...]) -> None:
     if bodies != worn or any(point.numbers("location", 3).any() for point in points):
         raise cord.refusal(f"does not run straight through the origins of {', '.join(worn)}; export it again")
     if path.objects("PathWrapSet"):
-        raise cord.refusal("wraps, and the cord of a suit of ours does not; export it again")
+        raise cord.refusal("wraps over a surface, expected a cord that does not; export it again")
 
 
 def _names_of_parts(cord: Element, worn: tuple[str, ...]) -> dict[str, str]:
@@ -117,14 +119,16 @@ def _spring(element: Element, part: Literal["waist", "arm"]) -> CuffParameters |
     stiffness, damping = (_isotropic(bushing, f"translational_{what}") for what in ("stiffness", "damping"))
     for what in ("stiffness", "damping"):
         if bushing.numbers(f"rotational_{what}", 3, "0 0 0").any():
-            raise bushing.refusal(f"resists rotation, and a cuff of ours does not; set rotational_{what} to 0")
-    return CuffParameters(part, part, stiffness, damping, 0.0, source=f"the bushing of {element.file.name}")
+            raise bushing.refusal(f"resists rotation, expected a cuff that does not; set rotational_{what} to 0")
+    cuff = CuffParameters(part, part, stiffness, damping, 0.0, source=f"the bushing of {element.file.name}")
+    ensure_possible(cuff)
+    return cuff
 
 
 def _isotropic(bushing: Element, tag: str) -> float:
     values = bushing.numbers(tag, 3)
     if np.ptp(values):
-        raise bushing.refusal(f"has a {tag} that differs between axes, and a cuff of ours has one; make them equal")
+        raise bushing.refusal(f"has a {tag} that differs between axes, expected equal values; make them equal")
     return float(values[0])
 
 

@@ -32,7 +32,7 @@ LEAST_MARKERS = 3
 
 
 class JointCentreError(SolverError):
-    """Markers from which no centre follows; the message says why."""
+    """Markers that do not determine a centre; the message has the reason."""
 
     general_code = SolverCode.NO_JOINT_CENTRE
 
@@ -115,7 +115,7 @@ def functional_centre(proximal: Array, distal: Array) -> JointCentre:
     conditioning = float(singular[-1] / singular[0])
     if conditioning < LEAST_MOTION:
         raise JointCentreError(
-            "the segments turn too little against each other to show their centre of rotation: "
+            "the segments turn too little relative to each other to determine their centre of rotation: "
             f"conditioning {conditioning:.3f}, at least {LEAST_MOTION}; record circumduction, flexion and abduction",
             SolverCode.CENTRE_TOO_LITTLE_MOTION,
         )
@@ -148,7 +148,7 @@ def sphere_centre(points: Array) -> Array:
     values = np.linalg.eigvalsh(matrix)
     if values[0] < LEAST_MOTION**2 * values[-1]:
         raise JointCentreError(
-            "the markers stay too near a plane or a line to show the centre of their spheres",
+            "the markers stay too close to a plane or a line to determine the centre of their spheres",
             SolverCode.CENTRE_TOO_LITTLE_MOTION,
         )
     centre: Array = np.linalg.solve(matrix, vector + shift)

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 FORCE_TOLERANCE = 1e-10  # of the greatest isometric force, between linear and true force
 SMALL_STEP = 1e-3  # of an activation, below which the forces may agree so
-CLEAR_STEP = 1e-6  # of an activation, above which two derivatives tell a curvature
+CLEAR_STEP = 1e-6  # of an activation, above which two derivatives determine a curvature
 ITERATIONS = 40
 INFEASIBLE_ITERATIONS = 5  # of linear problems that are infeasible, before the frame is
 FIRST_GUESS = 0.1

@@ -1,7 +1,7 @@
-"""What forces that are left out of a model would do in a motion, as far as it can be computed.
+"""Loads of forces that are left out of a model in a motion, as far as they can be computed.
 
-The load of a force that the solver has is computed. That of one it does not have is not known; what shows is how much
-of the forces that the motion needs is left to reserve actuators.
+The load of a force that the solver has is computed. That of one it does not have is not known; the result shows how
+much of the forces that the motion needs is left to reserve actuators.
 """
 
 from __future__ import annotations

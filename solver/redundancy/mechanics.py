@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.model import Model
-from solver.motion import Kinematics, MotionError
+from solver.motion import Kinematics
 from solver.multibody.dynamics import EquationsOfMotion, equations_of_motion
 from solver.multibody.external_loads import ExternalForce, load_wrenches
 from solver.multibody.postures import Postures, postures

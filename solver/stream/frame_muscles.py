@@ -186,7 +186,7 @@ def _ensure_solvable(model: Model, options: RedundancyOptions) -> None:
         raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
     if options.tendons == "elastic":
         raise ModelError(
-            "muscles are solved with rigid tendons while a motion is recorded, and elastic ones were asked for; "
+            "muscles are solved with rigid tendons while a motion is recorded, and elastic ones were requested; "
             "solve the recorded motion with them",
             SolverCode.UNSUPPORTED,
         )

@@ -1,4 +1,4 @@
-"""Labels of the markers of a stream: exchanged ones are exchanged back, and a marker that jumps is left out."""
+"""Labels of the markers of a stream: an exchange is corrected, and a marker that jumps is left out."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class StreamOutcome(StrEnum):
 
     SOLVED            all coordinates that were determined before are determined
     COORDINATES_LOST  hidden markers leave a coordinate undetermined that was determined before; see StreamFrame.lost
-    MARKERS_EXCHANGED two labels are exchanged; they were exchanged back; see StreamFrame.exchanged
+    MARKERS_EXCHANGED two labels were exchanged, and this was corrected; see StreamFrame.exchanged
     MARKER_LEFT_OUT   a marker jumped and was left out; see StreamFrame.left_out
     INTERPOLATED      no posture of its own; the frames before and after it determine one
 
@@ -112,7 +112,7 @@ class StreamFrame:
     marker_rms_m        root mean square distance of the visible markers from the model's
     hidden              names of markers without a position
     left_out            names of markers that jumped and were not used
-    exchanged           pairs of markers whose labels were exchanged back
+    exchanged           pairs of markers whose exchanged labels were corrected
     lost                names of coordinates that were determined before and are not in this frame
     suits               name of a scenario → its muscles; empty where muscles were skipped or there are no coordinates
     """

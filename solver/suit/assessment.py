@@ -34,7 +34,7 @@ from solver.suit.scenarios import (
     solve_without_suit,
 )
 from solver.suit.suit import Suit, SuitError
-from solver.suit.uncertainty import DrawnScenarios, DrawSettings, solve_draws
+from solver.suit.uncertainty import DrawnScenarios, DrawnSource, DrawSettings, solve_draws
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,11 +84,13 @@ class UncertaintySummary:
     """Settings of the draws, and the error of their decimation.
 
     largest_difference  name of a field of CurveReadouts → largest |decimated − whole| over all conditions, or NaN
+    sources             what was drawn
     """
 
     draws: int
     every: int
     largest_difference: Mapping[str, float]
+    sources: tuple[DrawnSource, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,7 +183,7 @@ def assess(
     bare = solve_without_suit(suited, slack)
     readouts = _read(suited, slack, scenarios, efforts)
     drawn = None
-    if draws.count and (draws.motions or any(cuff.covariance.any() for cuff in (waist, *arms) if cuff)):
+    if sources := draws.sources(cuff for cuff in (waist, *arms) if cuff):
         decimated = [
             prepare_suited_motion(replace(motion, kinematics=kinematics), suit, apart)
             for kinematics in (motion.kinematics, *draws.motions)
@@ -204,7 +206,7 @@ def assess(
             for scenario, effort, reading in zip(scenarios, efforts, readouts, strict=True)
         ),
         comparisons=_comparisons(arms, scenarios, readouts, drawn),
-        uncertainty=_uncertainty(scenarios, readouts, drawn),
+        uncertainty=_uncertainty(scenarios, readouts, drawn, sources),
         scenarios=sum(len(effort.muscles) for effort in everything),
         outcomes=_outcomes(everything),
         muscle_outcomes=_muscle_outcomes(suited),
@@ -312,7 +314,10 @@ def _comparisons(
 
 
 def _uncertainty(
-    scenarios: Sequence[SuitScenario], readouts: Sequence[CurveReadouts], drawn: DrawnScenarios | None
+    scenarios: Sequence[SuitScenario],
+    readouts: Sequence[CurveReadouts],
+    drawn: DrawnScenarios | None,
+    sources: tuple[DrawnSource, ...],
 ) -> UncertaintySummary | None:
     if drawn is None:
         return None
@@ -324,7 +329,7 @@ def _uncertainty(
         largest[name] = float(
             np.max(np.abs(np.subtract(decimated, [getattr(readout, name)[0] for readout in readouts])))
         )
-    return UncertaintySummary(drawn.count, drawn.every, largest)
+    return UncertaintySummary(drawn.count, drawn.every, largest, sources)
 
 
 def _outcomes(efforts: Sequence[ScenarioEffort]) -> dict[FrameOutcome, int]:

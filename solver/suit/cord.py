@@ -104,6 +104,21 @@ def direction_to_joint(point: SuitPoint) -> Array:
     return direction
 
 
+def ensure_possible(cuff: CuffParameters, least_damping: float = 0.0) -> None:
+    """Raise SuitError for a cuff that gives energy: a stiffness of 0 or less, or a damping below the least [N s/m].
+
+    Also for a figure that is not finite.
+    """
+    is_finite = np.isfinite([cuff.stiffness, cuff.damping, cuff.migration]).all()
+    if not (is_finite and cuff.stiffness > 0 and cuff.damping >= least_damping):
+        raise SuitError(
+            f"the cuff {cuff.name} should have a stiffness above 0, a damping of 0 or more and a finite migration, and "
+            f"has {cuff.stiffness:g} N/m, {cuff.damping:g} N s/m and {cuff.migration:g} m; fit it again, correct the "
+            "figure, or leave it out",
+            SolverCode.WRONG_CUFF,
+        )
+
+
 def suit_forces(
     suit: Suit,
     line: CordLine,
@@ -119,7 +134,9 @@ def suit_forces(
     cuffs are those at waist and arm, None for a rigid one; is_shifted applies their migration, yields their compliance.
     Raises SuitError where a cuff has no positive stiffness, or no equilibrium in a frame.
     """
-    _ensure_springs(cuffs)
+    for cuff in cuffs:
+        if cuff:
+            ensure_possible(cuff, least_damping=-np.inf)  # draws about a small damping are below 0, too
     rest = with_migration(suit, line, cuffs) if is_shifted else line
     stiffness = np.array([cuff.stiffness if cuff and yields else np.inf for cuff in cuffs])
     span = rest.shoulder[:, None] - rest.anchors
@@ -154,16 +171,6 @@ def _velocity(suit: Suit, line: CordLine, travel: Array, direction: Array, chose
     moved = travel[:, after, :, None] * in_body[after] - travel[:, before, :, None] * in_body[before]
     seconds = line.interval * np.maximum(after - before, 1)
     return rotate(line.anchors_to_ground[chosen], moved / seconds[:, None, None])
-
-
-def _ensure_springs(cuffs: Cuffs) -> None:
-    for cuff in cuffs:
-        if cuff and not (0 < cuff.stiffness < np.inf and np.isfinite([cuff.damping, cuff.migration]).all()):
-            raise SuitError(
-                f"the cuff {cuff.name} should have a stiffness above 0 and finite damping and migration and has "
-                f"{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m and {cuff.migration:g} m; refit or leave it out",
-                SolverCode.WRONG_CUFF,
-            )
 
 
 def _ensure_before_the_bend(suit: Suit, migration: Array, reach: Array) -> None:

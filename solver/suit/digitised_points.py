@@ -41,7 +41,7 @@ def suit_from_markers(suit: Suit, model: Model, coordinates: Array, observed: Ar
         in_body = in_body[np.isfinite(in_body).all(axis=1)]
         if not len(in_body):
             raise SuitError(
-                f"the marker on the suit's {part} is never seen in a posture that is known; label it",
+                f"the marker on the suit's {part} is visible in no frame with a known posture; label it",
                 SolverCode.POINT_NOT_SEEN,
             )
         points[part] = in_body.mean(axis=0)

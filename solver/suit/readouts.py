@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.redundancy.sequence import FrameOutcome
 from solver.suit.curve_minimum import find_minimum
 from solver.suit.scenarios import Condition, ScenarioEffort, SuitedMotion, SuitScenario
 
@@ -38,6 +40,8 @@ class CurveReadouts:
     reduction          (n, measured) 1 − mean activation / that with a slack cord, at the reference; see SuitedMotion
     efforts            (n, rest lengths) normalised cost at the suit's rest lengths, of drawn people with migration and
                        compliance; NaN below those that have a solution. (n, 0) otherwise
+    outcome            FrameOutcome that leaves at_reference unknown, or SOLVED; the SolverCode of a drawn person who
+                       cannot be evaluated
     """
 
     at_reference: Array
@@ -51,13 +55,15 @@ class CurveReadouts:
     bounds: Array
     reduction: Array
     efforts: Array
+    outcome: NDArray[np.str_]
 
     def part(self, versions: slice) -> CurveReadouts:
         """These versions alone."""
         return CurveReadouts(**{field.name: getattr(self, field.name)[versions] for field in fields(self)})
 
 
-FIGURES = tuple(field.name for field in fields(CurveReadouts) if field.name not in {"bounds", "reduction", "efforts"})
+_OTHERS = {"bounds", "reduction", "efforts", "outcome"}
+FIGURES = tuple(field.name for field in fields(CurveReadouts) if field.name not in _OTHERS)
 """Fields with one number for each version."""
 
 
@@ -65,10 +71,8 @@ def read_off_curves(
     suited: SuitedMotion, slack: ScenarioEffort, solved: Mapping[Condition, Solved]
 ) -> dict[Condition, CurveReadouts]:
     """One version of each curve, from one set of cuffs in all conditions, or from rigid ones alone."""
-    mean_slack = suited.mean_activation(slack.activations[0])
     return {
-        condition: _read(suited, mean_slack, curve, _unmigrated(solved, condition))
-        for condition, curve in solved.items()
+        condition: _read(suited, slack, curve, _unmigrated(solved, condition)) for condition, curve in solved.items()
     }
 
 
@@ -83,7 +87,7 @@ def _unmigrated(solved: Mapping[Condition, Solved], condition: Condition) -> Sol
     return solved[UNMIGRATED[condition]] if condition in UNMIGRATED else None
 
 
-def _read(suited: SuitedMotion, mean_slack: Array, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
+def _read(suited: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
     scenario, effort = solved
     force, cost = effort.cord_force[-1], effort.muscles[-1]
     force_before = cost_before = np.nan
@@ -97,7 +101,7 @@ def _read(suited: SuitedMotion, mean_slack: Array, solved: Solved, unmigrated: S
         length = scenario.rest_lengths[place]
         bounds = np.array([lowest.edge, length, effort.muscles[place], suited.slack_rest_length(scenario) - length])
     slipped = scenario.arm.migration if scenario.arm else 0.0
-    mean = suited.mean_activation(effort.activations[-1])
+    mean, mean_slack = (suited.mean_activation(found) for found in (effort.activations[-1], slack.activations[0]))
     return CurveReadouts(
         at_reference=np.array([cost]),
         rest_length=np.array([lowest.rest_length]),
@@ -110,7 +114,19 @@ def _read(suited: SuitedMotion, mean_slack: Array, solved: Solved, unmigrated: S
         bounds=bounds[None],
         reduction=1 - np.divide(mean, mean_slack, out=np.full_like(mean, np.nan), where=mean_slack > IDLE)[None],
         efforts=np.empty((1, 0)),
+        outcome=np.array([str(_outcome(cost, (*effort.outcomes[-1], *slack.outcomes[0])))]),
     )
+
+
+def _outcome(cost: float, of_frames: Sequence[FrameOutcome]) -> FrameOutcome:
+    """SOLVED, or the most frequent outcome of frames that leaves the cost unknown: rates do not, nor frames left out,
+    unless all of them are.
+    """
+    if np.isfinite(cost):
+        return FrameOutcome.SOLVED
+    known = (FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE, FrameOutcome.NOT_FINITE)
+    found = Counter(outcome for outcome in of_frames if outcome not in known)
+    return found.most_common(1)[0][0] if found else FrameOutcome.NOT_FINITE
 
 
 def efforts_at(suited: SuitedMotion, solved: Sequence[Solved]) -> Array:

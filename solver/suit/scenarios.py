@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.model import Model, ModelError
-from solver.motion import Kinematics, MotionError, decimate
+from solver.motion import Kinematics, decimate
 from solver.multibody.dynamics import Response, response_to_loads
 from solver.multibody.external_loads import ExternalForce
 from solver.multibody.load_wrenches import LoadWrenches

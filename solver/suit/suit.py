@@ -55,7 +55,7 @@ class SuitPoint:
 
 @dataclass(frozen=True, eq=False)
 class SuitMass:
-    """A cuff as dead weight: mass [kg], center (3,) [m] in the body, inertia (3,) [kg m²] about it, body's axes."""
+    """Mass of a cuff: mass [kg], center (3,) [m] in the body, inertia (3,) [kg m²] about it, body's axes."""
 
     body: str
     mass: float

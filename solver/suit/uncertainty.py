@@ -7,8 +7,9 @@ reported.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from itertools import islice
 
 import numpy as np
@@ -36,6 +37,13 @@ MOST_TRIES = 100  # a draw
 MOST_APART, LEAST_FRAMES = 20, 30
 
 
+class DrawnSource(StrEnum):
+    """A source of uncertainty that draws propagate."""
+
+    CUFFS = "cuffs"
+    MOTIONS = "motions"
+
+
 @dataclass(frozen=True, eq=False)
 class DrawSettings:
     """How uncertainty is propagated: draws of all cuffs, solved in every N-th frame.
@@ -53,6 +61,13 @@ class DrawSettings:
         ensure_at_least("draws", self.count, 0)
         if self.every is not None:
             ensure_at_least("every", self.every, 1)
+
+    def sources(self, cuffs: Iterable[CuffParameters]) -> tuple[DrawnSource, ...]:
+        """What differs between draws with these cuffs; empty: no draw would differ from the assessment."""
+        if not self.count:
+            return ()
+        of_cuffs = (DrawnSource.CUFFS,) if any(cuff.covariance.any() for cuff in cuffs) else ()
+        return (*of_cuffs, DrawnSource.MOTIONS) if self.motions else of_cuffs
 
     def frames_apart(self, frames: int) -> int:
         """N for a motion with so many frames."""

@@ -85,7 +85,7 @@ class PeopleCase:
 def solve_people(
     case: PeopleCase, scores: Array, progress: Callable[[int, int], None] = lambda *_: None, workers: int | None = None
 ) -> dict[Place, CurveReadouts]:
-    """Readouts of every condition of every person (people,), NaN where a person cannot be solved.
+    """Readouts of every condition of every person (people,), NaN where a person cannot be solved, with the outcome.
 
     scores (people, scores) are standard normal, in the order of case.factors; zeros are the assessed person with the
     fitted cuffs. workers are threads.
@@ -94,35 +94,42 @@ def solve_people(
     groups: dict[bytes, list[int]] = {}
     for person, row in enumerate(scores[:, shared]):
         groups.setdefault(row.tobytes(), []).append(person)
-    found: list[dict[Place, CurveReadouts] | None] = [None] * len(scores)
+    found: dict[int, dict[Place, CurveReadouts] | SolverCode] = {}
     done = 0
     for people in groups.values():
         for person, readouts in zip(people, _solve_alike(case, scores[people], workers), strict=True):
             found[person] = readouts
         done += len(people)
         progress(done, len(scores))
-    template = next((readouts for readouts in found if readouts), None)
+    template = next((readouts for readouts in found.values() if isinstance(readouts, dict)), None)
     if template is None:
         raise SolverError(
             "none of the drawn people can be solved; check the sources of uncertainty", SolverCode.NO_PERSON_SOLVED
         )
-    unknown = {place: _unknown(reading) for place, reading in template.items()}
-    return {place: stacked([(readouts or unknown)[place] for readouts in found]) for place in template}
+    people_in_order = [found[person] for person in range(len(scores))]
+    return {
+        place: stacked(
+            [_unknown(reading, one) if isinstance(one, SolverCode) else one[place] for one in people_in_order]
+        )
+        for place, reading in template.items()
+    }
 
 
-def _solve_alike(case: PeopleCase, scores: Array, workers: int | None) -> Iterator[dict[Place, CurveReadouts] | None]:
-    """People with the same body, muscles and motion, who may differ in cuffs and cord."""
+def _solve_alike(
+    case: PeopleCase, scores: Array, workers: int | None
+) -> Iterator[dict[Place, CurveReadouts] | SolverCode]:
+    """People with the same body, muscles and motion, who may differ in cuffs and cord; the code of what refuses one."""
     people = [scores_by_factor(case.factors, row) for row in scores]
     try:
         suited = _prepare(case, people[0])
-    except SolverError:
-        yield from [None] * len(people)
+    except SolverError as error:
+        yield from [error.code] * len(people)
         return
     for person in people:
         try:
             yield _solve_person(case, suited, person, workers)
-        except SolverError:  # as for cuffs that are drawn over the shoulder point: this person has no solution
-            yield None
+        except SolverError as error:  # as for cuffs that are drawn over the shoulder point
+            yield error.code
 
 
 def _prepare(case: PeopleCase, scores: Scores) -> SuitedMotion:
@@ -200,10 +207,10 @@ def _bracket_optima(
             scenarios[index], efforts[index] = outside[index], effort
 
 
-def _unknown(readouts: CurveReadouts) -> CurveReadouts:
-    return CurveReadouts(
-        **{field.name: np.full_like(getattr(readouts, field.name), np.nan) for field in fields(CurveReadouts)}
-    )
+def _unknown(readouts: CurveReadouts, reason: SolverCode) -> CurveReadouts:
+    parts = {field.name: getattr(readouts, field.name) for field in fields(CurveReadouts)}
+    numbers = {name: np.full_like(part, np.nan) for name, part in parts.items() if name != "outcome"}
+    return CurveReadouts(**numbers, outcome=np.array([str(reason)]))
 
 
 def person_spans(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,6 +43,7 @@ class TotalUncertainty:
     indices     of each figure, None where it is unknown or does not vary; empty where none were asked for
     cubes       the people who were solved again with an effort of cubes, None for none
     seed        of the sample of people, None if it is not known
+    unsolved    outcome of the people who are not solved → number, the most frequent first
     """
 
     people: int
@@ -56,6 +58,7 @@ class TotalUncertainty:
     indices: Mapping[IndexedFigure, SobolIndices | None] = field(default_factory=dict)
     cubes: CubesComparison | None = None
     seed: int | None = None
+    unsolved: Mapping[str, int] = field(default_factory=dict)
 
 
 def total_uncertainty(
@@ -98,7 +101,17 @@ def total_uncertainty(
             for place, reading in readouts.items()
             if reading.efforts.shape[1]
         },
+        unsolved=_unsolved(list(readouts.values())),
     )
+
+
+def _unsolved(readouts: Sequence[CurveReadouts]) -> dict[str, int]:
+    """Number of people by the outcome of their first curve without an effort."""
+    first = (
+        next((reading.outcome[person] for reading in readouts if np.isnan(reading.at_reference[person])), None)
+        for person in range(1, len(readouts[0].at_reference))
+    )
+    return dict(Counter(str(outcome) for outcome in first if outcome is not None).most_common())
 
 
 def _band(cost: Array, versions: Array) -> CostBand:

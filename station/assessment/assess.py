@@ -26,8 +26,8 @@ from solver.uncertainty.total import TotalUncertainty
 from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
+    cuff_findings,
     cuff_remarks,
-    ensure_folder,
     read_cuffs_to_wear,
     standing_of_cuffs,
     worn_cuffs,
@@ -52,6 +52,7 @@ from station.assessment.total_json import PEOPLE_FILE, people_table, plain_total
 from station.checksums import write_checksums
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
+from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.subject.measured_cord import compare_cord
 from station.subject.subject_json import plain_subject, subject_inputs
@@ -100,7 +101,8 @@ class AssessedSuit:
     @property
     def findings(self) -> list[Finding]:
         has_covariance = any(with_interval_covariance(cuff).covariance.any() for cuff in self.cuffs)
-        return [*findings(self.assessment, self.total, has_covariance=has_covariance), *self.on_inputs]
+        on_suit = findings(self.assessment, self.total, has_covariance=has_covariance)
+        return [*on_suit, *cuff_findings(self.cuffs), *self.on_inputs]
 
 
 def assess_cuffs(
@@ -123,10 +125,10 @@ def assess_cuffs(
         budget = people.budget.donning
         declared = people.budget.sources.donning
         donning = donning_sources(declared, inputs.cuffs, people.donnings, estimates=budget.estimate)
+    worn = worn_cuffs(cuffs, inputs.chosen)
     case = read_case(inputs, most_rest_lengths, progress)
     model, kinematics, suit = case.model, case.kinematics, case.suit
-    emg, worn = inputs.read_emg(model, suit), worn_cuffs(cuffs, inputs.chosen)
-    options = inputs.read_options(model)
+    emg, options = inputs.read_emg(model, suit), inputs.read_options(model)
     # the shorter one first: a fault of its motion is reported at once
     beside = None if case.subject else _assess_other_motion(inputs, model, options, worn, most_frames, progress)
     moving = LoadedMotion(model, kinematics, inputs.read_loads(model, kinematics), options)

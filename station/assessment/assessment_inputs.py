@@ -13,21 +13,24 @@ from fitting.cuffs.wearable_cuff import KNOWN_LAW, NotIdentified, WearableCuff, 
 from fitting.laws.model_class import SLIP
 from fitting.results.seal import Standing
 from solver.cuff import CuffParameters
+from solver.errors import MotionError
 from solver.model import Model, ModelError
-from solver.motion import Kinematics, MotionError
+from solver.motion import Kinematics
 from solver.multibody.external_loads import ExternalForce
 from solver.paths import PathMode
 from solver.point_mass import with_point_mass
 from solver.redundancy.options import RedundancyOptions, Tendons
-from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
+from solver.suit.cord import ensure_possible
+from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.effort import read_effort
 from station.assessment.emg import MeasuredReduction, read_emg
 from station.checksums import standing_of
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.messages.codes import InputCode
+from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
-from station.sources import CUTOFF_HZ, kinematics_of, loads_of, model_of, named_hash, named_hashes
+from station.motion_filter import CUTOFF_HZ
+from station.sources import kinematics_of, loads_of, model_of, named_hash, named_hashes
 
 RIGID = "rigid"
 HELD_MASS = 2.0  # kg in the hand, if both the assessed and the other motion are the bundled one
@@ -39,12 +42,6 @@ class InputError(StationError):
 
 class UnknownCuff(InputError):
     """The command names a cuff that is not in the file."""
-
-    exit_code = WRONG_USAGE
-
-
-class NotAFolder(InputError):
-    """The output of the command line is a file."""
 
     exit_code = WRONG_USAGE
 
@@ -109,7 +106,9 @@ class AssessmentInputs:
             kinematics = kinematics_of(self.beside, model, self.cutoff_hz)
             interpolated = "" if kinematics.steps is None else " (interpolated to even steps)"
             without = f" (without data: {', '.join(kinematics.missing)})" if kinematics.missing else ""
-            return self.beside.name + interpolated + without, model, kinematics
+            counts = kinematics.row_counts
+            other = "" if counts is None else f" (nRows {counts[0]}, found {counts[1]})"
+            return self.beside.name + interpolated + without + other, model, kinematics
         try:
             kinematics = kinematics_of(None, model)
             if self.motion is not None:
@@ -148,14 +147,20 @@ def cuff_remarks(path: Path, cuffs: Iterable[WearableCuff]) -> list[str]:
     return remarks
 
 
-def ensure_folder(output: Path) -> None:
-    """Raise NotAFolder, before anything is solved, if results cannot be written to output."""
-    if output.exists() and not output.is_dir():
-        raise NotAFolder(Message(InputCode.OUTPUT_IS_FILE, {"path": str(output)}))
+def cuff_findings(cuffs: Iterable[WearableCuff]) -> list[Message[AssessmentCode]]:
+    """A finding on each cuff that migrated against the pull, beyond its 95 % interval."""
+    return [
+        Message(AssessmentCode.NEGATIVE_MIGRATION, {"cuff": cuff.name, "migration_mm": 1e3 * cuff.migration.value})
+        for cuff in cuffs
+        if cuff.migration is not None and max(cuff.migration.value, cuff.migration.ci95[1]) < 0
+    ]
 
 
 def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[CuffParameters]:
-    """The chosen cuffs, or all, and the waist cuff. Raises InputError for one that is missing, or of another law."""
+    """The chosen cuffs, or all, and the waist cuff.
+
+    Raises InputError for one that is missing, or of another law, and SuitError for one that cannot be.
+    """
     missing = [name for name in chosen if name not in cuffs]
     if missing:
         figures = {"missing": ", ".join(missing), "known": ", ".join(cuffs) or "none"}
@@ -165,7 +170,10 @@ def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[
         if cuff.name == RIGID:
             raise InputError(Message(InputCode.CUFF_NAMED_RIGID, {"name": RIGID}))
         _ensure_law(cuff)
-    return [with_interval_covariance(cuff) for cuff in worn]
+    parameters = [with_interval_covariance(cuff) for cuff in worn]
+    for cuff_parameters in parameters:
+        ensure_possible(cuff_parameters)
+    return parameters
 
 
 def chosen_cuffs(cuffs: Mapping[str, WearableCuff], chosen: tuple[str, ...]) -> list[WearableCuff]:
@@ -179,7 +187,7 @@ def wearable(cuffs: Mapping[str, WearableCuff]) -> tuple[dict[str, WearableCuff]
     for name, cuff in cuffs.items():
         try:
             worn_cuffs({name: cuff}, ())
-        except (NotIdentified, InputError) as error:
+        except (NotIdentified, InputError, SuitError) as error:
             left_out[name] = str(error)
     return {name: cuff for name, cuff in cuffs.items() if name not in left_out}, left_out
 

@@ -143,6 +143,7 @@ def _uncertainty(assessment: Assessment) -> Plain | None:
         "draws": known(uncertainty.draws),
         "seed": known(SEED),
         "every_frame": known(uncertainty.every),
+        "sources": list(uncertainty.sources),
         "subsampling_difference": {
             "at_rigid_optimum": known(uncertainty.largest_difference["at_reference"]),
             "rest_length_m": known(uncertainty.largest_difference["rest_length"]),

@@ -7,9 +7,12 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from types import TracebackType
 
+import typer
+
+from solver.compile_ahead import KERNELS, LAST_FIRST, CompilationCount, is_first_use
 from station.progress import Progress
 
 STAGE = "compiling the solver"
@@ -17,8 +20,19 @@ FIRST_USE = "The solver is compiled, once on this machine; this takes about 15 s
 COMMAND = (sys.executable, "-m", "solver.compile_ahead", "--with-parent")
 
 
+def compilation_beside(context: typer.Context) -> CompilationAhead:
+    """Compilation beside a verb, which on the first use on this machine starts before the other imports of the verb.
+
+    They take as long as its own. It ends with the verb. compilation_shown starts it if something is compiled later.
+    """
+    beside = context.with_resource(CompilationAhead((*COMMAND, LAST_FIRST)))
+    if is_first_use():
+        beside.ensure_started()
+    return beside
+
+
 class CompilationAhead:
-    """A context manager: a second process compiles during it.
+    """A context manager: a second process compiles during it, from ensure_started on.
 
     This module imports little, so that the process starts before the other imports of a verb. A failure only costs
     time: a kernel that is not compiled is compiled at its first use.
@@ -26,11 +40,19 @@ class CompilationAhead:
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
         self._command = command
+        self._is_started = False
         self._child: subprocess.Popen[str] | None = None
         self._reader: threading.Thread | None = None
         self._is_complete = False
 
     def __enter__(self) -> CompilationAhead:
+        return self
+
+    def ensure_started(self) -> None:
+        """Start the second process unless it has been started, even if it has ended since."""
+        if self._is_started:
+            return
+        self._is_started = True
         try:
             self._child = subprocess.Popen(  # noqa: S603 (our own module)
                 self._command,
@@ -43,7 +65,6 @@ class CompilationAhead:
             )
         except OSError:
             self._child = None
-        return self
 
     def show(self, progress: Progress) -> None:
         """Report every kernel from now on, in a thread, until the child ends."""
@@ -88,26 +109,25 @@ class CompilationAhead:
 
 
 @contextmanager
-def compilation_shown(progress: Progress) -> Iterator[None]:
+def compilation_shown(progress: Progress, beside: CompilationAhead) -> Iterator[None]:
     """Show compilation in this process as a separate stage, instead of a warning per kernel.
 
-    When it begins, a message says how long it takes, because a log shows no stage before it ends, and a second process
-    starts with the last kernels. This one loads them if they are ready by then.
+    When it begins, a message says how long it takes, because a log shows no stage before it ends, and the second
+    process is started unless it was. This process loads the kernels that are ready by then.
     """
-    # the compiler behind it takes long to import
-    from solver.compile_ahead import KERNELS, LAST_FIRST, CompilationCount
-
     has_begun = False
 
     def report(ready: int, total: int) -> None:
+        from solver.compiled import keeps_code  # imports the compiler
+
         nonlocal has_begun
-        if not has_begun:
+        if not has_begun and keeps_code():
             print(FIRST_USE, file=sys.stderr, flush=True)
-            others.enter_context(CompilationAhead((*COMMAND, LAST_FIRST)))
+            beside.ensure_started()
         has_begun = True
         progress(STAGE, min(ready, total - 1), total)
 
-    with ExitStack() as others, CompilationCount(report):
+    with CompilationCount(report):
         yield
     if has_begun:
         progress(STAGE, len(KERNELS), len(KERNELS))

@@ -11,6 +11,7 @@ from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
 from solver.uncertainty.total import TotalUncertainty
+from station.assessment.interval_sources import sources_text
 from station.assessment.reserves import LARGE_RESERVES
 from station.interval import digits_of, rounded
 from station.messages.codes import AssessmentCode
@@ -50,7 +51,8 @@ def findings(
         *_rest_lengths_outside_range(assessment),
         _intervals(assessment.uncertainty, has_covariance=has_covariance) if total is None else _total(total),
         *_unsolved_people(total),
-        *_cord_and_migration(assessment),
+        *_cord_force(assessment),
+        *_migration(assessment, total),
         *_reserves(assessment),
         *_unsolved_frames(assessment),
         *_unconverged_muscles(assessment),
@@ -75,7 +77,8 @@ def _total(total: TotalUncertainty) -> Finding:
 def _unsolved_people(total: TotalUncertainty | None) -> Iterator[Finding]:
     """Named, because people without a solution need not be a random part of the sample, and intervals omit them."""
     if total is not None and total.solved < total.people:
-        figures: Figures = {"unsolved": total.people - total.solved, "people": total.people}
+        outcomes = ", ".join(f"{outcome} {count}" for outcome, count in total.unsolved.items())
+        figures: Figures = {"unsolved": total.people - total.solved, "people": total.people, "outcomes": outcomes}
         yield Message(AssessmentCode.PEOPLE_UNSOLVED, figures)
 
 
@@ -158,7 +161,8 @@ def _intervals(uncertainty: UncertaintySummary | None, *, has_covariance: bool) 
     if uncertainty is None:
         return Message(AssessmentCode.NO_INTERVALS if has_covariance else AssessmentCode.NO_COVARIANCE)
     change = uncertainty.largest_difference
-    figures: Figures = {"draws": uncertainty.draws, "every": uncertainty.every}
+    drawn = sources_text(uncertainty.sources)
+    figures: Figures = {"draws": uncertainty.draws, "every": uncertainty.every, "drawn": drawn}
     if np.isnan(list(change.values())).any():
         return Message(AssessmentCode.INTERVALS_UNVERIFIED, figures)
     changes: Figures = {
@@ -169,24 +173,40 @@ def _intervals(uncertainty: UncertaintySummary | None, *, has_covariance: bool) 
     return Message(AssessmentCode.INTERVALS, {**figures, **changes})
 
 
-def _cord_and_migration(assessment: Assessment) -> Iterator[Finding]:
-    """Force of the cord with rigid cuffs, and the cost of migration cuff by cuff."""
-    rigid, *others = assessment.curves
+def _cord_force(assessment: Assessment) -> Iterator[Finding]:
+    """Force of the cord with rigid cuffs."""
+    rigid = assessment.curves[0]
     to_slack, force = rigid.figures["to_slack"].value, rigid.figures["cord_force"].value
     if to_slack is not None and force is not None:
-        yield Message(AssessmentCode.CORD_FORCE, {"force_n": force, "slack_cm": 100 * to_slack})
-    for curve in others:
-        lost, per_metre = curve.figures["cord_force_lost"].value, curve.figures["cost_per_migration"].value
-        if curve.condition == "shift" and lost is not None and per_metre is not None:
+        yield Message(
+            AssessmentCode.CORD_FORCE,
+            {"force_n": force, "slack_cm": 100 * to_slack, "slack_m": assessment.longest_cord},
+        )
+
+
+def _migration(assessment: Assessment, total: TotalUncertainty | None) -> Iterator[Finding]:
+    """The cost of migration with every cuff that also yields, the condition of the comparisons."""
+    waist = f" and the {assessment.waist_cuff} cuff" if assessment.waist_cuff else ""
+    for curve in assessment.curves:
+        found = curve.figures if total is None else total.figures.get((curve.condition, curve.cuff), curve.figures)
+        lost, cost = found["cord_force_lost"].value, found["cost_per_migration"]
+        if curve.condition == "both" and lost is not None and cost.value is not None:
+            digits = digits_of(cost.ci95, otherwise=1)
             figures: Figures = {
                 "cuff": str(curve.cuff),
-                "cuffs": f"{curve.cuff} and the {assessment.waist_cuff} cuff"
-                if assessment.waist_cuff
-                else str(curve.cuff),
+                "cuffs": f"{curve.cuff}{waist}",
                 "lost_percent": 100 * lost,
-                "percent_per_cm": per_metre,
+                "percent_per_cm": _signed(cost.value, digits),
             }
-            yield Message(AssessmentCode.MIGRATION_COST, figures)
+            yield _migration_cost(figures, cost.ci95, digits)
+
+
+def _migration_cost(figures: Figures, ci95: tuple[float, float] | None, digits: int) -> Finding:
+    if ci95 is None:
+        return Message(AssessmentCode.MIGRATION_COST_ALONE, figures)
+    low, high = ci95
+    code = AssessmentCode.MIGRATION_COST_OPEN if low <= 0 <= high else AssessmentCode.MIGRATION_COST
+    return Message(code, {**figures, "low_per_cm": _signed(low, digits), "high_per_cm": _signed(high, digits)})
 
 
 def _reserves(assessment: Assessment) -> Iterator[Finding]:

@@ -11,8 +11,9 @@ from solver.motion_splines import Accelerations, differentiate_by_splines, held_
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.loads import data_file
 from solver.suit.suited_model import SuitedModel
-from station.assessment.motion_checks import load_checks, motion_checks
-from station.sources import CUTOFF_HZ, loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
+from station.assessment.motion_checks import load_checks, motion_checks, range_checks
+from station.motion_filter import CUTOFF_HZ
+from station.sources import loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,14 @@ class MuscleInputs:
 class GivenMotion:
     """The model, with its suit if it has one, and motion and loads in the frames that are solved.
 
-    on_loads  notes of load_checks on the file of external loads
+    on_range, on_loads  notes of range_checks on the limits, and of load_checks on the file of external loads
     """
 
     model: Model
     suited: SuitedModel | None
     kinematics: Kinematics
     loads: tuple[ExternalForce, ...]
+    on_range: dict[str, str]
     on_loads: dict[str, str]
 
     @property
@@ -75,6 +77,7 @@ class GivenMotion:
         return {
             **suit,
             **motion_checks(self.model, self.kinematics),
+            **self.on_range,
             **self.on_loads,
             "filter": self.kinematics.filter,
             "derivatives": self.kinematics.derivatives,
@@ -93,7 +96,7 @@ def read_given_motion(inputs: MuscleInputs, cut: MotionCut, *, is_assembled: boo
     on_loads = load_checks(inputs.external_loads, loads, model, kinematics)
     if suited is not None:
         loads += suited.loads(whole, cut.every)
-    return GivenMotion(model, suited, kinematics, loads, on_loads)
+    return GivenMotion(model, suited, kinematics, loads, range_checks(motion, cut.start, cut.end), on_loads)
 
 
 def _differentiate(motion: Motion, cut: MotionCut, *, is_assembled: bool) -> Kinematics:

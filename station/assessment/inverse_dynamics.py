@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.inverse_dynamics import inverse_dynamics
 from solver.model import Coordinate
-from solver.motion import MotionError, write_table
+from solver.time_series_table import write_table
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.versions import solving_versions
 from station.whole_file import drafted

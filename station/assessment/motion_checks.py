@@ -1,9 +1,9 @@
 """Checks of a motion and its loads.
 
-Coordinates without data, steps that are uneven, a filter with a low cut-off, coordinates against a coupler, lock or
-prescription or far out of range, angles that look like radians in a file in degrees, and loads that are off or far from
-their body. None is an error: OpenSim's tools take such a motion as it is. Notes name the coordinates, the greatest
-value first.
+Coordinates without data, limits of time outside the motion, a header with another number of rows, steps that are
+uneven, a filter with a low cut-off, coordinates against a coupler, lock or prescription or far out of range, angles
+that look like radians in a file in degrees, and loads that are off or far from their body. None is an error: OpenSim's
+tools take such a motion as it is. Notes name the coordinates, the greatest value first.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import Model
-from solver.motion import Kinematics
+from solver.motion import Kinematics, Motion, limits_outside
 from solver.motion_splines import held_by_constraints
 from solver.multibody.constraints import is_held
 from solver.multibody.external_loads import ExternalForce
@@ -35,7 +35,9 @@ RANGES_OUTSIDE, LEAST_OUTSIDE, MOST_OUTSIDE = 10.0, 1.0, 100.0
 sprint along a track is not. Ranges without a limit, ±99999.9 in OpenSim's files, count as ±100 m."""
 LEAST_CUTOFF = 4.0
 """Cut-off in mean frequencies of the angles. Walking, of about 1.2 Hz, is filtered at 6 Hz (Winter, Biomechanics and
-Motor Control of Human Movement), the arm lifts of the published study, of 0.2 to 0.5 Hz, at 3 Hz."""
+Motor Control of Human Movement), the arm lifts of the published study, of 0.2 to 0.6 Hz, at 3 Hz."""
+AT_REST = 0.1
+"""Of the greatest speed; a frame below it is at rest."""
 LARGEST_RADIANS = np.pi
 """A motion in degrees without a larger number looks like one in radians."""
 FAR_FROM_BODY, SHARE_OF_FORCE = 1.0, 0.05
@@ -43,6 +45,8 @@ FAR_FROM_BODY, SHARE_OF_FORCE = 1.0, 0.05
 force is above 5 % of its greatest: a centre of pressure has no meaning without a force."""
 FINDINGS = {
     "without_data": (AssessmentCode.WITHOUT_DATA, "coordinates"),
+    "range_not_covered": (AssessmentCode.RANGE_NOT_COVERED, "range"),
+    "row_counts": (AssessmentCode.ROW_COUNTS, "rows"),
     "resampled_from_s": (AssessmentCode.RESAMPLED, "steps"),
     "low_cutoff": (AssessmentCode.LOW_CUTOFF, "frequencies"),
     "violates_constraint": (AssessmentCode.VIOLATES_CONSTRAINT, "coordinates"),
@@ -68,9 +72,10 @@ def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
     differences = np.abs(kinematics.positions - expected).max(axis=0)
     is_distance = kinds == "translation"
     tolerance = np.where(is_distance, DISTANCE_TOLERANCE, ANGLE_TOLERANCE)
-    steps, degrees = kinematics.steps, kinematics.largest_degrees or 0.0
+    steps, degrees, rows = kinematics.steps, kinematics.largest_degrees or 0.0, kinematics.row_counts
     notes = {
         "without_data": ", ".join(kinematics.missing),
+        "row_counts": "" if rows is None else f"nRows {rows[0]}, found {rows[1]}",
         "resampled_from_s": "" if steps is None else f"{steps[0]:.6g} to {steps[1]:.6g}",
         "low_cutoff": _low_cutoff(model, kinematics),
         "violates_constraint": _listed(model, differences, held & (differences > tolerance)),
@@ -79,6 +84,13 @@ def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
         "radians_as_degrees": f"{degrees:.3g}" if 0.0 < degrees <= LARGEST_RADIANS else "",
     }
     return {name: note for name, note in notes.items() if note}
+
+
+def range_checks(motion: Motion, start: float | None, end: float | None) -> dict[str, str]:
+    """A note range_not_covered where a limit [s] lies outside the motion: that limit, and the times of the motion."""
+    outside = limits_outside(motion.time, start, end)
+    covered = f"the motion lasts from {motion.time[0]:g} to {motion.time[-1]:g} s"
+    return {"range_not_covered": f"{outside}, {covered}"} if outside else {}
 
 
 def load_checks(
@@ -97,24 +109,33 @@ def load_checks(
 
 
 def motion_findings(notes: Mapping[str, str]) -> list[Message[AssessmentCode]]:
-    """A finding for each of the notes of motion_checks and load_checks."""
+    """A finding for each of the notes of motion_checks, range_checks and load_checks."""
     return [Message(code, {figure: notes[name]}) for name, (code, figure) in FINDINGS.items() if name in notes]
 
 
 def _low_cutoff(model: Model, kinematics: Kinematics) -> str:
-    """Cut-off and mean frequency where the filter removes a part of the motion; "" for less than one period.
+    """Cut-off and mean frequency where the filter removes a part of the motion; "" where it has no frequency.
 
     The mean frequency is the RMS of the speeds of all rotations over that of their angles about the mean, after the
-    filter: noise does not raise it. A part of a period has no frequency: of a ramp it would be any.
+    filter: noise does not raise it. It is that of the frames that move, so that a rest before and after a reach does
+    not lower it. A reach from rest to rest is half a period. Any other part of one has no frequency: of a ramp it would
+    be any.
     """
     is_angle = np.array([coordinate.motion == "rotation" for coordinate in model.coordinates])
     angles, speeds = kinematics.positions[:, is_angle], kinematics.speeds[:, is_angle]
+    speed = np.linalg.norm(speeds, axis=1)
+    moving = np.flatnonzero(speed > AT_REST * speed.max())
+    if kinematics.cutoff is None or len(moving) < 2:
+        return ""
+    first, last = int(moving[0]), int(moving[-1])
+    angles, speeds = angles[first : last + 1], speeds[first : last + 1]
     amplitude = np.sqrt(((angles - angles.mean(axis=0)) ** 2).sum())
-    if kinematics.cutoff is None or not amplitude:
+    if not amplitude:
         return ""
     frequency = float(np.sqrt((speeds**2).sum()) / amplitude / (2 * np.pi))
-    has_period = frequency * (kinematics.time[-1] - kinematics.time[0]) >= 1
-    is_low = has_period and kinematics.cutoff < LEAST_CUTOFF * frequency
+    is_reach = first > 0 and last < len(speed) - 1
+    has_frequency = is_reach or frequency * (kinematics.time[last] - kinematics.time[first]) >= 1
+    is_low = has_frequency and kinematics.cutoff < LEAST_CUTOFF * frequency
     return f"cut-off {kinematics.cutoff:g} Hz, mean frequency of the angles {frequency:.2g} Hz" if is_low else ""
 
 

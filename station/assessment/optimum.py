@@ -18,8 +18,8 @@ from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
     InputError,
+    cuff_findings,
     cuff_remarks,
-    ensure_folder,
     read_cuffs_to_wear,
     worn_cuffs,
 )
@@ -28,6 +28,7 @@ from station.assessment.motion_checks import load_checks, motion_checks, motion_
 from station.checksums import write_checksums
 from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
+from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.versions import solving_versions
 from station.whole_file import write_whole
@@ -71,14 +72,15 @@ def optimise_file(
         draws=DrawSettings(count=draws),
         progress=progress,
     )
-    remarks = cuff_remarks(inputs.cuffs, (cuffs[cuff.name] for cuff in (*arms, *waists)))
+    fits = [cuffs[cuff.name] for cuff in (*arms, *waists)]
+    remarks = [*cuff_remarks(inputs.cuffs, fits), *map(str, cuff_findings(fits))]
     notes = motion_checks(model, kinematics) | load_checks(inputs.external_loads, loads, model, kinematics)
     remarks += map(str, motion_findings(notes))
     if draws and condition != "rigid" and not optimised.robust.drawn.size:
         remarks.append(str(Message(AssessmentCode.NO_COVARIANCE)))
     plain = {
         "condition": condition,
-        "origin": DataOrigin.joined(cuffs[cuff.name].origin for cuff in (*arms, *waists)),
+        "origin": DataOrigin.joined(fit.origin for fit in fits),
         "cuff": arms[0].name,
         "free": ["rest_length", *free],
         **_plain_suits(optimised),

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import Actuator, CoordinateActuator, Model
-from solver.motion import write_table
 from solver.multibody.joint_reactions import JointReactions
 from solver.muscle import MuscleOutcome
 from solver.redundancy.glenoid import is_shoulder
+from solver.time_series_table import write_table
 from station.assessment.reserves import unit_of
 from station.assessment.rmr import STATUS, SolvedMotion
 from station.errors import StationError
@@ -50,7 +50,7 @@ class Column:
     values: Array
 
 
-def ensure_writable(path: Path) -> None:
+def ensure_table_format(path: Path) -> None:
     """Raise TableError for a name without a known suffix, before anything is computed."""
     if path.suffix not in SUFFIXES:
         raise TableError(
@@ -63,7 +63,7 @@ def write_solved(path: Path, solved: SolvedMotion) -> str | None:
 
     Returns a sentence on the columns and frames that a .sto leaves out, None if there are none.
     """
-    ensure_writable(path)
+    ensure_table_format(path)
     columns = tuple(solved_columns(solved))
     if path.suffix == ".parquet":
         with drafted(path) as draft:

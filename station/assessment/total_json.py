@@ -138,11 +138,12 @@ def with_total_intervals(assessment: Mapping[str, Any]) -> Plain:
 
 
 def people_table(total: TotalUncertainty) -> str:
-    """CSV: person (0 is the assessed one, solved as the others are), condition, cuff, and the figures of the curve."""
-    lines = [",".join(["person", "condition", "cuff", *(UNITS[name] for name in FIGURES)])]
+    """CSV: person (0 is the assessed one, solved as the others are), condition, cuff, figures of the curve, outcome."""
+    lines = [",".join(["person", "condition", "cuff", *(UNITS[name] for name in FIGURES), "outcome"])]
     for (condition, cuff), reading in total.readouts.items():
         for person, row in enumerate(zip(*(getattr(reading, name) for name in FIGURES), strict=True)):
-            lines.append(",".join([str(person), condition, cuff or "", *(f"{value:.8g}" for value in row)]))
+            numbers = [f"{value:.8g}" for value in row]
+            lines.append(",".join([str(person), condition, cuff or "", *numbers, str(reading.outcome[person])]))
     return "\n".join(lines) + "\n"
 
 

@@ -20,8 +20,8 @@ Colour = Literal[
 Dash = Literal["", "dashed", "dotted"]
 
 COLOURS: tuple[Colour, ...] = ("c1", "c2", "c3", "c4", "c5", "c6")
-"""Blue, vermilion, green, purple, orange, sky blue: the palette of Okabe and Ito (2008), which the colour-blind tell
-apart. Yellow is left out: it cannot be seen on white paper.
+"""Blue, vermilion, green, purple, orange, sky blue: the palette of Okabe and Ito (2008), which colour-blind users can
+distinguish. Yellow is left out: it cannot be seen on white paper.
 """
 
 
@@ -50,13 +50,16 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Points:
-    """Dots, each with a hover title; hollow ones mark a second series in the same colour."""
+    """Dots, each with a hover title; hollow ones mark a second series in the same colour. radius [px]: None for that
+    of the kind.
+    """
 
     x: Array
     y: Array
     colour: Colour
     label: str = ""
     is_hollow: bool = False
+    radius: float | None = None
     titles: tuple[str, ...] = ()
 
 

@@ -56,7 +56,7 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def tick_texts(places: list[float]) -> list[str]:
-    """As many decimals as tell neighbours apart, the same for all."""
+    """As many decimals as distinguish neighbours, the same for all."""
     if not places:
         return []
     step = places[1] - places[0] if len(places) > 1 else abs(places[0]) or 1.0

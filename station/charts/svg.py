@@ -230,7 +230,7 @@ def _span(mark: Strip, area: Area, title: str) -> str:
 
 
 def _points(mark: Points, area: Area) -> Iterator[str]:
-    kind, radius = ("hollow", 4.2) if mark.is_hollow else ("point", 3.0)
+    kind, radius = ("hollow", mark.radius or 4.2) if mark.is_hollow else ("point", mark.radius or 3.0)
     titles = mark.titles or ("",) * len(mark.x)
     for x, y, number_x, number_y, title in zip(
         area.x.pixels(mark.x), area.y.pixels(mark.y), mark.x, mark.y, titles, strict=True
@@ -258,11 +258,13 @@ def _intervals(mark: Intervals, area: Area) -> str:
 
 def _word(mark: Rule, area: Area) -> str:
     if not mark.is_upright:
-        return f'<text x="{area.left + 4:.1f}" y="{area.y.pixel(mark.at) - 4:.1f}">{escape(mark.word)}</text>'
+        return (
+            f'<text class="e" x="{area.right - 4:.1f}" y="{area.y.pixel(mark.at) - 4:.1f}">{escape(mark.word)}</text>'
+        )
     at = area.x.pixel(mark.at)
     is_left = at + CHARACTER * len(mark.word) < area.right
     anchor, x = ("", at + 3) if is_left else (' class="e"', at - 3)
-    return f'<text{anchor} x="{x:.1f}" y="{area.top + TEXT:.1f}">{escape(mark.word)}</text>'
+    return f'<text{anchor} x="{x:.1f}" y="{area.top + TEXT + 3:.1f}">{escape(mark.word)}</text>'
 
 
 def _legend(panel: Panel) -> Iterator[LegendEntry]:

@@ -15,7 +15,7 @@ PROPS = {"main": "unelevated color=primary", "other": "outline", "danger": "unel
 
 
 class Actions:
-    """run() performs an action and shows its refusal; row is the bar of the buttons.
+    """run() performs an action and shows its refusal; row is the bar of the buttons, in two groups.
 
     form is for input above the buttons; is_covered: a dialog is open and takes the keys.
     """
@@ -25,17 +25,17 @@ class Actions:
         self.by_key: dict[str, Action] = {}
         self.form = form
         self.is_covered = False
-        self._row = row
         form.clear()
         row.clear()
         with row:
-            ui.element("div").classes("spacer")
+            self._main = ui.row().classes("main")
+            self._apart = ui.row().classes("apart")
 
     def add(
         self, name: str, key: str, action: Action, *, kind: Kind = "other", mark: str = "", is_apart: bool = False
     ) -> ui.button:
-        """Add a button and its key; is_apart: at the other end of the bar."""
+        """Add a button and its key; is_apart: in the group at the other end of the bar, at every width."""
         self.by_key[key] = action
-        with self._row:
+        with self._apart if is_apart else self._main:
             button = ui.button(f"{name} ({key})", on_click=lambda: self.run(action)).props(PROPS[kind])
-        return button.classes("apart" if is_apart else "").mark(mark or name.lower().replace(" ", "-"))
+        return button.mark(mark or name.lower().replace(" ", "-"))

@@ -18,7 +18,7 @@
     if (!context) return;
     [context.lineCap, context.lineJoin] = ["round", "round"];
     if (view.centre && view.body) {
-      const place = view3d.projector(canvas, view, 0.45);
+      const place = view3d.projector(canvas, view);
       for (const [kind, points] of view.body.bones) bone(context, kind, points.map(place));
       view.body.muscles.forEach((points, index) => {
         const level = view.body.levels[index];

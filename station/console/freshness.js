@@ -105,8 +105,8 @@ window.station = (() => {
 
   return {
     // One update of the charts; at is the time at which its data left the recorder [Unix s].
-    draw({ at, over_time, loop, markers }) {
-      for (const [id, series] of [over_time, loop]) getElement(id)?.chart?.setOption({ series });
+    draw({ at, charts, markers }) {
+      for (const [id, series] of charts) getElement(id)?.chart?.setOption({ series });
       window.drawMarkers?.(...markers);
       this.showAge(at * 1000, "data");
       return true;

@@ -10,7 +10,7 @@ from station.live.published import LiveBest, LiveRecent, LiveScenario, LiveSetup
 MUSCLES_NAMED = 4
 NO_VALUES = (
     "No live values: they are computed while a motion of the wearer is recorded with enabled = true under [live] in "
-    "the configuration. This page shows them as soon as they come."
+    "the configuration. This page shows them as soon as they arrive."
 )
 
 

@@ -175,7 +175,7 @@ class _EffortTable:
         self._ids: list[str] = []
         with ui.element("div").classes("efforts").mark("efforts"):
             ui.label("muscle effort").classes("heading")
-            ui.label("now").classes("under").tooltip("bar: effort; figure: share of the effort with a slack cord")
+            ui.label("now").classes("under").tooltip("bar: effort; figure: relative to the effort with a slack cord")
             heading = ui.label(recent_heading(None)).classes("under")
             self.heading_id = heading.html_id
             for scenario in scenarios:

@@ -48,7 +48,7 @@
   }
 
   function axes(context, view, height) {
-    const turned = view3d.projector({ clientWidth: 72, clientHeight: 72 }, { ...view, centre: [0, 0, 0], extent: 1.4, zoom: 1 });
+    const turned = view3d.projector({ clientWidth: 72, clientHeight: 72 }, { ...view, centre: [0, 0, 0], extent: 1.15, zoom: 1 });
     [context.strokeStyle, context.fillStyle, context.lineWidth] = [COLOURS.other, COLOURS.other, 1.5];
     for (const [name, axis] of [["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]) {
       const [from, to] = [turned([0, 0, 0]), turned(axis)].map(([x, y]) => [x, y + height - 72]);

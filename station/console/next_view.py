@@ -52,13 +52,20 @@ def _state_of(trial: TrialSpec, plan: PlanStatus) -> str:
 def add_exits(controller: SessionController, actions: Actions) -> None:
     """Add the buttons that leave the plan before its end, with the effect of each as a tooltip."""
     leave = actions.add("Session list", "l", controller.session.leave, mark="leave", is_apart=True)
-    leave.tooltip(
+    _explain(
+        leave,
         "return to the list of sessions; this rehearsal is deleted"
         if controller.session.is_rehearsal
-        else "return to the list of sessions, where this session can be resumed"
+        else "return to the list of sessions, where this session can be resumed",
     )
     report = actions.add("Skip to report", "e", controller.runner.end_early, mark="end-early", is_apart=True)
-    report.tooltip("fit and report the trials so far; the plan can be continued afterwards")
+    _explain(report, "fit and report the trials so far; the plan can be continued afterwards")
+
+
+def _explain(button: ui.button, text: str) -> None:
+    """Add a tooltip in line with the button's end, so that it does not cover the buttons of a decision."""
+    with button:
+        ui.tooltip(text).props('anchor="top right" self="bottom right"')
 
 
 def _show_pause(controller: SessionController) -> None:

@@ -46,6 +46,7 @@ class _Page:
         self._actions: Actions | None = None
 
     def build(self) -> None:
+        self._client = ui.context.client
         self._header = ui.header().classes("items-center justify-between no-wrap")
         with self._header:
             with ui.row().classes("items-center gap-5 no-wrap"):
@@ -132,7 +133,8 @@ class _Page:
             self._refuse(str(refused))
         else:
             self._refuse("")
-        self._tick()
+        with self._client:  # meanwhile a tick may have replaced the view of the button, the context of this call
+            self._tick()
 
     def _refuse(self, sentence: str) -> None:
         self._refusal_label.text = sentence

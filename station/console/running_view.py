@@ -161,6 +161,11 @@ def motion_of(live: LiveTrial) -> str:
     return f"{live.motion[-1][1]:+.1f} mm" if live.motion else "\u2013 mm"
 
 
+def has_motion(spec: TrialSpec) -> bool:
+    """Whether the trial has a displacement or elevation: a bounce has no cuff."""
+    return spec.test != "bounce"
+
+
 def motion_axis(live: LiveTrial) -> str:
     return ELEVATION_AXIS if live.is_of_wearer else DISPLACEMENT_AXIS
 
@@ -200,9 +205,10 @@ class _Figures:
                 with self._bar:
                     self._level = ui.element("div")
                 self._net = ui.label().classes("under").mark("net")
-            with ui.column().classes("gap-1"):
+            with ui.column().classes("gap-1") as motion:
                 self._motion = ui.label().classes("figure").mark("displacement")
                 ui.label("elevation" if live.is_of_wearer else "displacement").classes("under")
+            motion.set_visibility(has_motion(live.spec))
             with ui.column().classes("gap-1"):
                 self._left = ui.label().classes("figure").mark("left")
                 self._left_unit = ui.label().classes("under")
@@ -236,27 +242,35 @@ class _Charts:
         self._sender = UpdateSender(self._draw)
         self._roles = marker_roles(controller.session.config, live.spec)
         motion = motion_axis(live)
-        with ui.element("div").classes("charts"):
-            self._over_time = ui.echart(_over_time(motion)).mark("over-time")
-            self._loop = ui.echart(force_over_motion([], motion)).mark("loop")
+        self._has_motion = has_motion(live.spec)
+        with ui.element("div").classes("charts" if self._has_motion else "charts without-motion"):
+            self._over_time = ui.echart(_over_time(motion if self._has_motion else None)).mark("over-time")
+            self._loop = ui.echart(force_over_motion([], motion)).mark("loop") if self._has_motion else None
             self._markers = ui.element("canvas").classes("markers").props('aria-label="markers, drag to turn"')
 
     def tick(self) -> None:
         self._sender.tick(self._live.latest.get("at"))
 
     async def _draw(self) -> None:
-        live, latest = self._live, self._live.latest
+        latest = self._live.latest
         points = [
             {"name": name, "role": self._roles.get(name, "other"), "at": point}
             for name, point in zip(latest.get("seen", {}), latest.get("points", []), strict=False)
         ]
         update = {
             "at": latest["at"],
-            "over_time": (self._over_time.id, [{"data": points} for points in curves_over_time(live)]),
-            "loop": (self._loop.id, [{"data": _force_over_motion(live)}]),
+            "charts": self._curves(),
             "markers": (self._markers.html_id, points),
         }
         await self._client.run_javascript(f"return station.draw({json.dumps(update)})", timeout=DRAW_TIMEOUT_S)
+
+    def _curves(self) -> list[tuple[int, list[dict[str, Any]]]]:
+        """Id of each chart and its series."""
+        curves = curves_over_time(self._live)
+        if self._loop is None:
+            return [(self._over_time.id, [{"data": curves[0]}])]
+        loop = (self._loop.id, [{"data": _force_over_motion(self._live)}])
+        return [(self._over_time.id, [{"data": points} for points in curves]), loop]
 
 
 def curves_over_time(live: LiveTrial) -> list[list[tuple[float, float]]]:
@@ -280,14 +294,13 @@ def _force_over_motion(live: LiveTrial) -> list[list[float]]:
     return pairs
 
 
-def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
+def _over_time(motion: str | None = DISPLACEMENT_AXIS) -> dict[str, Any]:
+    """Chart of the force and, on the right axis, of the motion of that name; None without one."""
+    right = axis(motion, DISPLACEMENT, splitLine={"show": False}) if motion is not None else None
     return {
         "animation": False,
         "grid": {"left": 60, "right": 60, "top": 40, "bottom": 60},
         "xAxis": axis_below(TIME_AXIS, splitNumber=5),
-        "yAxis": [
-            axis(FORCE_AXIS, FORCE),
-            axis(motion, DISPLACEMENT, splitLine={"show": False}),
-        ],
-        "series": [line(FORCE), line(DISPLACEMENT, yAxisIndex=1)],
+        "yAxis": [axis(FORCE_AXIS, FORCE), *([right] if right else [])],
+        "series": [line(FORCE), *([line(DISPLACEMENT, yAxisIndex=1)] if right else [])],
     }

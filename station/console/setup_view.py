@@ -17,7 +17,7 @@ from station.protocol import CONDITION_NAMES
 from station.session.controller import SessionController
 from station.session.listing import ListedSession, list_sessions
 from station.session.open_session import CommandRefused
-from station.session.plan_check import looks_like_a_name
+from station.session.plan_check import is_subject_code, looks_like_a_name
 
 ICONS = {"good": "check_circle", "doubtful": "help_outline", "bad": "cancel"}
 
@@ -27,9 +27,11 @@ def show(controller: SessionController, actions: Actions) -> None:
         with ui.card().classes("w-full lg:w-1/2"):
             ui.label("New session").classes("heading")
             _form(controller, actions)
-        with ui.card().classes("w-full lg:w-1/2"):
-            _sessions(controller, actions)
-            _preflight(controller, actions)
+        with ui.column().classes("w-full lg:w-1/2 gap-4"):
+            with ui.card().classes("w-full"):
+                _sessions(controller, actions)
+            with ui.card().classes("w-full").mark("bench"):
+                _preflight(controller, actions)
 
 
 def _form(controller: SessionController, actions: Actions) -> None:
@@ -70,8 +72,9 @@ def _form(controller: SessionController, actions: Actions) -> None:
     preview = ui.label().classes("text-lg quiet break-all").mark("preview")
 
     def show_file() -> None:
-        named = Setup(subject.value or "", "", tuple(chosen.value), 1, number=number.value or "")
-        preview.set_text(f"files such as {_example_file(controller, named)}" if subject.value else "")
+        named = Setup((subject.value or "").strip(), "", tuple(chosen.value), 1, number=(number.value or "").strip())
+        is_possible = is_subject_code(named.subject) and is_subject_code(named.number)
+        preview.set_text(f"files such as {_example_file(controller, named)}" if is_possible else "")
 
     def begin() -> None:
         controller.session.begin(setup())
@@ -155,7 +158,10 @@ def _session(controller: SessionController, actions: Actions, session: ListedSes
 
 
 def _preflight(controller: SessionController, actions: Actions) -> None:
+    ui.label("Bench").classes("heading")
     column = ui.column().classes("gap-1")
+    with column:
+        ui.label("not checked yet").classes("text-xl quiet")
 
     async def check() -> None:
         button.disable()

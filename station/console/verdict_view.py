@@ -62,8 +62,13 @@ def _figures(judgement: Judgement) -> None:
         ui.table(columns=columns, rows=rows, row_key="quantity").props("flat wrap-cells").classes("text-xl").mark(
             "figures"
         )
-    for note in judgement.notes:
-        ui.label(note).classes("text-lg quiet")
+    if not judgement.notes:
+        return
+    # The reasons of a redo come before all else; the notes of such a trial are a click away.
+    is_redo = judgement.advice == "redo"
+    with ui.expansion("Details").classes("text-lg").mark("details") if is_redo else ui.column().classes("gap-2"):
+        for note in judgement.notes:
+            ui.label(note).classes("text-lg quiet break-words")
 
 
 def _marks(controller: SessionController, judgement: Judgement) -> list[ui.input]:

@@ -57,10 +57,10 @@ window.view3d = (() => {
     view.extent = Math.max(extent, 0.98 * view.extent, 1);
   }
 
-  // From a point to [across, down] in pixels; share: of the canvas that the extent fills.
-  function projector(canvas, view, share = 0.55) {
+  // From a point to [across, down] in pixels. A point at the extent is within the canvas in every direction.
+  function projector(canvas, view) {
     const size = Math.min(canvas.clientWidth, canvas.clientHeight);
-    const scale = (share * size * view.zoom) / view.extent;
+    const scale = (0.45 * size * view.zoom) / view.extent;
     const [c, s, ct, st] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.tilt), Math.sin(view.tilt)];
     return (at) => {
       const [x, y, z] = view.order(at.map((value, axis) => value - view.centre[axis]));

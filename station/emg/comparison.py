@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,14 +14,22 @@ from fitting.emg.envelopes import EmgEnvelopes, envelopes_of, largest_envelopes,
 from fitting.emg.pooling import PooledShape, pool_shapes
 from fitting.emg.shape import LEAST_ACTIVATION, ShapeComparison, compare_shapes
 from recordings.manifest import DataOrigin
-from solver.motion import read_table
+from solver.time_series_table import read_table
 from station.emg.setup import EmgSetup, read_emg_setup
 from station.emg.trials import EmgFileError, read_emg_trial
 from station.exit_code import WRONG_USAGE
 from station.messages.emg_codes import EmgCode
-from station.messages.message import Message
+from station.messages.message import Figures, Message
+from station.sources import repeated_name
 
 Array = NDArray[np.float64]
+
+
+LEAST_COMMON = 0.95
+"""Smallest part of EMG or activations that is compared without a finding. Two recordings of one trial differ by a few
+frames; two trials of one movement in the public data by 6 %."""
+LONGEST_STEP_S = 0.5
+"""Of activations, which are compared at 3 Hz and above."""
 
 
 class WrongEmgFiles(EmgFileError):
@@ -40,11 +48,16 @@ class ConditionFiles:
 
 @dataclass(frozen=True, eq=False)
 class ModelActivations:
-    """Activations (n, muscles) of a model at time (n,) [s]."""
+    """Activations (n, muscles) of a model at time (n,) [s], from a file.
 
+    row_counts  rows by the header of the file and rows that it has, if they differ
+    """
+
+    file: str
     time: Array
     muscles: tuple[str, ...]
     values: Array
+    row_counts: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +65,7 @@ class ComparedTrial:
     """A repeat: its envelopes and, with activations of the model, the comparison of every channel with its muscles.
 
     normalised: envelopes as fractions of their MVC; None if no channel has a known MVC.
+    findings: on channels that were not read, on the file of activations, and on its time in common with the EMG.
     """
 
     envelopes: EmgEnvelopes
@@ -59,6 +73,7 @@ class ComparedTrial:
     activations: ModelActivations | None
     comparisons: Mapping[str, ShapeComparison]
     setup: EmgSetup
+    findings: tuple[Message[EmgCode], ...] = ()
 
     @property
     def levels(self) -> EmgEnvelopes:
@@ -121,7 +136,7 @@ def compare_emg(
     envelopes = {path: _read_envelopes(path, setup) for path in (*condition.emg, *reference.emg, *mvc)}
     if setup_file is not None:
         for path in condition.emg:
-            setup.require_channels(envelopes[path].labels, path.name)
+            setup.require_channels((*envelopes[path].labels, *envelopes[path].unread), path.name)
     _ensure_same_unit(envelopes)
     maxima = largest_envelopes([envelopes[path] for path in mvc], setup.mvc.window_s) | setup.maxima
     trials, references = (
@@ -146,15 +161,20 @@ def pool_trials(trials: Sequence[ComparedTrial]) -> dict[str, PooledShape]:
 
 def read_activations_of(path: Path) -> ModelActivations:
     """Read a table (.sto, .mot, .csv) with a column `time` and one per muscle. Raises MotionError, EmgFileError."""
-    names, values, _ = read_table(path)
+    names, values, header = read_table(path)
     if "time" not in names:
         figures = {"file": path.name, "columns": ", ".join(names)}
         raise EmgFileError(Message(EmgCode.NO_TIME_COLUMN, figures))
     place = names.index("time")
-    if (np.diff(values[:, place]) <= 0).any():
+    steps = np.diff(values[:, place])
+    if (steps <= 0).any():
         raise EmgFileError(Message(EmgCode.TIMES_NOT_RISING, {"file": path.name}))
+    if (step := float(np.median(steps))) > LONGEST_STEP_S:
+        times: Figures = {"file": path.name, "step_s": step, "longest_s": LONGEST_STEP_S}
+        raise EmgFileError(Message(EmgCode.FEW_TIMES, times))
     muscles = tuple(name for name in names if name != "time")
-    return ModelActivations(values[:, place], muscles, np.delete(values, place, axis=1))
+    without_time = np.delete(values, place, axis=1)
+    return ModelActivations(path.name, values[:, place], muscles, without_time, header.row_counts(len(values)))
 
 
 def _read_envelopes(path: Path, setup: EmgSetup) -> EmgEnvelopes:
@@ -164,9 +184,8 @@ def _read_envelopes(path: Path, setup: EmgSetup) -> EmgEnvelopes:
 
 def _ensure_distinct(paths: Sequence[Path]) -> None:
     """The name of a trial is the name of its files."""
-    names = [path.stem for path in paths]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise WrongEmgFiles(Message(EmgCode.SAME_NAME, {"name": twice[0]}))
+    if (name := repeated_name(paths)) is not None:
+        raise WrongEmgFiles(Message(EmgCode.SAME_NAME, {"name": name}))
 
 
 def _ensure_same_unit(envelopes: Mapping[Path, EmgEnvelopes]) -> None:
@@ -180,7 +199,7 @@ def _compared(
 ) -> ComparedTrial:
     levels = normalised(envelopes, maxima, setup.mvc.window_s) if maxima else None
     if path is None:
-        return ComparedTrial(envelopes, levels, None, {}, setup)
+        return ComparedTrial(envelopes, levels, None, {}, setup, tuple(_findings(envelopes)))
     activations = read_activations_of(path)
     channels = [label for label in envelopes.labels if label in setup.channels]
     if not channels:
@@ -199,7 +218,25 @@ def _compared(
             measured = envelopes.time, envelopes.of(label)
             bandwidth, max_lag = setup.envelope.settings().bandwidth, setup.comparison.max_lag_s
             comparisons[label] = compare_shapes(measured, model, bandwidth, max_lag)
-    return replace(plain, comparisons=comparisons)
+    return replace(plain, comparisons=comparisons, findings=tuple(_findings(envelopes, activations)))
+
+
+def _findings(envelopes: EmgEnvelopes, activations: ModelActivations | None = None) -> Iterator[Message[EmgCode]]:
+    """On channels of the set-up that were not read, and on the activations."""
+    if envelopes.unread:
+        yield Message(EmgCode.UNREAD_CHANNELS, {"channels": ", ".join(envelopes.unread)})
+    if activations is None:
+        return
+    file = activations.file
+    if activations.row_counts is not None:
+        stated, found = activations.row_counts
+        yield Message(EmgCode.ROW_COUNTS, {"file": file, "stated": stated, "found": found})
+    (start, end), (model_start, model_end) = envelopes.time[[0, -1]], activations.time[[0, -1]]
+    common = min(end, model_end) - max(start, model_start)
+    if common < LEAST_COMMON * max(end - start, model_end - model_start):
+        ends = {"emg_start_s": start, "emg_end_s": end, "model_start_s": model_start, "model_end_s": model_end}
+        figures = {name: float(value) for name, value in (ends | {"common_s": common}).items()}
+        yield Message(EmgCode.PARTLY_COMMON, {"file": file, **figures})
 
 
 def _changes(trials: Sequence[ComparedTrial], reference: Sequence[ComparedTrial]) -> list[ComparedChange]:

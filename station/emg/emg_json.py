@@ -73,10 +73,21 @@ class EmgChannel(_Entry):
     shape: EmgShape | None
 
 
+class EmgFinding(_Entry):
+    """A finding on a trial or on its activations: its code, and the figures of its sentence."""
+
+    code: EmgCode
+    figures: dict[str, float | str]
+
+    def __str__(self) -> str:
+        return str(Message(self.code, self.figures))
+
+
 class EmgTrialEntry(_Entry):
     name: str
     condition: Literal["condition", "reference"]
     channels: list[EmgChannel]
+    findings: list[EmgFinding] = []
 
     @property
     def compared(self) -> list[EmgChannel]:
@@ -84,9 +95,10 @@ class EmgTrialEntry(_Entry):
         return [channel for channel in self.channels if channel.shape is not None]
 
     @property
-    def lost(self) -> list[str]:
-        """Channels that cannot be used."""
-        return [channel.channel for channel in self.channels if UNUSABLE & set(channel.findings)]
+    def is_whole(self) -> bool:
+        """Whether all channels of the set-up that the file has could be read and used."""
+        is_read = all(finding.code is not EmgCode.UNREAD_CHANNELS for finding in self.findings)
+        return is_read and not any(UNUSABLE & set(channel.findings) for channel in self.channels)
 
 
 class EmgPooledEntry(_Entry):
@@ -191,7 +203,8 @@ def _trial(trial: ComparedTrial, condition: Literal["condition", "reference"]) -
                 shape=None if found is None else _shape(found),
             )
         )
-    return EmgTrialEntry(name=levels.name, condition=condition, channels=channels)
+    findings = [EmgFinding(code=finding.code, figures=dict(finding.figures)) for finding in trial.findings]
+    return EmgTrialEntry(name=levels.name, condition=condition, channels=channels, findings=findings)
 
 
 def _shape(found: ShapeComparison) -> EmgShape:

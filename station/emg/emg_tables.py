@@ -13,10 +13,10 @@ from rich.table import Table
 from fitting.emg.channels import ChannelFinding
 from fitting.emg.envelopes import resampled
 from fitting.emg.shape import ShapeOutcome
-from solver.motion import write_table
+from solver.time_series_table import write_table
 from station.assessment.emg import COLUMNS
 from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial
-from station.emg.emg_json import EmgDocument, EmgFigure
+from station.emg.emg_json import EMG_FILE, EmgDocument, EmgFigure
 from station.emg.setup import EnvelopeSection
 from station.interval import bracketed
 from station.whole_file import drafted, write_whole
@@ -30,7 +30,8 @@ TableFormat = Literal["sto", "csv"]
 
 FINDING_TEXT = {
     ChannelFinding.FLAT: "flat: no electrode, or the amplifier was off",
-    ChannelFinding.CLIPPED: "clipped by the converter's range; lower the gain",
+    ChannelFinding.CLIPPED: "clipped by the converter's range; lower the gain, or remove an offset",
+    ChannelFinding.RECTIFIED: "rectified or smoothed already; give the raw signal",
     ChannelFinding.GAP: "samples are missing for more than 10 ms",
     ChannelFinding.HUM: "mains hum is more than half of the power; check electrodes and ground",
     ChannelFinding.ABOVE_MVC: "above the MVC, which was not maximal",
@@ -46,10 +47,16 @@ OUTCOME_TEXT = {
 """Codes as text, for terminal and report."""
 
 
+def result_files(folder: Path, trials: Sequence[Path], table_format: TableFormat) -> list[Path]:
+    """Every file that `station emg` may write for the EMG of these files."""
+    envelopes = [_envelope_file(folder, path.stem, table_format) for path in trials]
+    return [folder / EMG_FILE, folder / CHANGE_FILE, *envelopes]
+
+
 def write_envelopes(folder: Path, compared: ComparedEmg, table_format: TableFormat) -> list[Path]:
     """Write NAME_emg.sto or .csv for every trial with a usable channel: time [s] and a column per channel."""
     return [
-        _write_envelopes(folder / f"{trial.levels.name}_emg.{table_format}", trial)
+        _write_envelopes(_envelope_file(folder, trial.levels.name, table_format), trial)
         for trial in (*compared.trials, *compared.reference)
         if trial.levels.usable
     ]
@@ -177,7 +184,9 @@ def method_text(section: EnvelopeSection) -> str:
 
 
 def findings_text(document: EmgDocument) -> Iterator[str]:
-    """A sentence for each kind of finding, with the channels that have it."""
+    """A sentence for each finding on a trial, and for each kind of finding on channels, with these."""
+    for trial in document.trials:
+        yield from (f"{trial.name}: {finding}" for finding in trial.findings)
     for code, text in FINDING_TEXT.items():
         found = [
             f"{channel.channel} in {trial.name}"
@@ -191,6 +200,10 @@ def findings_text(document: EmgDocument) -> Iterator[str]:
 
 def _figure(number: EmgFigure, scale: float = 1.0, digits: int = 0) -> str:
     return "–" if number.value is None else bracketed(number.value, number.ci95, scale, digits)
+
+
+def _envelope_file(folder: Path, trial: str, table_format: TableFormat) -> Path:
+    return folder / f"{trial}_emg.{table_format}"
 
 
 def _write_envelopes(path: Path, trial: ComparedTrial) -> Path:

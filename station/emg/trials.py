@@ -66,7 +66,8 @@ def _of_table(path: Path, table: SignalTable, setup: EmgSetup) -> EmgTrial:
     numbers, rate = count_samples(table.time_s)
     values = _on_grid(numbers, np.column_stack(columns), str(path))
     unit = "" if "" in units.values() else "V"
-    return EmgTrial(path.stem, labels, float(table.time_s[0]), rate, values, unit)
+    unread = tuple(name for name in table.names if name in setup.channels and name not in labels)
+    return EmgTrial(path.stem, labels, float(table.time_s[0]), rate, values, unit, unread=unread)
 
 
 def emg_of(trial: WearerTrial) -> EmgTrial:

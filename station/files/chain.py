@@ -37,7 +37,7 @@ class ChainError(StationError):
 class Link:
     """One step of the chain: the file that was read or written, and its comparison with the recorded hash.
 
-    code: of the number of the report that does not follow from its source
+    code: of the number of the report that does not agree with its source
     """
 
     what: str

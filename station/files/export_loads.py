@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fitting.errors import UnusableTrial
 from fitting.trial.reader import read_trial
 from recordings.manifest import DataOrigin
-from solver.motion import write_table
+from solver.time_series_table import write_table
 from station.files.pull import pull_on_cuff
 from station.files.segments import LEAST_ROWS, Segments, fill_gaps, find_segments
 from station.files.synchronised import ExportRefused, SynchronisedRecording

@@ -52,4 +52,4 @@ def _columns(track: Track) -> tuple[list[str], np.ndarray]:
     if track.values.ndim == 2:
         return [f"{track.stream.name.strip('/')}_{unit.lower()}"], track.values
     names = [f"{label}_{axis}_{unit}" for label in labels for axis in AXES]
-    return names, track.values[:, :, : len(AXES)].reshape(len(track.values), -1).astype(np.float64)
+    return names, track.values[:, :, : len(AXES)].reshape(len(track.values), len(names)).astype(np.float64)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fitting.trial.analog_signals import AnalogSignals, nearest_samples
 from fitting.wearer.arm_cycles import elevation_of, find_cycles
+from recordings.contents import contents_of
 from recordings.errors import RecordingError
 from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.foxglove import Curve, write_foxglove
@@ -29,12 +30,15 @@ from station.checksums import changed_files, standing_of
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
 from station.files.export_raw import write_raw
-from station.files.live_info import export_live_result
+from station.files.live_info import export_live_result, shortfalls_of_live
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
 from station.messages.file_codes import ChainCode, ExportCode
 from station.messages.message import Message, join_sentences
 from station.progress import Progress, silent
 from station.whole_file import drafted, write_whole
+
+SHORTFALLS_LISTED = 4
+"""Gaps and damages of a recording in its note; `station info` lists all."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,11 @@ class Exported:
     paths: tuple[Path, ...]
     notes: tuple[Message[ChainCode | ExportCode], ...]
     refused: tuple[Message[ExportCode], ...]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every recording is exported, and complete and unchanged."""
+        return not self.refused and not {note.code for note in self.notes} & {ChainCode.CHANGED, ExportCode.INCOMPLETE}
 
     def to_plain(self) -> dict[str, Any]:
         """The result as JSON."""
@@ -70,6 +79,7 @@ def export_recordings(
     for done, path in enumerate(paths):
         progress("exporting recordings", done, len(paths))
         try:
+            notes += _shortfalls(path)
             if is_live_result(path):
                 written += export_live_result(path, to, output)
                 continue
@@ -96,6 +106,14 @@ def export_recordings(
             raise ExportRefused(refused[0])
         raise ExportRefused(Message(ExportCode.NOTHING_WRITTEN, {"reasons": join_sentences(refused)}))
     return Exported(tuple(written), (*changed_files(paths), *notes), tuple(refused))
+
+
+def _shortfalls(path: Path) -> list[Message[ExportCode]]:
+    """A note on a recording that is incomplete, as `station info` finds it."""
+    found = shortfalls_of_live(path) if is_live_result(path) else contents_of(path).shortfalls
+    more = len(found) - SHORTFALLS_LISTED
+    listed = [*found[:SHORTFALLS_LISTED], *([f"and {more} more, see `station info`"] if more > 0 else [])]
+    return [Message(ExportCode.INCOMPLETE, {"file": path.name, "reasons": "; ".join(listed)})] if found else []
 
 
 def _reason(error: ExportRefused | RecordingError) -> Message[ExportCode]:

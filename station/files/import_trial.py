@@ -44,6 +44,8 @@ UNUSED_S = 1.0
 """Longest part of a file outside of the common time that is not reported."""
 PAUSE_NS = 60_000_000_000
 """Between trials whose order is known, but not their times."""
+EARLIEST, LATEST = datetime(1970, 1, 1, tzinfo=UTC), datetime(2262, 1, 1, tzinfo=UTC)
+"""A recording counts nanoseconds from 1970 in 64 bits, which end in April 2262."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,8 @@ def import_trial(
     if force.sync is not None:
         aligned = _align_by_edge(force, markers, config, files)
     else:
-        aligned = _align_by_times(force, markers, files, is_one_file=force_source.path == marker_source.path)
+        is_one_file = force_source.path == marker_source.path
+        aligned = _align_by_times(force, markers, config.sync.lag_s, files, is_one_file=is_one_file)
     if aligned.start == "declared" and "lag_sd_s" not in config.sync.model_fields_set:
         config, note = _assume_lag(config, aligned.force_rate, files)
         aligned = replace(aligned, notes=(*aligned.notes, note))
@@ -134,7 +137,11 @@ def _start_utc_ns(session: Path, spec: TrialSpec, captured: datetime | None) -> 
     test comes before the static one that was recorded first.
     """
     if captured is not None:
-        return round((captured if captured.tzinfo else captured.replace(tzinfo=UTC)).timestamp() * 1e6) * 1000
+        utc = captured if captured.tzinfo else captured.replace(tzinfo=UTC)
+        if not EARLIEST <= utc < LATEST:
+            figures: Figures = {"start": utc.isoformat(), "earliest": EARLIEST.year, "latest": LATEST.year - 1}
+            raise WrongImport(Message(ImportCode.START_OUT_OF_RANGE, figures))
+        return round(utc.timestamp() * 1e6) * 1000
     now, order = time.time_ns(), (spec.repeat, spec.test == "dynamic")
     before, after = [0], [now + PAUSE_NS]
     for path in session.glob("*.mcap"):
@@ -159,18 +166,21 @@ def _align_by_edge(force: Force, markers: MarkerTable, config: StationConfig, fi
         figures: Figures = {"files": files, "before_s": -float(markers.time_s[0])}
         raise ImportRefused(Message(ImportCode.BEFORE_CAPTURE, figures))
     force_at, frames_at = numbers / rate - edge, (frames - 1) / markers.rate_hz
-    notes = _require_common_time(force_at, frames_at, frames_at[-1] - frames_at[0], files)
+    at = force_at + config.sync.lag_s
+    notes = _require_common_time(at, frames_at, frames_at[-1] - frames_at[0], files)
     reason = f"the sync line rises at {edge:.4f} s of the force file, which is time 0 of the markers"
     return _AlignedFiles("sync_edge", numbers, rate, force_at, frames, frames_at, 0.0, reason, notes)
 
 
-def _align_by_times(force: Force, markers: MarkerTable, files: str, *, is_one_file: bool) -> _AlignedFiles:
+def _align_by_times(
+    force: Force, markers: MarkerTable, lag_s: float, files: str, *, is_one_file: bool
+) -> _AlignedFiles:
     numbers, rate = _counted(force.time)
     origin = float(markers.time_s[0])
     frames = np.rint((markers.time_s - origin) * markers.rate_hz).astype(np.int64) + 1
     force_at, frames_at = force.time - origin, markers.time_s - origin
     longer = max(float(np.ptp(force_at)), float(np.ptp(frames_at)))
-    notes = _require_common_time(force_at, frames_at, longer, files)
+    notes = _require_common_time(force_at + lag_s, frames_at, longer, files)
     reason = f"without a sync line, both files are taken to have the same clock; {origin:g} s on it is time 0"
     if is_one_file:
         reason = f"force and markers have one clock; {origin:g} s on it is time 0"
@@ -197,7 +207,10 @@ def _counted(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
 def _require_common_time(
     force_at: NDArray[np.float64], frames_at: NDArray[np.float64], expected: float, files: str
 ) -> tuple[Message[ImportCode], ...]:
-    """A note if one file ends long before the other. Raises ImportRefused if they have too little time in common."""
+    """A note if one file ends long before the other. Raises ImportRefused if they have too little time in common.
+
+    force_at (n,): time of the force with its lag [s]
+    """
     starts, ends = (force_at[0], frames_at[0]), (force_at[-1], frames_at[-1])
     common = float(min(ends) - max(starts))
     figures: Figures = {

@@ -53,8 +53,7 @@ def show_contents(path: Path, *, as_json: bool) -> int:
         print(f"{path.name}: {standing}, by {CHECKSUMS_FILE}")
         if live := live_result_of(path):
             print(f"live result: {live['path']}: {live['sentence']}")
-    is_whole = contents.complete and not contents.gaps and not standing.is_break
-    return DONE if is_whole else LOSSY
+    return LOSSY if contents.shortfalls or standing.is_break else DONE
 
 
 def recover_recording(path: Path, output: Path | None, *, as_json: bool) -> int:
@@ -122,9 +121,7 @@ def _print_tables(contents: Contents, console: Console) -> None:
     for event in contents.events:
         line = f"{(event.host_time_ns - began_ns) * 1e-9:8.2f} s  {event.text}"
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    for gap in contents.gaps:
-        console.print(f"gap in {gap.stream}: {gap.count} samples from {gap.first_missing} on, {gap.cause}", style="red")
-    for sentence in contents.missing:
+    for sentence in contents.shortfalls:
         console.print(sentence, style="red", highlight=False)
 
 

@@ -96,6 +96,12 @@ def export_live_result(path: Path, to: str, output: Path) -> list[Path]:
     return [target, beside]
 
 
+def shortfalls_of_live(path: Path) -> tuple[str, ...]:
+    """What an incomplete file lacks, as sentences. Raises RecordingError."""
+    result = read_live_result(path)
+    return () if result.is_complete else (_standing(path, result)[1],)
+
+
 def _plain(path: Path, result: LiveResult) -> dict[str, Any]:
     manifest, outcome = result.manifest, result.outcome
     standing, sentence = _standing(path, result)

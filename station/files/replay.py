@@ -119,7 +119,7 @@ class _StopAtEnd:
 
     def offer(self, item: Item) -> None: ...
 
-    def show(self, snapshot: Snapshot) -> None:  # noqa: ARG002  (the device knows its end)
+    def show(self, snapshot: Snapshot) -> None:  # noqa: ARG002  (the device detects the end)
         if self.device.is_over and self.recorder is not None and not self.has_stopped:
             self.has_stopped = True
             self.recorder.stop()

@@ -13,10 +13,10 @@ from solver.inverse_kinematics.exchanges import find_exchanges
 from solver.inverse_kinematics.marker_fit import fit_markers
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks
 from solver.inverse_kinematics.uncertainty import PostureUncertainty
-from solver.model import Model
+from solver.model import Marker, Model
 from station.kinematics.marker_file import KinematicsError
 from station.messages.codes import KinematicsCode
-from station.messages.message import Message
+from station.messages.message import Figures, Message
 
 Array = NDArray[np.float64]
 Finding = Message[StrEnum]
@@ -30,6 +30,8 @@ MOST_RESIDUAL = 0.08
 MIRROR_RATIO, LEAST_MIRROR_RESIDUAL = 1.5, 0.02
 """Markers of the other side are refused where the mirror image fits better by this factor, from this RMS [m] on. On
 published trials of the right side the mirror image fits worse by factors of 1.9 to 4."""
+FAR = 0.25
+"""m, of a marker from its place on the model in one frame; unscaled models on published persons have at most 0.08."""
 MOST_TILT = math.radians(60)
 
 
@@ -82,6 +84,36 @@ def find_in_markers(time: Array, tasks: TrackingTasks, observed: Array) -> tuple
         )
         for exchange in find_exchanges(observed)
     )
+
+
+def seen_markers(markers: Sequence[Marker], observed: Array) -> list[Marker]:
+    """Those of which observed (frames, markers, 3) has a position in some frame."""
+    shown = np.isfinite(observed).all(axis=2).any(axis=0)
+    return [markers[index] for index in np.flatnonzero(shown).tolist()]
+
+
+def find_never_seen(expected: Collection[str], seen: Collection[Marker]) -> tuple[Finding, ...]:
+    """Expected markers that no frame shows."""
+    missing = sorted(set(expected) - {marker.name for marker in seen})
+    return (Message(KinematicsCode.NEVER_SEEN, {"markers": ", ".join(missing)}),) if missing else ()
+
+
+def find_far_markers(time: Array, tasks: TrackingTasks, solution: InverseKinematics) -> tuple[Finding, ...]:
+    """The marker that is farthest from the model in frames where one is too far to be on this body."""
+    residuals = np.nan_to_num(solution.residuals)
+    farthest = np.where(residuals.max(axis=1) > FAR, residuals.argmax(axis=1), -1)
+    found = []
+    for index, marker in enumerate(tasks.markers):
+        frames = np.flatnonzero(farthest == index)
+        if len(frames):
+            figures: Figures = {
+                "marker": marker.name,
+                "residual_mm": 1e3 * float(residuals[frames, index].max()),
+                "frames": len(frames),
+                "first_s": float(time[frames[0]]),
+            }
+            found.append(Message[StrEnum](KinematicsCode.FAR, figures))
+    return tuple(found)
 
 
 def find_in_postures(

@@ -12,26 +12,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.exchange.tables import MarkerTable
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.laboratory_frame import Vertical, rotation_laboratory_to_ground
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, smooth_motion
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.inverse_kinematics.uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.model import Model, ModelError
-from solver.motion import MotionError, ensure_interval
+from solver.motion import ensure_interval, limits_outside
 from solver.osim.ik_setup import IkSetup, ik_setup_document, read_ik_setup
 from solver.personalisation.coverage import check_coverage
-from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers, find_in_postures
+from station.kinematics.checks import (
+    Finding,
+    ensure_markers_fit,
+    find_far_markers,
+    find_in_markers,
+    find_in_postures,
+    find_never_seen,
+    seen_markers,
+)
 from station.kinematics.marker_file import KinematicsError, read_body_markers
 from station.kinematics.marker_sets import place_marker_set
 from station.messages.codes import KinematicsCode
-from station.messages.message import Message
+from station.messages.message import Figures, Message
 from station.sources import BUNDLED, model_of
 from station.whole_file import drafted
 
 Array = NDArray[np.float64]
 
 MOST_LISTED = 10
+WRONG_POSTURES = (KinematicsCode.EXCHANGED, KinematicsCode.FAR)
+LEAST_SMOOTHED = 3
 LEAST_NOISE = 1e-5
 """m; markers that were written with few digits show less than this."""
 
@@ -84,10 +94,10 @@ class SolvedPostures:
 
     @property
     def is_whole(self) -> bool:
-        """Whether every frame is solved, the smoother settled, and no labels are exchanged."""
-        exchanged = any(finding.code is KinematicsCode.EXCHANGED for finding in self.findings)
+        """Whether every frame is solved, the smoother settled, no labels are exchanged and no marker is far off."""
+        is_wrong = any(finding.code in WRONG_POSTURES for finding in self.findings)
         settled = self.smoothed is None or self.smoothed.outcome is SmootherOutcome.SOLVED
-        return self.solution.unsolved == 0 and settled and not exchanged
+        return self.solution.unsolved == 0 and settled and not is_wrong
 
 
 def solve_postures(inputs: IkInputs) -> SolvedPostures:
@@ -98,8 +108,9 @@ def solve_postures(inputs: IkInputs) -> SolvedPostures:
     file = inputs.markers or named_file(setup.marker_file if setup else None, "markers' file", "--markers")
     followed = [task for task, weight in setup.markers.items() if weight > 0] if setup else names
     table = read_body_markers(file, followed, inputs.prefix)
-    span, overridden = _time_range(inputs, setup)
+    span, on_range = _time_range(inputs, setup)
     kept = _frames(file, table, span)
+    on_range += _uncovered(file, table, span)
     known = [marker.name for marker in model.markers]
     ensure_common(file.name, table.labels, followed, known)
     expected = [marker for marker in followed if marker in known and (setup or marker in table.labels)]
@@ -108,12 +119,14 @@ def solve_postures(inputs: IkInputs) -> SolvedPostures:
     time = table.time_s[kept]
     tasks = setup.tasks(model, table.labels, time)
     observed = markers_in_ground(model, table, tasks, kept, inputs.vertical)
-    findings += overridden + ensure_markers_fit(model, file.name, expected, tasks, observed)
+    findings += on_range + ensure_markers_fit(model, file.name, expected, tasks, observed)
     solution = solve_inverse_kinematics(model, observed, tasks)
     noise = _noise(time, observed) if inputs.noise is None else np.full(len(tasks.markers), inputs.noise)
     uncertainty = posture_uncertainty(model, observed, tasks, solution, noise)
-    findings += find_in_markers(time, tasks, observed) + find_in_postures(model, time, solution, uncertainty)
-    findings += tuple(Message(code) for code in check_coverage(model, tasks.markers))
+    findings += find_in_markers(time, tasks, observed) + find_far_markers(time, tasks, solution)
+    findings += find_in_postures(model, time, solution, uncertainty)
+    seen = seen_markers(tasks.markers, observed)
+    findings += find_never_seen(expected, seen) + tuple(Message(code) for code in check_coverage(model, seen))
     smoothed = _smoothed(model, time, observed, tasks, noise) if inputs.is_smoothed else None
     sources = {"model": name, "markers": str(file)} | ({"setup": str(inputs.setup)} if inputs.setup else {})
     return SolvedPostures(
@@ -122,9 +135,15 @@ def solve_postures(inputs: IkInputs) -> SolvedPostures:
 
 
 def _smoothed(model: Model, time: Array, observed: Array, tasks: TrackingTasks, noise: Array) -> SmoothedMotion:
-    """Raises MotionError where frames are missing from the file."""
+    """Raises MotionError where frames are missing from the file, or the range has too few."""
+    if len(time) < LEAST_SMOOTHED:
+        raise MotionError(
+            f"a trial that is smoothed needs at least {LEAST_SMOOTHED} frames, and {len(time)} lie between "
+            f"{time[0]:g} and {time[-1]:g} s; choose a longer range",
+            SolverCode.NO_FRAMES,
+        )
     steps = np.diff(time)
-    if len(time) < 3 or steps.max() > 1.5 * np.median(steps):
+    if steps.max() > 1.5 * np.median(steps):
         raise MotionError(
             "a trial that is smoothed needs every frame; leave a missing marker empty, and keep its row",
             SolverCode.NOT_COVERED,
@@ -153,6 +172,13 @@ def _frames(file: Path, table: MarkerTable, span: tuple[float, float]) -> NDArra
             SolverCode.NO_FRAMES,
         )
     return np.asarray(kept)
+
+
+def _uncovered(file: Path, table: MarkerTable, span: tuple[float, float]) -> tuple[Finding, ...]:
+    """A finding where a limit of the range [s] lies outside the file."""
+    outside, time = limits_outside(table.time_s, *span), table.time_s
+    figures: Figures = {"file": file.name, "range": outside, "first_s": float(time[0]), "last_s": float(time[-1])}
+    return (Message(KinematicsCode.RANGE_NOT_COVERED, figures),) if outside else ()
 
 
 def model_with_markers(name: str, marker_set: str) -> tuple[Model, list[str], tuple[Finding, ...]]:
@@ -207,7 +233,7 @@ def write_xml(path: Path, root: Xml.Element) -> None:
 def named_file(path: Path | None, what: str, option: str) -> Path:
     if path is None:
         raise ModelError(
-            f"which {what} is not said: neither the set-up nor {option} names one; add {option}", SolverCode.NOT_NAMED
+            f"no {what} is given: neither the set-up nor {option} names one; add {option}", SolverCode.NOT_NAMED
         )
     return path
 

@@ -19,17 +19,20 @@ LEAST_OF_A_PERSON = 3
 
 
 class KinematicsError(StationError):
-    """Markers that do not go with the model or the set-up; the code says how."""
+    """Markers that do not fit the model or the set-up; the code states the reason."""
 
 
 def read_body_markers(path: Path, names: Collection[str], prefix: str = "") -> MarkerTable:
-    """Read a .trc, .c3d or QTM's .tsv; names are those of the markers that the model or the set-up knows.
+    """Read a .trc, .c3d or QTM's .tsv; names are those of the markers of the model or the set-up.
 
     QTM puts the person's name before the labels of a skeleton: "Anna_C7". A prefix that is the only one of the file
-    is taken off. Raises ForeignFile, or KinematicsError for a file of several persons.
+    is removed. Raises ForeignFile, or KinematicsError for a file of several persons.
     """
     table = _read(path, [prefix + name for name in names] if prefix else names)
     groups = _groups(table.labels, names)
+    if prefix and not any(prefix + name in table.labels for name in names):
+        figures = {"file": path.name, "prefix": prefix, "found": ", ".join(filter(None, groups)) or "none"}
+        raise KinematicsError(Message(KinematicsCode.NO_SUCH_PREFIX, figures))
     if not prefix and not any(label in names for label in table.labels):
         several = [start for start, labels in groups.items() if len(labels) >= LEAST_OF_A_PERSON]
         if len(several) > 1:
@@ -37,7 +40,7 @@ def read_body_markers(path: Path, names: Collection[str], prefix: str = "") -> M
             raise KinematicsError(Message(KinematicsCode.SEVERAL_PERSONS, {"file": path.name, "labels": shown}))
         prefix = max(groups, key=lambda start: len(groups[start]), default="")
         if prefix:
-            note = f"{path.name} has {prefix!r} before its labels, which is taken off"
+            note = f"{path.name} has {prefix!r} before its labels, which is removed"
             table = replace(_read(path, [prefix + name for name in names]), notes=(*table.notes, note))
     labels = tuple(
         label.removeprefix(prefix) if prefix and label.removeprefix(prefix) in names else label
@@ -57,7 +60,7 @@ def _read(path: Path, tracked: Collection[str]) -> MarkerTable:
 
 
 def _groups(labels: Sequence[str], names: Collection[str]) -> dict[str, list[str]]:
-    """What stands before or, for labels that stand twice, behind the names, with the labels that have it."""
+    """Text before the names or, for repeated labels, after them, with the labels that have it."""
     groups: dict[str, list[str]] = {}
     for label in labels:
         base, mark, number = label.rpartition("#")

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.exchange.tables import MarkerTable
+from solver.errors import MotionError
 from solver.inverse_kinematics.laboratory_frame import Vertical
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
 from solver.model import CoordinateLock, Marker, Model, ModelError
-from solver.motion import Motion, MotionError, decimate, differentiate
+from solver.motion import Motion, decimate, differentiate
 from solver.personalisation.coverage import ESSENTIAL, check_coverage
 from solver.personalisation.estimate import BodyEstimate, estimate_body
 from solver.personalisation.segment_masses import HAND, hold_load, mass_ratios, set_arm_masses, upper_arm_length
@@ -21,12 +22,14 @@ from solver.personalisation.tendons import fit_tendons
 from solver.redundancy.motion import solve_motion
 from solver.redundancy.options import RedundancyOptions
 from solver.scaling_findings import MuscleRanges, check_scaling, muscle_ranges
-from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers
+from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers, find_never_seen
 from station.kinematics.ik import ensure_common, markers_in_ground, model_with_markers
 from station.kinematics.marker_file import read_body_markers
 from station.kinematics.person_findings import (
+    WrongTrials,
     ensure_mass_fits,
     estimate_findings,
+    joint_force_findings,
     lock_findings,
     refuse,
     scaling_finding,
@@ -37,6 +40,7 @@ from station.messages.codes import KinematicsCode
 from station.messages.message import Message
 from station.messages.person_codes import PersonCode
 from station.progress import Progress, silent
+from station.sources import repeated_name
 
 Array = NDArray[np.float64]
 
@@ -68,7 +72,7 @@ class PersonInputs:
 
 @dataclass(frozen=True, eq=False)
 class TrialCheck:
-    """A trial of the person's body: what markers, muscles and joint say.
+    """A trial of the person's body: residuals of the markers, ranges of the muscles, force of the joint.
 
     time         (frames,) [s];  rms [m] of the markers;  ranges  of the muscles
     joint_force  (frames,) [N] at joint_time [s], empty where it was not evaluated
@@ -110,6 +114,8 @@ class PersonBody:
 
 def measure_person(inputs: PersonInputs, progress: Progress = silent) -> PersonBody:
     """Raises KinematicsError, PersonError, ModelError, MotionError or ForeignFile for what does not fit together."""
+    if (repeated := repeated_name(inputs.markers)) is not None:
+        raise WrongTrials(Message(PersonCode.SAME_NAME, {"name": repeated}))
     generic, _, on_marker_set = model_with_markers(inputs.model, inputs.marker_set)
     known = [marker.name for marker in generic.markers]
     tables = {path.name: read_body_markers(path, known, inputs.prefix) for path in inputs.markers}
@@ -130,13 +136,8 @@ def person_of_trials(
     known = [marker.name for marker in generic.markers]
     for file, table in tables.items():
         ensure_common(file, table.labels, known, known)
-    labels = {label for table in tables.values() for label in table.labels}
-    markers = tuple(marker for marker in generic.markers if marker.name in labels)
-    codes = check_coverage(generic, markers)
-    for code in codes:
-        if code in ESSENTIAL:
-            raise refuse(code)
-    findings += [Message(code) for code in codes]
+    markers, on_coverage = _covering_markers(generic, tables)
+    findings += on_coverage
     observed = []
     for file, table in tables.items():
         seen, odd = _observed(generic, markers, file, table, inputs.vertical)
@@ -162,6 +163,7 @@ def person_of_trials(
     for k, (name, table) in enumerate(zip(names, tables.values(), strict=True)):
         progress("solving muscles", k, len(names))
         trials.append(_checked(model, name, table.time_s, estimate.postures[k], findings))
+        findings += joint_force_findings(name, trials[k].joint_force, inputs.body_mass)
     progress("solving muscles", len(names), len(names))
     notes = tuple(f"{name}: {note}" for name, table in zip(names, tables.values(), strict=True) for note in table.notes)
     return PersonBody(
@@ -176,6 +178,24 @@ def person_of_trials(
         findings=tuple(findings),
         notes=(*notes, *left_out_notes(generic)),
     )
+
+
+def _covering_markers(
+    generic: Model, tables: Mapping[str, MarkerTable]
+) -> tuple[tuple[Marker, ...], tuple[Finding, ...]]:
+    """The markers that the files have, and findings on those never seen and on segments that the others do not
+    determine. Raises PersonError where there is no posture of the shoulder without such a segment.
+    """
+    labels = {label for table in tables.values() for label in table.labels}
+    shown = {label for table in tables.values() for label in np.array(table.labels)[~table.missing.all(axis=0)]}
+    markers = tuple(marker for marker in generic.markers if marker.name in labels)
+    visible = [marker for marker in markers if marker.name in shown]
+    codes = check_coverage(generic, visible)
+    for code in codes:
+        if code in ESSENTIAL:
+            raise refuse(code)
+    never_seen = find_never_seen([marker.name for marker in markers], visible)
+    return markers, (*never_seen, *(Message(code) for code in codes))
 
 
 def _held_mass(generic: Model, inputs: PersonInputs) -> float:

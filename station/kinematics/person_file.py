@@ -16,7 +16,12 @@ from solver.personalisation.segment_masses import segment_masses
 from station.kinematics.body_document import body_document
 from station.kinematics.checks import finding_lines
 from station.kinematics.person import PersonBody, PersonInputs, TrialCheck
-from station.whole_file import drafted, write_whole
+from station.whole_file import write_whole
+
+
+def result_files(output: Path) -> tuple[Path, Path, Path]:
+    """The model, its set-up of inverse kinematics, and the record."""
+    return output, output.with_name(f"{output.stem}-ik.xml"), output.with_name(f"{output.stem}-body.json")
 
 
 def write_person(output: Path, person: PersonBody, inputs: PersonInputs) -> tuple[Path, ...]:
@@ -26,15 +31,18 @@ def write_person(output: Path, person: PersonBody, inputs: PersonInputs) -> tupl
             f"the person's model should be written as .osim and is {output.name}; choose such a name",
             SolverCode.NOT_WRITABLE,
         )
-    setup, record = output.with_name(f"{output.stem}-ik.xml"), output.with_name(f"{output.stem}-body.json")
+    _, setup, record = result_files(output)
     documents = {
-        output: osim_document(person.model),
-        setup: ik_setup_document(ik_setup_of_tasks(person.model, person.estimate.tasks, output), output.parent),
+        output: Xml.tostring(osim_document(person.model), encoding="utf-8", xml_declaration=True),
+        setup: Xml.tostring(
+            ik_setup_document(ik_setup_of_tasks(person.model, person.estimate.tasks, output), output.parent),
+            encoding="utf-8",
+            xml_declaration=True,
+        ),
+        record: (body_document(person, inputs).model_dump_json(indent=1) + "\n").encode(),
     }
     for path, document in documents.items():
-        with drafted(path) as draft:
-            Xml.ElementTree(document).write(draft, encoding="utf-8", xml_declaration=True)
-    write_whole(record, body_document(person, inputs).model_dump_json(indent=1) + "\n")
+        write_whole(path, document)
     return output, setup, record
 
 

@@ -8,6 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.standard_gravity import g
 from solver.inverse_kinematics.solve import InverseKinematics
 from solver.marker_placement import largest_motion
 from solver.model import CoordinateLock, Model
@@ -23,6 +24,7 @@ from solver.personalisation.segment_masses import (
 from solver.personalisation.tendons import TendonChange
 from solver.scaling_findings import ScalingFinding
 from station.errors import StationError
+from station.exit_code import WRONG_USAGE
 from station.kinematics.checks import Finding
 from station.messages.message import Figures, Message
 from station.messages.person_codes import PersonCode
@@ -32,12 +34,22 @@ Array = NDArray[np.float64]
 MOST_DEVIATIONS = 3.5
 """Of a marker's offset, over the three axes together, before it is a finding."""
 BEYOND_RANGE = np.radians(20.0)
+MOST_BODY_WEIGHTS = 5.0
+"""Of the force in the joint. Instrumented shoulders measured up to 2 (docs/joint-force.md), and models have shown up to
+2.1 times the measured peak (docs/motion.md).
+"""
 SWAYING, MOVING = 0.02, 0.10
 """m, that a marker goes in a static pose: more than postural sway; and no pose."""
 
 
 class PersonError(StationError):
     """No body is made of what was given."""
+
+
+class WrongTrials(PersonError):
+    """The command names files that are not the trials of one person."""
+
+    exit_code = WRONG_USAGE
 
 
 def refuse(code: StrEnum, **figures: float | str) -> PersonError:
@@ -98,6 +110,15 @@ def ensure_mass_fits(body_mass: float, upper_arm: float) -> None:
     if not lowest <= body_mass <= highest:
         figures = {"mass_kg": body_mass, "upper_arm_m": upper_arm, "lowest_kg": lowest, "highest_kg": highest}
         raise refuse(PersonCode.MASS_DOES_NOT_FIT, **figures)
+
+
+def joint_force_findings(trial: str, force: Array, body_mass: float) -> list[Finding]:
+    """Of the joint force (frames,) [N] of a trial, empty where it was not evaluated; body_mass in kg."""
+    weights = float(np.nanmax(force, initial=0.0)) / (g * body_mass)
+    if weights <= MOST_BODY_WEIGHTS:
+        return []
+    figures: Figures = {"trial": trial, "percent": 100 * weights, "highest_percent": 100 * MOST_BODY_WEIGHTS}
+    return [Message(PersonCode.LARGE_JOINT_FORCE, figures)]
 
 
 def estimate_findings(estimate: BodyEstimate, trials: Sequence[str]) -> list[Finding]:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from solver.coverage_code import CoverageCode
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome
 from solver.inverse_kinematics.solve import PostureOutcome
-from solver.motion import write_table
+from solver.time_series_table import write_table
 from station.kinematics.checks import finding_lines
 from station.kinematics.ik import SolvedPostures
 from station.messages.codes import KinematicsCode
@@ -71,6 +71,12 @@ class IkDocument(BaseModel):
     smoother: Annotated[SmootherOutcome | None, Field(description="null unless the trial was smoothed")] = None
 
 
+def result_files(path: Path, *, is_smoothed: bool) -> list[Path]:
+    """The motion, and the files beside it: report, table of frames, and the speeds of a smoothed trial."""
+    endings = ["_ik.json", "_ik_frames.csv", *["_ik_kinematics.csv"] * is_smoothed]
+    return [path, *(path.with_name(f"{path.stem}{ending}") for ending in endings)]
+
+
 def write_postures(path: Path, solved: SolvedPostures) -> None:
     """Write the motion, and beside it the table *_ik_frames.csv and the report *_ik.json.
 
@@ -78,17 +84,17 @@ def write_postures(path: Path, solved: SolvedPostures) -> None:
     Coordinates are in radians and metres. Frames without a posture are left out of the motion; the table has all.
     """
     names, notes = solved.model.coordinate_names, {"made_by": "station ik"}
-    report = plain_postures(solved).model_dump_json(indent=1) + "\n"
     smoothed = solved.smoothed
+    _, *beside = result_files(path, is_smoothed=smoothed is not None)
+    texts = [plain_postures(solved).model_dump_json(indent=1) + "\n", frames_of(solved).to_csv(index=False)]
+    if smoothed is not None:
+        texts.append(kinematics_of(solved, smoothed).to_csv(index=False))
     coordinates = solved.solution.coordinates if smoothed is None else smoothed.positions
     known = np.isfinite(coordinates[:, 0])
     with drafted(path) as draft:
         write_table(draft, names, solved.time[known], coordinates[known], notes)
-    if smoothed is not None:
-        table = kinematics_of(solved, smoothed).to_csv(index=False)
-        write_whole(path.with_name(f"{path.stem}_ik_kinematics.csv"), table)
-    write_whole(path.with_name(f"{path.stem}_ik_frames.csv"), frames_of(solved).to_csv(index=False))
-    write_whole(path.with_name(f"{path.stem}_ik.json"), report)
+    for file, text in zip(beside, texts, strict=True):
+        write_whole(file, text)
 
 
 def plain_postures(solved: SolvedPostures) -> IkDocument:

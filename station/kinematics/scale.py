@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,18 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.exchange.tables import MarkerTable
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.marker_placement import place_markers
 from solver.model import Model, ModelError
-from solver.motion import MotionError
 from solver.osim.marker_set import read_marker_set, with_markers
 from solver.osim.scale_setup import ScaleSetup, read_scale_setup, scale_setup_document
 from solver.osim.writer import osim_document
 from solver.personalisation.coverage import check_coverage
 from solver.scaling import Scaling, scale_model
 from solver.scaling_findings import check_scaling
-from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers, finding_lines
+from station.kinematics.checks import (
+    Finding,
+    ensure_markers_fit,
+    find_in_markers,
+    find_never_seen,
+    finding_lines,
+    seen_markers,
+)
 from station.kinematics.ik import ensure_common, model_with_markers, named_file, write_xml
 from station.kinematics.marker_file import KinematicsError, read_body_markers
 from station.kinematics.person_findings import (
@@ -90,13 +96,13 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     observed = 1e-3 * table.positions[shown]
     _ensure_markers_fit(generic, file, table, setup, observed)
     factors = setup.factors(generic, table.labels, observed)
-    _ensure_plausible(file, factors)
+    _ensure_plausible(file, setup, factors)
     scaling = Scaling(factors, setup.mass, setup.keeps_masses, inputs.scales_joined_points)
     scaled = scale_model(generic, scaling)
     findings = [*odd, *map(scaling_finding, check_scaling(generic, scaled)), *mass_findings(scaled)]
     if setup.mass is not None:
         ensure_model_mass_fits(scaled, setup.mass)
-    findings += _marker_findings(generic, table)
+    findings += _marker_findings(generic, table, setup.marker_names)
     if setup.placement is not None:
         with np.errstate(invalid="ignore"):
             counts = np.isfinite(observed).sum(axis=0)
@@ -126,26 +132,31 @@ def _ensure_markers_fit(generic: Model, file: Path, table: MarkerTable, setup: S
         ensure_markers_fit(generic, file.name, [marker.name for marker in expected], tasks, observed[:, columns])
 
 
-def _marker_findings(model: Model, table: MarkerTable) -> list[Finding]:
-    """Labels that are exchanged for a while, and segments that the markers do not determine."""
+def _marker_findings(model: Model, table: MarkerTable, expected: Collection[str]) -> list[Finding]:
+    """Labels that are exchanged for a while, expected markers that no frame shows, and segments that the markers do not
+    determine.
+    """
     there = [marker for marker in model.markers if marker.name in table.labels]
-    columns = [table.labels.index(marker.name) for marker in there]
-    tasks = TrackingTasks(tuple(there), np.ones(len(there)))
-    uncovered = [Message(code) for code in check_coverage(model, there)]
-    return [*find_in_markers(table.time_s, tasks, 1e-3 * table.positions[:, columns]), *uncovered]
+    observed = 1e-3 * table.positions[:, [table.labels.index(marker.name) for marker in there]]
+    tasks, seen = TrackingTasks(tuple(there), np.ones(len(there))), seen_markers(there, observed)
+    never_seen = find_never_seen({marker.name for marker in model.markers}.intersection(expected), seen)
+    uncovered = [Message(code) for code in check_coverage(model, seen)]
+    return [*find_in_markers(table.time_s, tasks, observed), *never_seen, *uncovered]
 
 
-def _ensure_plausible(file: Path, factors: Mapping[str, Array]) -> None:
-    """Raises KinematicsError for a factor that no two adults differ by."""
+def _ensure_plausible(file: Path, setup: ScaleSetup, factors: Mapping[str, Array]) -> None:
+    """Raises KinematicsError for a factor, of the markers or manual, that no two adults differ by."""
     for body, factor in factors.items():
         worst = float(factor[np.argmax(np.abs(np.log(np.maximum(factor, 1e-9))))])
         if not LEAST_FACTOR <= worst <= MOST_FACTOR:
+            is_manual = np.array_equal(factor, setup.manual.get(body, ()))
+            code = KinematicsCode.WRONG_MANUAL_FACTOR if is_manual else KinematicsCode.WRONG_FACTOR
             figures = {"factor": worst, "least": LEAST_FACTOR, "most": MOST_FACTOR}
-            raise KinematicsError(Message(KinematicsCode.WRONG_FACTOR, {"file": file.name, "body": body, **figures}))
+            raise KinematicsError(Message(code, {"file": file.name, "body": body, **figures}))
 
 
 def write_body(path: Path, body: ScaledBody) -> None:
-    """The model as .osim: what the solver knows of it, without pictures of bones."""
+    """The model as .osim: all that the solver reads of it, without meshes of bones."""
     if path.suffix != ".osim":
         raise ModelError(
             f"the scaled model should be written as .osim and is {path.name}; choose such a name",

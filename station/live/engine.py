@@ -29,7 +29,7 @@ from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 
 IDLE_S = 0.5
-"""Seconds without values after which an update without values tells the views why."""
+"""Seconds without values after which the views get an update without values, with the reason."""
 RATE_WINDOW = 50
 """Frames over which the rate of solved frames is counted."""
 
@@ -50,7 +50,7 @@ Publish = Callable[[LiveUpdate], None]
 
 
 class LiveEngine:
-    """One trial. now_s is the monotonic clock of the computer; a replay gives one that stands still."""
+    """One trial. now_s is the monotonic clock of the computer; a replay gives a constant one."""
 
     def __init__(
         self,
@@ -194,7 +194,7 @@ class LiveEngine:
         return (*self._findings.shown(), *plain_findings(messages))
 
     def _to_sinks(self, act: Callable[[LiveSink], None]) -> None:
-        """A sink that fails is left out from then on; values go on."""
+        """A sink that fails is left out from then on; the other sinks get the values."""
         for sink in tuple(self._sinks):
             try:
                 act(sink)

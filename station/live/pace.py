@@ -1,4 +1,4 @@
-"""What is left out when the computer does not keep up: first the muscles of some frames, then whole frames."""
+"""What is left out when the computer is too slow: first the muscles of some frames, then whole frames."""
 
 from __future__ import annotations
 

@@ -242,7 +242,7 @@ class LivePipeline:
 
 
 NOT_SOLVED = "not_solved"
-"""Outcome of the muscles of a frame that was left out of them, as the computer does not keep up."""
+"""Outcome of the muscles of a frame that was left out of them, because the computer is too slow."""
 
 
 def _scenario(suit: StreamSuitFrame | None, body: LiveBody) -> LiveScenarioValues:

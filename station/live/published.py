@@ -168,7 +168,7 @@ class LiveDelivery:
 
 @dataclass(frozen=True)
 class LiveUpdate:
-    """values is None while there is nothing to show (waiting, wearer outside the volume); the findings say why."""
+    """values is None while there is nothing to show (waiting, wearer outside the volume); see the findings."""
 
     values: LiveValues | None
     delivery: LiveDelivery

@@ -10,7 +10,7 @@ from station.messages.codes import AssessmentCode, InputCode
 _CHOICE = "Least effort at {at_m:.3f} m: {cuff}, with migration and compliance {effort:.3f} of that with a slack cord"
 _DIFFERENCE = "{first} − {second}: {difference_percent} % effort at {at_m:.3f} m"
 _INTERVAL = _DIFFERENCE + " (95 % CI {low_percent} to {high_percent} %)"
-_INTERVALS = "Intervals are computed from {draws:.0f} draws of the cuffs on one in {every:.0f} frames"
+_INTERVALS = "Intervals are computed from {draws:.0f} draws of {drawn} on one in {every:.0f} frames"
 _UNSOLVED = "{frames:.0f} of {all_frames:.0f} frames of all scenarios "
 _INFEASIBLE = _UNSOLVED + (
     "are infeasible: no activations between 0 and 1 and controls within their limits give the accelerations"
@@ -21,6 +21,11 @@ _UNKNOWN_EFFORT = (
 )
 _RESERVE = " Elastic tendons that are slack after rest need a reserve ([reserves] in --effort)."
 _UNCONVERGED = "{frames:.0f} of {all_frames:.0f} frames: the "
+_MIGRATION = (
+    "With compliance, migration of {cuffs} reduces the largest force of the cord by {lost_percent:.0f} %, and changes "
+    "the effort by {percent_per_cm} percentage points per centimetre that {cuff} migrates"
+)
+_MIGRATION_INTERVAL = _MIGRATION + " (95 % CI {low_per_cm} to {high_per_cm})"
 ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.NO_CHOICE: "The cuffs cannot be compared: every cuff has frames without a solution.",
     AssessmentCode.ONLY_CUFF: _CHOICE + "; there is no other cuff to compare it with.",
@@ -55,23 +60,26 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "solution, on one in {every:.0f} frames."
     ),
     AssessmentCode.PEOPLE_UNSOLVED: (
-        "{unsolved:.0f} of {people:.0f} drawn people have no solution for at least one cuff. The intervals are of the "
-        "others, and may be too narrow."
+        "{unsolved:.0f} of {people:.0f} drawn people have no solution for at least one cuff ({outcomes}). The "
+        "intervals are of the others, and may be too narrow."
     ),
     AssessmentCode.CORD_FORCE: (
-        "With rigid cuffs the cord pulls with up to {force_n:.0f} N, and is slack throughout at a rest length "
-        "{slack_cm:.1f} cm above the best one."
+        "With rigid cuffs the cord pulls with up to {force_n:.0f} N, and is slack throughout from a rest length "
+        "of {slack_m:.3f} m on, {slack_cm:.1f} cm above the best one."
     ),
-    AssessmentCode.MIGRATION_COST: (
-        "Migration of {cuffs} reduces the largest force of the cord by {lost_percent:.0f} %, and costs "
-        "{percent_per_cm:.1f} percentage points of effort per centimetre that {cuff} migrates."
+    AssessmentCode.MIGRATION_COST: _MIGRATION_INTERVAL + ".",
+    AssessmentCode.MIGRATION_COST_OPEN: _MIGRATION_INTERVAL + "; this change of effort is not distinguishable from 0.",
+    AssessmentCode.MIGRATION_COST_ALONE: _MIGRATION + "; without an interval.",
+    AssessmentCode.NEGATIVE_MIGRATION: (
+        "The migration of {cuff} is {migration_mm:.1f} mm: it moved against the pull, so that the cord pulls more "
+        "than before. Check its sign."
     ),
     AssessmentCode.RESERVES_SMALL: (
         "Reserve actuators, which are not included in the effort, would add at most {effort:.4f} at {at_m:.3f} m."
     ),
     AssessmentCode.RESERVES_LARGE: (
         "The muscles cannot carry this motion: reserve actuators, which are not included in the effort, would add up "
-        "to {effort:.3g} at {at_m:.3f} m. Take the weight off the actuators of coordinates that no muscle moves, such "
+        "to {effort:.3g} at {at_m:.3f} m. Remove the weight of the actuators of coordinates that no muscle moves, such "
         "as those of a pelvis, with --effort (unweighted_coordinates); otherwise use a lighter load or another motion."
     ),
     AssessmentCode.RESERVES_LARGE_AT: (
@@ -81,8 +89,8 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     ),
     AssessmentCode.LEFT_OUT: "Left out of the model: {parts}.{effect}",
     AssessmentCode.RESIDUALS_LARGE: (
-        "Residual actuators give {forces} (RMS); the model weighs {weight:.0f} N. They carry what ground, seat "
-        "or hands carry: give the measured forces (--external-loads), and check their unit and time."
+        "Residual actuators give {forces} (RMS); the model weighs {weight:.0f} N. They replace the forces of ground, "
+        "seat or hands: give the measured forces (--external-loads), and check their unit and time."
     ),
     AssessmentCode.RATE_EXCEEDED: (
         _UNSOLVED + "exceed the rate of activation since the previous frame; they are solved without that limit."
@@ -116,6 +124,13 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     ),
     AssessmentCode.WITHOUT_DATA: (
         "Coordinates without data: {coordinates}. They keep their default values, or those that a constraint gives."
+    ),
+    AssessmentCode.RANGE_NOT_COVERED: (
+        "The motion does not cover the requested time: {range}. Only its own frames are solved."
+    ),
+    AssessmentCode.ROW_COUNTS: (
+        "The motion does not have as many rows as its header states: {rows}. All rows of the file are used. If the "
+        "file was cut, export it again; otherwise correct nRows, because OpenSim's tools read no more rows than that."
     ),
     AssessmentCode.VIOLATES_CONSTRAINT: (
         "Coordinates whose data differ from what their coupler, lock or prescription gives, with the largest "
@@ -155,12 +170,12 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "the cuff {cuff} has the law {law}; a suit wears cuffs of the law {known} only (F = k x + c ẋ). If that is "
         "sufficient, write {cuff} with its k, c and migration alone into a cuffs file"
     ),
-    InputCode.OUTPUT_IS_FILE: "{path} is a file, expected a folder to write into; give another --output",
+    InputCode.OUTPUT_IS_FILE: "{path} is a file, expected a folder to write into; give another folder",
     InputCode.ONE_ARM_CUFF: "expected one arm cuff, found {names}; choose one by --cuff",
     InputCode.NO_CUFFS_FILE: "the cuff {cuff} needs a cuffs.json that holds it; give it by --cuffs",
     InputCode.CONDITION_WITHOUT_CUFFS: "the condition {condition} needs cuffs; give a cuffs.json by --cuffs",
     InputCode.TABLE_FORMAT: "the output is {name}, expected a name that ends in {suffixes}",
-    InputCode.BUDGET: "{path} is no budget of uncertainty ({reason}); correct it",
+    InputCode.BUDGET: "{path} is not a budget of uncertainty ({reason}); correct it",
     InputCode.NO_PEOPLE: (
         "--scheduler, --workers and --donnings are for drawn people, and none are drawn; add --people 1000"
     ),

@@ -24,11 +24,27 @@ EMG: Mapping[StrEnum, str] = {
     ),
     EmgCode.NO_TIME_COLUMN: "{file} has the columns {columns}, expected a column named time; add it",
     EmgCode.TIMES_NOT_RISING: "the times of {file} do not increase from row to row; correct them",
+    EmgCode.FEW_TIMES: (
+        "the times of {file} are {step_s:g} s apart, expected at most {longest_s:g} s; are they in milliseconds?"
+    ),
+    EmgCode.ROW_COUNTS: (
+        "{file} does not have as many rows as its header states (nRows {stated:.0f}, found {found:.0f}), and all its "
+        "rows are compared; if the file was cut, write it again"
+    ),
+    EmgCode.PARTLY_COMMON: (
+        "EMG lasts from {emg_start_s:.2f} to {emg_end_s:.2f} s and {file} from {model_start_s:.2f} to "
+        "{model_end_s:.2f} s, so that {common_s:.2f} s are compared; check that both are of one trial and begin at the "
+        "same moment"
+    ),
     EmgCode.FILE_FORMAT: "{path} ends in {suffix}, expected EMG in {expected}",
     EmgCode.NO_ANALOG_CHANNEL: (
         "{path} has the analog channels {recorded}, and none of them is in the set-up; add them to [channels]"
     ),
     EmgCode.CHANNEL_UNITS: "{path} has {found}, expected all channels in V, mV or uV; set unit in [file]",
+    EmgCode.UNREAD_CHANNELS: (
+        "{channels} of the set-up are in another unit than V, mV or uV, or on another clock than the first channel, "
+        "and are left out; correct their titles, or export them at one rate"
+    ),
     EmgCode.NO_EMG: "{file} contains {found}, expected EMG in volts",
     EmgCode.SAMPLES_MISSING: "{file} contains {found} of {expected} samples; export the signal with all samples",
 }

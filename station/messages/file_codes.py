@@ -9,8 +9,10 @@ class ImportCode(StrEnum):
     """Reason why files are not imported or do not complete a recording, and notes on what was written."""
 
     INCOMPLETE_COMMAND = "import.incomplete_command"
+    UNUSED_OPTION = "import.unused_option"
     WRONG_LABEL_PAIR = "import.wrong_label_pair"
     UNKNOWN_LABEL = "import.unknown_label"
+    START_OUT_OF_RANGE = "import.start_out_of_range"
     FORCE_FORMAT = "import.force_format"
     MARKER_FORMAT = "import.marker_format"
     NO_FORCE_COLUMN = "import.no_force_column"
@@ -45,6 +47,7 @@ class ExportCode(StrEnum):
     """Reason why a recording is not exported or not replayed, and notes on what was written."""
 
     INCOMPLETE_COMMAND = "export.incomplete_command"
+    UNUSED_OPTION = "export.unused_option"
     INCOMPLETE_MODEL_COMMAND = "export.incomplete_model_command"
     FILL_GAPS_FORMAT = "export.fill_gaps_format"
     NO_RECORDING = "export.no_recording"
@@ -59,6 +62,7 @@ class ExportCode(StrEnum):
     CUFF_HIDDEN = "export.cuff_hidden"
     ROWS_LEFT_OUT = "export.rows_left_out"
     ROWS_FILLED = "export.rows_filled"
+    INCOMPLETE = "export.incomplete"
     MODEL_NOTE = "export.model_note"
     LIVE_FORMAT = "export.live_format"
 
@@ -67,7 +71,7 @@ class ExportCode(StrEnum):
 
 
 class NumberCode(StrEnum):
-    """Reason why a number of the report does not follow from its source."""
+    """Reason why a number of the report does not agree with its source."""
 
     FILE = "number.file"
     UNKNOWN = "number.unknown"

@@ -8,15 +8,20 @@ from enum import StrEnum
 from station.messages.file_codes import ChainCode, ExportCode, ImportCode, NumberCode
 
 _SPANS = (
-    "force from {force_from_s:.2f} to {force_to_s:.2f} s, markers from {markers_from_s:.2f} to {markers_to_s:.2f} s"
+    "force, with its lag, from {force_from_s:.2f} to {force_to_s:.2f} s, markers from {markers_from_s:.2f} to "
+    "{markers_to_s:.2f} s"
 )
 
 _IMPORT: Mapping[StrEnum, str] = {
     ImportCode.INCOMPLETE_COMMAND: (
-        "an import needs --force, --session, --test and --cuff (a bounce needs no --cuff), or --over alone; see --help"
+        "the import lacks {missing}; give it, or --over to complete a recording from --mocap alone"
     ),
+    ImportCode.UNUSED_OPTION: "an import with {option} takes no {unused}; leave out the one or the other",
     ImportCode.WRONG_LABEL_PAIR: "--label {pair} does not name two labels, expected THEIRS=OURS",
     ImportCode.UNKNOWN_LABEL: "{path} has no marker {missing} to rename, only {known}",
+    ImportCode.START_OUT_OF_RANGE: (
+        "--start is {start}, expected a time from {earliest:.0f} to {latest:.0f}; give the time of the capture"
+    ),
     ImportCode.FORCE_FORMAT: "{path} ends in {suffix}, expected force in .csv, .txt, .tsv or .c3d",
     ImportCode.MARKER_FORMAT: "{path} ends in {suffix}, expected markers in .tsv, .trc or .c3d",
     ImportCode.NO_FORCE_COLUMN: "{path} has no column {expected} among {known}; name the column by --force-column",
@@ -48,7 +53,7 @@ _IMPORT: Mapping[StrEnum, str] = {
     ),
     ImportCode.SHORT_OVERLAP: (
         "{files} have {common_s:.2f} s in common, expected at least half of {expected_s:.2f} s (" + _SPANS + "); check "
-        "that both are of the same trial, or cut the longer one"
+        "that both are of the same trial and the lag is in seconds, or cut the longer one"
     ),
     ImportCode.NOT_USABLE: "{files} cannot be used: {reason}",
     ImportCode.FILE_EXISTS: "{path} exists and is not overwritten; move it to another folder",
@@ -81,12 +86,9 @@ _IMPORT: Mapping[StrEnum, str] = {
 }
 
 _EXPORT: Mapping[StrEnum, str] = {
-    ExportCode.INCOMPLETE_COMMAND: (
-        "an export needs --to and either FILE or --session, or it needs --osim; see --help"
-    ),
-    ExportCode.INCOMPLETE_MODEL_COMMAND: (
-        "an export with --osim needs --output, without FILE, --session and --to; see --help"
-    ),
+    ExportCode.INCOMPLETE_COMMAND: "the export lacks {missing}; give it, or --osim to export a model with the suit",
+    ExportCode.UNUSED_OPTION: "an export with {option} takes no {unused}; leave out the one or the other",
+    ExportCode.INCOMPLETE_MODEL_COMMAND: "the export with --osim lacks --output; give the file to write",
     ExportCode.FILL_GAPS_FORMAT: ("--fill-gaps is for --to mot and --to sto; the other formats mark missing values"),
     ExportCode.NO_RECORDING: "{folder} contains no recording (*.mcap); give a session folder",
     ExportCode.NOTHING_WRITTEN: "{reasons}",
@@ -113,6 +115,7 @@ _EXPORT: Mapping[StrEnum, str] = {
         "{file}: direction and point of {hidden:.0f} rows, and {lost:.0f} rows of lost samples, are interpolated "
         "linearly; the longest gap is {longest_s:.3g} s"
     ),
+    ExportCode.INCOMPLETE: "{file} is incomplete, and so is its export: {reasons}",
     ExportCode.MODEL_NOTE: "{text}",
     ExportCode.NO_SAMPLES: "{path} contains no samples to replay",
     ExportCode.NO_SYNC_EDGE: (
@@ -131,7 +134,7 @@ _CHAIN: Mapping[StrEnum, str] = {
     NumberCode.SOURCE: "{id} is {found}, expected {expected} from {source} {pointer}",
     NumberCode.FIGURE: "{id} is another drawing or caption than the one that was written",
     NumberCode.PROVENANCE: "{id} names other recordings, draws or figures than those of {source} {pointer}",
-    NumberCode.INPUT: "{numbers} numbers rest on it, the first: {id}",
+    NumberCode.INPUT: "{numbers} numbers depend on it, the first: {id}",
     NumberCode.RECOMPUTED: "{id} is {found}, and a new fit of the recordings gives {expected}",
     ChainCode.CHANGED: "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}",
     ChainCode.NOT_A_FOLDER: "{folder} is not a folder; give a session folder",

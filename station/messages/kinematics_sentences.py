@@ -16,6 +16,10 @@ KINEMATICS: Mapping[StrEnum, str] = {
         "{file} has markers of several persons or sides ({labels}), expected those of one; choose with --prefix, or "
         "export one person"
     ),
+    KinematicsCode.NO_SUCH_PREFIX: (
+        "{file} has no label that is a marker's name after the prefix {prefix}; prefixes found: {found}; correct "
+        "--prefix, or leave it out"
+    ),
     KinematicsCode.MARKERS_MISSING: (
         "{file} shows {seen} of {expected} markers in most frames, expected at least 60 %; missing or mostly hidden: "
         "{missing}"
@@ -29,7 +33,8 @@ KINEMATICS: Mapping[StrEnum, str] = {
     ),
     KinematicsCode.MIRRORED: (
         "the markers of {file} fit the mirror image of {model} ({mirrored_mm:.0f} mm RMS) better than the model itself "
-        "({given_mm:.0f} mm): left and right are exchanged; correct the labels or use a model of the other side"
+        "({given_mm:.0f} mm): left and right, or some labels, are exchanged; correct the labels, or use a model of the "
+        "other side"
     ),
     KinematicsCode.NO_FIT: (
         "the markers of {file} are {given_mm:.0f} mm (RMS) from those of {model}, expected less than "
@@ -42,6 +47,13 @@ KINEMATICS: Mapping[StrEnum, str] = {
     KinematicsCode.EXCHANGED: (
         "labels {one} and {other} are exchanged from {from_s:.2f} to {to_s:.2f} s: the postures there are wrong; "
         "correct the labels"
+    ),
+    KinematicsCode.FAR: (
+        "{marker} is up to {residual_mm:.0f} mm from its place on the model in {frames} frames, the first at "
+        "{first_s:.2f} s: the postures there are wrong; delete these positions, or correct the label"
+    ),
+    KinematicsCode.NEVER_SEEN: (
+        "no frame shows {markers}: not used; check the labels of the file, or remove the tasks"
     ),
     KinematicsCode.UNKNOWN_SET: "there is no marker set {name}; choose from {known}, or a file that ends in .toml",
     KinematicsCode.WRONG_SET: "{name} cannot be read as a marker set: {reason}",
@@ -58,8 +70,15 @@ KINEMATICS: Mapping[StrEnum, str] = {
         "{body} would be scaled by {factor:.2f} with the markers of {file}, expected {least:g} to {most:g}; check the "
         "labels, and the pairs of markers in the set-up"
     ),
+    KinematicsCode.WRONG_MANUAL_FACTOR: (
+        "{body} has the manual factor {factor:.4g} in the set-up, expected {least:g} to {most:g}; correct its scales"
+    ),
     KinematicsCode.OTHER_RANGE: (
         "--from and --to override the set-up's time_range, {setup_range_s} s: frames from {range_s} s are solved"
+    ),
+    KinematicsCode.RANGE_NOT_COVERED: (
+        "{file} does not cover the requested time, {range}: it lasts from {first_s:g} to {last_s:g} s. Only its own "
+        "frames are solved"
     ),
     KinematicsCode.NOT_HELD: (
         "no visible marker determines {coordinates} in {frames} frames: the values there are not measured"

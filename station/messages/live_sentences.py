@@ -32,8 +32,8 @@ LIVE: Mapping[StrEnum, str] = {
         "when the markers are back"
     ),
     LiveCode.MARKERS_EXCHANGED: (
-        "the labels of {markers} are exchanged: they are exchanged back for the live values; the recording keeps them "
-        "as QTM sent them, so correct them there"
+        "the labels of {markers} are exchanged: the live values use the corrected labels; the recording keeps those "
+        "that QTM sent, so correct them there"
     ),
     LiveCode.MARKERS_LEFT_OUT: "{markers} jumped and are left out; check their labels and reflections in QTM",
     LiveCode.NOT_HELD: "hidden markers leave {coordinates} undetermined; the values there are estimates",
@@ -42,7 +42,7 @@ LIVE: Mapping[StrEnum, str] = {
         "the cameras send {rate_hz:.0f} frames per second: one in {every:.0f} is solved ({solved_hz:.0f} per second)"
     ),
     LiveCode.OVERLOADED: (
-        "this computer does not keep up: one frame in {every:.0f} is solved ({solved_hz:.0f} per second), "
+        "this computer is too slow: one frame in {every:.0f} is solved ({solved_hz:.0f} per second), "
         "{dropped:.0f} frames were left out so far; the recording is not affected; fewer scenarios need less time"
     ),
     LiveCode.WRITTEN: "live result: {path}",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Generic, TypeVar
+from string import Formatter
+from typing import Any, Generic, TypeVar
 
 from station.messages.sentences import SENTENCES
 
@@ -22,7 +24,7 @@ class Message(Generic[Code_co]):
     figures: Figures = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return SENTENCES[self.code].format(**self.figures)
+        return _FORMATTER.vformat(SENTENCES[self.code], (), self.figures)
 
     def to_plain(self) -> dict[str, object]:
         """The code and its figures, as JSON."""
@@ -32,6 +34,17 @@ class Message(Generic[Code_co]):
     def kind(self) -> str:
         """The code without its reason: the kind of the event in a recording."""
         return self.code.value.partition(".")[0]
+
+
+class _WithMinusSigns(Formatter):
+    """Negative figures have a minus sign in the sentence and a hyphen in the JSON."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        text = str(super().format_field(value, format_spec))
+        return f"−{text[1:]}" if re.fullmatch(r"-\d[\d.]*", text) else text
+
+
+_FORMATTER = _WithMinusSigns()
 
 
 def join_sentences(messages: Iterable[Message[StrEnum]]) -> str:

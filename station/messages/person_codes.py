@@ -8,6 +8,7 @@ from enum import StrEnum
 class PersonCode(StrEnum):
     """Findings on the body of a person, and reasons why it is not scaled."""
 
+    SAME_NAME = "same_name"
     MASS_DOES_NOT_FIT = "mass_does_not_fit"
     HAND_HOLDS_LOAD = "hand_holds_load"
     MODEL_MASS_DOES_NOT_FIT = "model_mass_does_not_fit"
@@ -22,3 +23,4 @@ class PersonCode(StrEnum):
     TENDON_CHANGED = "tendon_changed"
     SEGMENT_MASS = "segment_mass"
     JOINT_NOT_EVALUATED = "joint_not_evaluated"
+    LARGE_JOINT_FORCE = "large_joint_force"

@@ -10,6 +10,9 @@ from solver.scaling_code import ScalingCode
 from station.messages.person_codes import PersonCode
 
 PERSON_SENTENCES: Mapping[StrEnum, str] = {
+    PersonCode.SAME_NAME: (
+        "two files of --markers give a trial the name {name}, expected different names; rename one, or give it once"
+    ),
     PersonCode.MASS_DOES_NOT_FIT: (
         "a body mass of {mass_kg:.0f} kg does not fit an upper arm of {upper_arm_m:.3f} m: expected {lowest_kg:.0f} to "
         "{highest_kg:.0f} kg; give the person's mass, not the model's, which is that of thorax and one arm"
@@ -48,6 +51,10 @@ PERSON_SENTENCES: Mapping[StrEnum, str] = {
     ),
     PersonCode.SEGMENT_MASS: "{segment}: the segment's mass is {ratio:.1f} times the expected one",
     PersonCode.JOINT_NOT_EVALUATED: "{trial}: muscles and joint force are not evaluated: {reason}",
+    PersonCode.LARGE_JOINT_FORCE: (
+        "{trial}: the joint force reaches {percent:.0f} % of body weight, expected at most {highest_percent:.0f} %; "
+        "check the masses of body and load, in kg, and the labels of the markers"
+    ),
     CoverageCode.THORAX_NOT_DETERMINED: (
         "fewer than three markers on the thorax: no segment has a reference; add IJ, PX, C7 or T8"
     ),

@@ -1,6 +1,6 @@
 """The sentences of the station's messages, in one place; programs use the codes.
 
-A message says what happened, what it means and what to do, in the words of the bench.
+A message states what happened, what it means and what to do, in the terms of the bench.
 """
 
 from __future__ import annotations

@@ -48,6 +48,7 @@ _CUES: Mapping[StrEnum, str] = {
 }
 
 _COMMANDS: Mapping[StrEnum, str] = {
+    CommandCode.NO_SUBJECT: "no subject is given; enter a code of letters and digits, such as P01",
     CommandCode.WRONG_SUBJECT: (
         "the subject is {subject}, expected a code of letters and digits, such as P01: it becomes part of file names"
     ),

@@ -10,6 +10,7 @@ class StudyCode(StrEnum):
 
     NOT_A_FOLDER = "study.not_a_folder"
     NO_SESSION = "study.no_session"
+    NO_USABLE_SESSION = "study.no_usable_session"
     MIXED_ORIGIN = "study.mixed_origin"
     NOT_FITTED = "study.session_not_fitted"
     NO_VOLUNTEER = "study.no_volunteer_code"

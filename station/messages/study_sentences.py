@@ -9,13 +9,17 @@ from station.messages.study_codes import CatalogueCode, PlanCode, StudyCode
 
 STUDY: Mapping[StrEnum, str] = {
     StudyCode.NOT_A_FOLDER: "{folder} is not a folder; give session folders, or a folder that holds them",
-    StudyCode.NO_SESSION: "{folders} holds no fitted session with a volunteer's code; fit sessions with `station fit`",
+    StudyCode.NO_SESSION: "{folders} holds no session: no folder has a cuffs.json; fit sessions with `station fit`",
+    StudyCode.NO_USABLE_SESSION: "none of {sessions:.0f} sessions can be used: {left_out}",
     StudyCode.MIXED_ORIGIN: (
         "measured and simulated sessions cannot be in one study: {measured} is measured, {simulated} is simulated; "
         "name the folders of one kind"
     ),
     StudyCode.NOT_FITTED: "{session} is left out: it has no cuffs.json; fit it with `station fit`",
-    StudyCode.NO_VOLUNTEER: "{session} is left out: its session.jsonl has no volunteer's code",
+    StudyCode.NO_VOLUNTEER: (
+        "{session} is left out: it has no session.jsonl with a volunteer's code; `station record` and `station serve` "
+        "write one"
+    ),
     StudyCode.UNREADABLE: "{session} is left out: {reason}",
     StudyCode.NOT_IDENTIFIED: "{session}: {quantity} of {cuff}, donning {donning}, is left out: {reason}",
     StudyCode.WRONG_FILE: "{path} is not a study: {reason}; make it again with `station study`",

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class SweepCode(StrEnum):
-    """Reason why a sweep does not start, or why a case of it is not solved."""
+    """Reason why a sweep does not start, why a case of it is not solved, or a finding on its plan."""
 
     UNREADABLE = "plan.unreadable"
     WRONG_TABLE = "plan.wrong_table"
@@ -16,6 +16,7 @@ class SweepCode(StrEnum):
     WRONG_VALUE = "plan.wrong_value"
     WORN_CUFFS = "plan.worn_cuffs"
     FILE_UNREADABLE = "plan.file_unreadable"
+    FEW_FRAMES = "plan.few_frames"
     NO_SCHEDULER = "cluster.no_scheduler"
     CASE_FAILED = "cluster.case_failed"
     NO_VIEWER = "viewer.not_started"

@@ -24,6 +24,10 @@ SWEEPS: Mapping[StrEnum, str] = {
     SweepCode.FILE_UNREADABLE: (
         "vary.{axis} of the plan names {file}, which cannot be read ({reason}); paths are relative to the plan"
     ),
+    SweepCode.FEW_FRAMES: (
+        "every = {every} keeps fewer than {least} frames in {cases} cases, as few as {fewest:.0f}: efforts and best "
+        "rest lengths depend on which frames these are. Choose a smaller every in the plan"
+    ),
     SweepCode.NO_SCHEDULER: (
         "no Dask scheduler answers at {address} ({reason}); start one with `dask scheduler`, or omit --scheduler"
     ),

@@ -11,8 +11,10 @@ from typing import Any
 import pandas as pd
 
 from solver.suit.suit import PARTS
+from solver.suit.uncertainty import DrawnSource
 from station.assessment.assessment_file import read_activations
 from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
+from station.assessment.interval_sources import sources_of, sources_text
 from station.report.body_figure import body_figure
 from station.report.conditions import CONDITIONS
 from station.report.first_page import findings_of
@@ -36,8 +38,8 @@ Plain = Mapping[str, Any]
 @dataclass(frozen=True)
 class AssessmentSection:
     """names of the files that went in; places: what waist, shoulder and arm are called; the cuffs worn; rows of the
-    table, of the motion beside, None without one; findings that are not among the limits; the first page's figures,
-    and the others.
+    table, of the motion beside, None without one; findings that are not among the limits; what the intervals contain,
+    empty without any; whether the cuffs alone were drawn; the first page's figures, and the others.
     """
 
     names: Mapping[str, str]
@@ -46,6 +48,8 @@ class AssessmentSection:
     rows: list[dict[str, Any]]
     beside: list[dict[str, Any]] | None
     findings: list[str]
+    intervals: str
+    only_cuffs_drawn: bool
     overview: Sequence[Picture]
     pictures: Sequence[Picture]
 
@@ -61,9 +65,16 @@ def assessment_section(
         rows=_rows(assessment),
         beside=_rows(beside) if beside else None,
         findings=findings_of(assessment),
+        intervals=intervals_of(assessment),
+        only_cuffs_drawn=not assessment.get("total_uncertainty") and sources_of(assessment) == (DrawnSource.CUFFS,),
         overview=overview,
         pictures=pictures,
     )
+
+
+def intervals_of(assessment: Plain) -> str:
+    """What the intervals of the assessment contain; empty without any."""
+    return "the total uncertainty" if assessment.get("total_uncertainty") else sources_text(sources_of(assessment))
 
 
 def places_of(assessment: Plain) -> Mapping[str, str]:

@@ -31,14 +31,17 @@ HELD = (
     "Held loads and the line of the pooled stiffness, slip between lines; with enough loads, the tangent stiffness "
     "of an exponential law over the force"
 )
-REPEATS = "Single repeats and their combination, with 95 % intervals"
+REPEATS = (
+    "Single repeats and their combination, with 95 % intervals. The migration of the donning is from the "
+    "start of its first static trial to the end of its last, that of a repeat from the start to the end of its trial"
+)
 DAMPER = "Force beyond the spring over velocity"
 COMPLEX = "Complex stiffness K* = k + i 2πf c in bands of frequency; a spring and a damper give horizontal lines"
 RESIDUAL = "Residual force of the oscillations: over time, autocorrelation, and comparison with a normal distribution"
 
 
 class TrueCuff(BaseModel):
-    """What a simulated cuff carried."""
+    """True parameters of a simulated cuff."""
 
     stiffness_n_per_m: float
     damping_n_s_per_m: float

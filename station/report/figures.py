@@ -30,6 +30,8 @@ from station.charts.marks import (
 FORCE: Colour = "c1"
 MOTION: Colour = "c2"
 MM = 1e3
+DOT, RING = 3.0, 2.4
+"""Radius [px] of a dot, and distance [px] between the rings around it."""
 
 
 def trial_figure(static: FittedPull | None, dynamic: FittedPull | None) -> Chart:
@@ -40,11 +42,11 @@ def trial_figure(static: FittedPull | None, dynamic: FittedPull | None) -> Chart
 def static_figure(fit: CuffFit, static: Sequence[FittedPull]) -> Chart:
     """Force over displacement of all static trials, the held loads, and the lines of the common stiffness.
 
-    Beside it the tangent stiffness k(F) with its 95 % intervals, where the held loads tell one.
+    Beside it the tangent stiffness k(F) with its 95 % intervals, where the held loads determine one.
     """
     marks: list[Mark] = []
-    for curves, colour in zip(static, COLOURS * 8, strict=False):
-        marks += _held_loads(curves, fit, colour)
+    for later, (curves, colour) in enumerate(zip(static, COLOURS * 8, strict=False), 1 - len(static)):
+        marks += _held_loads(curves, fit, colour, RING * -later)
     panels = [Panel(tuple(marks), "displacement of the cuff along the rope [mm]", "force [N]")]
     tangents = fit.held.tangents if fit.held else ()
     if tangents:
@@ -110,12 +112,14 @@ def _tangents(fit: CuffFit, tangents: Sequence[tuple[float, Estimate]]) -> Panel
     return Panel(tuple(marks), "force [N]", "tangent stiffness k(F) [N/m]")
 
 
-def _held_loads(curves: FittedPull, fit: CuffFit, colour: Colour) -> Iterator[Mark]:
+def _held_loads(curves: FittedPull, fit: CuffFit, colour: Colour, wider: float) -> Iterator[Mark]:
+    """Dots of the last repeat, and rings around them of the others, which would be hidden; wider [px] than a dot."""
     if curves.static is None:
         return
     x = values([plateau.displacement for plateau in curves.static.plateaus])
     force = values([plateau.force for plateau in curves.static.plateaus])
-    yield Points(MM * x, force, colour, f"held loads, repeat {curves.pull.trial.repeat}")
+    label = f"held loads, repeat {curves.pull.trial.repeat}"
+    yield Points(MM * x, force, colour, label, is_hollow=wider > 0, radius=DOT + wider)
     if fit.stiffness is None:
         return
     for segment in np.unique(curves.static.segment):

@@ -1,4 +1,4 @@
-"""The first page of the report, which stands alone: the effect of every cuff, the decision, and what limits both."""
+"""The first page of the report, readable alone: the effect of every cuff, the decision, and the limits of both."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class FirstPage:
 
 
 def summary_of(assessment: Plain | None, cuffs: Cuffs) -> FirstPage:
-    """What the first page says; without an assessment only the limits of the fits."""
+    """Content of the first page; without an assessment only the limits of the fits."""
     if assessment is None:
         return FirstPage((), "", (), tuple(_limits_of_cuffs(cuffs)))
     arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]

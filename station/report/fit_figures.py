@@ -111,11 +111,24 @@ def _repeats(used: Sequence[TrialFit], name: str, pooled: Estimate | None, axis:
     found = [(trial.repeat, value.scaled(scale)) for trial in used if (value := _of_trial(trial, name)) is not None]
     numbers = sorted({repeat for repeat, _ in found})
     marks: list[Mark] = []
+    top = None
     if pooled is not None:
-        marks += _pooled(pooled.scaled(scale), "donning as a whole" if name == "migration" else "mean, 95 %")
+        pooled, label = pooled.scaled(scale), "mean, 95 %"
+        if name == "migration":
+            label = f"donning as a whole, {plus_minus(pooled.value, pooled.ci95)}"
+            top = 1.15 * max(pooled.ci95[1], 0.0, *(value.value for _, value in found)) or None
+        marks += _pooled(pooled, label)
     places = values([numbers.index(repeat) for repeat, _ in found])
     marks += _intervals(places, [value for _, value in found], FORCE, "single repeat")
-    return Panel(tuple(marks), "repeat", axis, x_names=tuple(map(str, numbers)), height=190.0, width=THIRD)
+    return Panel(
+        tuple(marks),
+        "repeat",
+        axis,
+        x_names=tuple(map(str, numbers)),
+        y_limits=(None, top),
+        height=190.0,
+        width=THIRD,
+    )
 
 
 def _held(fit: CuffFit, curves: FittedPull, held: StaticFit) -> Panel:

@@ -1,4 +1,4 @@
-"""Values of a JSON document that know their place in it, so that a number of the report can be followed to its file.
+"""Values of a JSON document with their place in it, so that a number of the report can be traced to its file.
 
 `located` copies plain data. The copies behave as the values they replace; booleans and null are not replaced. A number
 that is computed from a located one is a plain number again.
@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 
 class Derivation(StrEnum):
-    """How a number follows from what its pointer gives."""
+    """How a number is computed from the value at its pointer."""
 
     VALUE = "value"
     SUM = "sum"

@@ -14,7 +14,7 @@ NUMBER = re.compile(
     re.DOTALL,
 )
 COMMAND = re.compile(r"</?code>")
-"""Commands of a sentence, which stands in a result with backticks."""
+"""Commands of a sentence; in a result they are in backticks."""
 FIGURE = re.compile(
     r'<div id="(?P<id>figure\.[^"]*)">(?P<drawing>.*?)</div><!-- (?P=id) --><figcaption>(?P<caption>.*?)</figcaption>',
     re.DOTALL,

@@ -13,6 +13,7 @@ from station.charts.marks import (
     COLOURS,
     HALF,
     QUARTER,
+    Array,
     Band,
     Chart,
     Colour,
@@ -111,21 +112,27 @@ def change_figure(changes: Sequence[MuscleChange]) -> Chart:
     slack = values([muscle.slack for muscle in shown])
     levels: list[Mark] = [Points(slack, rows, "ink", "slack cord", is_hollow=True)]
     differences: list[Mark] = [Rule(0.0, "quiet", is_upright=True)]
-    for cuff, colour in zip(shown[0].suited if shown else (), COLOURS, strict=False):
+    cuffs = list(shown[0].suited) if shown else []
+    for cuff, colour, beside in zip(cuffs, COLOURS, _offsets(len(cuffs)), strict=False):
         suited = values([muscle.suited[cuff] for muscle in shown])
         titles = tuple(
             f"{muscle.muscle}, {cuff}: {muscle.slack:.3f} → {muscle.suited[cuff]:.3f}"
             f" ({muscle.suited[cuff] - muscle.slack:+.3f})"
             for muscle in shown
         )
-        levels.append(Points(suited, rows, colour, cuff, titles=titles))
-        differences.append(Points(suited - slack, rows, colour, cuff, titles=titles))
-    names, height = tuple(muscle.muscle for muscle in shown), 50.0 + 15.0 * len(shown)
+        levels.append(Points(suited, rows + beside, colour, cuff, titles=titles))
+        differences.append(Points(suited - slack, rows + beside, colour, cuff, titles=titles))
+    names, height = tuple(muscle.muscle for muscle in shown), 50.0 + 18.0 * len(shown)
     return chart(
         Panel(tuple(levels), "mean activation", y_names=names, x_limits=(0.0, None), width=HALF, height=height),
         Panel(tuple(differences), "change from the slack cord", y_names=names, width=HALF, height=height),
         has_one_legend=True,
     )
+
+
+def _offsets(count: int) -> Array:
+    """Of so many dots in a row from its middle, so that equal ones do not hide each other."""
+    return np.linspace(-0.3, 0.3, count) if count > 1 else np.zeros(count)
 
 
 def activation_figure(activations: pd.DataFrame, cuff: str) -> Chart:
@@ -180,7 +187,7 @@ def _activation_panel(marks: tuple[Line, ...], muscle: str) -> Panel:
 
 
 def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], bands: Sequence[Band | Line] = ()) -> Panel:
-    """A curve for each label and where it stands in the assessment, its best rest length marked, above the bands."""
+    """A curve for each label and its place in the assessment, its best rest length marked, above the bands."""
     lengths = values(assessment["rest_lengths_m"]["value"])
     reference = assessment["reference_rest_length_m"]["value"]
     marks: list[Mark] = [
@@ -212,7 +219,7 @@ def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], band
 
 
 def _bands(assessment: Plain, arms: Sequence[str]) -> Iterator[Band | Line]:
-    """Of total uncertainty, with their edges: where bands overlap, these tell them apart."""
+    """Of total uncertainty, with their edges, which distinguish overlapping bands."""
     found = (assessment.get("total_uncertainty") or {}).get("cost") or {}
     lengths = values(assessment["rest_lengths_m"]["value"])
     for cuff, colour in zip(arms, COLOURS, strict=False):

@@ -1,4 +1,4 @@
-"""The numbers of a page: each is marked with an id where it stands, and listed with its source for report.json."""
+"""The numbers of a page: each is marked with an id in its place, and listed with its source for report.json."""
 
 from __future__ import annotations
 

@@ -1,14 +1,9 @@
-"""Numbers of the report with their source and their text, and its sentences: filters of its templates."""
+"""Numbers of the report with their source and their text: filters of its templates."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from html import escape
 from typing import Any
-
-from jinja2.filters import do_mark_safe
-from markupsafe import Markup
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.wearable_cuff import WearableCuff
@@ -73,12 +68,6 @@ def fixed(number: Any, scale: float = 1.0, digits: int = 0) -> SourcedNumber:
 def length(found: LocatedList) -> SourcedNumber:
     """The number of entries of a located list."""
     return sourced(found, Form.GENERAL, derivation=Derivation.LENGTH)
-
-
-def with_commands(sentence: object) -> Markup:
-    """A sentence as HTML, its `commands` as code."""
-    text = str(sentence) if isinstance(sentence, Markup) else escape(str(sentence))
-    return do_mark_safe(re.sub(r"`([^`]+)`", r"<code>\1</code>", text))
 
 
 def _is_unknown(entry: Mapping[str, Any] | None) -> bool:

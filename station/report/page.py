@@ -33,6 +33,7 @@ from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
 from station.files.chain import NUMBERS_FILE, REPORT_FILE, chain_of
 from station.fit import fit_session_folder
+from station.messages.html import with_commands
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
 from station.progress import Progress, silent
@@ -51,7 +52,6 @@ from station.report.number_texts import (
     length,
     of_this_cuff,
     true_number,
-    with_commands,
     worn_number,
 )
 from station.report.pictures import Picture, PlannedFigure, draw_all
@@ -107,7 +107,7 @@ class Results:
 def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progress = silent) -> Path:
     """Writes report.html and report.json into the folder and returns the path of the page.
 
-    fitted spares fitting the folder's recordings again. Raises ReportError for a folder that holds nothing of ours.
+    fitted spares fitting the folder's recordings again. Raises ReportError for a folder without recordings and results.
     """
     if fitted is None and folder.is_dir() and pulls_in(folder):
         fitted = fit_session_folder(folder, None, progress)
@@ -255,7 +255,7 @@ _TRUTH, _MISSING = TypeAdapter(dict[str, TrueCuff]), TypeAdapter(list[str])
 
 
 def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
-    """What stands in a file beside the recordings, None without the file."""
+    """Content of a file beside the recordings, None without the file."""
     if not path.is_file():
         return None
     try:

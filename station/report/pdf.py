@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 PDF_FILE = "report.pdf"
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "microsoft-edge")
-"""On Linux by name; elsewhere Playwright knows the places of CHANNELS."""
+"""On Linux by name; elsewhere Playwright finds the programs of CHANNELS."""
 CHANNELS = ("chrome", "msedge")
 
 

@@ -36,7 +36,7 @@ class PlannedFigure:
 def draw_all(
     planned: Mapping[Section, Sequence[PlannedFigure]], progress: Progress
 ) -> dict[Section, tuple[Picture, ...]]:
-    """Draw the figures of every section; progress counts figures, so that it tells how long the rest takes."""
+    """Draw the figures of every section; progress counts figures."""
     total, done = sum(map(len, planned.values())), 0
     drawn: dict[Section, tuple[Picture, ...]] = {}
     for section, figures in planned.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import singledispatch
 
 import matplotlib as mpl
@@ -25,7 +26,7 @@ BUSIEST = 8
 def plot(result: object) -> Figure:
     """Draw a Recording, CuffFit, SessionFit, MotionSolution or Assessment; `.savefig(path)` keeps the figure.
 
-    Raises TypeError for anything else.
+    A mapping from names to CuffFit is drawn as a SessionFit is. Raises TypeError for anything else.
     """
     raise TypeError(
         f"plot draws a Recording, CuffFit, SessionFit, MotionSolution or Assessment, and got a {type(result).__name__}"
@@ -78,14 +79,19 @@ def _(result: CuffFit) -> Figure:
 
 @plot.register
 def _(result: SessionFit) -> Figure:
+    return plot(result.cuffs)
+
+
+@plot.register(Mapping)
+def _(result: Mapping[str, CuffFit]) -> Figure:
     """Force over displacement of every trial that was used, a panel per cuff, and its stiffness as a line."""
-    cuffs = result.cuffs
-    figure, axes = _page(1, len(cuffs), 4.4 * len(cuffs), 3.6)
-    for axis, (name, fit) in zip(axes, cuffs.items(), strict=True):
-        for curves in result.pulls.values():
-            if (curves.pull.trial.cuff.name, curves.pull.trial.donning) == (name, fit.donning):
-                force = np.interp(curves.pull.marker_time, curves.pull.force_time, curves.pull.force)
-                axis.plot(1e3 * curves.pull.displacement, force, color=LINE, linewidth=0.5, alpha=0.5)
+    if not result or not all(isinstance(fit, CuffFit) for fit in result.values()):
+        raise TypeError("plot draws a mapping from names to CuffFit, as fit_session(…).cuffs is, and got another one")
+    figure, axes = _page(1, len(result), 4.4 * len(result), 3.6)
+    for axis, (name, fit) in zip(axes, result.items(), strict=True):
+        for curves in fit.pulls.values():
+            force = np.interp(curves.pull.marker_time, curves.pull.force_time, curves.pull.force)
+            axis.plot(1e3 * curves.pull.displacement, force, color=LINE, linewidth=0.5, alpha=0.5)
         if fit.stiffness is not None and fit.migration is not None:
             through = (1e3 * fit.migration.value, 0.0)
             axis.axline(through, slope=1e-3 * fit.stiffness.value, color=SHADES[0], label="stiffness, after migration")

@@ -1,4 +1,4 @@
-"""What a number of a result rests on: recordings, and random draws with their seed."""
+"""Provenance of a number: the recordings, and the random draws with their seed, from which it was computed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Plain = Mapping[str, Any]
 WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "reference_rest_length_m", "emg"})
 """Keys of assessment.json whose numbers do not depend on the cuffs."""
 SENTENCES = {"findings": "finding_codes", "notes": "note_codes"}
-"""List of sentences → list of their codes and figures, beside it."""
+"""List of sentences → list of their codes and figures, in the same object."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,13 @@ class Draws:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Of the numbers in cuffs.json and assessment.json, as plain data; None without the file."""
+    """Provenance of the numbers in cuffs.json and assessment.json, given as plain data; None without the file."""
 
     cuffs: Plain | None
     assessment: Plain | None
 
     def recordings(self, source: Source) -> tuple[str, ...]:
-        """Files on whose samples the value at this place rests, calibration included."""
+        """Recordings from whose samples the value at this place was computed, including those of the calibration."""
         keys = source.keys
         if source.file.endswith(".mcap"):
             return (source.file,)
@@ -86,7 +86,7 @@ class Provenance:
 
 
 def figures_of(document: Any, source: Source) -> dict[str, float | str]:
-    """Figures of a sentence, which stand beside it with their code; empty for a text without a code."""
+    """Figures of a sentence, from its entry with code and figures; empty for a text without a code."""
     *parents, last = source.keys
     if last == "text":
         place = parents

@@ -23,12 +23,12 @@ from station.files.chain import NUMBERS_FILE, Link
 from station.fit import fit_session_folder
 from station.messages.file_codes import NumberCode
 from station.messages.message import Message
+from station.motion_filter import CUTOFF_HZ
 from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in
 from station.report.located import Source, resolve
 from station.report.report_file import ReportedNumberEntry, ReportFileError, read_numbers
 from station.report.sourced_number import Form, reduced
-from station.sources import CUTOFF_HZ
 
 TOLERANCE = 1e-6
 """Relative difference of two numbers that count as equal: other processors and libraries round differently."""
@@ -190,9 +190,8 @@ def _link(what: str, found: list[Difference]) -> Link:
     if not beyond:
         detail = f"largest relative difference {max(one.size for one in found):.1g}" if found else "every number equal"
         if reworded:
-            remark = (
-                f"{detail}; this station words {len(reworded)} sentences otherwise, the first: {reworded[0].pointer}"
-            )
+            place = reworded[0].pointer
+            remark = f"{detail}; this station has another wording of {len(reworded)} sentences, the first: {place}"
             return Link(what, Standing.UNRECORDED, remark)
         return Link(what, Standing.AS_RECORDED, detail)
     first = beyond[0]

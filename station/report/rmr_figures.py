@@ -1,4 +1,4 @@
-"""What rmr found, drawn: activations of all muscles, reserves, and the joint reaction's path on the glenoid."""
+"""Figures of `station rmr`: activations of all muscles, reserves, and the joint reaction's path on the glenoid."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _activations(page: Page, solved: SolvedMotion) -> None:
     axis.tick_params(left=False)
     axis.set_title("activation", loc="left")
     axis.set_xlabel("time [s]")
-    page.colorbar(image, ax=axis, pad=0.01, fraction=0.03, aspect=45)
+    page.colorbar(image, ax=axis, pad=0.01, fraction=0.03, aspect=45, label="activation")
 
 
 def _edges(centres: Array) -> Array:
@@ -101,7 +101,7 @@ def _has_reaction(solved: SolvedMotion) -> bool:
 
 
 def _reserves(page: Page, solved: SolvedMotion) -> None:
-    """What actuators give: those that stand in for muscles, and by their units those that cost nothing."""
+    """Forces of actuators: of those that replace muscles, and by their units of those without weight."""
     groups = _reserve_groups(solved) or {("the model has no actuators", "N m"): []}
     axes = np.atleast_1d(page.subplots(len(groups), 1, sharex=True))
     for axis, ((title, unit), members) in zip(axes, groups.items(), strict=True):
@@ -113,7 +113,7 @@ def _reserves(page: Page, solved: SolvedMotion) -> None:
         if members:
             columns = math.ceil(len(members) / NAMES_IN_COLUMN)
             axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7.5, ncols=columns)
-    axes[-1].set_xlabel("time [s]")
+    axes[-1].set(xlabel="time [s]", xlim=_edges(solved.solution.time)[[0, -1]])
 
 
 def _reserve_groups(solved: SolvedMotion) -> dict[tuple[str, str], list[int]]:

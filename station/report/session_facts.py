@@ -1,4 +1,4 @@
-"""Who, when and with what: what the first page of the report says of the session, from its recordings and journal."""
+"""Subject, times and devices of the session for the first page of the report, from its recordings and journal."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _time(manifests: Sequence[Manifest]) -> str:
 
 
 def _devices(manifests: Sequence[Manifest]) -> str:
-    """What every device said of itself, with its serial number where it has one."""
+    """Identity of every device, with its serial number where it has one."""
     found = {device.text or device.name: None for manifest in manifests for device in manifest.devices}
     return "; ".join(found) or UNKNOWN
 

@@ -39,7 +39,7 @@ class Form(StrEnum):
 
 @dataclass(frozen=True)
 class Rendering:
-    """Form of a text; it shows scale × value. around holds what surrounds the number, which stands in its braces."""
+    """Form of a text; it shows scale × value. around is the text around the number, whose place is in its braces."""
 
     form: Form
     scale: float = 1.0

@@ -52,7 +52,7 @@ def number_links(folder: Path) -> list[Link]:
 
 
 def faults_of(key: str, number: ReportedNumberEntry, files: SourceFiles) -> Iterator[Fault]:
-    """Why a number does not follow from its source, whose file exists."""
+    """Why a number does not agree with its source, whose file exists."""
     shown, source = number.number(), number.source.source()
     if str(shown) != number.text:
         yield Message(NumberCode.RENDERING, {"id": key, "found": number.text, "expected": str(shown)})

@@ -8,7 +8,7 @@ from filelock import FileLock, Timeout
 
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
-from recordings.recovery import recover
+from recordings.recovery import RecoveryReport, recover
 from station.bench.trial_recorder import LOCK
 from station.checksums import write_checksums
 from station.journal import Recorded, read_journal, write_recorded
@@ -17,19 +17,22 @@ from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 
 
-def adopt_recordings(folder: Path) -> None:
+def adopt_recordings(folder: Path) -> tuple[Recorded, ...]:
     """Enter every recording of the folder into the journal if it is missing there; recover a cut one first.
 
-    Has no effect while a recorder runs in the folder; it writes its own entry.
+    Returns the new entries. Has no effect while a recorder runs in the folder; it writes its own entry.
     """
+    adopted = []
     try:
         with FileLock(folder / LOCK, timeout=0):
             known = {trial.file for trial in read_journal(folder).recorded}
             for path in recordings_in(folder):
                 if path.name not in known:
-                    write_recorded(folder, _recorded_from(path))
+                    adopted.append(_recorded_from(path))
+                    write_recorded(folder, adopted[-1])
     except Timeout:
-        return
+        pass
+    return tuple(adopted)
 
 
 def _recorded_from(path: Path) -> Recorded:
@@ -39,7 +42,7 @@ def _recorded_from(path: Path) -> Recorded:
         if not recording.complete:
             report = recover(path)
             write_checksums(path, report.output)
-            path, killed = report.output, Message(TrialCode.RECORDER_KILLED, {"text": "; ".join(report.sentences())})
+            path, killed = report.output, _describe_kill(report)
         manifest, outcome = recording.manifest, recording.outcome
     except RecordingError as error:
         unreadable = Message(TrialCode.UNREADABLE, {"text": str(error)})
@@ -63,3 +66,11 @@ def _recorded_from(path: Path) -> Recorded:
         (killed,) if killed else tuple(codes),
         manifest.condition,
     )
+
+
+def _describe_kill(report: RecoveryReport) -> Message[TrialCode]:
+    """The time that was kept for the operator; the damage to the file and to its streams as `details`."""
+    streams = report.contents.streams.values()
+    kept_s = max(((stream.last_device_time_ns - stream.first_device_time_ns) * 1e-9 for stream in streams), default=0)
+    figures = {"text": f"{kept_s:.0f} s of it are kept", "details": "; ".join(report.sentences())}
+    return Message(TrialCode.RECORDER_KILLED, figures)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from station.fit import SessionError, fit_donning_of, read_recording
 from station.interval import bracketed, digits_of, rounded
 from station.journal import JournalError, Recorded, read_journal
 from station.journal_lines import Choice
-from station.messages.codes import ReasonCode
+from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, describe_trial
 from station.session.judgement import MISSING, Figure, Judgement, Reason, Row
@@ -42,12 +43,30 @@ SI_NAMES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "m
 def judge_recording(folder: Path, file: str) -> Judgement:
     """Fit the donning that includes this recording, or examine the wearer's trial.
 
-    Never raises: an error is a reason, and the recording is safe.
+    Never raises: an error is a reason, and the recording is safe. Reasons of the recorder come first, because the
+    others may follow from them, as a bounce that is too short where the disk was full. Those of a trial whose recorder
+    was killed do follow from that, and are notes: they would ask the operator to load the cuff in another way.
     """
+    try:
+        recorded = {entry.file: entry for entry in read_journal(folder).recorded}.get(file)
+    except JournalError as error:
+        return Judgement(file, file, "redo", (_unusable(str(error)),))
+    judgement = _judge(folder, file, recorded)
+    reasons = tuple(_recorder_reasons(recorded))
+    if not reasons:
+        return judgement
+    notes = tuple(note for note in judgement.notes if note not in map(str, reasons))
+    details = _details_of_kill(recorded)
+    if details is not None:
+        notes = (details, *map(str, judgement.reasons), *judgement.doubts, *notes)
+        return replace(judgement, advice="redo", reasons=reasons, notes=tuple(filter(None, notes)), verdicts=())
+    return replace(judgement, advice="redo", reasons=(*reasons, *judgement.reasons), notes=notes)
+
+
+def _judge(folder: Path, file: str, recorded: Recorded | None) -> Judgement:
+    """Without the reasons of the recorder."""
     marks = 0
     try:
-        journal = read_journal(folder)
-        recorded = {entry.file: entry for entry in journal.recorded}.get(file)
         if recorded is not None and recorded.test in BODY_TESTS:
             return _judge_wearer(examine_wearer_trial(folder / file), recorded)
         reading = read_recording(folder / file)
@@ -56,10 +75,10 @@ def judge_recording(folder: Path, file: str) -> Judgement:
             return _judge_unfitted(reading, recorded)
         fitted = fit_donning_of(folder, reading)
     except (SessionError, JournalError, RecordingError, UnusableTrial) as error:
-        return Judgement(file, file, "redo", (_unusable(str(error)),), marks=marks)
+        return Judgement(file, _title(recorded, file), "redo", (_unusable(str(error)),), marks=marks)
     except Exception as error:  # an unexpected error must not stop the operator
         reason = Message(ReasonCode.FIT_FAILED, {"text": f"{type(error).__name__}: {error}"})
-        return Judgement(file, file, "accept", (reason,), marks=marks)
+        return Judgement(file, _title(recorded, file), "accept", (reason,), marks=marks)
     trial, cuff = _find(fitted, file)
     if trial is None or cuff is None:
         rejected = tuple(_unusable(str(trial.reason)) for trial in fitted.rejected if trial.file == file)
@@ -78,7 +97,7 @@ def _judge_trial(
     ]
     zero = () if fitted is None else zero_notes(trial.zero_drift, float(np.ptp(fitted.pull.force)))
     reasons = (
-        *_reasons(recorded, trial, cuff, others),
+        *_reasons(trial, cuff, others),
         *(Message(ReasonCode.ZERO_DRIFT, {"text": note}) for note in map(str, zero)),
     )
     shown = set(map(str, reasons))
@@ -130,12 +149,11 @@ def _judge_bounce(bounce: BounceTrial, recorded: Recorded | None) -> Judgement:
 
 
 def _judge_wearer(findings: WearerFindings, recorded: Recorded) -> Judgement:
-    reasons = (*_recorder_reasons(recorded), *findings.reasons)
     return Judgement(
         recorded.file,
         _title(recorded, recorded.file),
-        "redo" if reasons else "accept",
-        reasons,
+        "redo" if findings.reasons else "accept",
+        findings.reasons,
         tuple(Row(quantity, text, MISSING, MISSING) for quantity, text in findings.quantities.items()),
         findings.notes,
         marks=findings.marks,
@@ -161,9 +179,8 @@ def _find(fitted: SessionFit, file: str) -> tuple[TrialFit | None, CuffFit | Non
     return None, None
 
 
-def _reasons(recorded: Recorded | None, trial: TrialFit, cuff: CuffFit, others: Sequence[TrialFit]) -> Iterator[Reason]:
+def _reasons(trial: TrialFit, cuff: CuffFit, others: Sequence[TrialFit]) -> Iterator[Reason]:
     """Reasons to repeat this trial."""
-    yield from _recorder_reasons(recorded)
     # An uncertain lag is the same in a repeated trial: only a bounce helps, as the verdict says.
     has_open_lag = trial.test == "dynamic" and Verdict.LAG in cuff.verdicts
     if trial.state == "unusable":
@@ -191,6 +208,12 @@ def _recorder_reasons(recorded: Recorded | None) -> Iterator[Reason]:
         yield Message(ReasonCode.NOT_ACCEPTED, {"text": recorded.sentence})
     if recorded is not None and recorded.lost_samples:
         yield Message(ReasonCode.LOST_SAMPLES, {"samples": recorded.lost_samples})
+
+
+def _details_of_kill(recorded: Recorded | None) -> str | None:
+    """What the killed recorder left of the file; None if it was not killed."""
+    killed = [] if recorded is None else [code for code in recorded.codes if code.code is TrialCode.RECORDER_KILLED]
+    return str(killed[0].figures.get("details", "")) if killed else None
 
 
 def _open_verdicts(trial: TrialFit, cuff: CuffFit) -> tuple[Verdict, ...]:

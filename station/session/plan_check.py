@@ -18,9 +18,16 @@ def looks_like_a_name(subject: str) -> bool:
     return NAME.fullmatch(subject.strip()) is not None
 
 
+def is_subject_code(subject: str) -> bool:
+    """Whether it can be part of file names."""
+    return SUBJECT.fullmatch(subject) is not None
+
+
 def check_setup(setup: Setup, config: StationConfig) -> Message[CommandCode] | None:
     """The first fault of a set-up; None if there is none."""
-    if not SUBJECT.fullmatch(setup.subject):
+    if not setup.subject:
+        return Message(CommandCode.NO_SUBJECT)
+    if not is_subject_code(setup.subject):
         return Message(CommandCode.WRONG_SUBJECT, {"subject": repr(setup.subject)})
     if not SUBJECT.fullmatch(setup.number):
         return Message(CommandCode.WRONG_NUMBER, {"number": repr(setup.number)})

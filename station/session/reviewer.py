@@ -13,7 +13,7 @@ from typing import Any, Literal
 from station.bench.check import CheckResult, inspect_bench
 from station.journal import Assignment, write_assigned, write_donned, write_mark, write_undone, write_verdict
 from station.journal_lines import Choice
-from station.messages.codes import CommandCode, TerminalCode
+from station.messages.codes import CommandCode, TerminalCode, TrialCode
 from station.messages.message import Message
 from station.session.adoption import adopt_recordings
 from station.session.judgement import Judgement, judgement_without_fit
@@ -99,7 +99,9 @@ class Reviewer:
             return
         self.is_judging = True
         try:
-            await asyncio.to_thread(adopt_recordings, self._session.folder)
+            adopted = await asyncio.to_thread(adopt_recordings, self._session.folder)
+            if any(code.code is TrialCode.RECORDER_KILLED for recorded in adopted for code in recorded.codes):
+                self._session.message = ""  # the verdict states it
             plan = self._session.plan
             file = plan.undecided.file if plan is not None and plan.undecided is not None else None
             if file is not None and (self._session.judgement is None or self._session.judgement.file != file):

@@ -40,6 +40,7 @@ class SimulatedOperator:
         spec = plan.spec
         if spec is None:
             return
+        self._bench.request({"capture": False})  # one that a killed recorder left; no trial runs now
         if plan.is_new_cuff:
             self._bench.request({"don": spec.cuff})
         elif plan.has_pause and self._prepared != spec:

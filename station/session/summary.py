@@ -55,7 +55,7 @@ def summarise(folder: Path) -> Summary:
 
 def _assess(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[str, ...]:
     """Write assessment.json of the cuffs that can be worn; return assumptions, omissions and findings as sentences."""
-    from solver.motion import MotionError
+    from solver.errors import MotionError
     from solver.suit.suit import SuitError
     from station.assessment.assess import assess_cuffs, write_assessment
     from station.assessment.assessment_inputs import AssessmentInputs, InputError, wearable

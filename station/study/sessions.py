@@ -16,7 +16,7 @@ from recordings.manifest import DataOrigin
 from station.checksums import sha256_of
 from station.errors import StationError
 from station.journal import JOURNAL_FILE, JournalError, read_journal
-from station.messages.message import Message
+from station.messages.message import Figures, Message, join_sentences
 from station.messages.study_codes import StudyCode
 from station.progress import Progress, silent
 
@@ -66,7 +66,7 @@ def read_sessions(folders: Sequence[Path], progress: Progress = silent) -> Study
     """Raises StudyError without a session that can be used, and where measured and simulated sessions are mixed."""
     paths = session_folders(folders)
     if not paths:
-        raise _no_session(folders)
+        raise StudyError(Message(StudyCode.NO_SESSION, {"folders": ", ".join(map(str, folders))}))
     read: list[StudySession] = []
     left_out: list[Message[StudyCode]] = []
     for done, path in enumerate(paths):
@@ -78,7 +78,8 @@ def read_sessions(folders: Sequence[Path], progress: Progress = silent) -> Study
             left_out.append(session)
     progress("reading sessions", len(paths), len(paths))
     if not read:
-        raise _no_session(folders)
+        figures: Figures = {"sessions": len(left_out), "left_out": _reasons(left_out)}
+        raise StudyError(Message(StudyCode.NO_USABLE_SESSION, figures))
     refuse_mixed(read)
     return StudySessions(tuple(read), tuple(left_out), DataOrigin.joined(session.cuffs.origin for session in read))
 
@@ -125,8 +126,10 @@ def refuse_mixed(sessions: Sequence[StudySession]) -> None:
         raise StudyError(Message(StudyCode.MIXED_ORIGIN, figures))
 
 
-def _no_session(folders: Sequence[Path]) -> StudyError:
-    return StudyError(Message(StudyCode.NO_SESSION, {"folders": ", ".join(map(str, folders))}))
+def _reasons(left_out: Sequence[Message[StudyCode]]) -> str:
+    """The first sentence with every code."""
+    by_code = {message.code: message for message in reversed(left_out)}
+    return join_sentences(reversed(by_code.values()))
 
 
 def _is_session(folder: Path) -> bool:

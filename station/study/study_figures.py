@@ -22,7 +22,7 @@ def forest_chart(found: QuantityEntry, quantity: str) -> Chart:
     marks: list[Mark] = []
     if found.prediction:
         low, high = (scale * end for end in found.prediction.ci95)
-        marks.append(Strip(low, high, "c6", "95 % of new volunteers", is_upright=True))
+        marks.append(Strip(low, high, "quiet", "95 % of new volunteers", is_upright=True))
     if found.mean:
         low, high = (scale * end for end in found.mean.ci95)
         marks.append(Strip(low, high, "c1", "mean, 95 %", is_upright=True))

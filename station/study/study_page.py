@@ -9,6 +9,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from station.charts.svg import draw
 from station.checksums import write_checksums
+from station.messages.html import with_commands
 from station.messages.message import Message
 from station.study.study_document import AgreementEntry, ComparisonEntry, QuantityEntry, StudyDocument
 from station.study.study_figures import agreement_chart, forest_chart
@@ -49,7 +50,11 @@ def write_study_page(folder: Path, document: StudyDocument) -> Path:
 
 def _environment() -> Environment:
     loader = FileSystemLoader([_HERE, _HERE.parent / "charts"])
-    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["commands"] = with_commands
+    return environment
 
 
 def _sections(document: StudyDocument) -> dict[str, dict[str, QuantityEntry]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from station.interval import bracketed, digits_of, rounded
+from station.interval import between, bracketed, shown
 from station.study.study_document import EffectEntry, StudyFigure
 
 SHOWN = {"stiffness": (1.0, "N/m"), "damping": (1.0, "N s/m"), "migration": (1e3, "mm")}
@@ -21,14 +21,12 @@ def shown_figure(figure: StudyFigure, scale: float, digits: int = 0) -> str:
         return OPEN
     if figure.ci95 is None or None in figure.ci95:
         low = figure.ci95[0] if figure.ci95 else None
-        above = "" if low is None else f" (above {rounded(scale * low, digits)})"
-        return rounded(scale * figure.value, digits) + above
+        above = "" if low is None else f" (above {shown(scale * low, digits)})"
+        return shown(scale * figure.value, digits) + above
     ends = (figure.ci95[0] or 0.0, figure.ci95[1] or 0.0)
     return bracketed(figure.value, ends, scale, digits)
 
 
 def shown_range(ends: tuple[float, float], quantity: str) -> str:
     """Both ends with as many digits as two figures of half their distance."""
-    scale = SHOWN[quantity][0]
-    digits = digits_of(ends, scale)
-    return f"{rounded(scale * ends[0], digits)} to {rounded(scale * ends[1], digits)}"
+    return between(ends, SHOWN[quantity][0])

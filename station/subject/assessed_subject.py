@@ -42,7 +42,7 @@ DRAWS = 12
 class MeasuredSubject:
     """The wearer's body, as estimated from pose and motion trials.
 
-    declared    what subject.toml says
+    declared    content of subject.toml
     trials      in time order, as are those of body
     """
 

@@ -16,14 +16,15 @@ import numpy as np
 from documents.regular_file import LARGEST_TABLE, read_regular
 from fitting.cuffs.wearable_cuff import WearableCuff
 from solver.cuff import CuffParameters, by_site
+from solver.errors import MotionError
 from solver.model import Model, ModelError
-from solver.motion import Kinematics, MotionError
+from solver.motion import Kinematics
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.loads import data_file
 from solver.point_mass import with_point_mass
 from solver.suit.scenarios import LoadedMotion, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
-from station.assessment.assessment_inputs import cuff_remarks, read_cuffs_to_wear, worn_cuffs
+from station.assessment.assessment_inputs import cuff_findings, cuff_remarks, read_cuffs_to_wear, worn_cuffs
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
@@ -103,8 +104,8 @@ class SweepInputs:
             "cuffs": [cuff and [cuff.stiffness, cuff.damping, cuff.migration] for cuff in scenario.cuffs],
         }
         key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-        fits = self.cuffs(point["cuffs"])
-        remarks = cuff_remarks(self._path(point["cuffs"]), (fits[cuff.name] for cuff in scenario.cuffs if cuff))
+        fits = [self.cuffs(point["cuffs"])[cuff.name] for cuff in scenario.cuffs if cuff]
+        remarks = [*cuff_remarks(self._path(point["cuffs"]), fits), *map(str, cuff_findings(fits))]
         remarks += self.motion_remarks(*(point[axis] for axis in GEOMETRY[:3]))
         return Case(number, point, WornCase(key, suit, scenario), "; ".join(remarks))
 

@@ -21,7 +21,8 @@ from solver.suit.scenarios import Condition
 from station.errors import StationError
 from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
-from station.sources import BUNDLED, CUTOFF_HZ
+from station.motion_filter import CUTOFF_HZ
+from station.sources import BUNDLED
 
 Value = str | float | tuple[float, ...]
 Point = dict[str, Value]

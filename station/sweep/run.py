@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from station.assessment.assessment_inputs import ensure_folder
+from solver.suit.uncertainty import LEAST_FRAMES
+from station.messages.message import Message
+from station.messages.sweep_codes import SweepCode
+from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.sweep.cases import SweepInputs
 from station.sweep.dataset import Parts, write_provenance, write_table
@@ -21,7 +24,7 @@ Solve = Callable[[Iterable[Task]], Iterator[tuple[dict[str, Outcome], bool]]]
 class SweepResult:
     """The table, and the numbers of cases that failed, were finished by an earlier run, or have unsolved frames.
 
-    first_error  why the first case that failed did so
+    first_error  why the first case that failed did so;  findings  on the plan as a whole
     """
 
     table: Path
@@ -30,6 +33,7 @@ class SweepResult:
     failed: int
     unsolved: int
     first_error: str | None = None
+    findings: tuple[Message[SweepCode], ...] = ()
 
 
 def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = silent) -> SweepResult:
@@ -61,4 +65,15 @@ def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = 
         failed=len(errors),
         unsolved=sum(bool(outcome["unsolved"]) for outcome in rows),
         first_error=errors[0] if errors else None,
+        findings=_few_frames(plan.every, rows),
     )
+
+
+def _few_frames(every: int, rows: Sequence[Outcome]) -> tuple[Message[SweepCode], ...]:
+    """A finding where the plan leaves fewer frames of a motion than the draws of an assessment have."""
+    frames = [float(row["frames"]) for row in rows if row["frames"] is not None]
+    few = sum(count < LEAST_FRAMES for count in frames)
+    if every == 1 or not few:
+        return ()
+    figures = {"every": every, "cases": few, "fewest": min(frames), "least": LEAST_FRAMES}
+    return (Message(SweepCode.FEW_FRAMES, figures),)

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.errors import SolverError
+from solver.errors import MotionError, SolverError
 from solver.model import ModelError
-from solver.motion import MotionError
 from solver.suit.curve_minimum import find_minimum
 from solver.suit.scenarios import (
     LoadedMotion,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.joint_force import JointForceRecord, read_joint_force
+from recordings.exchange.tables import require_rising
 from recordings.exchange.text import read_lines, read_numbers
 from solver.model import Model
 from solver.motion import Motion, read_motion
@@ -115,11 +116,20 @@ def read_published_force(path: Path) -> PublishedForce:
             f"{path} has {len(titles)} columns and not one {', one '.join(missing)}; use a published solution",
             RecordingCode.FOREIGN_MISSING_COLUMN,
         )
+    for number, line in enumerate(lines[1:], start=2):
+        if (found := len(line.split(","))) != len(titles):
+            raise ForeignFile(
+                f"{path} has {found} columns in line {number}, expected {len(titles)}; the file may be cut, download "
+                "it again",
+                RecordingCode.FOREIGN_CUT,
+            )
     table = read_numbers(lines[1:], ",", [titles.index(title) for title in FORCE], path, 2)
-    if len(table) < 2 or not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0).any():
+    require_rising(table[:, 0], f"{path}, time,", 2)
+    holes = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if len(holes):
         raise ForeignFile(
-            f"{path} should have a force at each of at least two increasing times, and has not; download it again",
-            RecordingCode.FOREIGN_TIME_NOT_RISING,
+            f"{path} has no force in line {holes[0] + 2}, expected one at every time; download it again",
+            RecordingCode.FOREIGN_NOT_A_NUMBER,
         )
     return PublishedForce(table[:, 0], table[:, 1:])
 

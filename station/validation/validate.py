@@ -35,8 +35,8 @@ LARGEST_MEDIAN_N, LARGEST_EXCESS_PERCENT = 5.0, 1.0
 class SolvedVariant:
     """A lift in one variant, compared. Forces are sizes [N] at time (frames,) [s]; NaN where a frame is unsolved.
 
-    angle               median between predicted and measured direction [rad]; not judged (docs/validation.md); NaN if
-                        the force relative to the glenoid is not known
+    angle               median between predicted and measured direction [rad], not evaluated (docs/validation.md); NaN
+                        if the force relative to the glenoid is not known
     published           agreement of the published force with the measured one; None without a published solution
     common_rmse         of our force over the frames that have a published one [N]; None without one
     median_difference   |our force − the published one| as vectors, median over the frames [N]
@@ -130,7 +130,7 @@ def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
     measured, resultant = lift.measured.at(solution.time)
     cone = glenoid_cone(model)
     scapula = postures(model, kinematics.positions, kinematics.speeds).rotation_to_ground[:, cone.body]
-    in_glenoid = np.einsum("ij,fkj,fk->fi", glenoid_axes(cone.axis, cone.edge), scapula.swapaxes(1, 2), force)
+    in_glenoid = np.einsum("ij,fkj,fk->fi", glenoid_axes(cone.axis, cone.edge), scapula, force)  # axes · Rᵀ · force
     published, difference, is_common = _beside_published(lift, variant, solution.time, force, resultant)
     size = np.linalg.norm(force, axis=1)
     common = None if published is None else force_agreement(size[is_common], resultant[is_common]).rmse
@@ -183,8 +183,8 @@ def verdicts(solved: list[SolvedVariant]) -> Iterator[Message[ValidationCode]]:
 def _beside_published(
     lift: MeasuredLift, variant: Variant, time: Array, force: Array, measured: Array
 ) -> tuple[ForceAgreement | None, float | None, NDArray[np.bool_]]:
-    """Agreement of the published force with the measured one, the median difference of ours from it [N], and whether
-    a frame (frames,) has a published force.
+    """Agreement of the published force with the measured one, the median difference of the predicted one from it [N],
+    and whether a frame (frames,) has a published force.
     """
     published = lift.published.get(variant.name)
     if published is None:

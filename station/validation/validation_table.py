@@ -30,7 +30,7 @@ COLUMNS = (
 )
 NOTE = (
     "ΔF: median difference from the published force. RMSE in % of body weight, in brackets that of the published "
-    "force; r; peaks, predicted / measured; angle to the measured force, which is not judged."
+    "force; r; peaks, predicted / measured; angle to the measured force, which is not evaluated."
 )
 UNKNOWN = ForceAgreement(math.nan, math.nan, math.nan)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from station.exit_code import DONE, LOSSY
+from station.output_folder import ensure_folder
 from station.verbs.options import (
     Condition,
     ConfigPath,
@@ -21,12 +23,14 @@ from station.verbs.options import (
     Speed,
     TestOfPull,
     ensure_not_read,
+    ensure_writable,
     print_message,
     print_result,
 )
 
 if TYPE_CHECKING:
     from station.files.export_trial import Exported
+    from station.files.foreign_files import WrongImport
 
 ExportFormat = Literal["csv", "tsv", "parquet", "trc", "mot", "sto", "c3d", "bids", "foxglove"]
 
@@ -63,6 +67,8 @@ def replay(
     from station.clock import RealClock
     from station.files.replay import replay as play_back
 
+    if session is not None:
+        ensure_folder(session)
     for change in changed_files([file]):
         print_message(str(change))
     with ExitStack() as stack:
@@ -136,20 +142,20 @@ def import_(
     from station.checksums import changed_files
     from station.config import load_config
     from station.files.complete_trial import complete_trial
-    from station.files.foreign_files import ForceSource, MarkerSource, WrongImport, parse_names
+    from station.files.foreign_files import ForceSource, MarkerSource, parse_names
     from station.files.import_trial import import_trial, with_lag
-    from station.messages.file_codes import ImportCode
-    from station.messages.message import Message
     from station.progress import busy
     from station.protocol import TrialSpec
 
     markers = MarkerSource(mocap, mocap_unit, parse_names(label or ()))
-    if over is not None and force is None:
+    command = {"--session": session, "--cuff": cuff, "--test": test, "--force": force}
+    if over is not None and not any(command.values()):
         with busy(f"completing {over.name} from {mocap.name}"):
             done = complete_trial(over, markers)
     elif over is not None or force is None or session is None or test is None or (cuff is None) != (test == "bounce"):
-        raise WrongImport(Message(ImportCode.INCOMPLETE_COMMAND))
+        raise _wrong_import(command, is_completion=over is not None)
     else:
+        ensure_folder(session)
         source = ForceSource(force, force_column, force_unit, time_column, sync_column)
         spec = TrialSpec(cuff, test, repeat, donning)
         with busy(f"importing {mocap.name}"):
@@ -190,13 +196,18 @@ def export(
     from station.messages.message import Message
     from station.progress import busy
 
+    recordings = {"FILE": file, "--session": session, "--to": to}
     if fill_gaps and to not in ("mot", "sto"):
         raise WrongExport(Message(ExportCode.FILL_GAPS_FORMAT))
     if not osim:
         done = _export_recordings(file, session, to, output, subject, fills_gaps=fill_gaps)
-    elif output is None or file is not None or session is not None or to is not None:
+    elif any(recordings.values()):
+        figures = {"unused": _names(recordings, are_given=True), "option": "--osim"}
+        raise WrongExport(Message(ExportCode.UNUSED_OPTION, figures))
+    elif output is None:
         raise WrongExport(Message(ExportCode.INCOMPLETE_MODEL_COMMAND))
     else:
+        ensure_writable([output])
         ensure_not_read([output], (model, suit, cuffs))
         with busy("writing the model"):
             suited = SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m)
@@ -208,7 +219,7 @@ def export(
         print(json.dumps(done.to_plain(), indent=2))
     else:
         print("\n".join(map(str, done.paths)))
-    raise typer.Exit(LOSSY if done.refused else DONE)
+    raise typer.Exit(DONE if done.is_whole else LOSSY)
 
 
 def _export_recordings(
@@ -231,17 +242,42 @@ def _export_recordings(
     from station.progress import busy, progress_bars
     from station.recordings_of_session import originals_in
 
+    if file is not None and session is not None:
+        raise WrongExport(Message(ExportCode.UNUSED_OPTION, {"unused": "FILE", "option": "--session"}))
     source = file or session
-    if source is None or (file is not None and session is not None) or to is None:
-        raise WrongExport(Message(ExportCode.INCOMPLETE_COMMAND))
+    if source is None or to is None:
+        missing = _names({"FILE or --session": source, "--to": to}, are_given=False)
+        raise WrongExport(Message(ExportCode.INCOMPLETE_COMMAND, {"missing": missing}))
     paths = [source] if file is not None else originals_in(source)
     if file is None and to in LIVE_FORMATS:
         paths = [*paths, *live_results_in(source)]
     if not paths:
         raise ExportRefused(Message(ExportCode.NO_RECORDING, {"folder": str(source)}))
     folder = output or (source.parent if file is not None else source)
+    ensure_folder(folder)
     if len(paths) == 1:
         with busy(f"exporting {paths[0].name}"):
             return export_recordings(paths, to, folder, subject, fills_gaps=fills_gaps)
     with progress_bars(Console(stderr=True)) as progress:
         return export_recordings(paths, to, folder, subject, progress, fills_gaps=fills_gaps)
+
+
+def _wrong_import(command: Mapping[str, object], *, is_completion: bool) -> WrongImport:
+    """The refusal of an import with these options: one is missing, or has no effect."""
+    from station.files.foreign_files import WrongImport
+    from station.messages.file_codes import ImportCode
+    from station.messages.message import Message
+
+    is_bounce = command["--test"] == "bounce"
+    if is_completion:
+        figures = {"unused": _names(command, are_given=True), "option": "--over"}
+        return WrongImport(Message(ImportCode.UNUSED_OPTION, figures))
+    if is_bounce and command["--cuff"] is not None:
+        return WrongImport(Message(ImportCode.UNUSED_OPTION, {"unused": "--cuff", "option": "--test bounce"}))
+    needed = {name: value for name, value in command.items() if name != "--cuff" or not is_bounce}
+    return WrongImport(Message(ImportCode.INCOMPLETE_COMMAND, {"missing": _names(needed, are_given=False)}))
+
+
+def _names(command: Mapping[str, object], *, are_given: bool) -> str:
+    """Those of the options that are on the command line, or those that are not."""
+    return ", ".join(name for name, value in command.items() if (value is not None) == are_given)

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from station.verbs.motion_options import BundledOrOsim, ExternalLoads, IgnoreForces
-from station.verbs.options import End, Start, ensure_not_read, print_message, print_motion_notes
+from station.motion_filter import OPENSIM_CUTOFF_HZ
+from station.verbs.motion_options import BundledOrOsim, CutoffHz, ExternalLoads, IgnoreForces
+from station.verbs.options import End, Start, ensure_not_read, ensure_writable, print_message, print_motion_notes
 
 
 def id_(
@@ -17,7 +18,7 @@ def id_(
     model: BundledOrOsim = "bundled",
     ignore_forces: IgnoreForces = False,
     external_loads: ExternalLoads = None,
-    cutoff_hz: Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")] = 6.0,
+    cutoff_hz: CutoffHz = OPENSIM_CUTOFF_HZ,
     start: Start = None,
     end: End = None,
 ) -> None:
@@ -28,6 +29,7 @@ def id_(
     if output.suffix not in (".csv", ".sto"):
         raise typer.BadParameter(f"--output should end in .csv or .sto and is {output.name}")
     inputs = MuscleInputs(motion, model, external_loads, ignore_forces=ignore_forces)
+    ensure_writable([output])
     ensure_not_read([output], inputs.files())
     found = solve_inverse_dynamics(inputs, MotionCut(cutoff_hz or None, start, end, derivatives="splines"))
     print_motion_notes(found.notes)

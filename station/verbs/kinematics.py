@@ -9,10 +9,11 @@ import typer
 
 from station.exit_code import DONE, LOSSY
 from station.verbs.given_options import given_of
-from station.verbs.options import End, Start, ensure_not_read, print_message
+from station.verbs.options import End, Start, ensure_not_read, ensure_writable, print_message
 
 if TYPE_CHECKING:
     from station.kinematics.person import PersonInputs
+    from station.kinematics.scale import ScaleInputs
 
 Prefix = Annotated[str, typer.Option(help='Prefix of the person\'s labels as QTM writes it, such as "Anna_".')]
 MarkerSet = Annotated[
@@ -58,9 +59,10 @@ def scale(
     From trials, sizes, marker positions and postures are estimated together, with standard errors. The set-up for
     `station ik` (-ik.xml) and the estimate (-body.json) are written to the same folder.
     """
-    from station.kinematics.scale import ScaleInputs, scale_body, summary, write_body, write_scale_setup
+    from station.kinematics.scale import ScaleInputs
 
     files = tuple(markers or ())
+    ensure_writable((output, write_setup))
     ensure_not_read((output, write_setup), (model, setup, *files))
     if setup is None:
         if model is None or not files or body_mass is None:
@@ -77,7 +79,15 @@ def scale(
         raise typer.BadParameter(
             "--setup takes one --markers, and neither --body-mass, --held-mass, --keep-tendons nor --vertical"
         )
-    body = scale_body(ScaleInputs(setup, model, files[0] if files else None, joined_points, prefix, marker_set))
+    markers_file = files[0] if files else None
+    _scale_by_setup(output, write_setup, ScaleInputs(setup, model, markers_file, joined_points, prefix, marker_set))
+
+
+def _scale_by_setup(output: Path, write_setup: Path | None, inputs: ScaleInputs) -> None:
+    from station.kinematics.scale import scale_body, summary, write_body, write_scale_setup
+
+    body = scale_body(inputs)
+    ensure_not_read((output, write_setup), body.setup.files)
     for line in (*body.notes, *summary(body)):
         print_message(line)
     write_body(output, body)
@@ -90,11 +100,13 @@ def _scale_from_trials(output: Path, inputs: PersonInputs) -> None:
     from rich.console import Console
 
     from station.kinematics.person import measure_person
-    from station.kinematics.person_file import summary, write_person
+    from station.kinematics.person_file import result_files, summary, write_person
     from station.progress import progress_bars
 
     if output.suffix != ".osim":
         raise typer.BadParameter(f"--output should end in .osim and is {output.name}")
+    ensure_writable(result_files(output))
+    ensure_not_read(result_files(output), inputs.markers)
     with progress_bars(Console(stderr=True)) as progress:
         person = measure_person(inputs, progress)
     for line in (*person.notes, *summary(person)):
@@ -127,13 +139,16 @@ def ik(
     Also writes *_ik_frames.csv (outcome, residuals, standard deviations of every frame) and *_ik.json.
     """
     from station.kinematics.ik import IkInputs, solve_postures, write_ik_setup
-    from station.kinematics.postures_file import summary, write_postures
+    from station.kinematics.postures_file import result_files, summary, write_postures
 
     if output.suffix not in (".mot", ".sto", ".csv"):
         raise typer.BadParameter(f"--output should end in .mot, .sto or .csv and is {output.name}")
-    ensure_not_read((output, write_setup), (markers, model, setup))
+    outputs = [*result_files(output, is_smoothed=smooth), write_setup]
+    ensure_writable(outputs)
+    ensure_not_read(outputs, (markers, model, setup))
     noise = None if noise_mm is None else 1e-3 * noise_mm
     solved = solve_postures(IkInputs(model, markers, setup, start, end, noise, prefix, vertical, marker_set, smooth))
+    ensure_not_read(outputs, solved.setup.files)
     for note in (*solved.notes, *summary(solved)):
         print_message(note)
     write_postures(output, solved)

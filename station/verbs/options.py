@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from station.motion_filter import CUTOFF_HZ, OPENSIM_CUTOFF_HZ
+from station.output_folder import ensure_folder
+
 if TYPE_CHECKING:
     from station.bench.trial_recorder import TrialResult
 
@@ -59,7 +62,11 @@ Paths = Annotated[
 ]
 MotionCutoff = Annotated[
     float | None,
-    typer.Option(min=0.0, help="Low-pass filter of the motion; 0: none. Default: 3, or 6 with --static-optimisation."),
+    typer.Option(
+        min=0.0,
+        help=f"Low-pass filter of the motion; 0: none. Default: {CUTOFF_HZ:g}, or {OPENSIM_CUTOFF_HZ:g} with "
+        "--static-optimisation.",
+    ),
 ]
 Tendons = Annotated[
     Literal["rigid", "elastic"],
@@ -97,6 +104,18 @@ def print_motion_notes(notes: Mapping[str, str]) -> None:
     print_message(f"filter: {notes['filter']}")
     for finding in motion_findings(notes):
         print_message(str(finding))
+
+
+def ensure_writable(outputs: Iterable[Path | None]) -> None:
+    """Refuse an output that is a folder or within a file, and one of the path of another, which it would replace."""
+    paths: set[Path] = set()
+    for path in filter(None, outputs):
+        ensure_folder(path.parent)
+        if path.is_dir():
+            raise typer.BadParameter(f"{path} is a folder, expected a file to write; give another name")
+        if path.resolve() in paths:
+            raise typer.BadParameter(f"{path} would be written twice, by two outputs; give another name")
+        paths.add(path.resolve())
 
 
 def ensure_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | str | None]) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from station.exit_code import DONE, LOSSY
+from station.motion_filter import CUTOFF_HZ, OPENSIM_CUTOFF_HZ
 from station.verbs.given_options import ensure_effective, names_in
 from station.verbs.motion_options import BundledOrOsim, EffortFile, ExternalLoads, IgnoreForces
 from station.verbs.options import (
@@ -21,6 +22,7 @@ from station.verbs.options import (
     Start,
     Tendons,
     ensure_not_read,
+    ensure_writable,
     print_message,
     print_motion_notes,
 )
@@ -85,20 +87,21 @@ def rmr(
     plot: Annotated[Path | None, typer.Option(help="Figures: one .png, or a folder.")] = None,
 ) -> None:
     """Solve the muscle-redundancy problem of a motion: activations, muscle forces and joint reaction."""
+    from station.assessment.compilation import compilation_beside, compilation_shown
+
+    compilation = compilation_beside(context)
     from rich.console import Console
 
     from solver.multibody.joint_reactions import ReactionRequest
     from solver.redundancy.options import RedundancyOptions
     from solver.redundancy.options import static_optimisation as as_static_optimisation
-    from station.assessment.compilation import compilation_shown
     from station.assessment.given_motion import MotionCut, MuscleInputs
     from station.assessment.rmr import solve_muscles
-    from station.assessment.rmr_table import ensure_writable
     from station.progress import progress_bars
 
-    ensure_writable(output)
-    beside = {"--every": every > 1, "--static-optimisation": static_optimisation}
-    _ensure_compatible(plot, actuators, model, beside if tendons == "elastic" else {})
+    beside = {"--every": every > 1, "--static-optimisation": static_optimisation} if tendons == "elastic" else {}
+    _ensure_outputs(output, plot)
+    _ensure_compatible(actuators, model, beside)
     joints, cone = names_in(joint), glenoid or no_no_glenoid
     asked = ensure_effective(context, joints, has_glenoid_cone=cone, static_optimisation=static_optimisation)
     free, wanted = names_in(free_coordinates), ReactionRequest(joints, reaction_on, reaction_in)
@@ -107,23 +110,28 @@ def rmr(
     added, left_out = tuple(actuators or ()), tuple(leave_out or ())
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, left_out, added)
     ensure_not_read([output], inputs.files())
-    usual = 6.0 if static_optimisation else 3.0
+    usual = OPENSIM_CUTOFF_HZ if static_optimisation else CUTOFF_HZ
     cut = MotionCut((usual if cutoff_hz is None else cutoff_hz) or None, start, end, every)
     if static_optimisation:
         options, cut = as_static_optimisation(options), replace(cut, derivatives="splines")
-    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress, compilation):
         solved = solve_muscles(inputs, cut, options, progress, asked)
-    _print_conditions(solved)
     _write(output, plot, solved)
     raise typer.Exit(LOSSY if solved.solution.unsolved else DONE)
 
 
-def _ensure_compatible(
-    plot: Path | None, actuators: list[Path] | None, model: str, elastic_with: Mapping[str, bool]
-) -> None:
-    """Refuse options that do not go together; elastic_with: those given beside --tendons elastic."""
+def _ensure_outputs(output: Path, plot: Path | None) -> None:
+    """Refuse outputs that cannot be written, before anything is computed."""
+    from station.assessment.rmr_table import ensure_table_format
+
+    ensure_table_format(output)
+    ensure_writable([output])
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
+
+
+def _ensure_compatible(actuators: list[Path] | None, model: str, elastic_with: Mapping[str, bool]) -> None:
+    """Refuse options that do not go together; elastic_with: those given beside --tendons elastic."""
     if actuators and model == "bundled":
         raise typer.BadParameter("--actuators needs an .osim file as --model")
     if elastic_with.get("--every"):
@@ -138,9 +146,10 @@ def _ensure_compatible(
 
 
 def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
-    """The table, and the figures if they are asked for."""
+    """The conditions of the solution, the table, and the figures if they are asked for."""
     from station.assessment.rmr_table import write_solved
 
+    _print_conditions(solved)
     left_out = write_solved(output, solved)
     if left_out is not None:
         print_message(left_out)

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from station.exit_code import DONE, LOSSY
+from station.motion_filter import CUTOFF_HZ
 from station.verbs.given_options import given_of
 from station.verbs.motion_options import BundledOrMotion, BundledOrOsim, CutoffHz, EffortFile, ExternalLoads
 from station.verbs.options import Condition, Freedom, Paths, Tendons, print_message
@@ -48,7 +49,7 @@ def assess(
     model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
     effort: EffortFile = None,
-    cutoff_hz: CutoffHz = 3.0,
+    cutoff_hz: CutoffHz = CUTOFF_HZ,
     cuff: Annotated[list[str] | None, typer.Option(help="Assess this cuff; may be repeated. Default: all.")] = None,
     emg: Annotated[Path | None, typer.Option(help="Measured EMG: a CSV of muscle,reduction_percent,sd.")] = None,
     beside: Annotated[Path | None, typer.Option(help="Another motion for comparison.")] = None,
@@ -64,12 +65,14 @@ def assess(
     tendons: Tendons = "rigid",
 ) -> None:
     """Assess the effect of the suit with these cuffs on muscle effort, over its rest length, with intervals."""
+    from station.assessment.compilation import compilation_beside, compilation_shown
+
+    compilation = compilation_beside(context)
     from rich.console import Console
 
     from solver.suit.suit import BUNDLED_SUIT
     from station.assessment.assess import assess_file, sentences_on
     from station.assessment.assessment_inputs import AssessmentInputs
-    from station.assessment.compilation import compilation_shown
     from station.assessment.people_run import PeopleOptions, people_run
     from station.progress import progress_bars
     from station.report.page import write_report
@@ -78,7 +81,7 @@ def assess(
     if subject is not None and (motion, external_loads, beside) != (None, None, None):
         raise typer.BadParameter("--subject brings its own motion; leave out --motion, --external-loads and --beside")
     if subject is not None and given_of(context, ("cutoff_hz",)):
-        raise typer.BadParameter("--subject has a filter of its own, at 3 Hz; leave out --cutoff-hz")
+        raise typer.BadParameter(f"--subject has a filter of its own, at {CUTOFF_HZ:g} Hz; leave out --cutoff-hz")
     if indices is not None and indices & (indices - 1):
         raise typer.BadParameter(f"--indices should be a power of two, as 128, and is {indices}")
     chosen = tuple(cuff or ())
@@ -88,7 +91,7 @@ def assess(
     inputs = AssessmentInputs(*files, cutoff_hz or None, tendons)
     with (
         progress_bars(Console(stderr=True)) as progress,
-        compilation_shown(progress),
+        compilation_shown(progress, compilation),
         people_run(output, PeopleOptions(budget, people, indices, scheduler, workers, tuple(donnings or ()))) as run,
     ):
         assessed = assess_file(inputs, output, draws, run, progress)
@@ -109,6 +112,7 @@ def _ensure_undrawn(*, is_drawn: bool) -> None:
 
 
 def optimise(
+    context: typer.Context,
     cuffs: CuffsFile,
     output: Annotated[Path, typer.Option(help="Output folder for optimum.json.")],
     motion: BundledOrMotion = None,
@@ -116,7 +120,7 @@ def optimise(
     model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
     effort: EffortFile = None,
-    cutoff_hz: CutoffHz = 3.0,
+    cutoff_hz: CutoffHz = CUTOFF_HZ,
     cuff: Annotated[str | None, typer.Option(help="The cuff; optional if there is only one.")] = None,
     condition: Annotated[Condition, typer.Option(help="Effects of the cuffs.")] = "both",
     free: Annotated[
@@ -126,12 +130,14 @@ def optimise(
     draws: Annotated[int, typer.Option(min=0, help="Number of draws from the covariance of the cuffs.")] = 50,
 ) -> None:
     """Find the rest length, and on request the stiffness and points of the cord, with the least muscle effort."""
+    from station.assessment.compilation import compilation_beside, compilation_shown
+
+    compilation = compilation_beside(context)
     from rich.console import Console
 
     from solver.suit.optimise import SearchOutcome
     from solver.suit.suit import BUNDLED_SUIT
     from station.assessment.assessment_inputs import AssessmentInputs
-    from station.assessment.compilation import compilation_shown
     from station.assessment.optimum import optimise_file
     from station.progress import progress_bars
     from station.tables import optimum_table
@@ -140,7 +146,7 @@ def optimise(
     inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=chosen, external_loads=external_loads)
     inputs = replace(inputs, effort=effort, cutoff_hz=cutoff_hz or None)
     freedoms: Any = tuple(freedom.value for freedom in free or ())
-    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress, compilation):
         written = optimise_file(inputs, output, condition, freedoms, draws, progress)
     optimised = written.optimised
     Console(markup=False).print(optimum_table(optimised))

@@ -36,5 +36,7 @@ def sweep(
         print_message(f"{swept.failed} cases failed; the column error has the reasons, the first: {swept.first_error}")
     if swept.unsolved:
         print_message(f"{swept.unsolved} cases have frames without a solution; the column unsolved counts them")
+    for finding in swept.findings:
+        print_message(str(finding))
     print(swept.table)
     raise typer.Exit(LOSSY if swept.failed or swept.unsolved else DONE)

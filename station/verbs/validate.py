@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import print_message
+from station.verbs.options import ensure_writable, print_message
 
 
 def validate(
+    context: typer.Context,
     folder: Annotated[Path, typer.Argument(help="Lifts with a measured joint force; docs/validation.md lists files.")],
     output: Annotated[Path | None, typer.Option(help="Table of the results: .csv.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Figure of measured and predicted force: .svg or .png.")] = None,
@@ -20,9 +21,11 @@ def validate(
 
     Exit code 1 if a published variant is beyond its limits, or a lift is refused.
     """
+    from station.assessment.compilation import compilation_beside, compilation_shown
+
+    compilation = compilation_beside(context)
     from rich.console import Console
 
-    from station.assessment.compilation import compilation_shown
     from station.progress import progress_bars
     from station.validation.validate import validate_folder, verdicts
     from station.validation.validation_table import validation_table, write_validation
@@ -31,7 +34,8 @@ def validate(
         raise typer.BadParameter(f"--output should end in .csv and is {output.name}")
     if plot is not None and plot.suffix not in (".svg", ".png"):
         raise typer.BadParameter(f"--plot should end in .svg or .png and is {plot.name}")
-    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
+    ensure_writable((output, plot))
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress, compilation):
         solved, refused = validate_folder(folder, progress)
     Console(markup=False).print(validation_table(solved))
     for lift in refused:

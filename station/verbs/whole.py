@@ -25,6 +25,7 @@ def demo(
     from station.assessment.compilation import CompilationAhead
 
     with CompilationAhead() as ahead:
+        ahead.ensure_started()
         from station.demo import run_demo  # takes seconds, in which the second process compiles
 
         code = run_demo(output, speed, seed, ahead)
@@ -100,7 +101,7 @@ def verify(
     """Compare every file of a session with its recorded hash, from the report to the recordings.
 
     Every number of the report is compared with the result it is from. Prints one line per link; exit code 1 if a file
-    has changed or is missing, or a number does not follow.
+    has changed or is missing, or a number does not agree with its source.
     """
     import json
     from dataclasses import asdict

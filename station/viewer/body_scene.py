@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 IDLE, ACTIVE = np.array([60, 90, 160]), np.array([215, 40, 30])
 """Colours (RGB) of a muscle at rest and at full activation."""
 THIN, THICK = 0.002, 0.006
-"""Radii [m] of a muscle at rest and at full activation, for those who do not tell the colours apart."""
+"""Radii [m] of a muscle at rest and at full activation, for users who cannot distinguish the colours."""
 BONE, CORD = (200, 200, 190), (30, 140, 60)
 BONE_RADII = {"shaft": 0.006, "plate": 0.002, "cage": 0.0007}
 

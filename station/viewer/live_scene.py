@@ -17,6 +17,7 @@ from station.live.subscription import LiveSubscription
 from station.viewer.body_scene import BodyScene
 from station.viewer.curves import LineStyle
 from station.viewer.layout import BODY_NAME, TIMELINE, SceneExtent
+from station.viewer.sink import open_stream
 
 REFRESH_S = 0.1
 BODY_INTERVAL_S = 0.04
@@ -34,13 +35,7 @@ class LiveScene:
 
     def __init__(self, sink: Path | str) -> None:
         """An .rrd file, or the address of a viewer."""
-        self.stream = rr.RecordingStream("cuffstation live")
-        self.stream.set_log_time_enabled(False)
-        self.stream.set_log_tick_enabled(False)
-        if isinstance(sink, Path):
-            self.stream.save(sink)
-        else:
-            self.stream.connect_grpc(sink)
+        self.stream = open_stream("cuffstation live", sink)
         self._told: set[str] = set()
         self._next_body_s = -math.inf
         self._origin_s: float | None = None

@@ -19,6 +19,7 @@ from station.bench.background_view import BackgroundView
 from station.bench.snapshot import Snapshot
 from station.viewer.device_times import DeviceTimes
 from station.viewer.layout import TIMELINE, SceneExtent, layout
+from station.viewer.sink import open_stream
 from station.viewer.viewer import start_viewer
 
 REFRESH_S = 0.5
@@ -52,13 +53,7 @@ class RerunLog(BackgroundView):
 
     def __init__(self, sink: Path | str, rope: tuple[str, ...] = ()) -> None:
         super().__init__("rerun log", REFRESH_S, BACKLOG)
-        self.stream = rr.RecordingStream("cuffstation")
-        self.stream.set_log_time_enabled(False)
-        self.stream.set_log_tick_enabled(False)
-        if isinstance(sink, Path):
-            self.stream.save(sink)
-        else:
-            self.stream.connect_grpc(sink)
+        self.stream = open_stream("cuffstation", sink)
         self._rope = rope
         self._labels: tuple[str, ...] = ()
         self._pending: dict[str, Columns] = {}

@@ -64,7 +64,7 @@ def raises_refusal(code: DeviceCode, naming: str = "") -> Iterator[None]:
 
 
 class DeviceContract:
-    def test_it_says_what_it_sends_once_it_is_open(self, bench: Bench) -> None:
+    def test_an_open_device_describes_its_streams(self, bench: Bench) -> None:
         device = bench.device()
         device.open()
         streams = device.streams
@@ -120,7 +120,7 @@ class DeviceContract:
         device.close()
         device.close()
 
-    def test_reading_a_closed_device_says_so(self, bench: Bench) -> None:
+    def test_reading_a_closed_device_is_an_error(self, bench: Bench) -> None:
         device = bench.device()
         device.open()
         device.close()

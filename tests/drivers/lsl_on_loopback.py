@@ -100,7 +100,7 @@ class TestScenario:
         numbers = np.concatenate([block.sample_numbers for block in blocks(items, "/emg")])
         assert numbers.tolist() == [*range(50), *range(450, 500)]
 
-    def test_a_sender_that_dies_is_lost_and_its_successor_goes_on_with_the_numbers(self) -> None:
+    def test_a_sender_that_dies_is_lost_and_its_successor_continues_the_numbers(self) -> None:
         device = make_device("lsl", stream="mortal", host_clock=time.time_ns, channels={"a": "deltoid"})
         with LslSender("mortal") as first:
             device.open()

@@ -33,7 +33,7 @@ def left_running(qtm: QualisysSimulator, note: CaptureNote) -> Iterator[None]:
     killed.close()
 
 
-def test_a_capture_that_a_killed_station_left_running_is_saved_and_in_nobody_s_way(tmp_path: Path) -> None:
+def test_a_capture_that_a_killed_station_left_running_is_saved_and_blocks_no_other(tmp_path: Path) -> None:
     with simulator() as qtm, left_running(qtm, noted(tmp_path, qtm)):
         with opened(driver(qtm.port, control="start", capture_note=noted(tmp_path, qtm))) as device:
             device.start_capture()
@@ -53,7 +53,7 @@ def capturing_for_somebody(qtm: QualisysSimulator) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("note_of", [None, "yesterday", "garbage"])
-def test_a_capture_that_a_person_began_is_left_alone_and_told(tmp_path: Path, note_of: str | None) -> None:
+def test_a_capture_that_a_person_began_is_left_alone_and_reported(tmp_path: Path, note_of: str | None) -> None:
     with simulator() as qtm, capturing_for_somebody(qtm):
         note = noted(tmp_path, qtm)
         if note_of:
@@ -65,7 +65,7 @@ def test_a_capture_that_a_person_began_is_left_alone_and_told(tmp_path: Path, no
 
 
 @pytest.mark.parametrize("state", [b"\x0a", b"\x06"], ids=["waiting for a trigger", "calibrating"])
-def test_a_qtm_that_somebody_else_has_busy_is_left_alone(state: bytes) -> None:
+def test_a_qtm_that_another_client_uses_is_left_alone(state: bytes) -> None:
     asked: list[bytes] = []
 
     def busy(command: bytes) -> bytes:

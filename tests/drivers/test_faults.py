@@ -25,7 +25,7 @@ def bench() -> Iterator[FaultBench]:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_a_fault_is_seen_counted_and_over_and_nothing_else_suffers(bench: FaultBench, case: Case) -> None:
+def test_a_fault_is_reported_and_counted_and_ends_and_affects_nothing_else(bench: FaultBench, case: Case) -> None:
     aftermath = bench.suffer(case)
     causes = {item.cause for item in aftermath.items(case.device) if isinstance(item, Loss)}
     assert causes == case.causes

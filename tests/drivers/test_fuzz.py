@@ -8,5 +8,5 @@ from tests.drivers.fuzz import TARGETS, Target, run
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
-def test_whatever_comes_nothing_hangs_breaks_or_is_believed(target: Target) -> None:
+def test_no_input_causes_a_hang_a_crash_or_a_wrong_number(target: Target) -> None:
     assert run(target, 50) > 0

@@ -35,12 +35,14 @@ def ask_nidaq(world: StandInWorld) -> DeviceIdentity:
         world.clock.stop()
 
 
-def test_the_simulated_daq_says_so_through_ni_s_own_property(world: StandInWorld) -> None:
+def test_the_simulated_daq_is_identified_by_ni_s_own_property(world: StandInWorld) -> None:
     assert ask_nidaq(world) == DeviceIdentity("NI Dev1", "USB-6008 serial number 01C0FFEE", True)
 
 
 @pytest.mark.parametrize("said", [True, False])
-def test_a_daq_is_believed_what_it_says(world: StandInWorld, monkeypatch: pytest.MonkeyPatch, said: bool) -> None:
+def test_a_daq_is_simulated_or_not_by_its_own_property(
+    world: StandInWorld, monkeypatch: pytest.MonkeyPatch, said: bool
+) -> None:
     """NI's property is DAQmx_Dev_IsSimulated, 0x22CA in NIDAQmx.h, whatever device answers."""
     from nidaqmx._stubs import nidaqmx_pb2 as wire
 
@@ -71,13 +73,13 @@ def test_a_daq_server_that_does_not_know_the_question_leaves_it_open(
     assert ask_nidaq(world).is_simulated is None
 
 
-def test_the_simulated_qtm_says_so_in_its_version() -> None:
+def test_the_simulated_qtm_is_identified_by_its_version() -> None:
     with simulator() as qtm, opened(driver(qtm.port)) as device:
         assert device.identity.is_simulated is True
         assert device.identity.text.startswith("QTM Version is ")
 
 
-def test_another_qtm_is_believed_what_its_version_says() -> None:
+def test_another_qtm_is_identified_by_its_version() -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         assert device.identity == DeviceIdentity(device.name, "QTM Version is 2.17 (build 3900)", False)
 
@@ -91,7 +93,7 @@ def test_a_qtm_that_refuses_the_question_leaves_it_open() -> None:
         assert device.identity == DeviceIdentity(device.name, "", None)
 
 
-def test_a_serial_line_says_nothing_and_its_usb_adapter_who_it_is(
+def test_a_serial_line_has_no_identity_and_its_usb_adapter_has_one(
     world: StandInWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     indicator = SerialLoadCellSimulator(world)

@@ -148,7 +148,7 @@ def test_pfi0_starts_the_samples_at_the_edge(server: NiDaqSimulator, world: Stan
     assert joined(items, "/sync")[1].min() > 4.9
 
 
-def test_an_overrun_is_a_loss_of_known_length_and_the_stream_goes_on() -> None:
+def test_an_overrun_is_a_loss_of_known_length_and_the_stream_continues() -> None:
     world = StandInWorld(is_standing=True)
     server = NiDaqSimulator(world, clock=EXACT_CLOCK)
     server.start()
@@ -181,7 +181,7 @@ def test_after_an_overrun_a_pfi0_task_does_not_wait_for_another_edge(
 
 
 @pytest.mark.parametrize("fault", ["unplug", "transfer_aborted"])
-def test_a_device_that_is_plugged_in_again_goes_on_with_numbers_that_tell_the_time(fault: str) -> None:
+def test_a_device_that_is_plugged_in_again_continues_with_numbers_that_match_the_time(fault: str) -> None:
     world = StandInWorld(is_standing=True)
     server = NiDaqSimulator(world, clock=EXACT_CLOCK)
     server.start()
@@ -292,7 +292,7 @@ def test_an_unknown_channel_is_refused(server: NiDaqSimulator, world: StandInWor
     assert "ai9" in str(error)
 
 
-def test_a_computer_without_the_driver_is_told_what_to_install(server: NiDaqSimulator, world: StandInWorld) -> None:
+def test_without_the_driver_the_message_names_what_to_install(server: NiDaqSimulator, world: StandInWorld) -> None:
     import nidaqmx
 
     with contextlib.suppress(nidaqmx.errors.DaqNotFoundError):

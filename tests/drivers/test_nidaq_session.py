@@ -109,7 +109,7 @@ def test_a_device_that_another_program_reads_is_refused_and_never_reset(
     assert len(other_program.read(100)) == 100
 
 
-def test_another_recording_on_this_computer_is_refused_and_the_first_goes_on(
+def test_another_recording_on_this_computer_is_refused_and_the_first_continues(
     server: NiDaqSimulator, world: StandInWorld
 ) -> None:
     first, second = daq(server.port, world.utc_ns), daq(server.port, world.utc_ns)
@@ -152,7 +152,7 @@ def test_a_task_that_cannot_be_cleared_and_did_not_acquire_resets_nothing(
     assert len(other_program.read(100)) == 100
 
 
-def test_a_task_that_goes_on_behind_a_broken_link_is_read_on_without_a_loss(link: Link, world: StandInWorld) -> None:
+def test_a_task_that_continues_behind_a_broken_link_is_read_on_without_a_loss(link: Link, world: StandInWorld) -> None:
     items = read_beyond(link.device, world, 0.5)
     for _ in range(BREAKS):
         link.proxy.refuse()

@@ -105,7 +105,7 @@ def test_a_hidden_marker_is_nan_in_all_four_columns() -> None:
     assert np.array_equal(is_missing.any(axis=2), is_missing.all(axis=2))
 
 
-def test_where_numbers_begin_anew_after_a_preview_an_event_says_so_and_nothing_is_called_lost() -> None:
+def test_numbers_that_restart_after_a_preview_are_an_event_and_no_loss() -> None:
     with simulator(has_preview=True) as qtm, opened(driver(qtm.port, control="start")) as device:
         items = received(device, 200)
         device.start_capture()
@@ -127,7 +127,7 @@ def test_what_qtm_cannot_do_is_refused_in_a_sentence(options: dict[str, Any], co
         driver(qtm.port, **options).open()
 
 
-def test_when_ten_clients_are_there_already_it_is_told_so() -> None:
+def test_with_ten_clients_connected_the_next_one_is_refused() -> None:
     with simulator() as qtm:
         others = [socket.create_connection(("127.0.0.1", qtm.port)) for _ in range(10)]
         for other in others:
@@ -150,7 +150,7 @@ def test_starting_without_control_is_refused_with_what_to_set() -> None:
 # Against servers that misbehave
 
 
-def test_a_server_that_accepts_and_says_nothing_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_accepts_and_is_silent_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(qualisys_connection, "CONNECT_TIMEOUT_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as mute, raises_refusal(DeviceCode.NO_ANSWER):
         driver(mute.getsockname()[1]).open()
@@ -175,7 +175,7 @@ def test_settings_without_labels_are_refused() -> None:
 
 
 @pytest.mark.parametrize("timestamp_us", [2**62, -(2**62)])
-def test_a_time_stamp_that_no_recording_can_hold_is_told_and_its_frame_counted_as_lost(timestamp_us: int) -> None:
+def test_a_time_stamp_that_no_recording_can_hold_is_reported_and_its_frame_counted_as_lost(timestamp_us: int) -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         qtm.send(two(2) + two(3)[:8] + struct.pack("<q", timestamp_us) + two(3)[16:] + two(4))
         items = received(device, 3)
@@ -208,7 +208,7 @@ def test_skipped_frames_are_a_loss_between_the_blocks_they_parted() -> None:
     ],
     ids=["unknown packet", "unknown event", "unknown component", "fewer markers than announced", "cut field"],
 )
-def test_a_packet_that_cannot_be_read_is_told_and_passed_over(nonsense: bytes) -> None:
+def test_a_packet_that_cannot_be_read_is_reported_and_ignored(nonsense: bytes) -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         qtm.send(nonsense + nonsense + two(3))
         items = received(device, 2)
@@ -257,7 +257,7 @@ def test_frames_between_two_changes_of_the_labels_are_lost_rather_than_guessed()
     assert [(item.first_missing, item.count) for item in items if isinstance(item, Loss)] == [(2, 1)]
 
 
-def test_a_label_that_qtm_loses_is_missing_from_then_on_and_said_to_be() -> None:
+def test_a_label_that_qtm_loses_is_missing_from_then_on_and_reported() -> None:
     only_b = PARAMETERS.replace(b"<Label><Name>a</Name></Label>", b"")
     with OtherQtm(relabelling(only_b)) as qtm, opened(driver(qtm.port)) as device:
         qtm.send(packet(EVENT, SETTINGS_CHANGED) + frame(2, (2, 0, 0, 0.5)))
@@ -266,7 +266,7 @@ def test_a_label_that_qtm_loses_is_missing_from_then_on_and_said_to_be() -> None
     assert any(is_event(item, "labels_lost") for item in items)
 
 
-def test_a_frame_with_another_number_of_markers_than_labels_is_told_and_missing() -> None:
+def test_a_frame_with_another_number_of_markers_than_labels_is_reported_and_missing() -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         odd = (1.0, 0.0, 0.0, 0.5)
         qtm.send(frame(2, odd, odd, odd) + frame(3, odd, odd, odd) + two(4))
@@ -275,7 +275,7 @@ def test_a_frame_with_another_number_of_markers_than_labels_is_told_and_missing(
     assert [(item.first_missing, item.count) for item in items if isinstance(item, Loss)] == [(2, 2)]
 
 
-def test_what_qtm_says_it_drops_is_told_whenever_it_gets_worse() -> None:
+def test_dropped_images_of_qtm_are_reported_whenever_a_rate_increases() -> None:
     def dropping(number: int, drop_rate: int, out_of_sync_rate: int) -> bytes:
         whole = two(number)
         return whole[:36] + struct.pack("<HH", drop_rate, out_of_sync_rate) + whole[40:]
@@ -289,7 +289,7 @@ def test_what_qtm_says_it_drops_is_told_whenever_it_gets_worse() -> None:
     assert "0.4 %" in told[1]
 
 
-def test_frames_that_nobody_reads_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unread_frames_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(qualisys_connection, "LONGEST_QUEUE", 100)
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         for first in range(2, 302, 50):

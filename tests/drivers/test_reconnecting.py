@@ -73,7 +73,7 @@ def delivered(device: Reconnecting, reads: int) -> list[Item]:
 GONE = DeviceLost("the device is gone; plug it in")
 
 
-def test_a_loss_is_told_at_once_and_the_return_too_with_one_gap_between_them() -> None:
+def test_a_loss_is_reported_at_once_and_the_return_too_with_one_gap_between_them() -> None:
     device = opened(Scripted([[samples(0)], GONE, [], [samples(9)]], [None]))
     _, lost, back, gap, after = delivered(device, 4)
     assert isinstance(lost, Event)
@@ -94,7 +94,7 @@ def test_every_interrupted_stream_gets_its_own_gap_once() -> None:
     assert [(loss.stream, loss.first_missing, loss.count) for loss in losses] == [("/force", 2, 3), ("/sync", 2, 2)]
 
 
-def test_numbers_that_begin_anew_are_told_and_no_loss_is_claimed() -> None:
+def test_numbers_that_restart_are_reported_and_no_loss_is_counted() -> None:
     device = opened(Scripted([[samples(10)], GONE, [samples(1)]], [None]))
     items = delivered(device, 3)
     assert not any(isinstance(item, Loss) for item in items)
@@ -131,13 +131,13 @@ def test_between_attempts_reading_returns_within_its_time_out() -> None:
     assert [len(device.read(0.02)) for _ in range(4)] == [1, 0, 0, 0]
 
 
-def test_a_device_that_answers_and_goes_at_once_has_not_come_back() -> None:
+def test_a_device_that_answers_and_is_lost_at_once_is_not_reconnected() -> None:
     device = opened(Scripted([[samples(0)], GONE, GONE, GONE, [samples(4)]], [None, None, None]))
     kinds = [item.kind for item in delivered(device, 5) if isinstance(item, Event)]
     assert kinds == ["connection_lost", "connection_restored"]
 
 
-def test_a_closed_device_is_not_brought_back() -> None:
+def test_a_closed_device_is_not_reconnected() -> None:
     device = opened(Scripted([GONE]))
     device.close()
     with pytest.raises(DeviceLost) as caught:

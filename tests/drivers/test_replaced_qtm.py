@@ -68,7 +68,7 @@ def delivered_after_the_link_moves(
 
 
 @pytest.mark.parametrize("begins", ["before ours", "after ours"])
-def test_another_qtm_that_answers_after_a_reconnection_is_noticed(first: Bench, second: Bench, begins: str) -> None:
+def test_another_qtm_that_answers_after_a_reconnection_is_detected(first: Bench, second: Bench, begins: str) -> None:
     if begins == "before ours":
         second.world.start_capture()
         wait_until(second, second.world.now() + 6.0)
@@ -81,7 +81,7 @@ def test_another_qtm_that_answers_after_a_reconnection_is_noticed(first: Bench, 
 
 
 @pytest.mark.parametrize("other", [{"camera_serials": [21001, 21002]}, {"calibrated": "2026-01-02 08:15:00"}])
-def test_another_qtm_whose_capture_is_as_old_as_ours_is_noticed(
+def test_another_qtm_whose_capture_is_as_old_as_ours_is_detected(
     first: Bench, simulated_bench: Callable[..., Bench], other: dict[str, object]
 ) -> None:
     second = simulated_bench(speed=2.0, operator={"capture": "remote"}, mocap=other)
@@ -106,7 +106,7 @@ def test_another_qtm_whose_capture_is_as_old_as_ours_is_noticed(
         (((12056, 12059), "2011-07-06 09:00:00"), True),
     ],
 )
-def test_cameras_and_their_calibration_tell_one_qtm_from_another(
+def test_cameras_and_their_calibration_distinguish_one_qtm_from_another(
     after: tuple[tuple[int, ...], str], *, is_other: bool
 ) -> None:
     def cameras(serials: tuple[int, ...], calibrated: str) -> CameraSystem:

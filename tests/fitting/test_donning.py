@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.diagnosis.notes import interval_notes
+from fitting.diagnosis.identification import identify
+from fitting.diagnosis.notes import interval_notes, migration_interval_notes
 from fitting.donning import fit_donning
+from fitting.dynamic.swings import fit_swings
+from fitting.pull.pull import make_pulls
 from fitting.results.codes import NoteCode, TrialNoteCode, Verdict
 from fitting.session import fit_session
+from fitting.static.held_loads import fit_held_loads
 from fitting.trial.trial import build_trial
-from fitting.uncertainty import Repeat, combine
+from fitting.uncertainty import Estimate, Repeat, combine
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import Session, Truth, published
 
@@ -55,13 +62,43 @@ def test_a_damping_that_is_hardly_identified_is_given_without_choosing_by_its_va
     )
 
 
+@pytest.mark.parametrize(
+    ("estimate", "is_identified"),
+    [
+        (Estimate(5463.0, 1767.0, (3154.0, 20374.0)), False),
+        (Estimate(5463.0, 1767.0, (2000.0, 8927.0)), True),
+        (Estimate(5463.0, 1767.0, (3154.0, math.inf)), False),
+    ],
+)
+def test_a_stiffness_whose_interval_is_wider_than_its_value_is_not_identified(
+    estimate: Estimate, is_identified: bool
+) -> None:
+    (pull,), _ = make_pulls([build_trial(*Session(published("hand"), 1).static(1), "s", "s")])
+    held = fit_held_loads([pull], 0.0)
+    held = replace(held, stiffness=replace(held.stiffness, stiffness=estimate))
+    assert not estimate.is_too_wide
+    identified = identify([pull], [pull], held, fit_swings([], estimate, 0.2, 0.0), ())
+    assert (identified.stiffness is not None) == is_identified
+    assert (Verdict.STIFFNESS_UNCERTAIN in identified.verdicts) == (not is_identified)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "is_said"), [(-0.0047, 0.0083, True), (-0.00003, 0.00004, False), (0.01, 0.014, False)]
+)
+def test_a_migration_whose_interval_is_wider_than_its_value_is_said_unless_there_is_none(
+    low: float, high: float, is_said: bool
+) -> None:
+    notes = migration_interval_notes(Estimate((low + high) / 2, (high - low) / 4, (low, high)))
+    assert [note.code for note in notes] == [NoteCode.MIGRATION_INTERVAL] * is_said
+
+
 def _codes(law: Law, seed: int, unloads_at_once: bool = False) -> list[NoteCode]:
-    """Of the notes on two static trials of a donning."""
+    """Of the notes on the law of two static trials of a donning."""
     truth = Truth(friction=1e9, migration=0.0, hold=6.0, unloads_at_once=unloads_at_once)
     session = OddSession(law, Rig(), seed, truth)
     (fit,) = fit_session([build_trial(*session.static(i), f"s{i}", "s") for i in (1, 2)]).cuffs.values()
     assert fit.stiffness
-    return [note.code for note in fit.notes]
+    return [note.code for note in fit.notes if note.code is not NoteCode.NOT_CALIBRATED]
 
 
 @pytest.mark.parametrize(("repeats", "seed"), [(1, 0), (2, 1)])

@@ -63,7 +63,7 @@ def test_with_their_rounds_all_fits_converge() -> None:
 
 
 @pytest.mark.parametrize("limit", ["MAX_ROUNDS", "MAX_NOISE_ROUNDS"])
-def test_a_damping_whose_fit_is_starved_is_given_and_not_identified(
+def test_a_damping_whose_fit_did_not_converge_is_reported_as_not_identified(
     limit: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(f"{EIV}.{limit}", 1)
@@ -75,7 +75,7 @@ def test_a_damping_whose_fit_is_starved_is_given_and_not_identified(
     assert TrialNoteCode.NOT_CONVERGED in [note.code for trial in fit.trials for note in trial.notes]
 
 
-def test_output_error_that_is_starved_checks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_error_that_did_not_converge_checks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(f"{OUTPUT_ERROR}.ROUNDS", 1)
     starved = output_error(swing(1), 0.8 * STIFFNESS, DAMPING)
     assert (starved.outcome, starved.estimates) == (FitOutcome.NOT_CONVERGED, None)
@@ -85,7 +85,7 @@ def test_output_error_that_is_starved_checks_nothing(monkeypatch: pytest.MonkeyP
     assert found.checks.not_converged == ("output error",)
 
 
-def test_output_error_that_is_starved_leaves_damping_open_where_the_noise_is_coloured(
+def test_damping_is_not_identified_if_output_error_did_not_converge_with_coloured_noise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(f"{OUTPUT_ERROR}.ROUNDS", 1)
@@ -94,28 +94,28 @@ def test_output_error_that_is_starved_leaves_damping_open_where_the_noise_is_col
 
 
 @pytest.mark.parametrize("module", ["fitting.static.stiffness", "fitting.static.tangent", "fitting.static.creep"])
-def test_a_stiffness_whose_fit_is_starved_is_not_identified(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stiffness_whose_fit_did_not_converge_is_not_identified(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(f"{module}.MAX_ROUNDS", 1)
     fit = _fit()
     assert Verdict.STIFFNESS_NOT_CONVERGED in fit.verdicts
     assert fit.stiffness is None
 
 
-def test_a_stiffness_in_space_whose_fit_is_starved_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stiffness_tensor_whose_fit_did_not_converge_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fitting.spatial.held_tensor.MAX_ROUNDS", 1)
     with pytest.raises(NoTensor) as caught:
         held_tensor(_in_space("static"), 0.0)
     assert caught.value.outcome is FitOutcome.NOT_CONVERGED
 
 
-def test_a_damping_in_space_whose_fit_is_starved_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damping_tensor_whose_fit_did_not_converge_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fitting.spatial.swung_tensor.ROUNDS", 1)
     with pytest.raises(NoTensor) as caught:
         swung_tensor(_in_space("dynamic"), {}, 0.0)
     assert caught.value.outcome is FitOutcome.NOT_CONVERGED
 
 
-def test_a_bounce_whose_fit_is_starved_calibrates_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bounce_whose_fit_did_not_converge_calibrates_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fitting.trial.bounce.MAX_ROUNDS", 1)
     with pytest.raises(NotConverged) as caught:
         fit_bounce(_bounce())
@@ -124,7 +124,9 @@ def test_a_bounce_whose_fit_is_starved_calibrates_nothing(monkeypatch: pytest.Mo
     assert reason.code is RejectionCode.BOUNCE_NOT_CONVERGED
 
 
-def test_a_spread_between_repeats_that_is_starved_leaves_nothing_identified(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_spread_between_repeats_that_did_not_converge_leaves_nothing_identified(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     session = Session(published("hand", hold=4.0, duration=12.0), 2)
     trials = []
     for repeat in (1, 2):

@@ -42,7 +42,7 @@ def test_a_body_that_leans_with_the_load_is_measured() -> None:
     assert marker_notes(found)[0].figures["lean_m"] == found.lean
 
 
-def test_ghosts_and_hidden_frames_are_told() -> None:
+def test_ghosts_and_hidden_frames_are_reported() -> None:
     ghosts = marker_notes(replace(SOUND, ghosts={"anchor_3": 12}))
     assert ghosts == (Note(TrialNoteCode.GHOSTS, {"markers": "anchor_3 in 12 frames"}),)
     assert marker_notes(replace(SOUND, hidden=0.3)) == (Note(TrialNoteCode.MARKERS_HIDDEN, {"hidden": 0.3}),)
@@ -80,7 +80,7 @@ def _steps(
 
 @pytest.mark.parametrize("rate", [20.0, 1000.0])
 @pytest.mark.parametrize(("start", "length"), [(20.0, 12.0), (15.0, 3.0)], ids=["over steps", "within a hold"])
-def test_a_converter_that_hangs_is_told_from_a_load_that_is_held(rate: float, start: float, length: float) -> None:
+def test_a_converter_that_hangs_is_distinguished_from_a_held_load(rate: float, start: float, length: float) -> None:
     for seed in range(4):
         time, load, read = _steps(seed, rate, 0.5, 0.48)
         way = np.interp(TIME * 1.4, time, load) / 8000 + 5e-5 * np.random.default_rng(seed).standard_normal(len(TIME))
@@ -130,7 +130,7 @@ def _pull(drift: float, rest: float = 2.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.9, 2.4, -2.4])
-def test_the_zero_s_drift_between_both_rests_is_measured_and_told_beyond_its_limit(drift: float) -> None:
+def test_the_zero_s_drift_between_both_rests_is_measured_and_reported_beyond_its_limit(drift: float) -> None:
     found = zero_drift(TIME, _pull(drift))
     assert found == pytest.approx(drift, abs=0.15)
     notes = zero_notes(found, 60.0)
@@ -150,7 +150,7 @@ def test_a_zero_that_drifts_further_than_a_sound_cell_s_is_refused() -> None:
     [_pull(0.0, rest=0.5), np.where(TIME > 15, 63.0, 3.0), 25 + 12 * np.sin(2 * np.pi * 0.1 * TIME), np.zeros(1)],
     ids=["short rest", "load left on", "never at rest", "one sample"],
 )
-def test_without_a_rest_at_both_ends_no_drift_is_told(force: np.ndarray) -> None:
+def test_without_a_rest_at_both_ends_no_drift_is_reported(force: np.ndarray) -> None:
     found = zero_drift(TIME[: len(force)], force)
     assert found is None
     assert zero_notes(found, 60.0) == ()

@@ -13,7 +13,10 @@ from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.results.codes import NoteCode, RejectionCode, TrialNoteCode, Verdict
 from fitting.session import fit_session
-from fitting.trial.trial import RejectedTrial, Trial, build_trial
+from fitting.trial.bounce import calibrate
+from fitting.trial.trial import RejectedTrial, Trial, build_bounce, build_trial, calibrated
+from tests.fitting.bouncing import Bounce
+from tests.fitting.bouncing import recorded as bounced
 from tests.fitting.experiment import PUBLISHED, Session, published
 from tests.fitting.refusals import figures_by_code
 
@@ -53,6 +56,22 @@ def test_the_published_cuffs_come_back_although_they_migrate(cuff: str) -> None:
     assert fit.damping.standard_error < 0.2 * damping
     assert fit.migration.standard_error < 1e-4
     assert fit.diagnostics["slip_m"] == pytest.approx(slip, rel=0.05)
+
+
+def test_a_fit_says_whether_a_bounce_calibrated_lag_and_gain() -> None:
+    trials = _donning("hand")[0]
+    declared = fit_session(trials)
+    note = figures_by_code(declared.cuffs["hand"].notes)[NoteCode.NOT_CALIBRATED]
+    assert note == {"lag_s": trials[0].lag.value, "lag_sd_s": trials[0].lag.declared, "gain_sd": trials[0].gain_sd}
+    assert NoteCode.NOT_CALIBRATED in repr(declared.cuffs["hand"])
+    assert declared.bounces == ()
+
+    calibration, _ = calibrate([build_bounce(*bounced(Bounce(), 1), "bounce-1", "s")])
+    assert calibration
+    known = fit_session([calibrated(trial, calibration) for trial in trials])
+    assert NoteCode.NOT_CALIBRATED not in figures_by_code(known.cuffs["hand"].notes)
+    assert NoteCode.NOT_CALIBRATED not in repr(known.cuffs["hand"])
+    assert known.bounces == ("bounce-1",)
 
 
 @pytest.mark.parametrize("cuff", ["waist", "tube"])

@@ -1,4 +1,4 @@
-"""What the house stands on: the walls between rooms, the example configuration, the promises of the README."""
+"""Imports between folders, size and names of files, the example configuration, the options in the README."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from recordings import standard_gravity
 from station.config import StationConfig, keys_of, load_config, parse_config
 from tests.house.sources import ROOT, SOURCES, name_of, nodes_of, text_of
 
-ROOMS = ("station", "drivers", "recordings", "fitting", "solver", "documents")
+PACKAGES = ("station", "drivers", "recordings", "fitting", "solver", "documents")
 DRAWERS = {"utils", "util", "misc", "helpers", "common", "core", "base", "manager"}
 
 
-def test_the_walls_between_the_rooms_stand() -> None:
+def test_imports_keep_the_contracts() -> None:
     """In a process of its own: the linter turns off every logger that is there already."""
     look = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True))"
     seen = subprocess.run([sys.executable, "-c", look], cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S603
     assert seen.returncode == 0, seen.stdout
 
 
-def test_a_file_is_small_enough_to_hold_in_the_head_and_named_by_its_noun() -> None:
+def test_a_file_is_short_and_named_by_its_noun() -> None:
     assert {name_of(path) for path in SOURCES if text_of(path).count("\n") > 400} == set()
     assert {name_of(path) for path in SOURCES if path.stem in DRAWERS} == set()
     long = [
@@ -49,9 +49,9 @@ def test_standard_gravity_is_typed_once_and_scipy_s() -> None:
     assert standard_gravity.g == scipy.constants.g
 
 
-@pytest.mark.parametrize("room", [*ROOMS, "drivers/simulators"])
-def test_a_package_s_init_is_empty_so_that_every_file_is_named(room: str) -> None:
-    assert (ROOT / room / "__init__.py").read_text(encoding="utf-8") == ""
+@pytest.mark.parametrize("package", [*PACKAGES, "drivers/simulators"])
+def test_a_package_s_init_is_empty_so_that_every_file_is_named(package: str) -> None:
+    assert (ROOT / package / "__init__.py").read_text(encoding="utf-8") == ""
 
 
 def test_every_section_of_the_example_is_understood_and_the_four_cuffs_are_there() -> None:
@@ -80,5 +80,5 @@ def test_the_readme_sets_up_and_tests_in_its_first_two_blocks_of_one_line_each()
 def test_all_packages_of_the_picture_are_installed_with_the_distribution() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     included = project["tool"]["setuptools"]["packages"]["find"]["include"]
-    assert included == [f"{room}*" for room in ("cuffstation", *ROOMS)]
+    assert included == [f"{package}*" for package in ("cuffstation", *PACKAGES)]
     assert project["project"]["scripts"] == {"station": "station.cli:main"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import runpy
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 
 import cuffstation as cs
+from fitting.results.codes import NoteCode
 from station.fit import SessionError
 from station.messages.setup_codes import FolderCode
 from tests.station.refusals import raises_refusal
@@ -72,11 +74,26 @@ def test_a_session_becomes_tables_that_agree_with_its_estimates(session: Path, t
 
 
 def test_a_donning_is_that_of_its_session_and_two_cuffs_are_none(session: Path) -> None:
-    whole = cs.fit_session(session).cuffs["hand"]
+    fitted = cs.fit_session(session)
+    whole = fitted.cuffs["hand"]
     alone = cs.fit_donning([path for path in sorted(session.glob("*.mcap")) if "waist" not in path.name])
     assert alone.stiffness == whole.stiffness
-    with raises_refusal(SessionError, FolderCode.NO_TRIAL_USABLE):
-        cs.fit_donning([])
+    for recordings, reason in (([], "none was given"), ([session / file for file in fitted.bounces], "only bounce")):
+        with raises_refusal(SessionError, FolderCode.NO_TRIAL_USABLE) as refused:
+            cs.fit_donning(recordings)
+        assert reason in str(refused.value)
+
+
+def test_the_bounces_of_a_session_calibrate_a_donning_that_is_fitted_alone(session: Path) -> None:
+    whole = cs.fit_session(session)
+    used = [trial.file for trial in whole.cuffs["hand"].trials if trial.state == "used"]
+    calibrated = cs.fit_donning([session / file for file in (*whole.bounces, *used)])
+    declared = cs.fit_donning([session / file for file in used])
+    assert (calibrated.stiffness, calibrated.damping) == (whole.cuffs["hand"].stiffness, whole.cuffs["hand"].damping)
+    assert declared.damping != calibrated.damping
+    for fit, is_said in ((whole.cuffs["hand"], False), (calibrated, False), (declared, True)):
+        assert (NoteCode.NOT_CALIBRATED in [note.code for note in fit.notes]) == is_said
+        assert (NoteCode.NOT_CALIBRATED in repr(fit)) == is_said
 
 
 def test_a_recording_becomes_tables_of_its_samples(session: Path) -> None:
@@ -106,8 +123,47 @@ def test_every_result_prints_a_few_lines_and_is_drawn(session: Path, tmp_path: P
 
 
 def test_what_no_result_is_is_not_drawn() -> None:
-    with pytest.raises(TypeError, match="got a str"):
-        cs.plot("demo")
+    for other in ("demo", {}, {"hand": 1}):
+        with pytest.raises(TypeError, match="plot draws"):
+            cs.plot(other)
+
+
+def test_cuffs_by_name_are_drawn_as_their_session(session: Path) -> None:
+    fitted = cs.fit_session(session)
+    drawn, whole = ([len(axis.lines) for axis in cs.plot(each).axes] for each in (fitted.cuffs, fitted))
+    assert drawn == whole
+    assert min(drawn) > 2
+
+
+def test_only_the_public_names_are_listed_and_no_signature_has_a_path_of_this_machine() -> None:
+    assert set(dir(cs)) == {*cs.__all__, "__version__"}
+    for name in FUNCTIONS:
+        assert "PosixPath" not in str(inspect.signature(getattr(cs, name)))
+
+
+def test_arguments_that_are_exchanged_or_of_another_type_are_named(session: Path, tmp_path: Path) -> None:
+    model = cs.load_model()
+    motion = cs.load_motion(model, every=200)
+    fitted = cs.fit_session(session)
+    file = str(tmp_path / "cuffs.json")
+    cs.write_cuffs(file, fitted.cuffs)
+    for argument, found, ask in (
+        ("recordings", "str", lambda: cs.fit_donning(str(session / "a.mcap"))),
+        ("recordings", "Model", lambda: cs.fit_donning(model)),
+        ("cuffs", "SessionFit", lambda: cs.write_cuffs(file, fitted)),
+        ("cuffs", "str", lambda: cs.write_cuffs(fitted.cuffs, file)),
+        ("cuffs", "WearableCuff", lambda: cs.write_cuffs(file, cs.read_cuffs(file))),
+        ("model", "str", lambda: cs.load_motion("lift.mot")),
+        ("model", "Kinematics", lambda: cs.solve_motion(motion, model)),
+        ("kinematics", "str", lambda: cs.solve_motion(model, "lift.mot")),
+        ("kinematics", "str", lambda: cs.assess({}, model, "lift.mot")),
+        ("model", "Kinematics", lambda: cs.assess({}, motion)),
+        ("markers", "Model", lambda: cs.open_stream(model)),
+        ("markers", "str", lambda: cs.open_stream("ts")),
+        ("model", "str", lambda: cs.open_stream(["ts"], "arm.osim")),
+    ):
+        with pytest.raises(TypeError, match=f"^{argument} should be .* a {found}"):
+            ask()
 
 
 @pytest.mark.parametrize("name", ["look_at_a_recording", "fit_a_cuff"])

@@ -1,4 +1,4 @@
-"""What docs/security.md promises: no code is run from files, servers listen on this machine alone, nothing is sent."""
+"""Statements of docs/security.md: no code of a file is run, servers listen on this computer only, nothing is sent."""
 
 from __future__ import annotations
 

@@ -54,7 +54,10 @@ def test_the_picture_of_the_layout_is_the_tree() -> None:
             top = name if place == 4 else top
             drawn.add(name if is_top else f"{top}/{name}")
     folders = {
-        str(path.parent.relative_to(ROOT)) for room in drawn if "/" not in room for path in (ROOT / room).glob("*/*.py")
+        str(path.parent.relative_to(ROOT))
+        for folder in drawn
+        if "/" not in folder
+        for path in (ROOT / folder).glob("*/*.py")
     }
     assert {name for name in drawn if not (ROOT / name).is_dir()} == set()
     assert {name for name in folders if not name.startswith("tests/") and "__pycache__" not in name} <= drawn

@@ -1,4 +1,4 @@
-"""One name for one thing: public classes are named once in the tree, and names that were given up stay so."""
+"""One name for one thing: no public class name occurs twice, and names and phrases that were replaced do not return."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ GIVEN_UP = {
     "sum_up": "summarise",
     "weigh": "mass_matrix_and_bias",
 }
-"""Name of before → the field's word."""
+"""Replaced name → the field's term."""
 PHRASES = ("nothing speaks against", "talk to stderr", "stderr talk", "a session, or one to go on with")
 PAGE_PHRASES = {
     "all the same": "still",
@@ -81,12 +81,12 @@ PAGE_PHRASES = {
     "what is not known of": "uncertainty of",
     "what the law leaves": "residual",
 }
-"""Phrase that no page of the documentation has → what it should say."""
+"""Phrase that no page of the documentation may have → the replacement."""
 STILL_READ = {("station/verbs/options.py", "faithful")}
-"""Where an old name is read on purpose: an option's value of before."""
+"""Where a replaced name is still accepted: as a value of an option."""
 
 EMPTY_NOUNS = {"each", "words", "said", "way", "ways"}
-"""No names for a value: they tell nothing of it."""
+"""Names that do not describe a value."""
 
 
 @cache
@@ -105,21 +105,21 @@ def test_no_public_class_is_named_twice() -> None:
 
 
 @pytest.mark.parametrize("old", GIVEN_UP)
-def test_a_name_that_was_given_up_is_in_no_source_and_on_no_page(old: str) -> None:
+def test_a_name_that_was_replaced_is_in_no_source_and_on_no_page(old: str) -> None:
     found = {name_of(path) for path in SOURCES if old in _names(path) or _is_a_value(old, path)}
     pages = {name_of(path) for path in PAGES if re.search(rf"`[^`\n]*\b{old}\b[^`\n]*`", text_of(path))}
     assert {file for file in found | pages if (file, old) not in STILL_READ} - _documenting(old) == set(), GIVEN_UP[old]
 
 
 @pytest.mark.parametrize("phrase", PHRASES)
-def test_a_phrase_that_was_given_up_is_in_no_source_and_on_no_page(phrase: str) -> None:
+def test_a_phrase_that_was_replaced_is_in_no_source_and_on_no_page(phrase: str) -> None:
     texts = {path: " ".join(text_of(path).lower().split()) for path in (*SOURCES, *PAGES)}
     found = [path for path, text in texts.items() if phrase in text]
     assert found == []
 
 
 @pytest.mark.parametrize("phrase", PAGE_PHRASES)
-def test_a_page_says_it_in_plain_words(phrase: str) -> None:
+def test_a_page_has_no_phrase_that_was_replaced(phrase: str) -> None:
     texts = {path: " ".join(text_of(path).lower().split()) for path in PAGES}
     found = [name_of(path) for path, text in texts.items() if re.search(rf"\b{phrase}\b", text)]
     assert found == [], PAGE_PHRASES[phrase]
@@ -137,5 +137,5 @@ def _is_a_value(old: str, path: Path) -> bool:
 
 
 def _documenting(old: str) -> set[str]:
-    """The page that says which value of before is still accepted."""
+    """The pages that document a replaced value that is still accepted."""
     return {"docs/paths.md", "docs/redundancy.md"} if old == "faithful" else set()

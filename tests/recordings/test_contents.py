@@ -71,7 +71,7 @@ def test_a_jump_that_the_ledger_knows_has_its_cause_and_is_listed_once(tmp_path:
         assert contents.complete
 
 
-def test_a_jump_that_nobody_noted_is_unexplained(tmp_path: Path) -> None:
+def test_a_jump_without_a_noted_loss_is_unexplained(tmp_path: Path) -> None:
     gaps = contents_of(record(tmp_path / "a.mcap", [scalars("/force", 0, 10), scalars("/force", 25, 10)])).gaps
     assert [(gap.stream, gap.cause, gap.first_missing, gap.count) for gap in gaps] == [
         ("/force", "unexplained", 10, 15)
@@ -98,7 +98,7 @@ def test_a_loss_without_a_jump_is_listed_too(tmp_path: Path) -> None:
     assert [(gap.cause, gap.count) for gap in gaps] == [("silent", 3000)]
 
 
-def test_a_cut_recording_is_incomplete_and_says_why(tmp_path: Path) -> None:
+def test_a_cut_recording_is_incomplete_with_the_reason(tmp_path: Path) -> None:
     path = record(tmp_path / "a.mcap", list(trial(1.0)))
     path.write_bytes(path.read_bytes()[: chunk_ends(path)[4] + 3])
     contents = contents_of(path)

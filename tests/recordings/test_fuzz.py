@@ -9,5 +9,5 @@ from tests.recordings.fuzz import TARGETS
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
-def test_whatever_the_file_holds_nothing_hangs_breaks_or_is_believed(target: Target) -> None:
+def test_no_content_of_a_file_causes_a_hang_a_crash_or_a_wrong_number(target: Target) -> None:
     assert run(target, 200) > 0

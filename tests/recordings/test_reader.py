@@ -177,25 +177,25 @@ def test_reading_takes_no_more_memory_for_a_longer_file(tmp_path: Path) -> None:
     assert peaks[1] < 2 * peaks[0]
 
 
-def test_an_empty_file_says_so(tmp_path: Path) -> None:
+def test_an_empty_file_is_refused_as_empty(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").touch()
     with raises_refusal(RecordingCode.EMPTY):
         open_recording(tmp_path / "a.mcap")
 
 
-def test_a_text_file_says_so(tmp_path: Path) -> None:
+def test_a_text_file_is_refused_as_no_recording(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_text("time,force\n" * 1000, encoding="utf-8")
     with raises_refusal(RecordingCode.NOT_MCAP):
         open_recording(tmp_path / "a.mcap")
 
 
-def test_a_missing_file_says_so(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused_as_missing(tmp_path: Path) -> None:
     with raises_refusal(RecordingCode.UNREADABLE):
         open_recording(tmp_path / "a.mcap")
 
 
 @pytest.mark.parametrize("use_chunking", [True, False])
-def test_a_foreign_mcap_file_says_so(tmp_path: Path, use_chunking: bool) -> None:
+def test_a_foreign_mcap_file_is_refused_as_foreign(tmp_path: Path, use_chunking: bool) -> None:
     file = BytesIO()
     writer = Writer(file, use_chunking=use_chunking)
     writer.start(profile="ros2")

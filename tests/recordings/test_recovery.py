@@ -89,7 +89,7 @@ def test_a_flipped_bit_costs_no_more_than_its_chunk(tmp_path: Path) -> None:
     assert min(victim.kept) < len(victim.messages)
 
 
-def test_what_is_missing_is_said_exactly(whole: Path, tmp_path: Path) -> None:
+def test_what_is_missing_is_listed_exactly(whole: Path, tmp_path: Path) -> None:
     ends = chunk_ends(whole)
     damaged = bytearray(whole.read_bytes()[: ends[6]])
     damaged[ends[3] - 3] ^= 1  # this chunk holds markers, the first mark, and force
@@ -137,7 +137,7 @@ def test_two_that_recover_one_file_at_once_do_not_spoil_it(whole: Path, tmp_path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap"]
 
 
-def test_a_recovered_file_goes_on_saying_that_it_was_cut(whole: Path, tmp_path: Path) -> None:
+def test_a_recovered_file_states_that_it_was_cut(whole: Path, tmp_path: Path) -> None:
     report = recover(_cut(whole, tmp_path, whole.stat().st_size // 2))
     assert not open_recording(report.output).complete
 
@@ -165,7 +165,7 @@ def test_without_any_manifest_the_samples_are_kept_all_the_same(whole: Path, tmp
     assert report.contents.streams["/force"].samples > 0
 
 
-def test_a_different_file_in_the_way_is_left_alone(whole: Path, tmp_path: Path) -> None:
+def test_a_different_file_of_the_same_name_is_left_alone(whole: Path, tmp_path: Path) -> None:
     cut = _cut(whole, tmp_path, whole.stat().st_size // 2)
     (tmp_path / "b.mcap").write_bytes(b"precious")
     with raises_refusal(RecordingCode.OUTPUT_EXISTS):

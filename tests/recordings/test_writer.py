@@ -206,7 +206,7 @@ def test_a_failed_fsync_is_a_failed_write(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes and moves no open file")
-def test_a_recording_that_is_deleted_while_it_is_written_is_told_within_a_second(tmp_path: Path) -> None:
+def test_a_recording_that_is_deleted_while_it_is_written_is_reported_within_a_second(tmp_path: Path) -> None:
     path, wall = tmp_path / "a.mcap", WallClock()
     writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, background=lambda work: work())
     writer.write(scalars("/force", 0, 100))
@@ -226,7 +226,7 @@ def test_a_recording_that_is_deleted_while_it_is_written_is_told_within_a_second
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes and moves no open file")
-def test_a_recording_that_is_moved_while_it_is_written_goes_on_and_is_told_at_its_end(tmp_path: Path) -> None:
+def test_a_recording_that_is_moved_while_it_is_written_continues_and_is_reported_at_its_end(tmp_path: Path) -> None:
     session = tmp_path / "monday"
     session.mkdir()
     writer = RecordingWriter(session / "a.mcap", MANIFEST, STREAMS)
@@ -259,7 +259,7 @@ def test_another_file_under_its_name_is_no_recording_and_is_left_alone(tmp_path:
 
 @pytest.mark.parametrize("size", [0, 3000])
 @pytest.mark.parametrize("goes_on", [True, False])
-def test_a_recording_that_another_program_cuts_is_told_at_the_next_flush(
+def test_a_recording_that_another_program_cuts_is_reported_at_the_next_flush(
     tmp_path: Path, size: int, goes_on: bool
 ) -> None:
     path, wall = tmp_path / "a.mcap", WallClock()

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.motion import write_table
+from solver.time_series_table import write_table
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

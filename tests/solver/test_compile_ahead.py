@@ -7,10 +7,15 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from numba.core import config
 
-from solver import compile_ahead
+from solver import compile_ahead, compiled
+from solver.compiled import compiled_for_python
+from solver.functions.bezier import evaluate_chain
+from solver.multibody.bodies import move_bodies
 from solver.multibody.masses import mass_matrix_and_bias
 from solver.multibody.responses import fill_responses
 from solver.redundancy.elimination import eliminate
@@ -89,8 +94,38 @@ def test_the_last_kernels_do_not_wait_for_the_muscle_paths(monkeypatch: pytest.M
     monkeypatch.setattr(tension, "evaluate_wrapped_paths", refuse)
     monkeypatch.setattr(compile_ahead, "compile_ahead", lambda: None)
     compile_ahead.compile_last_first()
-    last = (eliminate, solve_frames, mass_matrix_and_bias, fill_responses)
+    last = (eliminate, solve_frames, mass_matrix_and_bias, fill_responses, evaluate_chain)
     assert all(kernel.signatures for kernel in last)
+
+
+def test_a_first_use_is_told_by_the_files_of_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert compile_ahead.is_first_use()
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))  # read from the environment at the import of numba
+    existing: Any = move_bodies
+    kernel: Any = compiled_for_python(existing.py_func)
+    Path(kernel._cache._cache_file._index_path).touch()
+    assert not compile_ahead.is_first_use()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "missing"))
+    assert not compile_ahead.is_first_use(), "numba may keep the files elsewhere"
+
+
+def test_it_ends_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    class EndedError(Exception):
+        pass
+
+    def end(code: int) -> None:
+        assert code == 1
+        raise EndedError
+
+    monkeypatch.setattr(compiled._NoCache, "is_reported", True)
+    monkeypatch.setattr(os, "_exit", end)
+    monkeypatch.setattr(sys, "argv", ["compile_ahead"])
+    monkeypatch.setattr(
+        compile_ahead, "compile_ahead", lambda: compile_ahead.COMPILER.warning("compiling %s", "a kernel")
+    )
+    with pytest.raises(EndedError):
+        compile_ahead.main()
 
 
 def test_it_ends_when_its_parent_does(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def _kernel(folder: Path, factor: float = 2.0, more: str = "", fields: str = "x 
     return vars(module)["kernel"]
 
 
-def test_the_first_call_says_what_it_waits_for(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_first_call_reports_the_compilation(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert _kernel(tmp_path)(3.0) == 6.0
     first, last = [record.getMessage() for record in caplog.records if record.name == compiled.__name__]
     assert first.startswith("compiling kernel.kernel")
@@ -110,7 +110,7 @@ def test_a_kernel_whose_cached_file_was_damaged_is_compiled_again_and_kept(
     assert not caplog.records
 
 
-def test_a_kernel_that_finds_no_space_on_the_disk_runs_and_says_that_it_is_not_kept(
+def test_a_kernel_runs_on_a_full_disk_and_reports_that_it_is_not_cached(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def save(*_: object) -> None:
@@ -156,7 +156,7 @@ def test_where_no_lock_can_be_had_a_kernel_is_compiled_all_the_same(
     assert _kernel(tmp_path)(3.0) == 6.0
 
 
-def test_where_no_folder_is_writable_it_is_compiled_and_said_once(
+def test_without_a_writable_folder_it_is_compiled_and_reported_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "__pycache__").write_text("a file where the folder would be")

@@ -8,8 +8,9 @@ import pytest
 
 from solver.errors import SolverCode
 from solver.model import Coordinate, Model
-from solver.motion import Motion, decimate, differentiate, read_motion, write_table
+from solver.motion import Motion, decimate, differentiate, limits_outside, read_motion
 from solver.motion_splines import differentiate_by_splines
+from solver.time_series_table import write_table
 from tests.solver.refusals import raises_refusal
 
 MOT = """Coordinates
@@ -112,6 +113,13 @@ def test_a_motion_of_another_model_is_called_that(tmp_path, with_defaults):
     path.write_text(MOT.format(degrees="no"))
     with raises_refusal(SolverCode.MISSING_COLUMN, naming="raise.mot has no coordinate of the model"):
         read_motion(path, model("hip", "knee"), with_defaults=with_defaults)
+
+
+def test_a_model_without_coordinates_has_no_motion(tmp_path):
+    path = tmp_path / "raise.mot"
+    path.write_text(MOT.format(degrees="no"))
+    with raises_refusal(SolverCode.MISSING_COLUMN, naming="the model test should have coordinates"):
+        read_motion(path, model(), with_defaults=True)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".sto", ".mot"])
@@ -250,7 +258,7 @@ def test_cutting_a_motion_changes_no_frame_that_is_kept():
     np.testing.assert_array_equal(part.accelerations, whole.accelerations[200:301])
 
 
-def test_a_thinned_motion_knows_its_longer_interval():
+def test_a_decimated_motion_has_a_longer_interval():
     whole = differentiate(sine(1.0))
     part = decimate(whole, 7)
     assert part.interval == pytest.approx(0.07)
@@ -261,6 +269,22 @@ def test_a_thinned_motion_knows_its_longer_interval():
 def test_limits_outside_the_motion_are_refused():
     with raises_refusal(SolverCode.NO_FRAMES, naming="0 to 5.99 s and has no frame from 9 s;"):
         differentiate(sine(1.0), start=9.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "named"),
+    [
+        (None, None, ""),
+        (0.0, 5.99, ""),
+        (-0.01, 6.0, ""),  # a step beside it
+        (-0.02, 5.0, "from -0.02 s"),
+        (1.0, 9.0, "to 9 s"),
+        (-np.inf, np.inf, ""),
+        (-1.0, 9.0, "from -1 s to 9 s"),
+    ],
+)
+def test_limits_outside_a_motion_are_named_by_more_than_a_step(start, end, named):
+    assert limits_outside(sine(1.0).time, start, end) == named
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_a_muscle_of_thelen_below_its_shortest_fibre_is_idle() -> None:
     assert forces.active[1, 0] > 50.0
 
 
-def test_muscles_of_different_curves_stand_in_the_models_order() -> None:
+def test_muscles_with_different_curves_are_in_the_models_order() -> None:
     millard = _with_pennation(0.1).muscles[0]
     thelen = replace(millard, curves=ThelenCurves())
     mixed = replace(MODEL, muscles=(thelen, millard, thelen))

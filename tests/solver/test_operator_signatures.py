@@ -22,7 +22,7 @@ KINDS = (
     types.Array(types.float64, 2, "C"),
     types.UniTuple(types.int64, 2),
 )
-UNARY = (operator.neg, operator.not_, abs, len)
+UNARY = (operator.neg, operator.not_, abs, bool, len)
 
 
 @pytest.fixture(scope="module")

@@ -40,7 +40,7 @@ def test_with_their_rounds_all_iterations_converge(outcomes: dict[str, list[str]
 
 
 @pytest.mark.parametrize("limit", LIMITS)
-def test_an_iteration_that_is_starved_of_rounds_has_not_converged(outcomes: dict[str, list[str]], limit: str) -> None:
+def test_an_iteration_at_its_limit_has_not_converged(outcomes: dict[str, list[str]], limit: str) -> None:
     expected = "curve_not_converged" if "bezier" in limit else "not_converged"
     assert expected in outcomes[limit]
 

@@ -48,7 +48,7 @@ def test_there_are_no_geodesics_over_a_torus() -> None:
         evaluate_paths(model, STATE, [path], mode="geodesic")
 
 
-def test_without_other_paths_those_of_the_muscles_are_laid() -> None:
+def test_without_other_paths_those_of_the_muscles_are_evaluated() -> None:
     muscles = evaluate_paths(MODEL, STATE)
     one = evaluate_paths(MODEL, STATE, [MODEL.muscles[7].path])
     assert muscles.lengths.shape == (len(Q), len(MODEL.muscles))
@@ -133,7 +133,7 @@ def test_a_path_that_does_not_fit_the_model_is_refused() -> None:
             evaluate_paths(MODEL, STATE, [path])
 
 
-def test_results_cannot_be_changed_by_whoever_holds_them() -> None:
+def test_results_are_read_only() -> None:
     state = evaluate_paths(MODEL, STATE, [CORD])
     with pytest.raises(ValueError, match="read-only"):
         state.lengths[0, 0] = 0.0

@@ -54,7 +54,7 @@ def test_no_frame_is_held_up_by_reserve_actuators(kinematics):
     assert np.abs(result.reserves[:, shoulder]).max() < 0.02  # N m; the arm's weight makes some 10 N m
 
 
-def test_an_assembly_that_is_starved_of_steps_gives_no_motion(monkeypatch):
+def test_an_assembly_at_its_limit_of_steps_gives_no_motion(monkeypatch):
     monkeypatch.setattr("solver.raise_arm.MOST_STEPS", 1)
     with raises_refusal(SolverCode.OPEN_JOINT):
         simulate_arm_raise(MODEL)

@@ -143,7 +143,7 @@ def test_invalid_factors_are_refused(scaling: Scaling, code: SolverCode) -> None
         scale_model(MODEL, scaling)
 
 
-def test_a_thorax_that_grows_alone_is_told() -> None:
+def test_a_thorax_that_is_scaled_alone_is_a_finding() -> None:
     assert check_scaling(MODEL, MODEL) == ()
     scaled = scale_model(MODEL, Scaling({"thorax": [1.6, 1.0, 1.6]}))
     codes = {finding.code for finding in check_scaling(MODEL, scaled)}

@@ -20,6 +20,7 @@ from recordings.samples import Event, Samples
 from recordings.writer import RecordingWriter
 from station.config import StationConfig, parse_config
 from tests.fitting.experiment import Session, published
+from tests.station.command import Ran
 
 CONFIG = {
     "cuffs": {"hand": {"anchor_markers": [f"anchor_{i}" for i in (1, 2, 3, 4)], "cuff_markers": ["cuff_1"]}},
@@ -92,3 +93,15 @@ class Truth:
 def static_and_dynamic(seed: int = 3) -> tuple[Truth, Truth]:
     session = Session(published("hand", hold=4.2, unloads_at_once=True), seed)
     return Truth(*session.static()), Truth(*session.dynamic())
+
+
+def import_by_verb(station, static: tuple[Path, Path], session: Path, *options: object) -> Ran:
+    """`station import` of these files as the hand cuff's first static test."""
+    toml = static[0].with_name("station.toml")
+    toml.write_text(
+        '[cuffs.hand]\nanchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]\ncuff_markers = ["cuff_1"]\n'
+    )
+    return station(
+        *("import", "--session", session, "--cuff", "hand", "--test", "static", "--repeat", 1, "--config", toml),
+        *("--force", static[0], "--mocap", static[1], *options),
+    )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver.bundled import bundled_model
-from solver.motion import write_table
+from solver.time_series_table import write_table
 
 
 def write_weight(path: Path, mass: float) -> None:

@@ -219,14 +219,12 @@ def test_a_session_without_a_usable_trial_is_not_fitted(station, tmp_path: Path)
 
 
 def test_the_error_of_a_file_that_cannot_be_written_names_it_and_not_its_draft(station, tmp_path: Path) -> None:
-    path, obstacle = trial_file(tmp_path), tmp_path / "taken"
-    obstacle.touch()
-    ran = station("export", path, "--to", "csv", "--output", obstacle)
-    assert_one_sentence(ran, 1, str(obstacle), "File exists")
+    path = trial_file(tmp_path)
+    obstacle = tmp_path / f"{path.stem}_force.csv"
+    obstacle.mkdir()
+    ran = station("export", path, "--to", "csv", "--output", tmp_path)
+    assert_one_sentence(ran, 1, str(obstacle), "Is a directory")
     assert "Errno" not in ran.err
-    (tmp_path / "folder.osim").mkdir()
-    ran = station("export", "--osim", "--output", tmp_path / "folder.osim")
-    assert_one_sentence(ran, 1, "folder.osim", "Is a directory")
     assert ".draft" not in ran.err
     assert not list(tmp_path.glob(".draft*"))
 

@@ -76,6 +76,8 @@ def test_emg_is_recorded_with_the_gains_of_its_amplifier() -> None:
         ({"bounce": {"mass_kg": -1, "marker": "weight"}}, "bounce.mass_kg is -1"),
         ({"protocol": {"step_masses_kg": [1.5, 0]}}, "protocol.step_masses_kg.1 is 0"),
         ({"sync": {"lag_sd_s": -0.1}}, "sync.lag_sd_s is -0.1"),
+        ({"sync": {"lag_s": float("nan")}}, "sync.lag_s is nan"),
+        ({"load_cell": {"capacity_kg": float("inf")}}, "load_cell.capacity_kg is inf"),
         ({"sync": {"stop_edge": "frame"}}, "sync.stop_edge is 'frame'"),
         ({"sync": {"stop_edge": "end_of_exposure"}}, "no exposure_s is given"),
         ({"daq": {"sample_rate_hz": "fast"}}, "daq.sample_rate_hz is 'fast'"),

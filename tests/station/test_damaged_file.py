@@ -160,3 +160,17 @@ def test_info_of_a_damaged_file_has_no_advice_on_wires(station, recorded: Path, 
     assert ran.code == 3
     assert "damage" in ran.out
     assert not [advice for advice in ADVICE if advice in ran.out]
+
+
+def test_an_export_of_a_damaged_or_cut_file_says_what_is_missing(station, recorded: Path, tmp_path: Path) -> None:
+    starts = chunk_starts(recorded / STATIC)
+    damaged = _flipped(recorded, tmp_path, STATIC, starts[len(starts) // 2] + 200) / STATIC
+    cut = tmp_path / STATIC
+    cut.write_bytes((recorded / STATIC).read_bytes()[: starts[len(starts) * 2 // 3]])
+    for path, reason in ((damaged, "gap in /force"), (cut, "there is no outcome")):
+        ran = station("export", path, "--to", "csv", "--output", tmp_path / "out", "--format", "json")
+        assert ran.code == station("info", path).code == 3
+        reasons = [
+            note["figures"]["reasons"] for note in json.loads(ran.out)["note_codes"] if "reasons" in note["figures"]
+        ]
+        assert len(reasons) == 1 and reason in reasons[0]

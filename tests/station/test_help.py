@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import subprocess
+import sys
 from typing import get_type_hints
 
 import pytest
@@ -23,6 +25,13 @@ def test_a_help_text_is_shown_as_it_is_written(verb: str) -> None:
 
 def test_there_are_units_in_square_brackets() -> None:
     assert "Start time [s]." in _help_texts("id")
+
+
+@pytest.mark.parametrize("module", ["station", "station.cli"])
+def test_the_command_runs_under_both_names_of_its_module(module: str) -> None:
+    command = [sys.executable, "-m", module, "--version"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout  # noqa: S603  (our own)
+    assert shown.startswith("cuffstation ")
 
 
 def _help_texts(verb: str) -> list[str]:

@@ -19,7 +19,7 @@ def test_an_interval_has_two_digits_of_its_half_width() -> None:
 
 @pytest.mark.parametrize("half", [9.4e-7, 0.00012, 0.0996, 0.5, 1.04, 9.96, 43.0, 1234.0])
 def test_the_ends_of_an_interval_never_look_the_same(half: float) -> None:
-    low, high = between((0.9 - half, 0.9 + half)).split(" to ")
+    low, high = between((0.9 - half, 0.9 + half)).replace("−", "-").split(" to ")
     assert float(high) - float(low) == pytest.approx(2 * half, rel=0.06)
 
 
@@ -48,3 +48,9 @@ def test_a_figure_that_is_not_identified_is_marked() -> None:
     assert of_cuff(fit, "damping", "210 ± 240") == "not identified: 210 ± 240"
     assert of_cuff(fit, "stiffness", "8520 ± 20") == "8520 ± 20"
     assert of_cuff(fit, "migration", "not identified") == "not identified"
+
+
+def test_negative_numbers_have_a_minus_sign() -> None:
+    assert bracketed(-2267.0, (-3431.0, -1103.0)) == "−2267 (−3431\u00a0to\u00a0−1103)"
+    assert plus_minus(-2.0, (-4.0, 0.0)) == "−2.0 ± 2.0"
+    assert between((-3.0, -1.0)) == "−3.0 to −1.0"

@@ -10,9 +10,8 @@ import pandas as pd
 import pytest
 
 import cuffstation as cs
-from solver.errors import SolverCode
+from solver.errors import MotionError, SolverCode
 from solver.model import ModelError
-from solver.motion import MotionError
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_in
 

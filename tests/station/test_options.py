@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from importlib.metadata import version
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
+import typer
 
+from station.cli import app
 from tests.station.command import assert_one_sentence
 from tests.station.test_cli import CONFIG, trial_file
 
@@ -33,6 +36,22 @@ def test_a_complete_file_is_its_own_recovery(station, tmp_path: Path) -> None:
     report = json.loads(station("recover", path, "--format", "json").out)
     assert (report["output"], report["lossless"], report["missing"]) == (str(path), True, [])
     assert [file.name for file in tmp_path.glob("*.mcap")] == [path.name]
+
+
+FLOATS = [
+    (verb, option.opts[0])
+    for verb, command in typer.main.get_command(app).commands.items()
+    for option in command.params
+    if "float" in str(get_type_hints(command.callback)[option.name])
+]
+OTHER_FORMS = [("scale", "--body-mass", "nan"), ("ik", "--from", "-inf"), ("id", "--cutoff-hz", "1e999")]
+
+
+@pytest.mark.parametrize(("verb", "option", "value"), [(*option, "inf") for option in FLOATS] + OTHER_FORMS)
+def test_a_number_that_is_not_finite_is_wrong_usage_in_every_verb(station, verb: str, option: str, value: str) -> None:
+    ran = station(verb, option, value)
+    assert ran.code == 2
+    assert f"{option}'" in ran.err and f"finite number, found {value}" in " ".join(ran.err.split())
 
 
 @pytest.mark.parametrize(
@@ -62,6 +81,19 @@ def test_an_unknown_cuff_is_wrong_usage_in_every_verb(
     words = ["none.toml" if word == CONFIG else word for word in words]
     ran = station(*words, *(() if words[0] == "sweep" else ("--cuff", "knee")))
     assert_one_sentence(ran, 2, "knee")
+
+
+@pytest.mark.parametrize("words", [("rmr",), ("id", "--motion", "lift.csv"), ("ik", "--model", "bundled")])
+@pytest.mark.parametrize("output", ["folder.csv", "file/out.csv"])
+def test_an_output_that_cannot_be_a_file_is_wrong_usage_before_anything_is_computed(
+    station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], output: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "file").write_text("")
+    ran = station(*words, "--output", output)
+    assert ran.code == 2
+    assert Path(output).parts[0] in ran.err
 
 
 @pytest.mark.parametrize(("given", "has_glenoid"), [((), True), (("--glenoid",), True), (("--no-glenoid",), False)])

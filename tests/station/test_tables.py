@@ -1,19 +1,23 @@
-"""What a fit prints of a cuff that was pulled in several directions."""
+"""What a fit prints of a cuff that was pulled in several directions, and an assessment of its intervals."""
 
 from __future__ import annotations
 
 import io
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.trial_fit import TrialFit
-from fitting.results.codes import TensorCode, TrialNoteCode, Verdict
+from fitting.results.codes import NoteCode, TensorCode, TrialNoteCode, Verdict
 from fitting.results.rendering import Note
 from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
-from station.tables import print_cuffs
+from solver.suit.assessment import UncertaintySummary
+from solver.suit.uncertainty import DrawnSource
+from station.tables import assessment_table, print_cuffs
+from tests.station.assessment.test_findings import assessment, curve
 
 PLANE = Note(TensorCode.ONE_PLANE, {"quantity": "stiffness", "test": "static", "directions": 3, "missing": "(0, 0, 1)"})
 NO_ROPE = Note(TensorCode.NO_ROPE, {"quantity": "damping", "test": "dynamic"})
@@ -51,3 +55,24 @@ def test_too_few_directions_have_a_reason_and_a_single_direction_has_none() -> N
     refused = Tensors(None, None, PLANE, NO_ROPE)
     assert str(PLANE) in _printed(refused, ANOTHER_LINE)
     assert str(PLANE) not in _printed(refused)
+
+
+def test_a_lag_that_no_bounce_calibrated_is_printed_once_for_all_cuffs() -> None:
+    note = Note(NoteCode.NOT_CALIBRATED, {"lag_s": 0.0, "lag_sd_s": 5e-4, "gain_sd": 0.0})
+    nothing = (None, None, None, (Verdict.NO_STATIC,), np.zeros((3, 3)))
+    fits = {name: {"1": CuffFit(name, "arm", "1", *nothing, notes=(note,))} for name in ("hand", "tube")}
+    console = Console(file=io.StringIO(), width=400)
+    with console.capture() as capture:
+        print_cuffs(SessionFit(fits, ()), console)
+    assert capture.get().count(str(note)) == 1
+
+
+@pytest.mark.parametrize("sources", [(), (DrawnSource.CUFFS,), (DrawnSource.CUFFS, DrawnSource.MOTIONS)])
+def test_the_caption_of_an_assessment_names_what_was_drawn(sources: tuple[DrawnSource, ...]) -> None:
+    summary = UncertaintySummary(50, 20, {}, sources) if sources else None
+    caption = str(assessment_table(assessment(curve("hand", 0.85), uncertainty=summary)).caption or "")
+    assert ("cuffs" in caption, "posture" in caption, "±" in caption) == (
+        DrawnSource.CUFFS in sources,
+        DrawnSource.MOTIONS in sources,
+        bool(sources),
+    )

@@ -84,7 +84,7 @@ def test_the_sync_line_rises_some_seconds_after_both_devices_stream_and_falls_wi
     assert fall - rise == pytest.approx(len(frames) / 100, abs=0.012)
 
 
-def test_force_at_the_edge_and_markers_from_frame_one_tell_the_cuffs_stiffness_while_unloading(
+def test_force_at_the_edge_and_markers_from_frame_one_give_the_stiffness_of_the_cuff_while_unloading(
     trial: list[Item],
 ) -> None:
     t, sync = joined(trial, "/sync")
@@ -174,6 +174,7 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
     assert child.ask({"speed": None})["speed"] is None
     assert child.ask({"speed": 0})["code"] == SimulatorCode.WRONG_VALUE
     assert child.ask({"truth": True})["truth"]["slip_m"]["hand"] == 0.0
+    assert child.ask({"capture": False}) == {"was_running": False, "now": 60.0}
     fault = child.ask({"fault": {"device": "qtm", "fault": "skip_frames", "for_s": 2}})["fault"]
     assert (fault["fault"], fault["for_s"]) == ("skip_frames", 2.0)
     assert child.ask({"fault": {"device": "qtm", "fault": "fire"}})["code"] == SimulatorCode.WRONG_FAULT
@@ -184,7 +185,7 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot stop a process like this")
-def test_a_process_that_stands_still_is_noticed_on_both_wires_and_brought_back(
+def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(
     child: Child, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(0.5))

@@ -36,7 +36,7 @@ def test_it_hangs_at_rest_before_and_after() -> None:
     np.testing.assert_allclose(bounce.tension(still), TEST.mass_kg * g, atol=1e-6)
 
 
-def test_the_bench_bounces_the_weight_when_it_is_told_to() -> None:
+def test_the_bench_bounces_the_weight_on_request() -> None:
     bench = world(bounce={"mass_kg": 2.0}, mocap={"noise_mm": 0.0, "occlusions_per_minute": 0.0})
     bench.select_trial(None, "bounce")
     capture, t = play(bench)

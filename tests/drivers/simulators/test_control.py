@@ -35,7 +35,9 @@ def talking(bench: Bench) -> Iterator[Talker]:
         yield Talker(connection)
 
 
-def test_an_attached_station_moves_the_world_and_is_told_what_was_sent(simulated_bench: Callable[..., Bench]) -> None:
+def test_an_attached_station_advances_the_world_and_receives_the_count_of_sent_bytes(
+    simulated_bench: Callable[..., Bench],
+) -> None:
     bench = simulated_bench(**QUIET)
     with talking(bench) as talker, socket.create_connection(("127.0.0.1", bench.ports["serial"])) as serial:
         serial.settimeout(scaled_timeout(30.0))
@@ -52,7 +54,9 @@ def test_an_attached_station_moves_the_world_and_is_told_what_was_sent(simulated
         assert len(received) == sent
 
 
-def test_a_connection_that_is_lost_detaches_and_the_next_station_goes_on(simulated_bench: Callable[..., Bench]) -> None:
+def test_a_lost_connection_detaches_the_station_and_the_next_one_continues(
+    simulated_bench: Callable[..., Bench],
+) -> None:
     bench = simulated_bench(**QUIET)
     with talking(bench) as talker:
         talker.ask({"attach": "the first"})
@@ -115,7 +119,7 @@ def test_a_station_attaches_once_on_a_connection(simulated_bench: Callable[..., 
         assert talker.ask({"attach": "again"})["code"] == SimulatorCode.ATTACHED
 
 
-def test_a_device_that_owes_an_answer_is_named_until_the_world_goes_on(simulated_bench: Callable[..., Bench]) -> None:
+def test_a_device_with_a_pending_reply_is_named_until_the_world_advances(simulated_bench: Callable[..., Bench]) -> None:
     bench = simulated_bench(**QUIET)
     with talking(bench) as talker:
         talker.ask({"attach": "a test"})

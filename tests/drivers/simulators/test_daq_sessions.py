@@ -44,7 +44,7 @@ def leave_task(server: NiDaqSimulator) -> None:
         start_acquisition(open_task(channel, NAME))
 
 
-def test_a_task_goes_on_when_its_client_is_gone_and_refuses_the_device_to_every_other(
+def test_a_task_continues_without_its_client_and_keeps_the_device_from_others(
     server: NiDaqSimulator, world: StandInWorld
 ) -> None:
     leave_task(server)
@@ -55,7 +55,7 @@ def test_a_task_goes_on_when_its_client_is_gone_and_refuses_the_device_to_every_
     assert server.is_streaming
 
 
-def test_who_knows_the_name_of_a_session_can_attach_to_its_task_and_clear_it(
+def test_a_client_with_the_name_of_a_session_can_attach_to_its_task_and_clear_it(
     server: NiDaqSimulator, world: StandInWorld
 ) -> None:
     leave_task(server)

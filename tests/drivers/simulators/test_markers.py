@@ -58,7 +58,7 @@ def test_the_rope_points_at_its_pulley() -> None:
     assert np.linalg.norm(np.cross(far - near, to_pulley), axis=1).max() < 1e-6
 
 
-def test_sway_along_the_rope_is_what_the_physics_is_told() -> None:
+def test_sway_along_the_rope_is_that_of_the_cuff_physics() -> None:
     bench = Settings()
     wearer = Wearer(bench, np.random.default_rng(3))
     place, _ = wearer.rope(T)
@@ -76,7 +76,7 @@ def test_marker_noise_has_the_configured_size_on_every_axis() -> None:
     assert np.nanstd(noise, axis=(0, 1)) == pytest.approx(np.full(3, 0.2), rel=0.03)
 
 
-def test_markers_are_hidden_now_and_then_the_same_whoever_asks() -> None:
+def test_markers_are_hidden_at_the_same_times_for_every_client() -> None:
     bench = settings_from_dict({"mocap": {"occlusions_per_minute": 3.0}})
     markers = cloud(bench)
     hidden = np.isnan(markers.seen(T, np.zeros_like(T))[..., 0])

@@ -57,7 +57,7 @@ def test_task_read_returns_a_list_per_channel(options: nidaqmx.GrpcSessionOption
     assert np.shape(rest)[0] == 2
 
 
-def test_a_late_read_is_a_time_out_that_says_how_much_came(options: nidaqmx.GrpcSessionOptions) -> None:
+def test_a_late_read_is_a_time_out_with_the_number_of_samples(options: nidaqmx.GrpcSessionOptions) -> None:
     with nidaqmx.Task(grpc_options=options) as task:
         configure(task).start()
         reader = AnalogMultiChannelReader(task.in_stream)

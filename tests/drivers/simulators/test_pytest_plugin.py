@@ -26,7 +26,7 @@ def test_the_package_registers_it() -> None:
     assert plugin.value == "drivers.simulators.pytest_plugin"
 
 
-def test_the_bench_streams_and_suffers_what_it_was_told(simulated_bench: Callable[..., Bench]) -> None:
+def test_the_bench_streams_and_has_the_requested_faults(simulated_bench: Callable[..., Bench]) -> None:
     bench = simulated_bench(
         speed=30,
         faults=[{"device": "qtm", "fault": "skip_frames", "at_s": 1, "for_s": 0.5}],

@@ -63,7 +63,7 @@ async def capture(client: Client, frames: int, component: str = "3dres", which: 
     await client.wait_for(lambda: QRTEvent.EventCaptureStopped in client.events)
 
 
-def test_it_says_who_it_is_as_qtm_words_it() -> None:
+def test_it_identifies_itself_in_the_words_of_qtm() -> None:
     async def ask(client: Client) -> None:
         assert (await client.rt.qtm_version()).startswith(b"QTM Version is ")
         assert await client.rt.byte_order() == b"Byte order is little endian"
@@ -126,7 +126,7 @@ def test_a_client_may_ask_for_fewer_frames(which: str, step: int) -> None:
     assert [packet.framenumber for packet in client.frames] == [1 + step * n for n in range(len(client.frames))]
 
 
-def test_with_a_preview_frames_flow_before_the_capture_and_their_numbers_begin_anew_with_it() -> None:
+def test_with_a_preview_frames_are_sent_before_the_capture_and_their_numbers_restart_with_it() -> None:
     async def watch(client: Client) -> None:
         await client.rt.stream_frames("allframes", ["3d"], client.frames.append)
         await client.wait_for(lambda: len(client.frames) > 200)
@@ -139,7 +139,7 @@ def test_with_a_preview_frames_flow_before_the_capture_and_their_numbers_begin_a
     assert 1 in numbers[200:]
 
 
-def test_a_capture_tells_its_start_its_end_and_that_it_is_saved() -> None:
+def test_a_capture_sends_events_at_its_start_its_end_and_when_it_is_saved() -> None:
     async def whole(client: Client) -> None:
         await capture(client, 10)
         assert await client.rt.save("trial") == b"Measurement saved"
@@ -190,7 +190,7 @@ def test_frames_are_late_when_the_sync_line_rises_early() -> None:
         talk(qtm.port, watch)
 
 
-def test_an_unsaved_measurement_stands_in_the_way_of_a_new_one() -> None:
+def test_an_unsaved_measurement_prevents_a_new_one() -> None:
     async def again(client: Client) -> None:
         await capture(client, 10)
         with pytest.raises(QRTCommandException, match="has not been saved or closed"):

@@ -10,7 +10,7 @@ from drivers.simulators.settings import Settings, settings_from_dict
 from tests.drivers.simulators.refusals import raises_refusal
 
 
-def test_without_anything_said_the_cuffs_are_the_published_ones() -> None:
+def test_by_default_the_cuffs_are_the_published_ones() -> None:
     truth = settings_from_dict({}).cuffs
     assert {name: (c.stiffness_n_per_m, c.damping_n_s_per_m, c.migration_m) for name, c in truth.items()} == {
         "waist": (2140, 124, 0.012),

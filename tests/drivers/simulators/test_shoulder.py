@@ -14,7 +14,7 @@ from tests.drivers.simulators.refusals import raises_refusal
 
 
 @pytest.mark.shared
-def test_its_segments_stand_where_opensim_puts_them() -> None:
+def test_its_segments_are_where_opensim_puts_them() -> None:
     golden = np.load(SHARED / "golden.npz")
     shoulder, names = published_shoulder(), list(golden["coords"])
     coordinates = golden["q"][:, [names.index(name) for name in shoulder.coordinate_names]]

@@ -17,7 +17,7 @@ def test_between_steps_it_is_linear() -> None:
     assert trajectory.at(np.array([0.0, 10.25 * STEP_S, 99 * STEP_S]))[:, 0] == pytest.approx([0.0, 10.25, 99.0])
 
 
-def test_it_forgets_the_oldest_and_answers_with_the_oldest_it_keeps() -> None:
+def test_it_drops_the_oldest_points_and_returns_the_oldest_kept_one() -> None:
     trajectory = Trajectory(kept_s=100 * STEP_S)
     for first in range(0, 1000, 50):
         trajectory.append(rows(first, 50))
@@ -25,7 +25,7 @@ def test_it_forgets_the_oldest_and_answers_with_the_oldest_it_keeps() -> None:
 
 
 @pytest.mark.parametrize("kept_s", [0.1, 10.0])
-def test_while_nobody_looks_it_stays_as_it_is_and_what_was_before_is_still_known(kept_s: float) -> None:
+def test_it_holds_its_last_point_until_the_next_one_and_keeps_earlier_ones(kept_s: float) -> None:
     trajectory = Trajectory(kept_s)
     trajectory.append(rows(0, 10))
     trajectory.hold_until(5000)

@@ -70,7 +70,7 @@ def test_an_inverted_sync_line_is_low_during_the_capture() -> None:
     assert bench.sync_voltage(np.array([capture.start - 1, capture.start + 1])).tolist() == [4.8, 0.2]
 
 
-def test_a_capture_starts_after_everything_the_devices_were_told_already() -> None:
+def test_a_capture_starts_after_all_earlier_requests_to_the_devices() -> None:
     bench = world()
     go_to(bench, 10.0)
     bench.sync_voltage(np.array([10.2]))  # a device whose clock runs ahead a little

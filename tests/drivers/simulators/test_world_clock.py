@@ -62,7 +62,7 @@ def comes_true(claim: Callable[[], bool]) -> bool:
     return claim()
 
 
-def test_without_a_speed_it_stands_still_until_it_is_moved() -> None:
+def test_without_a_speed_it_stops_until_it_is_advanced() -> None:
     clock, device = WorldClock(None), Device()
     clock.follow(device)
     assert clock.advance(1.2) == pytest.approx(1.2)
@@ -71,7 +71,7 @@ def test_without_a_speed_it_stands_still_until_it_is_moved() -> None:
     clock.stop()
 
 
-def test_every_device_has_made_the_step_when_the_station_is_told() -> None:
+def test_every_device_has_made_the_step_when_the_station_receives_the_reply() -> None:
     clock, devices = WorldClock(None), [Device(), Device()]
     for device in devices:
         clock.follow(device)
@@ -116,7 +116,7 @@ def test_the_pace_of_a_station_ends_with_it_and_the_slowest_counts() -> None:
     clock.stop()
 
 
-def test_a_world_that_stood_still_for_long_does_not_hurry_after_the_wall() -> None:
+def test_a_world_that_stopped_for_long_does_not_catch_up_with_wall_time() -> None:
     wall = Wall()
     clock, device = WorldClock(1.0, wall), Device()
     clock.follow(device)
@@ -186,7 +186,7 @@ def test_a_station_that_asks_for_nothing_is_detached_with_a_message(
     clock.stop()
 
 
-def test_whoever_waits_is_told_that_the_world_has_ended() -> None:
+def test_a_waiting_station_receives_the_end_of_the_world() -> None:
     clock = WorldClock(1.0)
     told: list[str] = []
 

@@ -126,7 +126,7 @@ def test_a_stiffness_that_the_diagnosis_calls_wrong_cannot_be_worn(tmp_path: Pat
         read.parameters()
 
 
-def test_the_latest_donning_stands_at_the_top_and_the_others_beside_it() -> None:
+def test_the_latest_donning_is_at_the_top_and_the_others_are_beside_it() -> None:
     cuff = json.loads(cuffs_json(_session(_fit("1"), _fit("2"))))["cuffs"]["hand"]
     assert cuff["donning"] == "2"
     assert list(cuff["donnings"]) == ["1", "2"]

@@ -73,13 +73,13 @@ def test_where_nothing_is_wrong_no_cause_is_named(seed: int) -> None:
     assert _diagnosed(None, seed)[1].causes == ()
 
 
-def test_the_shift_of_a_record_is_told_in_millimetres_and_newtons() -> None:
+def test_the_shift_of_a_record_is_reported_in_millimetres_and_newtons() -> None:
     place = _finding(_diagnosed(CauseCode.DISPLACEMENT_ZERO)[1], FindingCode.START)
     assert place.value == pytest.approx(0.012, abs=1e-4)
     assert place.more["force_n"] == pytest.approx(-102, abs=1)
 
 
-def test_migration_under_held_loads_is_told_from_another_zero() -> None:
+def test_migration_under_held_loads_is_distinguished_from_another_zero() -> None:
     fit = _fitted(Session(published("hand", hold=4.0, duration=12.0), 2))
     assert fit.diagnosis
     place = _finding(fit.diagnosis, FindingCode.START)
@@ -97,7 +97,7 @@ def test_an_offset_leaves_stiffness_and_damping_alone(code: CauseCode) -> None:
 
 
 @pytest.mark.parametrize("gain", [0.95, 1.0, 1.05])
-def test_a_gain_error_is_told_with_its_figure_where_the_weights_are_known(gain: float) -> None:
+def test_a_gain_error_is_reported_with_its_figure_where_the_weights_are_known(gain: float) -> None:
     session = OddSession(Law(), Rig(), 1, Truth(friction=1e9, migration=0.0, duration=12.0, hold=5.0))
     trials = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
     masses = (15 / 9.80665,) * 5
@@ -116,7 +116,7 @@ def test_a_gain_error_is_told_with_its_figure_where_the_weights_are_known(gain: 
     assert blind.verdicts == (Verdict.IDENTIFIED,), "without the weights it cannot be known"
 
 
-def test_a_tare_with_the_weight_on_is_told_though_the_cell_s_zero_is_not_zero() -> None:
+def test_a_tare_with_the_weight_on_is_reported_although_the_cell_s_zero_is_not_zero() -> None:
     truth = Truth(friction=1e9, migration=0.0, duration=14.0, hold=5.0, volt_zero=0.08)
     fit = _fitted(OddSession(Law(), Rig(dynamic_zero=-23.0), 2, truth))
     assert fit.diagnosis

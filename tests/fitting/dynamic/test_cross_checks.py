@@ -42,7 +42,7 @@ def test_a_method_that_is_four_standard_errors_off_is_named_with_both_figures() 
 
 
 @pytest.mark.parametrize(("colour", "is_coloured"), [(0.0, False), (0.05, True), (0.5, True)])
-def test_markers_with_a_memory_are_told_from_white_noise(colour: float, is_coloured: bool) -> None:
+def test_correlated_marker_noise_is_distinguished_from_white_noise(colour: float, is_coloured: bool) -> None:
     found = [_checked(swing(seed, colour=colour))[1].is_coloured for seed in range(8)]
     assert found == [is_coloured] * 8
 

@@ -124,7 +124,7 @@ def test_markers_with_a_memory_make_output_error_the_method() -> None:
     assert fit_damping(_pull()).method == "errors in variables"
 
 
-def test_what_trials_share_is_told_by_cause() -> None:
+def test_common_errors_of_the_trials_are_listed_by_cause() -> None:
     pull = _pull(lag=2e-3)
     fit = fit_damping(replace(pull, trial=replace(pull.trial, gain_sd=0.01, lag=LagUncertainty(0.0, 2e-3, 1e-4))))
     assert math.hypot(*fit.damping.causes.values()) == pytest.approx(fit.damping.common)

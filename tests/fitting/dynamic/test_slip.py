@@ -42,7 +42,7 @@ def test_the_cycles_before_it_settles_are_counted() -> None:
     assert slip.damping < 20
 
 
-def test_slip_without_an_end_is_told_by_the_work_it_takes() -> None:
+def test_slip_without_an_end_is_found_by_its_dissipated_work() -> None:
     slip = _find(0.5e-3 * (time - 2.0))
     assert not slip.settles
     assert slip.damping == pytest.approx(16 * 0.5e-3 / (np.pi * 2 * np.pi * (16 / K) ** 2), rel=0.05)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import gzip
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from fitting.emg.channels import ChannelFinding, bridge_gaps, find_faults
+from fitting.emg.envelope import EnvelopeSettings, emg_envelope
 from fitting.results.codes import FitErrorCode
 from recordings.exchange.exp import read_exp
 from tests.conftest import SHARED
@@ -23,6 +26,10 @@ def faults(channel: np.ndarray) -> tuple[ChannelFinding, ...]:
     return find_faults(channel[:, None], RATE)[0]
 
 
+def envelope(**changes: Any) -> np.ndarray:
+    return emg_envelope(SOUND[:, None], RATE, EnvelopeSettings(**changes))[:, 0]
+
+
 def with_gap(length: int) -> np.ndarray:
     channel = SOUND.copy()
     channel[3000 : 3000 + length] = np.nan
@@ -31,8 +38,8 @@ def with_gap(length: int) -> np.ndarray:
 
 @pytest.mark.parametrize(
     "channel",
-    [SOUND, np.round(SOUND, 2), np.round(SOUND, 1) + 2.5, with_gap(10)],
-    ids=["as it is", "of few levels", "of very few levels, with an offset", "with 10 ms lost"],
+    [SOUND, np.round(SOUND, 2), np.round(SOUND, 1) + 2.5, SOUND - SOUND.min(), with_gap(10)],
+    ids=["as it is", "of few levels", "of very few levels, with an offset", "never negative", "with 10 ms lost"],
 )
 def test_a_sound_channel_has_no_finding(channel: np.ndarray) -> None:
     assert faults(channel) == ()
@@ -45,15 +52,34 @@ def test_a_sound_channel_has_no_finding(channel: np.ndarray) -> None:
         (np.where(TIME < 0.5, 0.0, SOUND), ChannelFinding.FLAT),
         (np.clip(SOUND, -0.7, 0.7), ChannelFinding.CLIPPED),
         (np.clip(np.round(SOUND, 2), -5, 0.7), ChannelFinding.CLIPPED),
+        (np.clip(SOUND - 0.8, -0.5, 0.5), ChannelFinding.CLIPPED),
+        (np.abs(SOUND), ChannelFinding.RECTIFIED),
+        (envelope(), ChannelFinding.RECTIFIED),
+        (envelope(smoothing="rms", window_s=0.05), ChannelFinding.RECTIFIED),
+        (envelope() - 1.01 * envelope().min(), ChannelFinding.RECTIFIED),
         (with_gap(11), ChannelFinding.GAP),
         (np.full(6000, np.nan), ChannelFinding.GAP),
         (SOUND + np.sin(2 * np.pi * 50 * TIME), ChannelFinding.HUM),
         (SOUND + np.sin(2 * np.pi * 180 * TIME), ChannelFinding.HUM),
     ],
-    ids=["constant", "off for 8 %", "clipped", "clipped above", "11 ms lost", "nothing", "50 Hz", "third of 60 Hz"],
+    ids=[
+        "constant",
+        "off for 8 %",
+        "clipped",
+        "clipped above",
+        "its offset is clipped",
+        "rectified",
+        "linear envelope",
+        "RMS",
+        "baseline subtracted",
+        "11 ms lost",
+        "nothing",
+        "50 Hz",
+        "third of 60 Hz",
+    ],
 )
 def test_a_fault_is_named_by_its_code(channel: np.ndarray, finding: ChannelFinding) -> None:
-    assert finding in faults(channel)
+    assert faults(channel) == (finding,)
 
 
 @pytest.mark.parametrize(
@@ -79,3 +105,16 @@ def test_the_public_trial_has_hum_on_the_infraspinatus_alone(tmp_path: Path) -> 
     assert {name: codes for name, codes in zip(read.names, found, strict=True) if codes} == {
         "Infra": (ChannelFinding.HUM,)
     }
+
+
+@pytest.mark.shared
+def test_the_public_channels_have_no_finding_with_an_offset_and_one_when_they_are_rectified(tmp_path: Path) -> None:
+    """Rectified behind a band-pass, as programs of amplifiers export it."""
+    path = tmp_path / "flx01.exp"
+    path.write_bytes(gzip.decompress((SHARED / "markers" / "FLX01_emg.exp.gz").read_bytes()))
+    raw = np.column_stack(list(read_exp(path).signals.values()))
+    band = signal.butter(2, (20.0, 450.0), "bandpass", fs=1000.0, output="sos")
+    rectified = np.abs(signal.sosfiltfilt(band, raw, axis=0))
+    with_offset = find_faults(raw + 2 * np.abs(raw).max(), 1000.0)
+    assert not any(ChannelFinding.RECTIFIED in found for found in with_offset)
+    assert all(ChannelFinding.RECTIFIED in found for found in find_faults(rectified, 1000.0))

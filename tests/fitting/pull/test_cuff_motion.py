@@ -104,7 +104,7 @@ def test_a_hidden_marker_does_not_move_the_body() -> None:
 
 
 @pytest.mark.parametrize(("part", "is_told"), [(0.15, True), (0.02, False)])
-def test_a_cuff_that_turns_with_the_load_is_told(part: float, is_told: bool) -> None:
+def test_a_cuff_that_turns_with_the_load_is_reported(part: float, is_told: bool) -> None:
     """Two markers part by ± 1.5 mm, or ± 0.2 mm, at the highest load; what noise parts without load is no turn."""
     trial = _trial(noise=0.2e-3)
     markers, load = trial.markers.copy(), np.abs(WAY)
@@ -135,7 +135,7 @@ def test_ghosts_are_left_out(label: str) -> None:
     assert np.abs(x - WAY)[seen].max() < 1.5e-3
 
 
-def test_two_markers_that_change_places_are_exchanged_and_told() -> None:
+def test_two_markers_with_exchanged_labels_are_corrected_and_reported() -> None:
     trial = _trial(noise=0.1e-3)
     markers = trial.markers.copy()
     markers[400:700, [0, 2]] = markers[400:700, [2, 0]]

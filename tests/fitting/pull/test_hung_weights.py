@@ -135,7 +135,7 @@ def test_weights_that_were_left_off_are_counted() -> None:
     assert (note.code, note.figures) == (TrialNoteCode.FEW_WEIGHTS, {"count": 2, "total": 3})
 
 
-def test_nothing_is_checked_where_nobody_says_what_was_hung_on() -> None:
+def test_nothing_is_checked_without_known_weights() -> None:
     assert check_steps(_held(), ()) == ()
     assert check_steps(_held((0,)), MASSES) == ()
     (note,) = check_steps(_held((0, 0)), MASSES)

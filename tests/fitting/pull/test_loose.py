@@ -39,12 +39,12 @@ def test_a_marker_that_moves_by_a_millimetre_is_named_with_its_way(count: int, l
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_noise_of_the_cameras_names_nobody(seed: int) -> None:
+def test_noise_of_the_cameras_names_no_marker(seed: int) -> None:
     assert loose_marker(NAMES[:4], PLACES[:4], _seen(seed, 4, None, 0.0)) is None
     assert loose_marker(NAMES[:4], PLACES[:4], _seen(seed, 4, 1, 0.2e-3)) is None
 
 
-def test_of_three_markers_nobody_knows_which_moved() -> None:
+def test_with_three_markers_the_loose_one_is_unknown() -> None:
     assert loose_marker(NAMES[:3], PLACES[:3], _seen(1, 3, 1, 3e-3)) is None
 
 

@@ -75,7 +75,7 @@ def test_of_hundreds_of_steps_none_is_missed_and_none_is_false(rate: float) -> N
         assert np.all(np.abs(np.array(found) - times) < 0.5)
 
 
-def test_steps_that_somebody_knows_replace_those_that_are_found() -> None:
+def test_known_steps_replace_those_that_are_found() -> None:
     time, force = _staircase(1000.0, 1)
     frames = np.arange(0, 36.0, 0.01)
     x = 1e-3 + 1e-6 * np.sin(frames)

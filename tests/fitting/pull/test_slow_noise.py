@@ -53,7 +53,7 @@ def test_creep_within_holds_is_no_noise() -> None:
     assert with_creep == pytest.approx(without, rel=0.5)
 
 
-def test_few_or_short_holds_tell_nothing() -> None:
+def test_few_or_short_holds_do_not_determine_the_noise() -> None:
     assert slow_noise([np.arange(14.0)]) == 0.0
     assert slow_noise([np.arange(5.0)] * 8) == 0.0
     assert slow_noise([np.zeros(14)] * 8) == 0.0

@@ -64,7 +64,7 @@ def test_intervals_of_entries_hold_with_every_run_drawn_anew() -> None:
     assert damping >= 0.85
 
 
-def test_halved_intervals_or_a_rope_shown_elsewhere_would_be_noticed() -> None:
+def test_halved_intervals_or_a_displaced_rope_would_have_too_little_coverage() -> None:
     assert max(_covered(fitted(), part=0.5)) < 0.85
     assert max(_covered(_fitted(rope_error=0.03, runs=4))) < 0.85
 
@@ -91,7 +91,7 @@ def test_eigenvalues_and_axes_lie_in_their_intervals() -> None:
     assert all(max(stiffness.axis_ci95) < 0.02 for _, stiffness, _ in fitted())
 
 
-def test_an_axis_between_equal_eigenvalues_is_not_told() -> None:
+def test_an_axis_between_equal_eigenvalues_is_not_determined() -> None:
     tensor = Tensor(np.diag([1000.0, 1000.0 + 1e-6, 3000.0]), np.eye(6), 1.96, 5)
     assert tensor.axis_ci95[0] == pytest.approx(np.pi / 2)
     assert tensor.axis_ci95[2] < 0.01
@@ -176,7 +176,7 @@ def test_every_direction_has_repeats_of_its_own() -> None:
     assert fit.tensors.stiffness.directions == 3
 
 
-def test_without_rope_markers_trials_that_go_another_way_are_told() -> None:
+def test_without_rope_markers_trials_in_another_direction_are_reported() -> None:
     random = np.random.default_rng(3)
     space = elbow(random)
     trials = []

@@ -105,7 +105,7 @@ def _codes(held: HeldLoads) -> list[NoteCode]:
     return [note.code for note in held_load_notes(held)]
 
 
-def test_a_cuff_that_does_not_creep_is_not_said_to() -> None:
+def test_a_cuff_that_does_not_creep_is_not_classified_as_creeping() -> None:
     for truth in (Held(), SLIPPING):
         for seed in range(20):
             held = _fit(truth, seed)
@@ -115,7 +115,7 @@ def test_a_cuff_that_does_not_creep_is_not_said_to() -> None:
 
 @pytest.mark.parametrize("yielding", [0.3 / 77, 1 / 77, -0.3 / 77])
 @pytest.mark.parametrize("unloads", [False, True])
-def test_a_cuff_that_bends_is_not_said_to_creep_or_slip(yielding: float, unloads: bool) -> None:
+def test_a_cuff_that_bends_is_not_classified_as_creeping_or_slipping(yielding: float, unloads: bool) -> None:
     truth = Held(yielding=yielding, unloads=unloads)
     for seed in range(3):
         reduced = [pull for again in (0, 50) for pull in _reduced(truth, seed + again)[0]]
@@ -137,7 +137,7 @@ def test_what_creep_still_recovers_is_no_migration() -> None:
         assert migration.parts["creep"] > migration.parts["noise"]
 
 
-def test_a_zero_that_drifts_is_measured_taken_out_and_told() -> None:
+def test_a_zero_that_drifts_is_estimated_removed_and_reported() -> None:
     truth = Held(unloads=True, drift=1.5 / 60)
     values, errors = _stiffnesses(truth, 20)
     assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, 20)
@@ -166,7 +166,7 @@ def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool) ->
     assert np.sum(np.square(scores)) < 2 * stats.chi2.ppf(0.9995, 60), "three loads of one fit are not independent"
 
 
-def test_a_tangent_tells_what_the_load_cell_s_scale_leaves_open() -> None:
+def test_the_interval_of_a_tangent_includes_the_gain_of_the_load_cell() -> None:
     law = fit_held_loads(_reduced(Held(unloads=True), 1)[0], 0.01).stiffness.law
     assert law
     tangent = law.tangent(40.0)

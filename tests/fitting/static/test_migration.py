@@ -24,12 +24,12 @@ def test_migration_runs_from_the_first_start_to_the_last_end() -> None:
     assert alone.value == pytest.approx(0.0015)
 
 
-def test_a_trial_that_ends_loaded_tells_no_migration() -> None:
+def test_a_trial_that_ends_loaded_determines_no_migration() -> None:
     assert fit_migration([_trial((2.0, 0.0), (30.0, 0.01), (60.0, 0.02))]) is None
     assert fit_migration([_trial((60.0, 0.01), (2.0, 0.0))]) is None
 
 
-def test_one_held_load_or_none_tells_no_migration() -> None:
+def test_one_held_load_or_none_determines_no_migration() -> None:
     assert fit_migration([_trial((2.0, 0.0))]) is None
     assert fit_migration([[]]) is None
     assert fit_migration([]) is None

@@ -120,7 +120,7 @@ def test_weights_taken_off_all_at_once_leave_two_plateaus_and_a_stiffness() -> N
     assert fit.stiffness.standard_error == pytest.approx(expected, rel=0.02)
 
 
-def test_a_load_that_only_rises_tells_a_stiffness_only_along_a_line() -> None:
+def test_a_load_that_only_rises_determines_a_stiffness_only_along_a_line() -> None:
     straight = fit_stiffness([_held(UP, seed=1)], 0.0)
     assert straight.only_rose
     assert straight.stiffness is not None
@@ -129,7 +129,7 @@ def test_a_load_that_only_rises_tells_a_stiffness_only_along_a_line() -> None:
     assert fit_stiffness([_held(UP[:3])], 0.0).stiffness is None
 
 
-def test_nothing_held_tells_nothing() -> None:
+def test_without_held_loads_nothing_is_determined() -> None:
     assert fit_stiffness([[]], 0.0).stiffness is None
     assert fit_stiffness([], 0.0).stiffness is None
 

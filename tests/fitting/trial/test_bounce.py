@@ -52,7 +52,7 @@ def test_lag_gain_and_zero_come_back_as_closely_as_they_claim(rate: float, lag_r
     assert chi_square[0] > low, "the interval of the lag is no wider than it need be"
 
 
-def test_a_lag_that_is_off_or_an_error_half_as_large_would_be_noticed() -> None:
+def test_a_biased_lag_or_halved_standard_errors_would_fail_the_test() -> None:
     high = stats.chi2.ppf(0.9995, COUNT)
     assert np.sum(_scores(ODD, shifted=0.5e-3)[:, 0] ** 2) > high
     assert np.sum(_scores(ODD, shrunk=0.5)[:, 0] ** 2) > high
@@ -135,7 +135,7 @@ def test_a_gain_that_is_a_mistake_is_named_and_not_used(gain: float, mistake: Ga
     assert calibration.lag.value == pytest.approx(0.0, abs=5e-4)
 
 
-def test_a_cell_that_was_zeroed_with_the_weight_on_is_said_to_be() -> None:
+def test_a_cell_that_was_zeroed_with_the_weight_on_is_reported() -> None:
     fit = fit_bounce(_trial(Bounce(zero=-2.5 * 9.81)))
     assert fit.notes[0].code is TrialNoteCode.BOUNCE_TARED
 

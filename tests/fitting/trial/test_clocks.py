@@ -70,7 +70,7 @@ def test_stamps_that_start_anew_with_the_capture_separate_it_too() -> None:
     assert _capture([811, 812, 1, 2, 3, 901], [50, 51, 0, 1, 2, 54], [-2, -1, 0, 1, 2, 3]) == slice(2, 5)
 
 
-def test_stamps_that_stand_still_leave_the_numbers_alone_to_tell() -> None:
+def test_with_constant_stamps_the_numbers_alone_decide() -> None:
     assert _capture([811, 812, 1, 2, 9, 10], [0] * 6, [-2, -1, 0, 1, 8, 9]) == slice(2, 6)
 
 
@@ -127,7 +127,7 @@ def test_an_edge_that_starts_the_acquisition_is_sample_zero_and_its_fall_is_seen
     assert clock.start == pytest.approx(0.0, abs=1e-9)
 
 
-def test_what_is_not_known_of_time_is_told_in_newtons_and_metres() -> None:
+def test_the_uncertainty_of_time_is_stated_in_newtons_and_metres() -> None:
     clock = fit_clock(SyncEdges(0.0, 3e-4, None), None, END_OF_FRAME)
     errors = clock.errors(20.0, force_rate=75.0, speed=0.01)
     assert errors.time == pytest.approx(np.hypot(3e-4, 1e-3))

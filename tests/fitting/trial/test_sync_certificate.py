@@ -42,7 +42,7 @@ def _certificate(trial: Trial) -> SyncCertificate:
     return trial.sync
 
 
-def test_the_clock_ratio_is_found_within_its_uncertainty_and_told_with_it() -> None:
+def test_the_clock_ratio_is_within_its_stated_uncertainty() -> None:
     found = _certificate(_trial())
     assert found.has_both_edges
     assert found.drift == pytest.approx(80e-6, abs=3 * found.drift_sd)

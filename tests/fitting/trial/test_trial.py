@@ -227,7 +227,7 @@ def test_the_zero_may_drift_by_a_part_of_the_capacity_that_the_configuration_nam
     assert build_trial(wider, drifting, "a.mcap", "hash").zero_drift == pytest.approx(5.64, abs=0.05)
 
 
-def test_a_recording_that_was_cut_tells_nothing_of_the_zero() -> None:
+def test_a_recording_that_was_cut_does_not_determine_the_zero_drift() -> None:
     manifest, tracks = _recorded()
     high = np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)
     whole = build_trial(manifest, tracks, "a.mcap", "hash")

@@ -81,7 +81,7 @@ def test_files_that_are_none_are_refused_in_a_sentence(tmp_path: Path) -> None:
         read_c3d_signals(tmp_path / "silent.c3d", ["force_n"])
 
 
-def test_a_file_whose_points_nobody_labelled_holds_no_markers(file: Path) -> None:
+def test_a_file_without_labels_holds_no_markers(file: Path) -> None:
     def change(c3d: ezc3d.c3d) -> None:
         c3d["parameters"]["POINT"]["LABELS"]["value"] = ["*1", "*2", "*3"]
 
@@ -109,7 +109,9 @@ def test_labels_beyond_the_points_are_of_nothing(tmp_path: Path) -> None:
     assert fewer.labels == ("a", "b")
 
 
-def test_without_the_reader_one_sentence_says_so_and_writing_goes_on(file: Path, tmp_path: Path, monkeypatch) -> None:
+def test_without_the_reader_package_reading_is_refused_and_writing_works(
+    file: Path, tmp_path: Path, monkeypatch
+) -> None:
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     with raises_refusal(RecordingCode.FOREIGN_NEEDS_PACKAGE, "ezc3d"):
         read_c3d_markers(file)
@@ -117,7 +119,17 @@ def test_without_the_reader_one_sentence_says_so_and_writing_goes_on(file: Path,
     assert (tmp_path / "again.c3d").stat().st_size > 2048
 
 
-def test_a_label_that_stands_twice_is_numbered_and_told_of(tmp_path: Path) -> None:
+def test_a_wanted_channel_that_occurs_twice_is_refused(file: Path) -> None:
+    def repeat_the_name(c3d) -> None:
+        c3d["parameters"]["ANALOG"]["LABELS"]["value"] = ["force_n", "force_n"]
+
+    rewritten(file, repeat_the_name)
+    with raises_refusal(RecordingCode.FOREIGN_REPEATED_NAME, "'force_n' twice"):
+        read_c3d_signals(file, ["force_n"])
+    assert read_c3d_signals(file, ["sync_v"]).signals == {}
+
+
+def test_a_label_that_occurs_twice_is_numbered_with_a_note(tmp_path: Path) -> None:
     read = read_c3d_markers(write_raw_c3d(tmp_path / "twice.c3d", ["RTHI", "RKNE", "RTHI"]))
     assert read.labels == ("RTHI#1", "RKNE", "RTHI#2")
     assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)

@@ -45,7 +45,7 @@ def read(folder: Path, text: str, rate: float | None = None, labels: tuple[str, 
         "counter, tabs at ends",
     ],
 )
-def test_titles_tell_time_channels_and_units(
+def test_titles_give_time_channels_and_units(
     tmp_path: Path, text: str, signals: dict[str, list[float]], units: list[str]
 ) -> None:
     found = read(tmp_path, text)
@@ -73,7 +73,7 @@ def test_qtm_s_analog_export_has_its_rate_and_names_in_the_header(tmp_path: Path
     assert {name: values.tolist() for name, values in found.signals.items()} == {"AD": [0.1, 0.3], "MD": [0.2, 0.4]}
 
 
-def test_a_rate_and_labels_that_are_given_stand_in_for_what_the_file_lacks(tmp_path: Path) -> None:
+def test_a_given_rate_and_labels_replace_those_that_the_file_lacks(tmp_path: Path) -> None:
     found = read(tmp_path, "1;2\n3;4\n", 2000.0, ("AD", "MD"))
     assert (found.time_s.tolist(), found.signals["AD"].tolist()) == ([0.0, 0.0005], [1.0, 3.0])
 

@@ -101,6 +101,10 @@ def test_a_record_relative_to_the_glenoid_has_no_body_weight(tmp_path: Path) -> 
         ("\tMarker", "\tTrigger", RecordingCode.FOREIGN_MISSING_COLUMN),
         ("830,5", "unknown", RecordingCode.FOREIGN_NOT_A_NUMBER),
         ("830,5", "-830", RecordingCode.FOREIGN_NOT_A_NUMBER),
+        ("BodyWeight [N]:\t830,5", "BodyWeight [kg]:\t84,6", RecordingCode.FOREIGN_UNIT),
+        ("BodyWeight [N]", "BodyWeight", RecordingCode.FOREIGN_UNIT),
+        ("830,5", "84,6", RecordingCode.FOREIGN_UNIT),
+        ("830,5", "8305", RecordingCode.FOREIGN_UNIT),
         ("[s]\t[N]", "[ms]\t[N]", RecordingCode.FOREIGN_UNIT),
         ("[N]\t[N]\t[N]\t[N]", "[N]\t[N]\t[N]\t[kN]", RecordingCode.FOREIGN_UNIT),
         ("Sets =\t40", "Sets =\t400", RecordingCode.FOREIGN_CUT),
@@ -113,6 +117,16 @@ def test_a_bad_record_is_refused_with_its_code(tmp_path: Path, before: str, afte
     assert before in text
     with raises_refusal(code):
         read_joint_force(written(tmp_path, text.replace(before, after)))
+
+
+def test_a_record_that_was_cut_within_its_last_row_is_refused_with_its_line(tmp_path: Path) -> None:
+    """Between samples without kinematics and empty lines; relative to the glenoid, no count is announced."""
+    time, force, marker = drawn(0)
+    marker[2:6] = 3
+    whole = text_of(time, force, marker).replace("Number of Data Sets", "Samples").rstrip("\n")
+    last = len(whole.splitlines())
+    with raises_refusal(RecordingCode.FOREIGN_NOT_A_NUMBER, naming=f"line {last},"):
+        read_joint_force(written(tmp_path, whole[:-12]))
 
 
 def test_times_that_go_back_and_a_resultant_of_other_components_are_refused(tmp_path: Path) -> None:

@@ -105,7 +105,7 @@ def test_an_export_that_is_none_is_refused_in_a_sentence(
         read_qtm_tsv(export(tmp_path, text))
 
 
-def test_metres_are_metres_where_somebody_says_so(tmp_path: Path) -> None:
+def test_metres_are_read_as_metres_if_the_unit_is_given(tmp_path: Path) -> None:
     read = read_qtm_tsv(export(tmp_path, HEADER, NAMES, lines(ROWS)), "m")
     assert read.positions[0, 0].tolist() == [1500.0, 2000.0, 3000.0]
 
@@ -116,12 +116,12 @@ def test_what_was_written_reads_the_same_to_the_last_bit(tmp_path: Path) -> None
     assert same(read_qtm_tsv(export(tmp_path, text)), walk(first=0.25))
 
 
-def test_a_name_that_stands_twice_is_numbered(tmp_path: Path) -> None:
+def test_a_name_that_occurs_twice_is_numbered(tmp_path: Path) -> None:
     path = tmp_path / "twice.tsv"
     path.write_text(HEADER + "MARKER_NAMES\ta\ta\n" + lines(ROWS))
     read = read_qtm_tsv(path)
     assert read.labels == ("a#1", "a#2")
-    assert "--label a#1=a chooses one" in read.notes[0]
+    assert "import it with --label a#1=a" in read.notes[0]
 
 
 def test_the_header_is_qtm_s_line_by_line(tmp_path: Path) -> None:

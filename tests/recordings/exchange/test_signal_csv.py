@@ -44,6 +44,8 @@ def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) ->
         ("time_s,force_v\n0,1\n,1\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 3"),
         ("time_s,force_v\n0,1\n0,1\n", RecordingCode.FOREIGN_TIME_NOT_RISING, "line 3"),
         ("time_s,force_v\n1,1\n0,1\n", RecordingCode.FOREIGN_TIME_NOT_RISING, "line 3"),
+        ("time_s,force_v,force_v\n0,1,2\n0.1,1,2\n", RecordingCode.FOREIGN_REPEATED_NAME, "'force_v' twice"),
+        ("time_s,force_v,time_s\n0,1,0\n0.1,1,2\n", RecordingCode.FOREIGN_REPEATED_NAME, "'time_s' twice"),
         ("PK\0\0", RecordingCode.FOREIGN_WRONG_TYPE, ""),
     ],
 )
@@ -52,6 +54,11 @@ def test_a_table_that_is_none_is_refused_in_a_sentence(
 ) -> None:
     with raises_refusal(code, naming):
         read_signals(table(tmp_path, text), "time_s", ["force_v"])
+
+
+def test_a_repeated_column_that_is_not_read_is_no_fault(tmp_path: Path) -> None:
+    read = read_signals(table(tmp_path, "time_s,note,force_v,note\n0,a,1,b\n0.1,a,2,b\n"), "time_s", ["force_v"])
+    assert read.signals["force_v"].tolist() == [1.0, 2.0]
 
 
 def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def test_exact_zeros_and_half_a_position_are_missing_markers() -> None:
     assert np.isnan(without_origin(positions)).all(axis=2).tolist() == [[True, False, True]]
 
 
-def test_a_frame_without_time_stands_where_its_number_says() -> None:
+def test_a_frame_without_time_is_placed_by_its_number() -> None:
     assert settle_times(np.array([101.0, 102.0, 104.0]), None, 100.0, "f", 1)[1] == pytest.approx([1.0, 1.01, 1.03])
 
 

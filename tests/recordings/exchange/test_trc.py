@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from recordings.errors import RecordingCode
@@ -25,7 +26,7 @@ def test_what_was_written_reads_the_same_to_the_last_bit(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("unit", "said", "scale"), [("m", "", 1000.0), ("cm", "", 10.0), ("mm", "m", 1000.0)])
-def test_positions_are_in_the_unit_of_the_header_or_in_the_one_that_is_said(
+def test_positions_are_in_the_unit_of_the_header_or_in_the_given_one(
     tmp_path: Path, unit: str, said: str, scale: float
 ) -> None:
     read = read_trc(file(tmp_path, write_trc(walk(), "t").replace("\tmm\t", f"\t{unit}\t")), said)
@@ -53,7 +54,7 @@ def test_a_file_that_is_none_is_refused_in_a_sentence(
 
 
 @pytest.mark.parametrize("announced", [41, 3514, 7])
-def test_a_stale_count_of_frames_is_told_of_and_every_frame_is_read(tmp_path: Path, announced: int) -> None:
+def test_a_wrong_count_of_frames_is_noted_and_every_frame_is_read(tmp_path: Path, announced: int) -> None:
     # as in OpenSim's own bone-pin file, which announces 3514 frames and holds 1991
     text = write_trc(walk(), "t").replace(f"\t{FRAMES}\t3\tmm", f"\t{announced}\t3\tmm", 1)
     read = read_trc(file(tmp_path, text))
@@ -80,6 +81,13 @@ def test_what_c_prints_for_a_number_that_is_none_is_missing(tmp_path: Path, prin
     assert not read.notes or printed in read.notes[0]
 
 
+@pytest.mark.parametrize("lines", [5, 6])
+def test_a_header_without_rows_is_too_short_and_not_of_another_type(lines: int, tmp_path: Path) -> None:
+    text = "\n".join(write_trc(walk(), "t").split("\n")[:lines]) + "\n"
+    with raises_refusal(RecordingCode.FOREIGN_TOO_SHORT, "no row"):
+        read_trc(file(tmp_path, text))
+
+
 def at_origin(*labels: str) -> str:
     positions = walk().positions.copy()
     for label in labels:
@@ -96,6 +104,18 @@ def test_the_only_marker_at_zero_in_every_frame_is_the_origin_where_it_is_tracke
     assert "LShoulderTop, and no other marker, at (0, 0, 0)" in read.notes[0]
     both = read_trc(file(tmp_path, at_origin("LShoulderTop", "LElbowOut")), tracked=["LShoulderTop", "LElbowOut"])
     assert both.missing[:, :2].all() and not both.notes
+
+
+@pytest.mark.parametrize("empty", [np.nan, 0.0])
+def test_frames_without_markers_leave_the_origin_where_it_is(empty: float, tmp_path: Path) -> None:
+    positions = walk().positions.copy()
+    positions[:, 0] = 0.0
+    positions[3:6] = empty
+    path = file(tmp_path, write_trc(replace(walk(), positions=positions), "t"))
+    read = read_trc(path, tracked=[walk().labels[0]])
+    shown = np.delete(np.arange(FRAMES), [3, 4, 5])
+    assert (read.positions[shown, 0] == 0.0).all()
+    assert read.missing[3:6].all()
 
 
 @pytest.mark.shared

@@ -58,7 +58,7 @@ def test_a_cubic_natural_spline_is_the_textbook_one() -> None:
         assert np.allclose(found, textbook(inside, order), atol=1e-12)
 
 
-def test_simm_splines_reproduce_a_cubic_and_go_on_straight() -> None:
+def test_simm_splines_reproduce_a_cubic_and_are_straight_beyond_their_ends() -> None:
     cubic = polynomial([0.1, -0.4, 0.3, 0.2])
     spline = simm_spline(X, cubic.derivatives(X)[0])
     inside, beyond = np.linspace(X[0], X[-1], 40), np.array([-4.0, -3.0, 3.0, 4.0])

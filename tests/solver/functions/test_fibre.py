@@ -36,7 +36,7 @@ def test_the_curves_go_through_the_values_of_opensim() -> None:
         (CURVES.passive_force_length, (1.0, 1.7), (0.0, 1.0), (0.0, 20.0 / 7.0)),
     ],
 )
-def test_beyond_its_ends_a_curve_goes_on_straight(curve, ends, values, slopes) -> None:  # type: ignore[no-untyped-def]
+def test_beyond_its_ends_a_curve_is_straight(curve, ends, values, slopes) -> None:  # type: ignore[no-untyped-def]
     for end, value, slope, outward in zip(ends, values, slopes, (-0.3, 0.3), strict=True):
         assert np.allclose(curve(np.array([end, end + outward])), [value, value + slope * outward], atol=1e-14)
 
@@ -67,7 +67,7 @@ def test_thelens_force_at_speed_is_the_inverse_of_his_speed_at_force() -> None:
     assert np.allclose(THELEN.force_velocity((force - 1.0) / b), force, atol=1e-12)
 
 
-def test_thelens_force_goes_on_straight_beyond_its_end_and_never_pushes() -> None:
+def test_thelens_force_is_straight_beyond_its_end_and_never_negative() -> None:
     x = np.linspace(-2.0, 3.0, 200_001)
     force = THELEN.force_velocity(x)
     assert force.min() == 0.0

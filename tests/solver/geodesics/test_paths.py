@@ -119,7 +119,7 @@ def test_raising_the_arm_in_tiny_steps_no_length_jumps_and_no_moment_arm_either(
     assert np.abs(change - (before.speeds + behind.speeds) / 2).max() < 1e-7
 
 
-def test_frames_do_not_know_of_one_another_and_other_paths_may_be_laid() -> None:
+def test_frames_are_independent_and_other_paths_may_be_evaluated() -> None:
     coordinates = _random_coordinates(MODEL, 6)
     forwards, order = _lengths(MODEL, coordinates), RANDOM.permutation(6)
     assert np.array_equal(forwards[order], _lengths(MODEL, coordinates[order]))

@@ -234,7 +234,7 @@ def test_a_place_that_is_not_a_number_gives_none(surface: WrapSurface) -> None:
     assert np.isnan(lengths_over([surface], [[(np.nan, 0.0, 0.0), (0.1, 0.0, 0.0)]], mode="geodesic")).all()
 
 
-def test_every_piece_of_a_path_is_laid_over_a_surface_in_its_way() -> None:
+def test_every_segment_of_a_path_wraps_over_a_surface_that_it_intersects() -> None:
     left, middle, right = (-0.1, 0.0, 0.0), (0.0, 0.042, 0.0), (0.1, 0.0, 0.0)
     pieces = lengths_over([sphere(RADIUS)], [[left, middle], [middle, right]], mode="geodesic")
     assert (pieces > straight_lengths([[left, middle], [middle, right]])).all()

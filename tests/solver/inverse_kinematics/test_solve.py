@@ -213,7 +213,7 @@ def test_clamped_coordinates_reach_the_optimum_that_scipy_finds() -> None:
 
 
 @MODELS
-def test_a_frame_that_runs_out_of_rounds_says_so(make: Callable[[], Model]) -> None:
+def test_a_frame_at_the_limit_of_rounds_is_not_converged(make: Callable[[], Model]) -> None:
     model = with_markers(make())
     _, observed = noisy(model, 2, 0.02)
     starved = solve_inverse_kinematics(model, observed, tasks_of(model), most_rounds=1)
@@ -221,7 +221,7 @@ def test_a_frame_that_runs_out_of_rounds_says_so(make: Callable[[], Model]) -> N
     assert starved.rounds.tolist() == [1, 1]
 
 
-def test_constraints_that_contradict_each_other_are_told() -> None:
+def test_constraints_that_contradict_each_other_are_refused() -> None:
     model = with_markers(linkage())
     coupler = CoordinateCoupler("coupler", 7, (6,), (polynomial([0.0, 1.0]),))
     locks = (CoordinateLock("one", 6, 0.1), CoordinateLock("two", 7, 0.4))

@@ -87,7 +87,7 @@ def test_row_and_bias_of_a_prescription_give_the_second_rate_of_its_gap() -> Non
     np.testing.assert_allclose(rotate(row, acceleration) + bias, (gaps[2] - 2 * gaps[1] + gaps[0]) / step**2, atol=1e-6)
 
 
-def test_rows_stand_in_the_order_of_the_constraints() -> None:
+def test_rows_are_in_the_order_of_the_constraints() -> None:
     model = replace(LINKAGE, constraints=(COORDINATES["a lock"], POINTS, COORDINATES["a coupling"]))
     state = _moving(model, 0.0)
     rows, bias = constraint_rows(model, state)

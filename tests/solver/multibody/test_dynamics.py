@@ -88,7 +88,7 @@ def test_loads_of_any_layout_meet_the_same_machine_code() -> None:
     assert len(kernel.signatures) == known
 
 
-def test_a_suit_changes_what_is_felt_at_rest_and_nothing_else() -> None:
+def test_loads_of_a_suit_change_accelerations_and_reaction_at_rest_and_nothing_else() -> None:
     paths = evaluate_paths(MODEL, STATE)
     forces = muscle_forces(MODEL, paths.lengths, paths.speeds)
     bare = response_maps(MODEL, STATE, EQUATIONS, paths, forces)

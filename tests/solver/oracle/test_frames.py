@@ -10,7 +10,17 @@ import pytest
 
 from solver.errors import SolverCode
 from solver.osim.reader import read_osim
-from tests.solver.oracle.two_bodies import add_muscle, body, difference, difference_to, given, model_with, opensim, vec3
+from tests.solver.oracle.two_bodies import (
+    add_muscle,
+    body,
+    difference,
+    difference_to,
+    given,
+    model_with,
+    opensim,
+    read_back,
+    vec3,
+)
 from tests.solver.refusals import raises_refusal
 
 pytestmark = pytest.mark.oracle
@@ -67,6 +77,23 @@ def test_bodies_joints_and_constraints_may_be_components_of_the_model(tmp_path: 
     model.finalizeConnections()
     add_muscle(model, "pull", [("ground", (0.0, 0.1, 0.0)), ("ground", (0.2, 0.3, 0.1))])
     assert difference(model, tmp_path).is_nought()
+
+
+def test_joints_may_be_listed_in_any_order(tmp_path: Path) -> None:
+    """The joint of the lower body comes before that of its parent."""
+    model = opensim.Model()
+    model.setName("two_bodies")
+    upper, lower = body("upper"), body("lower")
+    for part in (lower, upper):
+        model.addBody(given(part))
+    places = (vec3(0, -0.3, 0.1), vec3(0.2, 0, 0)), (vec3(0.1, 0, 0), vec3(0, 0.3, 0))
+    model.addJoint(given(opensim.PinJoint("second", upper, *places[0], lower, *places[1])))
+    model.addJoint(given(opensim.GimbalJoint("first", model.getGround(), *places[1], upper, *places[0])))
+    model.finalizeConnections()
+    add_muscle(model, "pull", [("ground", (0.05, 0.1, 0.02)), ("lower", (0.02, -0.2, 0))])
+    ours = read_back(model, tmp_path)
+    assert [joint.name for joint in ours.joints] == ["first", "second"]
+    assert difference_to(model, ours).is_nought()
 
 
 def test_the_last_development_version_has_the_layout_of_opensim_4(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver.motion import read_table
+from solver.time_series_table import read_table
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.inverse_dynamics import solve_inverse_dynamics
 from tests.solver.legs import LEG, PELVIS, Step, step_in, write_motion

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.model import Model
-from solver.motion import decimate, differentiate, write_table
+from solver.motion import decimate, differentiate
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.external_loads import load_wrenches
 from solver.multibody.postures import postures
@@ -23,6 +23,7 @@ from solver.point_mass import with_point_mass
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion import solve_motion
 from solver.redundancy.response_maps import response_maps
+from solver.time_series_table import write_table
 from tests.solver.oracle.two_bodies import model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference
 

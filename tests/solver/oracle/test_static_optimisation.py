@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.motion import read_table
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import RedundancyOptions, static_optimisation
+from solver.time_series_table import read_table
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in

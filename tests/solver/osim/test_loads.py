@@ -9,8 +9,8 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.motion import write_table
 from solver.osim.loads import read_external_loads
+from solver.time_series_table import read_table, write_table
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
@@ -148,3 +148,24 @@ def test_a_fault_in_its_data_is_one_sentence(files: Path) -> None:
     data.unlink()
     with raises_refusal(SolverCode.UNREADABLE_TABLE, naming="handle.mot"):
         read_external_loads(files, MODEL, TIME)
+
+
+@pytest.mark.parametrize("value", [1e300, -1e300, 1.1e9])
+@pytest.mark.parametrize("column", ["handle_vy", "handle_pz"])
+def test_a_load_that_nothing_gives_is_refused_by_its_column(files: Path, value: float, column: str) -> None:
+    data = files.with_suffix(".mot")
+    names, table, _ = read_table(data)
+    table[2, names.index(column)] = value
+    write_table(data, names[1:], table[:, 0], table[:, 1:])
+    with raises_refusal(SolverCode.IMPOSSIBLE_VALUE, naming=f"handle.mot should have {column} below 1e+09"):
+        read_external_loads(files, MODEL, TIME)
+
+
+def test_a_column_that_no_load_uses_and_times_since_1970_may_be_as_large_as_they_are(files: Path) -> None:
+    """A spline through 1e300 would print a warning of NumPy, which is an error of this test."""
+    data, since_1970 = files.with_suffix(".mot"), 1.7e9 + 100 * TIME
+    names, table, _ = read_table(data)
+    spike = np.where(TIME == 0.5, 1e300, 0.0)[:, None]
+    write_table(data, [*names[1:], "emg"], since_1970, np.column_stack([table[:, 1:], spike]))
+    (load,) = read_external_loads(files, MODEL, since_1970)
+    np.testing.assert_allclose(load.force[:, 0], TIME, atol=1e-6)

@@ -53,7 +53,7 @@ def test_a_file_that_does_not_fit_the_model_is_refused_with_its_line(
         read_marker_set(path, MODEL)
 
 
-def test_tasks_may_stand_in_a_file_of_their_own(tmp_path: Path) -> None:
+def test_tasks_may_be_in_a_file_of_their_own(tmp_path: Path) -> None:
     task = "<IKMarkerTask name='C7'><apply>true</apply><weight>2</weight></IKMarkerTask>"
     tasks = f"<OpenSimDocument><IKTaskSet><objects>{task}</objects></IKTaskSet></OpenSimDocument>"
     (tmp_path / "tasks.xml").write_text(tasks, encoding="utf-8")

@@ -39,7 +39,7 @@ def divided(tmp_path: Path) -> Path:
     return divided
 
 
-def test_a_model_has_the_muscles_that_stand_in_another_file(divided: Path) -> None:
+def test_a_model_has_the_muscles_of_a_file_that_it_names(divided: Path) -> None:
     ours, whole = read_osim(divided), read_osim(LEG)
     assert ours.muscle_names == whole.muscle_names != ()
     first, expected = ours.muscles[0].path.points[0], whole.muscles[0].path.points[0]
@@ -54,7 +54,7 @@ def test_opensim_has_the_same_muscles(divided: Path) -> None:
     assert tuple(muscle.getName() for muscle in model.getMuscleList()) == read_osim(divided).muscle_names
 
 
-def test_measurements_of_scaling_may_stand_in_another_file(tmp_path: Path) -> None:
+def test_measurements_of_scaling_may_be_in_another_file(tmp_path: Path) -> None:
     pair = "<MarkerPairSet><objects><MarkerPair><markers>hip knee</markers></MarkerPair></objects></MarkerPairSet>"
     scale = "<BodyScaleSet><objects><BodyScale name='thigh'><axes>Y</axes></BodyScale></objects></BodyScaleSet>"
     measurement = f"<Measurement name='length'><apply>true</apply>{pair}{scale}</Measurement>"

@@ -145,7 +145,7 @@ def test_a_comment_within_a_comment_keeps_the_lines(file: Path) -> None:
     assert _read(file, DOOR.replace("<mass>20<", "<!--\n<!-- kg --><mass>20<")).bodies[1].mass == 20.0
 
 
-def test_an_ampersand_stands_for_itself_and_comments_stay_as_they_are(tmp_path: Path) -> None:
+def test_an_ampersand_is_read_as_itself_and_comments_are_unchanged(tmp_path: Path) -> None:
     # OpenSim reads such credits, and public models have them
     authors = "<credits>Lenhart & Thelen, &lt;2015&gt; &#38;</credits>"
     text = DOOR.replace('<Model name="door">', f'<Model name="door"><!-- a & b -->{authors}')

@@ -107,7 +107,7 @@ def test_the_centre_lies_below_the_acromion_of_a_modelled_girdle() -> None:
         glenohumeral_centre_below_acromion({**landmarks, "AC": centre}, ("AC", "left"))
 
 
-def test_a_marker_set_without_a_scapula_is_told() -> None:
+def test_a_marker_set_without_a_scapula_is_reported() -> None:
     """A sports set: chest, spine, shoulder top (on the clavicle), arm, elbow, wrist."""
     assert check_coverage(MODEL, MARKERS) == ()
     by_body = {MODEL.bodies[marker.body].name: marker for marker in MARKERS}

@@ -88,7 +88,7 @@ def test_a_load_is_a_body_of_its_own_that_opensim_files_keep(tmp_path: Path) -> 
 
 
 @pytest.mark.shared
-def test_a_dumb_bell_inside_the_hand_of_a_published_model_is_noticed() -> None:
+def test_a_dumb_bell_inside_the_hand_of_a_published_model_is_found() -> None:
     """2.4 kg of the 2.87 kg; the model without the dumb-bell has no such ratio."""
     ratios = mass_ratios(read_osim(SHARED / "subject" / "generic.osim"))
     assert ratios["hand"] == pytest.approx(6.85, abs=0.05)

@@ -77,7 +77,7 @@ def test_random_problems_agree_with_an_independent_solver(seed):
     assert weights @ solution.x[0] ** 2 == pytest.approx(peer.fun, rel=1e-5)
 
 
-def test_a_solver_that_only_claims_success_is_not_believed(monkeypatch):
+def test_a_claimed_success_with_large_residuals_is_not_accepted(monkeypatch):
     liar = SimpleNamespace(
         update=lambda **_: None, solve=lambda: SimpleNamespace(x=[0.4] * 3, z=[1.0] * 7, status="Solved")
     )

@@ -81,7 +81,7 @@ def test_the_cone_makes_muscles_share_otherwise():
     assert held.cone_slack[0, 0] == pytest.approx(0, abs=1e-2)
 
 
-def test_where_only_the_rate_forbids_it_the_frame_is_solved_and_says_so():
+def test_a_frame_beyond_the_activation_rate_alone_is_solved_with_that_outcome():
     # the cone turns by a right angle between two frames: muscle 1 cannot let go within a millisecond
     problem = two_muscles([[3.0, 3.0], [1.0, 1.0]], interval=0.001, cone=CONE_ALONG_X)
     solution = solve_redundancy(replace(problem, cone=np.stack([CONE_ALONG_X, CONE_ALONG_Y])))
@@ -186,7 +186,7 @@ def test_a_weight_by_name_is_that_of_the_muscle_or_of_the_coordinates_actuator()
     assert sorted(set(weights)) == [0.0, 1.0, 3.0, 7.0, 10.0]
 
 
-def test_a_weight_of_nobody_or_below_zero_is_refused():
+def test_a_weight_without_a_muscle_or_below_zero_is_refused():
     mechanics = evaluate_motion(MODEL, decimate(SLOW, 10))
     with raises_refusal(SolverCode.UNKNOWN_NAME, naming="biceps_of_nobody"):
         build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"biceps_of_nobody": 1.0}))

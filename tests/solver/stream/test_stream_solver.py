@@ -37,7 +37,7 @@ def test_the_same_input_gives_the_same_output_to_the_bit() -> None:
     assert one == other
 
 
-def test_a_time_that_is_not_later_is_refused_and_the_stream_goes_on() -> None:
+def test_a_time_that_is_not_later_is_refused_and_the_stream_continues() -> None:
     live, given = solver({}), []
     for k, positions in enumerate(seen()[:SHORT]):
         given += live.push(k * INTERVAL, positions)

@@ -115,7 +115,7 @@ def without_glenoid(model: Model) -> Model:
     return replace(model, markers=tuple(markers))
 
 
-def test_a_model_without_a_glenoid_is_solved_without_its_cone_and_says_so() -> None:
+def test_a_model_without_a_glenoid_is_solved_without_its_cone_with_a_finding() -> None:
     model = without_glenoid(MODEL)
     live = StreamSolver(model, TASKS, {"bare": None})
     assert live.notices == {StreamNotice.NO_GLENOID_CONE}

@@ -165,7 +165,7 @@ def test_the_same_draws_give_the_same_intervals(assessment):
     assert [found.figures for found in again.curves] == [found.figures for found in assessment.curves]
 
 
-def test_thinned_the_same_way_the_draws_differ_by_interpolation_only(assessment):
+def test_on_the_same_frames_the_draws_differ_by_interpolation_only(assessment):
     assert assessment.uncertainty.draws == DRAWS
     assert max(assessment.uncertainty.largest_difference.values()) < 5e-3
 

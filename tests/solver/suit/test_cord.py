@@ -10,7 +10,7 @@ from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.multibody.postures import postures
-from solver.suit.cord import CordLine, cord_line, suit_forces, with_migration
+from solver.suit.cord import CordLine, cord_line, ensure_possible, suit_forces, with_migration
 from solver.suit.suit import read_suit
 from tests.solver.refusals import raises_refusal
 
@@ -200,6 +200,14 @@ def test_the_cords_points_ride_on_their_bodies():
 def test_a_cuff_that_is_no_spring_is_refused(line, broken):
     with raises_refusal(SolverCode.WRONG_CUFF, naming="hand"):
         suit_forces(SUIT, line, REST_LENGTHS, (WAIST, replace(ARM, **broken)), yields=True)
+
+
+def test_a_cuff_that_gives_energy_is_refused_but_draws_about_a_small_damping_are_not(line):
+    ensure_possible(replace(ARM, damping=0.0, migration=-0.01))
+    giving = replace(ARM, damping=-1.0)
+    with raises_refusal(SolverCode.WRONG_CUFF, naming="-1 N s/m"):
+        ensure_possible(giving)
+    assert np.isfinite(suit_forces(SUIT, line, REST_LENGTHS, (WAIST, giving), yields=True).tension).all()
 
 
 def test_forces_in_every_second_frame_are_those_of_all_frames(line):

@@ -60,7 +60,7 @@ def test_a_freed_point_moves_by_five_centimetres_at_most():
     np.testing.assert_array_equal(freed.waist.location, SUIT.waist.location)
 
 
-def test_a_search_that_ends_at_its_limit_says_so(rest_length_only):
+def test_a_search_that_ends_at_a_bound_reports_it(rest_length_only):
     assert rest_length_only.fitted.at_limit == ()
     narrow = replace(SUIT, rest_lengths=np.linspace(0.6, 0.68, 5), reference_rest_length=0.66)
     stopped = optimise_suit(LoadedMotion(MODEL, MOTION), narrow, (WAIST, HAND), "rigid", draws=UNDRAWN)
@@ -84,7 +84,7 @@ def test_the_robust_optimum_is_the_better_one_on_average():
     assert both.robust.suit.reference_rest_length != both.fitted.suit.reference_rest_length
 
 
-def test_a_search_that_is_starved_of_tries_says_so(rest_length_only, monkeypatch):
+def test_a_search_at_its_limit_of_evaluations_reports_it(rest_length_only, monkeypatch):
     assert rest_length_only.fitted.outcome is SearchOutcome.CONVERGED
     monkeypatch.setattr("solver.suit.optimise.TRIES_PER_FREEDOM", 2)
     starved = found()

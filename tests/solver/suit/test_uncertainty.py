@@ -5,7 +5,7 @@ import pytest
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
-from solver.suit.uncertainty import DrawSettings, draw_cuff
+from solver.suit.uncertainty import DrawnSource, DrawSettings, draw_cuff
 from tests.solver.refusals import raises_refusal
 
 COVARIANCE = np.array([[200.0**2, 0.6 * 200 * 15, 0.0], [0.6 * 200 * 15, 15.0**2, 0.0], [0.0, 0.0, 0.001**2]])
@@ -39,7 +39,7 @@ def test_a_draw_that_would_be_no_spring_is_drawn_again():
     assert (found[:, 1:] == [1.0, 0.0]).all()
 
 
-def test_draws_that_are_starved_of_tries_are_refused(monkeypatch):
+def test_draws_that_exceed_the_limit_of_tries_are_refused(monkeypatch):
     monkeypatch.setattr("solver.suit.uncertainty.MOST_TRIES", 1)
     with raises_refusal(SolverCode.STIFFNESS_NOT_DRAWN, naming="soft"):
         drawn(CuffParameters("soft", "arm", 100.0, 1.0, 0.0, np.diag([150.0**2, 0.0, 0.0])), 500)
@@ -54,3 +54,18 @@ def test_a_short_motion_keeps_thirty_frames_for_the_draws(frames, apart):
 def test_a_cuff_that_is_given_does_not_vary():
     given = CuffParameters("given", "arm", 100.0, 1.0, 0.01)
     assert (drawn(given, 5) == [100.0, 1.0, 0.01]).all()
+
+
+@pytest.mark.parametrize(
+    ("count", "motions", "covariance", "sources"),
+    [
+        (9, 0, COVARIANCE, (DrawnSource.CUFFS,)),
+        (9, 3, COVARIANCE, (DrawnSource.CUFFS, DrawnSource.MOTIONS)),
+        (9, 3, np.zeros((3, 3)), (DrawnSource.MOTIONS,)),
+        (9, 0, np.zeros((3, 3)), ()),
+        (0, 3, COVARIANCE, ()),
+    ],
+)
+def test_what_is_drawn_follows_from_motions_and_the_covariance_of_the_cuffs(count, motions, covariance, sources):
+    cuff = CuffParameters("hand", "arm", 8520.0, 210.0, 0.012, covariance)
+    assert DrawSettings(count, motions=[None] * motions).sources([cuff]) == sources

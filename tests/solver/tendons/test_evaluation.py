@@ -136,7 +136,7 @@ def test_a_stiff_tendon_comes_near_a_rigid_one() -> None:
     assert np.mean(errors[1]) < 0.3 * np.mean(errors[0])
 
 
-def test_a_slack_tendon_bears_nothing() -> None:
+def test_a_slack_tendon_has_no_force() -> None:
     lengths, speeds, activations = course(BUNDLED)
     short = 0.3 * column(BUNDLED, "tendon_slack_length")
     lengths[:, elastic_muscles(BUNDLED)] = short

@@ -8,10 +8,12 @@ import pytest
 import solver.uncertainty.people
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
+from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion, prepare_suited_motion
 from solver.suit.suit import read_suit
@@ -47,6 +49,7 @@ def of_muscles(model, name):
     return np.array([getattr(muscle, name) for muscle in model.muscles])
 
 
+LIMITS = {"min_control": -0.1, "max_control": 0.1}
 FIBERS = of_muscles(MODEL, "optimal_fiber_length")
 
 
@@ -108,11 +111,19 @@ def test_an_optimum_outside_the_rest_lengths_is_sought_further(people):
 
 
 def test_a_person_without_a_solution_is_unknown_and_the_others_are_not(people):
-    scores = np.zeros((2, SCORES.shape[1]))
+    scores = np.zeros((3, SCORES.shape[1]))
     scores[1, columns_of(CASE.factors, ("donning.hand",))] = 20.0  # migrates beyond the shoulder point
-    found = solve_people(CASE, scores, workers=1)["both", "hand"]
-    assert found.at_reference[0] == people["both", "hand"].at_reference[0]
-    assert np.isnan(found.at_reference[1]) and np.isnan(found.reduction[1]).all()
+    scores[2, columns_of(CASE.factors, ("strength",))] = -20.0  # a fiftieth of the force, also with a slack cord
+    shoulder = MODEL.coordinate_index("shoulder_elv")
+    limited = (replace(one, **LIMITS) if one.coordinate == shoulder else one for one in MODEL.actuators)
+    model = replace(MODEL, actuators=tuple(limited))
+    everyone = solve_people(replace(CASE, motion=LoadedMotion(model, MOTION)), scores, workers=1)
+    found = everyone["both", "hand"]
+    assert found.at_reference[0] == pytest.approx(people["both", "hand"].at_reference[0], abs=1e-6)
+    assert np.isnan(found.at_reference[1:]).all() and np.isnan(found.reduction[1]).all()
+    for reading in everyone.values():
+        outcomes = [FrameOutcome.SOLVED, SolverCode.CUFF_BEYOND_SHOULDER, FrameOutcome.INFEASIBLE]
+        assert reading.outcome.tolist() == outcomes
 
 
 def test_a_drawn_cuff_has_the_covariance_of_the_fit_and_the_spread_of_donnings():

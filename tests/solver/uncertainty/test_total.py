@@ -52,8 +52,9 @@ def test_the_band_is_of_the_people_about_the_curve_of_the_assessment_where_enoug
 
 
 def test_one_cuff_alone_is_no_choice_and_too_many_unknown_people_leave_no_interval(assessment, people):  # noqa: F811
+    numbers = [field.name for field in fields(CurveReadouts) if field.name != "outcome"]
     unknown = {
-        place: CurveReadouts(**{f.name: np.where([1, 1, 0, 0], getattr(r, f.name).T, np.nan).T for f in fields(r)})
+        place: replace(r, **{name: np.where([1, 1, 0, 0], getattr(r, name).T, np.nan).T for name in numbers})
         for place, r in people.items()
     }
     assert total_uncertainty(assessment, people, EVERY, DecisionRule()).decisions["at_best"].outcome == "only_cuff"
@@ -61,6 +62,21 @@ def test_one_cuff_alone_is_no_choice_and_too_many_unknown_people_leave_no_interv
     assert total.decisions["at_reference"].outcome is DecisionOutcome.UNKNOWN
     assert total.figures["both", "hand"]["at_reference"].ci95 is None
     assert total.solved == 1
+
+
+def test_people_without_an_effort_are_counted_once_by_their_outcome(assessment, people):  # noqa: F811
+    unknown = {("rigid", None): [1], ("shift", "hand"): [1, 2, 3], ("both", "hand"): [2]}
+    outcomes = {1: "infeasible", 2: "not_converged", 3: "infeasible"}
+    found = dict(people)
+    for place, persons in unknown.items():
+        effort, outcome = people[place].at_reference.copy(), people[place].outcome.astype("U20")
+        effort[persons] = np.nan
+        outcome[persons] = [outcomes[person] for person in persons]
+        found[place] = replace(people[place], at_reference=effort, outcome=outcome)
+    total = total_uncertainty(assessment, found, EVERY, DecisionRule())
+    assert list(total.unsolved.items()) == [("infeasible", 2), ("not_converged", 1)]
+    assert total.solved == total.people - sum(total.unsolved.values()) == 0
+    assert total_uncertainty(assessment, people, EVERY, DecisionRule()).unsolved == {}
 
 
 def test_rest_lengths_of_people_are_around_the_optimum_or_all():

@@ -25,7 +25,7 @@ def test_the_order_of_two_separate_surfaces_matters_only_by_what_is_left_unsettl
     assert lengths_over([left, right], LINE)[0] == pytest.approx(lengths_over([right, left], LINE)[0], abs=5e-4)
 
 
-def test_a_path_is_not_laid_over_a_surface_between_the_tangent_points_of_another() -> None:
+def test_a_path_does_not_wrap_over_a_surface_between_the_tangent_points_of_another() -> None:
     """The small sphere lies within the large one: the piece over the large one is left alone."""
     large, small = sphere(0.05), sphere(0.01)
     assert lengths_over([large, small], LINE)[0] == lengths_over([large], LINE)[0]

@@ -14,15 +14,24 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from solver.errors import SolverCode
 from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessment
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
-from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
+from station.assessment.assessment_inputs import (
+    AssessmentInputs,
+    InputError,
+    cuff_findings,
+    read_cuffs_to_wear,
+    wearable,
+    worn_cuffs,
+)
 from station.assessment.emg import EmgError, read_emg
 from station.messages.assessment_file_codes import AssessmentFileCode
 from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
 from station.report.page import write_report
+from tests.solver import refusals as solver_refusals
 from tests.station.loads import write_weight
 from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
@@ -84,7 +93,7 @@ def numbers_in(plain: Any, where: str = "") -> Iterator[tuple[str, Any]]:
         yield where, plain
 
 
-def test_every_number_is_a_value_with_its_interval_counts_too(plain: dict[str, Any]) -> None:
+def test_every_number_is_an_entry_with_value_and_interval(plain: dict[str, Any]) -> None:
     assert list(numbers_in(plain)) == []
     assert plain["frames"]["value"] > 1
 
@@ -100,9 +109,7 @@ def test_the_tables_are_by_cuff_and_condition(plain: dict[str, Any]) -> None:
     assert plain["at_rigid_optimum"]["rigid"]["ci95"] is None
 
 
-def test_the_cuffs_that_were_worn_stand_in_the_report_with_their_intervals(
-    plain: dict[str, Any], folder: Path, tmp_path: Path
-) -> None:
+def test_the_report_lists_the_cuffs_with_their_intervals(plain: dict[str, Any], folder: Path, tmp_path: Path) -> None:
     low, high = plain["cuffs"]["hand"]["stiffness_n_per_m"]["ci95"]
     assert (plain["cuffs"]["waist"]["site"], low) == ("waist", pytest.approx(8520 * (1 - 0.03 * 1.96), rel=1e-3))
     shutil.copy(folder / "assessment.json", tmp_path)  # without the cuffs.json beside it
@@ -110,7 +117,7 @@ def test_the_cuffs_that_were_worn_stand_in_the_report_with_their_intervals(
     assert figure in write_report(tmp_path).read_text(encoding="utf-8")
 
 
-def test_what_went_in_is_named_with_its_hash_and_the_versions(plain: dict[str, Any]) -> None:
+def test_the_inputs_are_listed_with_their_hashes_and_the_versions(plain: dict[str, Any]) -> None:
     for role, name in (("cuffs", "cuffs.json"), ("suit", "suit.toml"), ("emg", "emg.csv")):
         found, digest = plain["inputs"][role].split(" ")
         assert (found, len(digest)) == (name, 64)
@@ -164,13 +171,50 @@ def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder:
         worn_cuffs(cuffs, ("knee", "hand"))
 
 
-def test_no_cuff_may_be_called_what_the_tables_call_the_rigid_suit(folder: Path) -> None:
+def test_a_cuff_with_the_reserved_name_of_the_rigid_suit_is_refused(folder: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
     with raises_refusal(InputError, InputCode.CUFF_NAMED_RIGID):
         worn_cuffs({"rigid": replace(cuffs["hand"], name="rigid")}, ())
 
 
-def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("key", "value", "is_refused"),
+    [
+        ("stiffness_n_per_m", -8520, True),
+        ("stiffness_n_per_m", 0, True),
+        ("damping_n_s_per_m", -210, True),
+        ("damping_n_s_per_m", 0, False),
+        ("migration_m", -0.012, False),
+    ],
+)
+def test_a_cuff_that_gives_energy_is_refused_before_anything_is_solved(
+    tmp_path: Path, key: str, value: float, is_refused: bool
+) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", **{key: value}))
+    with solver_refusals.raises_refusal(SolverCode.WRONG_CUFF, "hand") if is_refused else nullcontext():
+        assert len(worn_cuffs(cuffs, ("hand",))) == 2
+    _, left_out = wearable(cuffs)
+    assert list(left_out) == ["hand"] * is_refused
+
+
+@pytest.mark.parametrize(
+    ("migration", "is_named"),
+    [
+        (-0.012, True),
+        ({"value": -0.012, "ci95": [-0.013, -0.011]}, True),
+        ({"value": -0.001, "ci95": [-0.003, 0.001]}, False),
+        (0.012, False),
+        (0.0, False),
+    ],
+)
+def test_a_cuff_that_migrated_against_the_pull_is_a_finding(tmp_path: Path, migration: Any, is_named: bool) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", migration_m=migration))
+    found = cuff_findings(cuffs.values())
+    assert [finding.code for finding in found] == [AssessmentCode.NEGATIVE_MIGRATION] * is_named
+    assert not is_named or found[0].figures == {"cuff": "hand", "migration_mm": -12.0}
+
+
+def test_the_draws_of_a_cuff_are_as_wide_as_its_intervals(tmp_path: Path) -> None:
     # three repeats that differ: Student's 4.3 standard errors either way, where the covariance alone would say 1.96
     stiffness = {"value": 8520, "standard_error": 100, "ci95": [8090, 8950], "parts": {"between_repeats": 100}}
     covariance = [[100.0**2, 300.0, 0.0], [300.0, 6.0**2, 0.0], [0.0, 0.0, 0.0]]
@@ -210,7 +254,7 @@ def test_a_spring_and_damper_that_slips_is_worn(tmp_path: Path, chosen: str) -> 
     assert set(read_cuffs_to_wear(path)) == {"waist", "hand", "elbow"}
 
 
-def test_a_cuff_of_a_richer_law_that_is_not_chosen_stands_in_nobodys_way(tmp_path: Path) -> None:
+def test_a_cuff_of_a_richer_law_that_is_not_chosen_does_not_prevent_an_assessment(tmp_path: Path) -> None:
     path = write_cuffs(tmp_path / "cuffs.json", law="tensor")
     assert [cuff.name for cuff in worn_cuffs(read_cuffs_to_wear(path, ("elbow",)), ("elbow",))] == ["waist", "elbow"]
 
@@ -233,7 +277,7 @@ def test_a_cuff_in_three_dimensions_is_refused(tmp_path: Path) -> None:
             assert len(worn_cuffs(cuffs, ())) == 3
 
 
-def test_a_load_from_outside_bears_on_every_scenario(tmp_path: Path) -> None:
+def test_an_external_load_acts_in_every_scenario(tmp_path: Path) -> None:
     write_weight(tmp_path / "weight.xml", 2.0)
     free = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
     loaded = replace(free, external_loads=tmp_path / "weight.xml")

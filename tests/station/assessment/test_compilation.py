@@ -9,17 +9,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+import typer
 
+from solver import compiled
 from solver.compile_ahead import KERNELS, LAST_FIRST
-from station.assessment.compilation import FIRST_USE, CompilationAhead, compilation_shown
+from station.assessment.compilation import FIRST_USE, CompilationAhead, compilation_beside, compilation_shown
 from station.progress import silent
 
 Shown = list[tuple[str, int, int]]
+COMMAND = typer.main.get_command(typer.Typer(callback=lambda: None))
 
 
 @contextmanager
 def _ahead(program: str, shown: Shown) -> Iterator[CompilationAhead]:
     with CompilationAhead((sys.executable, "-c", program)) as ahead:
+        ahead.ensure_started()
         ahead.show(lambda *count: shown.append(count))
         yield ahead
 
@@ -49,11 +53,12 @@ def test_a_compilation_that_fails_is_not_complete_and_no_error() -> None:
     with _ahead(_printing(3), []) as ahead:
         assert not ahead.wait()
     with CompilationAhead(("a-program-that-there-is-not",)) as ahead:
+        ahead.ensure_started()
         ahead.show(silent)
         assert not ahead.wait()
 
 
-def test_what_is_no_count_is_not_believed() -> None:
+def test_a_line_that_is_not_a_count_is_ignored() -> None:
     with _ahead("print('hello')", []) as ahead:
         assert not ahead.wait()
 
@@ -79,9 +84,28 @@ def test_the_second_process_ends_with_the_station(started: list[subprocess.Popen
     assert child.returncode is not None
 
 
-def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_start(capsys, started) -> None:
+def test_on_the_first_use_the_second_process_starts_at_once_and_only_once(tmp_path, monkeypatch, started) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    with typer.Context(COMMAND) as context:
+        beside = compilation_beside(context)
+        (second,) = started
+        assert second.args[-1] == LAST_FIRST
+        beside.ensure_started()
+        assert started == [second]
+    assert second.returncode is not None
+
+
+def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_start(
+    tmp_path, monkeypatch, capsys, started
+) -> None:
+    (tmp_path / "multibody_1").mkdir()
+    (tmp_path / "multibody_1" / "bodies.move_bodies-30.py311.nbi").touch()  # an older version of the kernel
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     shown: Shown = []
-    with compilation_shown(lambda *count: shown.append(count)):
+    with (
+        typer.Context(COMMAND) as context,
+        compilation_shown(lambda *count: shown.append(count), compilation_beside(context)),
+    ):
         assert not started
         assert capsys.readouterr().err == ""
         logging.getLogger("solver.compiled").warning("compiling %s", "a kernel")
@@ -99,6 +123,16 @@ def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_sta
 
 def test_where_nothing_is_compiled_there_is_no_stage() -> None:
     shown: Shown = []
-    with compilation_shown(lambda *count: shown.append(count)):
+    with compilation_shown(lambda *count: shown.append(count), CompilationAhead()):
         pass
     assert shown == []
+
+
+def test_where_code_cannot_be_kept_no_second_process_compiles(monkeypatch, capsys, started) -> None:
+    monkeypatch.setattr(compiled._NoCache, "is_reported", True)
+    shown: Shown = []
+    with CompilationAhead() as beside, compilation_shown(lambda *count: shown.append(count), beside):
+        logging.getLogger("solver.compiled").warning("compiling %s", "a kernel")
+    assert len(shown) == 2
+    assert not started
+    assert capsys.readouterr().err == ""

@@ -123,7 +123,7 @@ def test_the_verb_prints_the_path_and_needs_one(station, tmp_path: Path) -> None
     ran = station("export", "--osim", "--output", output, "--rest-length-m", "0.7")
     assert (ran.code, ran.out.strip()) == (0, str(output))
     assert output.is_file()
-    assert_one_sentence(station("export", "--osim"), 2, "needs --output")
+    assert_one_sentence(station("export", "--osim"), 2, "lacks --output")
     assert_one_sentence(station("export", "--osim", "--output", output, "--condition", "both"), 1, "needs cuffs")
 
 
@@ -181,7 +181,7 @@ def test_a_suited_model_that_opensim_saved_again_is_the_same(tmp_path: Path) -> 
         ("8520.0 8520.0 8520.0", "8520.0 8520.0 1.0", "differs between axes"),
     ],
 )
-def test_a_suit_that_was_changed_into_none_of_ours_is_refused(
+def test_a_suit_that_was_changed_beyond_the_exported_structure_is_refused(
     station, tmp_path: Path, old: str, new: str, words: str
 ) -> None:
     file = tmp_path / "suited.osim"

@@ -13,11 +13,14 @@ from solver.suit.assessment import Assessment, Comparison, EffortCurve, Uncertai
 from solver.suit.decision import CuffDecision, DecisionRule, decide
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import CurveReadouts
+from solver.suit.uncertainty import DrawnSource
 from solver.uncertainty.figures import Basis
 from solver.uncertainty.total import TotalUncertainty
 from station.assessment.assessment_json import plain_assessment
 from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
 from station.messages.codes import AssessmentCode
+
+CUFFS, MOTIONS = DrawnSource.CUFFS, DrawnSource.MOTIONS
 
 
 def curve(cuff: str | None, cost: float | None, condition: str = "both") -> EffortCurve:
@@ -90,6 +93,7 @@ def test_a_negative_difference_keeps_its_sign_and_interval() -> None:
         "-4.50",
         "-3.50",
     ]
+    assert "−4.00 % effort at 0.740 m (95 % CI −4.50 to −3.50 %)" in str(compared(-0.04, (-0.045, -0.035))[1])
 
 
 @pytest.mark.parametrize(
@@ -111,10 +115,35 @@ def test_the_effort_with_the_best_rest_length_is_given_if_it_is_known() -> None:
 
 
 @pytest.mark.parametrize(("waist", "cuffs"), [(None, "hand"), ("belt", "hand and the belt cuff")])
-def test_the_cost_of_migration_is_given_for_cuffs_that_migrate(waist: str | None, cuffs: str) -> None:
-    migrated = with_figures(curve("hand", 0.83, "shift"), cord_force_lost=0.2, cost_per_migration=3.2)
-    finding = one(findings(assessment(migrated, waist_cuff=waist)), AssessmentCode.MIGRATION_COST)
-    assert finding.figures == {"cuff": "hand", "cuffs": cuffs, "lost_percent": 20.0, "percent_per_cm": 3.2}
+def test_the_cost_of_migration_is_that_with_compliance(waist: str | None, cuffs: str) -> None:
+    migrated = [
+        with_figures(curve("hand", 0.83, condition), cord_force_lost=lost, cost_per_migration=cost)
+        for condition, lost, cost in (("shift", 0.3, 1.6), ("both", 0.2, 3.2))
+    ]
+    finding = one(findings(assessment(*migrated, waist_cuff=waist)), AssessmentCode.MIGRATION_COST_ALONE)
+    assert finding.figures == {"cuff": "hand", "cuffs": cuffs, "lost_percent": 20.0, "percent_per_cm": "+3.2"}
+
+
+@pytest.mark.parametrize(
+    ("ci95", "ends", "code"),
+    [
+        ((-0.41, 8.27), ("-0.4", "+8.3"), AssessmentCode.MIGRATION_COST_OPEN),
+        ((0.17, 5.65), ("+0.2", "+5.7"), AssessmentCode.MIGRATION_COST),
+    ],
+)
+def test_a_cost_of_migration_whose_interval_contains_0_is_open(
+    ci95: tuple[float, float], ends: tuple[str, str], code: AssessmentCode
+) -> None:
+    migrated = with_figures(curve("hand", 0.83), cord_force_lost=0.2)
+    migrated = replace(migrated, figures={**migrated.figures, "cost_per_migration": Quantity(2.3, ci95)})
+    figures = one(findings(assessment(migrated)), code).figures
+    assert (figures["low_per_cm"], figures["high_per_cm"]) == ends
+
+
+def test_the_rest_length_of_the_slack_cord_is_given_and_its_distance_from_the_best_one() -> None:
+    rigid = with_figures(curve(None, 0.79, "rigid"), to_slack=0.113, cord_force=54.0)
+    finding = one(findings(replace(assessment(), curves=(rigid,))), AssessmentCode.CORD_FORCE)
+    assert finding.figures == {"force_n": 54.0, "slack_cm": pytest.approx(11.3), "slack_m": 0.87}
 
 
 def test_a_dash_that_is_no_failure_is_explained() -> None:
@@ -138,18 +167,27 @@ def test_the_effort_of_reserves_near_the_reference_is_given(reserve: float, code
 def test_what_unsolved_frames_leave_unknown_is_never_a_number() -> None:
     unknown = replace(curve("hand", None), reserve_cost=np.full(2, np.nan))
     names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
-    found = findings(assessment(unknown, uncertainty=UncertaintySummary(5, 20, dict.fromkeys(names, np.nan))))
-    assert one(found, AssessmentCode.INTERVALS_UNVERIFIED).figures == {"draws": 5, "every": 20}
+    found = findings(
+        assessment(unknown, uncertainty=UncertaintySummary(5, 20, dict.fromkeys(names, np.nan), (MOTIONS,)))
+    )
+    assert one(found, AssessmentCode.INTERVALS_UNVERIFIED).figures == {
+        "draws": 5,
+        "every": 20,
+        "drawn": "the wearer's posture",
+    }
     assert not any("nan" in str(finding) for finding in found)
 
 
 def test_the_effect_of_decimation_is_given() -> None:
     names = ("at_reference", "lowest_cost", "rest_length", "permissible_error")
-    summary = UncertaintySummary(200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
+    summary = UncertaintySummary(
+        200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)), (CUFFS, MOTIONS)
+    )
     finding = one(findings(assessment(curve("hand", 0.85), uncertainty=summary)), AssessmentCode.INTERVALS)
     assert finding.figures == {
         "draws": 200,
         "every": 20,
+        "drawn": "the cuffs' fit and the wearer's posture",
         "effort": 0.002,
         "rest_length_mm": 0.5,
         "permissible_error_mm": 1.5,
@@ -190,12 +228,23 @@ def test_the_remedy_of_large_reserves_names_the_option() -> None:
     assert "--effort" in str(one(findings(assessment(large)), AssessmentCode.RESERVES_LARGE))
 
 
-@pytest.mark.parametrize(("solved", "unsolved"), [(50, []), (32, [18])])
-def test_drawn_people_without_a_solution_are_counted(solved: int, unsolved: list[int]) -> None:
+@pytest.mark.parametrize(
+    ("unsolved", "told"),
+    [
+        ({}, []),
+        (
+            {"infeasible": 17, "suit_unusable.cuff_beyond_shoulder": 1},
+            [(18, "infeasible 17, suit_unusable.cuff_beyond_shoulder 1")],
+        ),
+    ],
+)
+def test_drawn_people_without_a_solution_are_counted_by_outcome(
+    unsolved: dict[str, int], told: list[tuple[int, str]]
+) -> None:
     rule = DecisionRule()
     decision = decide({"hand": np.linspace(0.7, 0.8, 51)}, rule)
     decisions: dict[Basis, CuffDecision] = {"at_reference": decision, "at_best": decision}
-    total = TotalUncertainty(50, solved, 1, {}, {}, decisions, rule, {}, {})
+    total = TotalUncertainty(50, 50 - sum(unsolved.values()), 1, {}, {}, decisions, rule, {}, {}, unsolved=unsolved)
     found = findings(assessment(curve("hand", 0.8)), total)
-    counted = [finding.figures["unsolved"] for finding in found if finding.code == AssessmentCode.PEOPLE_UNSOLVED]
-    assert counted == unsolved
+    figures = [finding.figures for finding in found if finding.code == AssessmentCode.PEOPLE_UNSOLVED]
+    assert [(figure["unsolved"], figure["outcomes"]) for figure in figures] == told

@@ -10,12 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.motion import Kinematics, Motion, differentiate, read_motion, read_table, write_table
+import cuffstation as cs
+from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.osim.loads import read_external_loads
 from solver.osim.reader import read_osim
+from solver.time_series_table import read_table, write_table
 from station.assessment.motion_checks import ANGLE_TOLERANCE, load_checks, motion_checks, motion_findings
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_angles, step_in
+from tests.solver.published import TRIALS, trial
 from tests.station.command import Ran
 
 Station = Callable[..., Ran]
@@ -67,6 +70,37 @@ def test_a_cutoff_below_four_mean_frequencies_is_low(
     found = re.fullmatch(rf"cut-off {cutoff} Hz, mean frequency of the angles (.*) Hz", notes.get("low_cutoff", ""))
     assert (found is not None) == is_low
     assert found is None or float(found[1]) == pytest.approx(frequency, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("duration", "rest", "cutoff"),
+    [(0.5, 0.5, 3), (0.5, 3.0, 3), (0.5, 0.0, 3), (0.5, 0.5, 6), (1.5, 0.5, 3), (3.0, 0.0, 3)],
+)
+def test_the_cutoff_is_low_for_a_reach_that_loses_more_than_a_tenth_of_its_accelerations(
+    step: Step, duration: float, rest: float, cutoff: int
+) -> None:
+    """The reach has minimum jerk (Flash and Hogan 1985), and its accelerations are known. Rest is before and after."""
+    model, time = read_osim(step.model), np.arange(0, duration + 2.0, 0.01)
+    part = np.clip((time - 1.0) / duration, 0.0, 1.0)
+    noise = np.random.default_rng(3).normal(0.0, 2e-3, len(time))
+    true = (60 * part - 180 * part**2 + 120 * part**3) / duration**2
+    angles = np.tile(model.default_coordinates, (len(time), 1))
+    angles[:, hip := model.coordinate_index("hip_flexion")] = 10 * part**3 - 15 * part**4 + 6 * part**5
+    kept = (1.0 - rest, 1.0 + duration + rest)
+    motion = Motion(model.coordinate_names, time, angles)
+    filtered, whole = (differentiate(motion, float(cutoff), *limits) for limits in (kept, (None, None)))
+    lost = np.linalg.norm(whole.accelerations[:, hip] - true) / np.linalg.norm(true)
+    angles[:, hip] += noise
+    notes = [motion_checks(model, one) for one in (filtered, differentiate(motion, float(cutoff), *kept))]
+    assert [("low_cutoff" in found) for found in notes] == [lost > 0.1] * 2
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(("name", "weight"), [(name, weight) for name, weight, _ in TRIALS])
+def test_the_filter_of_the_published_study_is_right_for_its_lifts(name: str, weight: str) -> None:
+    model, kinematics = trial(name, weight)
+    assert kinematics.cutoff == 3.0
+    assert "low_cutoff" not in motion_checks(model, kinematics)
 
 
 def test_a_piece_of_a_slow_motion_has_no_low_cutoff(step: Step) -> None:
@@ -165,6 +199,38 @@ def test_a_centre_of_pressure_in_millimetres_is_far_from_its_body(tmp_path: Path
     is_pressed = wrong.force[:, 1] > 0.1 * wrong.force[:, 1].max()  # the foot is within 2 m of the ground's origin
     assert float(distance) == pytest.approx(np.linalg.norm(wrong.point, axis=1)[is_pressed].max(), abs=40.0)
     assert [finding.code for finding in motion_findings(notes)] == [AssessmentCode.LOAD_FAR_FROM_BODY]
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "told"), [(0.78, 2, "to 2 s, "), (-1, 0.02, "from -1 s, "), (0.79, 0.805, ""), (-0.005, 0.01, "")]
+)
+def test_both_verbs_say_that_the_motion_does_not_cover_the_requested_time(
+    station: Station, step: Step, tmp_path: Path, start: float, end: float, told: str
+) -> None:
+    common = ("--model", step.model, "--motion", step.motion, "--from", start, "--to", end)
+    solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
+    for verb, options in (("id", ()), ("rmr", solving)):
+        output = tmp_path / f"{verb}.sto"
+        ran = station(verb, *common, *options, "--output", output)
+        note = f"{told}the motion lasts from 0 to 0.8 s"
+        assert ran.code == 0
+        assert (note in ran.err) == (f"range_not_covered={note}" in output.read_text()) == bool(told)
+        assert bool(told) == ("range_not_covered" in output.read_text())
+
+
+def test_both_verbs_and_the_library_say_that_a_motion_was_cut(station: Station, step: Step, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.sto"
+    *kept, _, _ = step.motion.read_text().splitlines()
+    cut.write_text("\n".join(kept) + "\n")
+    common = ("--model", step.model, "--motion", cut, "--from", 0.2, "--to", 0.22)
+    solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
+    for verb, options in (("id", ()), ("rmr", solving)):
+        output = tmp_path / f"{verb}.sto"
+        ran = station(verb, *common, *options, "--output", output)
+        assert ran.code == 0 and "nRows 81, found 79" in ran.err
+        assert "row_counts=nRows 81, found 79" in output.read_text()
+    findings = cs.load_motion(cs.load_model(step.model), cut).findings
+    assert [finding.code for finding in findings] == [AssessmentCode.WITHOUT_DATA, AssessmentCode.ROW_COUNTS]
 
 
 def test_both_verbs_say_that_no_load_is_applied_and_that_steps_are_interpolated(

@@ -14,6 +14,7 @@ from station.assessment.optimum import optimise_file
 from station.exit_code import WRONG_USAGE
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 from station.messages.message import Message
+from station.output_folder import NotAFolder
 from station.report.page import write_report
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.refusals import raises_refusal
@@ -80,10 +81,10 @@ def test_an_assessment_with_elastic_tendons_suggests_nothing_that_is_refused(tmp
         assert ("run station assess --people" in write_report(tmp_path).read_text(encoding="utf-8")) == suggests
 
 
-def test_a_file_where_the_results_should_go_is_told_before_anything_is_solved(tmp_path: Path) -> None:
+def test_an_output_that_is_a_file_is_refused_before_anything_is_solved(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
     for solve in (optimise_file, assess_file):
-        with raises_refusal(InputError, InputCode.OUTPUT_IS_FILE) as caught:
+        with raises_refusal(NotAFolder, InputCode.OUTPUT_IS_FILE) as caught:
             solve(inputs, inputs.cuffs)
         assert caught.value.exit_code == WRONG_USAGE
 

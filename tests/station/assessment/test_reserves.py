@@ -66,7 +66,7 @@ def test_residuals_on_bodies_give_what_the_pelvis_needs(step: Step, tmp_path: Pa
     assert f"reserves give {shares['pelvis_ty'][0]:.3g} of {shares['pelvis_ty'][1]:.3g} N at pelvis_ty" in str(found)
 
 
-def test_reserves_in_place_of_muscles_are_told_and_residuals_are_not(step: Step, station, tmp_path: Path) -> None:
+def test_reserves_in_place_of_muscles_are_reported_and_residuals_are_not(step: Step, station, tmp_path: Path) -> None:
     strong = replace(step, actuators=tmp_path / "strong.xml")
     strong.actuators.write_text(actuators(dict.fromkeys((*PELVIS, *LEG), 500.0)), encoding="utf-8")
     solved = solve(strong)
@@ -83,7 +83,7 @@ def test_reserves_in_place_of_muscles_are_told_and_residuals_are_not(step: Step,
     assert "N m at knee_angle" in told and "pelvis" not in told
 
 
-def test_residuals_that_carry_the_body_are_told_with_its_weight(step: Step, tmp_path: Path) -> None:
+def test_residuals_that_carry_the_body_are_reported_with_its_weight(step: Step, tmp_path: Path) -> None:
     inputs = MuscleInputs(step.motion, str(step.model), None, None, True, actuators=(step.actuators,))
     solved = solve_muscles(inputs, CUT, OPTIONS)
     given, weight = solved.large_residuals["pelvis_ty"]
@@ -102,7 +102,7 @@ def test_the_actuators_that_carry_a_thorax_are_no_residuals() -> None:
     assert solved.large_residuals == {}
 
 
-def test_small_reserves_free_coordinates_and_actuators_without_weight_are_not_told(step: Step) -> None:
+def test_small_reserves_free_coordinates_and_actuators_without_weight_are_not_reported(step: Step) -> None:
     """The calf has an activation of 1 in this step, so that the ankle needs its reserve; the knee does not."""
     found = solve(step)
     assert set(found.large_reserves) == {"ankle_angle", "hip_rotation"}
@@ -112,7 +112,7 @@ def test_small_reserves_free_coordinates_and_actuators_without_weight_are_not_to
     assert (carried.large_reserves, carried.notes["large_reserves"]) == ({}, "none")
 
 
-def test_the_actuators_that_carry_thorax_and_forearm_are_not_told() -> None:
+def test_the_actuators_that_carry_thorax_and_forearm_are_not_reported() -> None:
     solved = solve_muscles(MuscleInputs(), MotionCut(every=60), RedundancyOptions())
     assert np.abs(solved.solution.reserves).max() > 10.0
     assert solved.large_reserves == {}

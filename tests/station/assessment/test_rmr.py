@@ -13,10 +13,10 @@ import pytest
 from pyarrow import parquet
 
 from solver.bundled import bundled_model
-from solver.motion import write_table
 from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.options import RedundancyOptions
+from solver.time_series_table import write_table
 from station import sources
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unconverged, describe_unsolved
@@ -95,7 +95,7 @@ def test_a_table_carries_everything_that_was_found(solved: SolvedMotion) -> None
     assert {"effort", "equality_residual", "cone_slack_n", "contact_m.along_edge"} < set(columns)
 
 
-def test_frames_with_a_path_that_did_not_converge_are_told_by_their_code() -> None:
+def test_frames_with_a_path_that_did_not_converge_are_reported_by_their_code() -> None:
     cut = MotionCut(start=1.3, end=1.4)
     solved = solve_muscles(MuscleInputs(), cut, RedundancyOptions())
     assert solved.notes["muscle_outcomes"] == "path_not_converged in 2 frames of Subscapularis_M"
@@ -187,7 +187,7 @@ def test_opensims_storage_reads_every_row_of_the_sto(station, motion: Path, infe
     assert opensim.Storage(str(out)).getSize() == 7
 
 
-def test_infeasible_frames_are_told_with_the_smallest_violation(infeasible: SolvedMotion) -> None:
+def test_infeasible_frames_are_reported_with_the_smallest_violation(infeasible: SolvedMotion) -> None:
     found = infeasible.solution
     lost = values(infeasible)["status"] == 2
     assert 2 < lost.sum() < len(lost)
@@ -235,7 +235,7 @@ def test_a_page_and_its_parts_are_drawn(which: str, request: pytest.FixtureReque
 
 
 @pytest.mark.parametrize("lacking", ["markers", "actuators"])
-def test_a_model_that_lacks_something_is_told_of_and_drawn(lacking: str, tmp_path: Path, monkeypatch) -> None:
+def test_a_model_with_a_missing_component_is_reported_and_drawn(lacking: str, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(sources, "bundled_model", lambda: replace(MODEL, **{lacking: ()}))
     thorax = tuple(
         name for name in MODEL.coordinate_names if name.startswith("ground_thorax") and lacking == "actuators"

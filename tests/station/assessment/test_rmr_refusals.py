@@ -141,7 +141,7 @@ def test_a_file_of_a_development_version_is_refused_as_by_opensim(station: Stati
 
 
 @pytest.mark.parametrize("has_glenoid", [True, False])
-def test_an_infeasible_frame_speaks_of_the_glenoid_where_it_was_asked_for(has_glenoid: bool) -> None:
+def test_the_message_of_an_infeasible_frame_names_the_glenoid_if_it_is_constrained(has_glenoid: bool) -> None:
     solved = solve_muscles(MuscleInputs(), MotionCut(start=0.0, end=0.05), RedundancyOptions(has_glenoid))
     outcomes = (FrameOutcome.INFEASIBLE, *solved.solution.outcomes[1:])
     (sentence, *_) = describe_unsolved(replace(solved.solution, outcomes=outcomes))

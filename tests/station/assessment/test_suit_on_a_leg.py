@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import runpy
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +15,9 @@ import pytest
 
 import cuffstation as cs
 from solver.cuff import CuffParameters
+from solver.errors import SolverCode
 from solver.model import Model
-from solver.motion import decimate, differentiate, read_motion, read_table, write_table
+from solver.motion import decimate, differentiate, read_motion
 from solver.multibody.postures import Postures, jacobians, postures
 from solver.multibody.rotations import wrench_about_origin
 from solver.osim.loads import read_external_loads
@@ -26,7 +28,11 @@ from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import Suit, SuitError, read_suit, suit_toml
 from solver.suit.uncertainty import DrawSettings
+from solver.time_series_table import read_table, write_table
+from station.exit_code import FAILED
 from tests.solver.legs import PELVIS, step_in
+from tests.solver.refusals import raises_refusal
+from tests.station.command import assert_refused
 
 LEG = Path(__file__).parents[3] / "examples" / "leg"
 FILES = ("--model", LEG / "leg.osim", "--motion", LEG / "stride.mot", "--external-loads", LEG / "ground.xml")
@@ -89,6 +95,26 @@ def test_the_results_of_the_library_have_the_findings_of_the_command_line(leg: M
     assert list(map(str, assessment.findings)) == plain["findings"]
     assert [found.code for found in motion.findings] == ["motion.low_cutoff"]
     assert "findings: motion.low_cutoff" in repr(motion) and "model.no_glenoid" in repr(assessment)
+
+
+def test_all_say_that_a_cuff_migrated_against_the_pull_and_refuse_one_that_gives_energy(
+    leg: Model, station, tmp_path: Path
+) -> None:
+    cuffs = tmp_path / "shank.json"
+    suit, options = LEG / "shank_suit.toml", ("--cuffs", cuffs, "--draws", 0, "--output", tmp_path / "out")
+    for damping, migration, is_refused in ((210, -0.012, False), (-210, 0.012, True)):
+        figures = {"stiffness_n_per_m": 8520, "damping_n_s_per_m": damping, "migration_m": migration}
+        cuffs.write_text(json.dumps({"cuffs": {"shank": figures}}))
+        for verb in ("assess", "optimise"):
+            ran = station(verb, *FILES, "--suit", suit, *options)
+            if is_refused:
+                assert_refused(ran, FAILED, SolverCode.WRONG_CUFF)
+            else:
+                assert "The migration of shank is −12.0 mm" in ran.err
+        with raises_refusal(SolverCode.WRONG_CUFF) if is_refused else nullcontext():
+            motion = cs.load_motion(leg, LEG / "stride.mot", every=20)
+            found = cs.assess(cs.read_cuffs(cuffs), leg, motion, suit, draws=0, external_loads=LEG / "ground.xml")
+            assert "cuffs.negative_migration" in [finding.code for finding in found.findings]
 
 
 def test_a_solution_of_the_library_says_that_reserves_give_what_muscles_should(tmp_path: Path) -> None:
@@ -197,6 +223,7 @@ def test_what_is_wrong_with_motion_and_loads_is_a_finding_of_assessment_and_opti
     values[:, names.index("patella_angle")] += 0.1
     uneven = values[:, 0] + np.where(np.arange(len(values)) % 2, 2e-3, 0.0)
     write_table(step.motion, names[1:], uneven, values[:, 1:])
+    step.motion.write_text(step.motion.read_text().replace("nRows=81", "nRows=500"))
     text = step.loads.read_text()
     step.loads.write_text(text.replace("</ExternalForce>", "<appliesForce>false</appliesForce></ExternalForce>"))
     suit = (LEG / "shank_suit.toml").read_text().split("[groups]")[0]
@@ -211,6 +238,7 @@ def test_what_is_wrong_with_motion_and_loads_is_a_finding_of_assessment_and_opti
     codes = {finding["code"]: finding["figures"] for finding in plain["finding_codes"]}
     assert codes["motion.without_data"] == {"coordinates": "toe_angle"}, "which is locked"
     assert codes["motion.violates_constraint"] == {"coordinates": "patella_angle 0.1 rad"}
+    assert codes["motion.row_counts"] == {"rows": "nRows 500, found 81"}
     assert codes["motion.resampled"] == {"steps": "0.008 to 0.012"}
     assert codes["loads.none_applied"] == {"file": "loads.xml"}
     assert "patella_angle 0.1 rad" in (tmp_path / "assessed" / "report.html").read_text()
@@ -218,6 +246,7 @@ def test_what_is_wrong_with_motion_and_loads_is_a_finding_of_assessment_and_opti
     assert "patella_angle 0.1 rad" in ran.err
     remarks = " ".join(json.loads((tmp_path / "optimum" / "optimum.json").read_text())["remarks"])
     assert "patella_angle 0.1 rad" in remarks and "toe_angle" in remarks
+    assert "nRows 500, found 81" in remarks
     assert "0.008 to 0.012 s" in remarks and "No external load is applied: loads.xml" in remarks
 
 

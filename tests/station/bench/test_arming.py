@@ -134,7 +134,7 @@ def test_cancelling_while_armed_records_nothing() -> None:
     assert bench.writer.items == []
 
 
-def test_a_silent_daq_is_noticed_while_armed() -> None:
+def test_a_silent_daq_is_reported_while_armed() -> None:
     bench = Bench(timeout_s=60.0).arm()
     bench.daq_sends = False
     bench.run(4.0)

@@ -68,7 +68,7 @@ def test_panels_of_a_column_have_the_same_left_edge() -> None:
     assert len(set(re.findall(r'class="axis" d="M([\d.]+)', drawn))) == 1
 
 
-def test_a_shared_legend_stands_once() -> None:
+def test_a_shared_legend_is_drawn_once() -> None:
     panel = Panel((Line(values([0, 1]), values([0, 1]), "c1", "slack"),))
     assert draw(chart(panel, panel, panel, has_one_legend=True), "").count("> slack<") == 1
 

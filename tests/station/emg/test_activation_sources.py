@@ -9,9 +9,10 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from benchmarks.emg import activation_files
-from solver.motion import differentiate, read_motion, read_table
+from solver.motion import differentiate, read_motion
 from solver.osim.reader import read_osim
 from solver.redundancy.mechanics import evaluate_motion
+from solver.time_series_table import read_table
 from tests.conftest import SHARED
 
 pytestmark = pytest.mark.shared

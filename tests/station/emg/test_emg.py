@@ -12,10 +12,11 @@ import pytest
 from fitting.emg.channels import ChannelFinding
 from fitting.emg.shape import ShapeOutcome
 from fitting.results.codes import FitErrorCode
-from solver.motion import read_table
+from solver.time_series_table import read_table
 from station.assessment.emg import read_emg
 from station.emg.emg_json import EmgDocument, read_emg_document
 from station.emg.trials import EmgFileError
+from station.exit_code import DONE, LOSSY
 from station.messages.emg_codes import EmgCode
 from tests.station.command import Ran, assert_one_sentence
 from tests.station.emg.measured import (
@@ -157,6 +158,28 @@ def test_a_channel_without_mvc_is_compared_by_shape_and_has_no_level(
     assert second.shape is not None
     assert first.mean == pytest.approx(levels()[:, 0].mean(), rel=0.1)  # 0.4 mV is the mean of |EMG| at 0.5 mV
     assert read_table(tmp_path / "suit1_emg.sto")[0] == ["time", "delt_ant"]
+
+
+@pytest.mark.parametrize("names", [("delt_ant", "serratus"), ("AD", "TS")], ids=["set-up", "default map"])
+@pytest.mark.parametrize("unit", ["g", "deg/s"])
+def test_a_mapped_channel_in_another_unit_is_left_out_by_name(
+    station: Station, tmp_path: Path, names: tuple[str, str], unit: str
+) -> None:
+    path = write_emg(tmp_path / "lift.csv", levels(), seed=1, titles=(f"{names[0]} [mV]", f"{names[1]} [{unit}]"))
+    setup = ["--setup", write_setup(tmp_path / "emg.toml")] if names[0] == "delt_ant" else []
+    ran = station("emg", path, *setup, "--output", tmp_path)
+    (trial,) = read_emg_document(tmp_path / "emg.json").trials
+    (finding,) = trial.findings
+    assert (ran.code, finding.code) == (LOSSY, EmgCode.UNREAD_CHANNELS)
+    assert finding.figures == {"channels": names[1]}
+    assert str(finding) in ran.err
+    assert [channel.channel for channel in trial.channels] == [names[0]]
+
+
+def test_an_acceleration_that_the_set_up_does_not_map_needs_no_finding(station: Station, tmp_path: Path) -> None:
+    path = write_emg(tmp_path / "lift.csv", levels(), seed=1, titles=("AD [mV]", "ACC X [g]"))
+    assert station("emg", path, "--output", tmp_path).code == DONE
+    assert read_emg_document(tmp_path / "emg.json").trials[0].findings == []
 
 
 @pytest.mark.parametrize(

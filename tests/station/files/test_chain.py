@@ -16,8 +16,8 @@ import pytest
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.results.seal import Standing, digest
 from solver.bundled import bundled_model
-from solver.motion import write_table
 from solver.raise_arm import simulate_arm_raise
+from solver.time_series_table import write_table
 from station.checksums import CHECKSUMS_FILE, read_checksums, write_checksums
 from station.journal import write_verdict
 from station.messages.file_codes import ChainCode
@@ -149,7 +149,7 @@ def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Pat
     ran = station("info", session / STATIC)
     assert ran.code == 3 and f"{STATIC}: {CHANGED}, by {CHECKSUMS_FILE}" in ran.out
     exported = station("export", session / STATIC, "--to", "csv", "--output", tmp_path / "out")
-    assert changed in exported.err
+    assert exported.code == 3 and changed in exported.err
     (sidecar,) = (tmp_path / "out").glob("*.json")
     assert json.loads(sidecar.read_text(encoding="utf-8"))["checked"] == CHANGED
     assert changed in station("replay", session / STATIC, "--speed", "100").err

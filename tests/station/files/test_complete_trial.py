@@ -128,7 +128,7 @@ def test_an_export_of_another_trial_is_refused(station, truth: Truth, lossy: Pat
     assert_refused(station(*ask, later), 1, ImportCode.NOTHING_IN_COMMON)
     slower = export(truth, tmp_path, time_s=2 * truth.markers.time_s, rate_hz=50.0)
     assert_refused(station(*ask, slower), 1, ImportCode.FRAME_RATE)
-    assert_refused(station(*ask, slower, "--force", slower), 2, ImportCode.INCOMPLETE_COMMAND)
+    assert_refused(station(*ask, slower, "--force", slower), 2, ImportCode.UNUSED_OPTION)
     assert [path.name for path in tmp_path.glob("*.mcap*")] == [NAME]
 
 

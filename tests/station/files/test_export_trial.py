@@ -22,6 +22,7 @@ from station.files.foreign_files import ForceSource, MarkerSource
 from station.files.import_trial import import_trial
 from station.files.synchronised import ExportRefused
 from station.fit import fit_session_folder
+from station.messages.codes import InputCode
 from station.messages.file_codes import ExportCode
 from station.protocol import TrialSpec
 from tests.station.command import assert_refused
@@ -223,6 +224,35 @@ def test_a_session_is_exported_and_recordings_that_cannot_be_are_reported(
     assert ran.code == 3 and len(ran.out.split()) == 4 and "run-2.mcap" in ran.err
 
 
+def test_lost_samples_are_reported_by_an_export_and_by_info(station, session: Path, tmp_path: Path) -> None:
+    truth = static_and_dynamic()[0]
+    force = truth.tracks["/force"]
+    kept = np.r_[0:5000, 5100 : len(force.values)]
+    held = {name: getattr(force, name)[kept] for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")}
+    lossy = Truth(truth.manifest, truth.tracks | {"/force": replace(force, **held)}).record(tmp_path / "lossy.mcap")
+    (gap,) = contents_of(lossy).gaps
+    assert (gap.stream, gap.count) == ("/force", 100)
+    whole = session / "cuff-hand_test-dynamic_run-1.mcap"
+    (tmp_path / whole.name).write_bytes(whole.read_bytes())
+    ran = station("export", "--session", tmp_path, "--to", "bids", "--output", tmp_path / "out", "--format", "json")
+    assert ran.code == station("info", lossy).code == 3
+    (note,) = json.loads(ran.out)["note_codes"]
+    assert note["code"] == ExportCode.INCOMPLETE
+    assert note["figures"] == {"file": lossy.name, "reasons": contents_of(lossy).shortfalls[0]}
+    assert station("export", whole, "--to", "csv", "--output", tmp_path / "out").code == 0
+
+
+def test_a_stream_without_samples_is_an_empty_raw_table(station, tmp_path: Path) -> None:
+    truth = static_and_dynamic()[0]
+    markers = truth.tracks["/markers"]
+    none = {name: getattr(markers, name)[:0] for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")}
+    path = Truth(truth.manifest, truth.tracks | {"/markers": replace(markers, **none)}).record(tmp_path / "none.mcap")
+    ran = station("export", path, "--to", "csv", "--output", tmp_path / "out")
+    assert ran.code == 3
+    titles, *rows = csv.reader((tmp_path / "out" / "none_markers_raw.csv").read_text().splitlines())
+    assert len(titles) == 3 + 3 * len(markers.stream.labels) and not rows
+
+
 def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
     truth = static_and_dynamic()[1]
     manifest = replace(truth.manifest, cuff=None, test="bounce", bounce=BounceRig(2.0, "cuff_1"))
@@ -234,14 +264,35 @@ def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
 
 
 def test_a_wrong_command_is_refused(station, static: Path, tmp_path: Path) -> None:
-    for incomplete in (("--to", "csv"), (static,), (static, "--session", tmp_path, "--to", "csv")):
-        assert_refused(station("export", *incomplete), 2, ExportCode.INCOMPLETE_COMMAND)
+    lacking = ((("--to", "csv"), "FILE or --session"), ((static,), "--to"), ((), "FILE or --session, --to"))
+    for given, missing in lacking:
+        ran = station("export", *given)
+        assert_refused(ran, 2, ExportCode.INCOMPLETE_COMMAND)
+        assert f"lacks {missing};" in ran.err
+    both = station("export", static, "--session", tmp_path, "--to", "csv")
+    assert_refused(both, 2, ExportCode.UNUSED_OPTION)
     assert_refused(station("export", "--osim"), 2, ExportCode.INCOMPLETE_MODEL_COMMAND)
+    of_model = station("export", static, "--to", "csv", "--osim", "--output", tmp_path / "model.osim")
+    assert_refused(of_model, 2, ExportCode.UNUSED_OPTION)
+    assert "FILE, --to" in of_model.err
     assert_refused(station("export", "--session", tmp_path, "--to", "csv"), 1, ExportCode.NO_RECORDING)
     missing = station("export", tmp_path / "none.mcap", "--to", "csv")
     assert_refused(missing, 1, ExportCode.NOT_EXPORTED)
     assert "none.mcap" in missing.err
     assert station("export", static, "--to", "xlsx").code == 2
+
+
+def test_an_output_that_is_a_file_is_wrong_usage(station, static: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    for output in (tmp_path / "file", tmp_path / "file" / "below"):
+        ran = station("export", static, "--to", "csv", "--output", output)
+        assert_refused(ran, 2, InputCode.OUTPUT_IS_FILE)
+        assert_refused(station("replay", static, "--session", output), 2, InputCode.OUTPUT_IS_FILE)
+    ran = station("export", "--osim", "--output", tmp_path / "file" / "model.osim")
+    assert_refused(ran, 2, InputCode.OUTPUT_IS_FILE)
+    (tmp_path / "model.osim").mkdir()
+    assert station("export", "--osim", "--output", tmp_path / "model.osim").code == 2
+    assert (tmp_path / "file").read_text() == "kept"
 
 
 def test_a_recording_without_a_common_clock_is_refused_and_leaves_nothing(static: Path, tmp_path: Path) -> None:

@@ -21,11 +21,10 @@ from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource
 from station.files.import_trial import Imported, import_trial, with_lag
 from station.fit import fit_session_folder
 from station.messages.file_codes import ExportCode, ImportCode
-from station.messages.setup_codes import ConfigCode
 from station.protocol import TrialSpec
 from tests.fitting.bouncing import Bounce, recorded
-from tests.station.command import Ran, assert_one_sentence, assert_refused
-from tests.station.foreign import Truth, config, static_and_dynamic
+from tests.station.command import assert_one_sentence, assert_refused
+from tests.station.foreign import Truth, config, import_by_verb, static_and_dynamic
 from tests.station.refusals import raises_refusal
 
 STATIC, DYNAMIC = TrialSpec("hand", "static", 1), TrialSpec("hand", "dynamic", 1)
@@ -234,18 +233,6 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def import_by_verb(station, static: tuple[Path, Path], session: Path, *options: object) -> Ran:
-    """`station import` of these files as the hand cuff's first static test."""
-    toml = static[0].with_name("station.toml")
-    toml.write_text(
-        '[cuffs.hand]\nanchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]\ncuff_markers = ["cuff_1"]\n'
-    )
-    return station(
-        *("import", "--session", session, "--cuff", "hand", "--test", "static", "--repeat", 1, "--config", toml),
-        *("--force", static[0], "--mocap", static[1], *options),
-    )
-
-
 def test_the_verb_prints_the_path_only(station, static: tuple[Path, Path], tmp_path: Path) -> None:
     ran = import_by_verb(station, static, tmp_path / "s")
     assert (ran.code, ran.out.strip(), ran.err) == (0, str(tmp_path / "s" / "cuff-hand_test-static_run-1.mcap"), "")
@@ -357,6 +344,24 @@ def test_files_with_too_little_time_in_common_are_refused_and_a_remainder_is_rep
     assert (note.code, note.figures["common_s"]) == (ImportCode.PARTIAL_OVERLAP, pytest.approx(28.0, abs=2e-3))
 
 
+@pytest.mark.parametrize("has_sync", [True, False])
+def test_the_time_in_common_is_that_after_the_lag(
+    pair: tuple[Truth, Truth], static: tuple[Path, Path], tmp_path: Path, has_sync: bool
+) -> None:
+    pair[0].write_csv(static[0], has_sync=has_sync)
+    files = ForceSource(static[0]), MarkerSource(static[1])
+    begin, end = -pair[0].edge_s, len(pair[0].tracks["/force"].values) / 1000 - pair[0].edge_s
+    for lag, common in ((20.0, 29.38 - 20 - begin), (-20.0, end - 20)):
+        with raises_refusal(ImportRefused, ImportCode.SHORT_OVERLAP) as caught:
+            import_trial(tmp_path / "s", STATIC, with_lag(config(), lag, None), *files)
+        assert caught.value.cause.figures["common_s"] == pytest.approx(common, abs=3e-3)
+        assert caught.value.cause.figures["force_from_s"] == pytest.approx(begin + lag, abs=2e-3)
+    assert not list(tmp_path.glob("s/*"))
+    note = import_trial(tmp_path / "s", STATIC, with_lag(config(), -2.0, None), *files).notes[0]
+    assert note.code == ImportCode.PARTIAL_OVERLAP
+    assert note.figures["common_s"] == pytest.approx(end - 2, abs=3e-3)
+
+
 def test_positions_in_another_unit_are_refused(
     station, pair: tuple[Truth, Truth], static: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -369,18 +374,6 @@ def test_positions_in_another_unit_are_refused(
     assert read_trial(Path(ran.out.strip())).markers == pytest.approx(
         read_trial(reference).markers, abs=1e-6, nan_ok=True
     )
-
-
-def test_wrong_usage_is_code_2(station, static: tuple[Path, Path], tmp_path: Path) -> None:
-    other = static[1].rename(static[1].with_suffix(".xlsx"))
-    session = tmp_path / "s"
-    assert_refused(import_by_verb(station, (static[0], other), session), 2, ImportCode.MARKER_FORMAT)
-    files = static[0].with_suffix(".tdms"), other.rename(static[1])
-    assert_refused(import_by_verb(station, files, session), 2, ImportCode.FORCE_FORMAT)
-    assert_refused(import_by_verb(station, static, session, "--test", "bounce"), 2, ImportCode.INCOMPLETE_COMMAND)
-    assert_refused(import_by_verb(station, static, session, "--cuff", "knee"), 2, ConfigCode.UNKNOWN_CUFF)
-    assert import_by_verb(station, static, session, "--lag-sd-s", "-1").code == 2
-    assert not session.exists()
 
 
 def test_an_imported_bounce_calibrates_the_lag_of_trials(station, static: tuple[Path, Path], tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_a_bomb_is_refused_by_every_verb(sessions: dict[str, Path], name: str, v
         "info": (path,),
         "recover": (path, "--output", tmp_path / "b.mcap"),
         "fit": (sessions[name],),
-        "export": ("--session", sessions[name], "--to", "csv", "--output", tmp_path / "out"),
+        "export": ("--session", sessions[name], "--to", "csv", "--output", tmp_path / "exported"),
     }
     ran = assert_ends_within_limits(verb, *words[verb], folder=tmp_path)
     assert ran.code == 1 and "a.mcap" in ran.err

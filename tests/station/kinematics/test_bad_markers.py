@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,15 +14,20 @@ import pytest
 from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
+from solver.coverage_code import CoverageCode
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_file import KinematicsError
 from station.kinematics.scale import ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode
-from tests.station.kinematics.test_ik import run, trial
+from tests.station.kinematics.test_ik import SETUP as IK_SETUP
+from tests.station.kinematics.test_ik import TASK, run, trial
 from tests.station.kinematics.test_scale import PAIR, SETUP, on_humerus
 
 Change = Callable[[MarkerTable], MarkerTable]
 NAMES = [marker.name for marker in bundled_model().markers]
+
+UNSEEN = [m.name for m in bundled_model().markers if m.body == bundled_model().body_index("scapula")][2:]
+"""So that two markers of the scapula are left."""
 
 
 def mirrored(table: MarkerTable) -> MarkerTable:
@@ -142,10 +148,87 @@ def test_markers_exchanged_for_two_tenths_of_a_second_are_a_finding_and_code_3(
     path = written(tmp_path, exchanged)
     code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
     assert code == 3
-    report = json.loads((tmp_path / "q_ik.json").read_text(encoding="utf-8"))
-    (found,) = [each["figures"] for each in report["findings"] if each["code"] == KinematicsCode.EXCHANGED]
+    found = figures_of_one(KinematicsCode.EXCHANGED, tmp_path / "q_ik.json")
     assert {found["one"], found["other"]} == {"EpL", "ai"}
     assert (found["from_s"], found["to_s"]) == pytest.approx((0.2, 0.4))
+
+
+def figures_of_one(code: KinematicsCode, report: Path) -> dict[str, Any]:
+    """Figures of the only finding with this code in the report of `station ik`."""
+    findings = json.loads(report.read_text(encoding="utf-8"))["findings"]
+    (found,) = [finding["figures"] for finding in findings if finding["code"] == code]
+    return found
+
+
+def hidden(*labels: str) -> Change:
+    def change(table: MarkerTable) -> MarkerTable:
+        positions = table.positions.copy()
+        positions[:, [table.labels.index(label) for label in labels]] = np.nan
+        return replace(table, positions=positions)
+
+    return change
+
+
+def test_a_marker_of_a_task_that_no_frame_shows_is_a_finding_and_does_not_cover_its_segment(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    tasks = "".join(TASK.format(name=name, weight=1) for name in NAMES)
+    (tmp_path / "ik.xml").write_text(IK_SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
+    complete = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
+    written(tmp_path, hidden(*UNSEEN))
+    solved = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
+    found = {finding.code: finding.figures for finding in solved.findings}
+    assert found[KinematicsCode.NEVER_SEEN] == {"markers": ", ".join(sorted(UNSEEN))}
+    assert CoverageCode.FEW_SCAPULA_MARKERS in found
+    codes = {finding.code for finding in complete.findings}
+    assert not codes & {KinematicsCode.NEVER_SEEN, CoverageCode.FEW_SCAPULA_MARKERS}
+
+
+def test_a_misspelt_label_of_a_task_is_a_finding(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    tasks = "".join(TASK.format(name=name, weight=1) for name in NAMES)
+    (tmp_path / "ik.xml").write_text(IK_SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
+    written(tmp_path, lambda table: replace(table, labels=tuple("AAA" if n == "aa" else n for n in table.labels)))
+    solved = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
+    found = {finding.code: finding.figures for finding in solved.findings}
+    assert found[KinematicsCode.NEVER_SEEN] == {"markers": "aa"}
+
+
+def test_a_body_is_scaled_with_a_finding_on_a_marker_that_no_frame_shows(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    one = on_humerus()[0]
+    pairs = "".join(PAIR.format(one=one, other=name) for name in NAMES if name not in (one, *UNSEEN))
+    placed = "".join(TASK.format(name=name, weight=1) for name in NAMES)
+    placer = (
+        f"<MarkerPlacer><time_range>-1 9</time_range><IKTaskSet><objects>{placed}</objects></IKTaskSet></MarkerPlacer>"
+    )
+    text = SETUP.format(pairs=pairs, axes="Y", range="-1 9").replace("</ScaleTool>", f"{placer}</ScaleTool>")
+    (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
+
+    def still(table: MarkerTable) -> MarkerTable:
+        return hidden(*UNSEEN)(replace(table, positions=np.repeat(table.positions[:1], 8, axis=0)))
+
+    body = scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled", written(tmp_path, still)))
+    found = {finding.code: finding.figures for finding in body.findings}
+    assert found[KinematicsCode.NEVER_SEEN] == {"markers": ", ".join(sorted(UNSEEN))}
+    assert CoverageCode.FEW_SCAPULA_MARKERS in found
+
+
+def test_one_position_far_from_the_body_is_a_finding_with_its_time_and_code_3(
+    tmp_path: Path, capsys, monkeypatch
+) -> None:
+    trial(tmp_path, frames=60)
+
+    def displaced(table: MarkerTable) -> MarkerTable:
+        positions = table.positions.copy()
+        positions[20, table.labels.index("aa")] = 9999.0
+        return replace(table, positions=positions)
+
+    path = written(tmp_path, displaced)
+    code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    assert code == 3
+    found = figures_of_one(KinematicsCode.FAR, tmp_path / "q_ik.json")
+    assert (found["marker"], found["frames"]) == ("aa", 1)
+    assert found["first_s"] == pytest.approx(0.2)
 
 
 def test_a_prefix_chooses_one_of_two_persons_and_the_only_one_is_taken_off(tmp_path: Path) -> None:
@@ -160,6 +243,16 @@ def test_a_prefix_chooses_one_of_two_persons_and_the_only_one_is_taken_off(tmp_p
     only = solve_postures(IkInputs("bundled", path, None))
     np.testing.assert_allclose(only.solution.coordinates, alone.solution.coordinates, atol=1e-9)
     assert any("Anna_" in note for note in only.notes)
+
+
+@pytest.mark.parametrize("change", [lambda table: table, beside_another_person])
+def test_a_prefix_that_no_label_has_is_refused(change: Change, tmp_path: Path) -> None:
+    """Before, labels without it were taken, and the origin among them was lost."""
+    trial(tmp_path, frames=8)
+    path = written(tmp_path, change)
+    with pytest.raises(KinematicsError) as refused:
+        solve_postures(IkInputs("bundled", path, None, prefix="Anne_"))
+    assert refused.value.code == KinematicsCode.NO_SUCH_PREFIX
 
 
 def test_a_file_with_z_up_is_a_finding_and_is_turned_on_request(tmp_path: Path) -> None:

@@ -44,14 +44,14 @@ def test_every_published_set_names_its_source_and_bodies_of_the_model(name: str)
         assert body == marker_set.markers[label].body
 
 
-def test_labels_of_isb_stand_where_the_model_has_those_landmarks() -> None:
+def test_labels_of_isb_are_at_the_landmarks_of_the_model() -> None:
     model = place_marker_set(MODEL, "isb").model
     for label, name in (("IJ", "ij"), ("AA", "aa"), ("EL", "EpL")):
         np.testing.assert_array_equal(model.marker(label).location, MODEL.marker(name).location)
 
 
 @pytest.mark.shared
-def test_a_wrist_marker_that_a_published_model_has_on_the_ulna_stays_there_and_is_told(tmp_path: Path) -> None:
+def test_a_wrist_marker_that_a_published_model_has_on_the_ulna_stays_there_and_is_reported(tmp_path: Path) -> None:
     own = tmp_path / "own.toml"
     own.write_text('[markers]\nRS2 = { body = "radius" }\nEL = { body = "humerus" }', encoding="utf-8")
     patient = read_osim(SHARED / "subject" / "S8R_side_as_solved.osim")

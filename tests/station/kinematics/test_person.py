@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from scipy.constants import g
 
 from benchmarks.subject_body import BODY_MASS, HELD_MASS, joint_force_error, renamed_generic
@@ -20,7 +22,9 @@ from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.person import PersonInputs, measure_person
+from station.kinematics.person_file import write_person
 from station.kinematics.person_findings import PersonError
+from station.messages.codes import KinematicsCode
 from station.messages.person_codes import PersonCode
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
 from tests.solver.references import SHARED
@@ -69,7 +73,40 @@ def test_a_person_is_written_with_the_set_up_and_the_record(folder: Path, capsys
     assert rms == pytest.approx(record["trials"][0]["marker_rms_mm"], rel=1e-3)
 
 
-def test_a_marker_set_without_a_scapula_is_told_in_body_and_postures(folder: Path, capsys, monkeypatch) -> None:
+def test_a_body_that_cannot_be_recorded_leaves_the_files_of_the_previous_one(folder: Path, tmp_path: Path) -> None:
+    inputs = PersonInputs(str(folder / "generic.osim"), (folder / "raise.trc",), 70.0, 0.0)
+    person = measure_person(inputs)
+    write_person(tmp_path / "person.osim", person, inputs)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert len(before) == 3
+    with pytest.raises(ValidationError):
+        write_person(tmp_path / "person.osim", replace(person, model=MODEL, held_mass=math.inf), inputs)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_an_empty_column_is_not_a_marker_of_the_scapula(folder: Path) -> None:
+    table = read_trc(folder / "raise.trc")
+    positions = table.positions.copy()
+    hidden = [label for label in table.labels if label.startswith("scapula")][2:]
+    positions[:, [table.labels.index(label) for label in hidden]] = np.nan
+    path = folder / "hidden.trc"
+    path.write_text(write_trc(replace(table, positions=positions), path.name), encoding="utf-8")
+    person = measure_person(PersonInputs(str(folder / "generic.osim"), (path,), 70.0, 0.0))
+    figures = {finding.code: finding.figures for finding in person.findings}
+    assert figures[KinematicsCode.NEVER_SEEN] == {"markers": ", ".join(sorted(hidden))}
+    assert CoverageCode.FEW_SCAPULA_MARKERS in figures
+
+
+@pytest.mark.parametrize("other", ["raise.trc", "tuesday/raise.trc", "tuesday/raise.c3d"])
+def test_two_trials_of_one_name_are_wrong_usage(other: str, folder: Path) -> None:
+    """Before, the second replaced the first without a message, and the record named both."""
+    inputs = PersonInputs(str(folder / "generic.osim"), (folder / "raise.trc", folder / other), 70.0, 0.0)
+    with pytest.raises(PersonError) as refused:
+        measure_person(inputs)
+    assert (refused.value.code, refused.value.exit_code) == (PersonCode.SAME_NAME, 2)
+
+
+def test_a_marker_set_without_a_scapula_is_reported_in_body_and_postures(folder: Path, capsys, monkeypatch) -> None:
     """As the sports sets of camera makers are."""
     table = read_trc(folder / "raise.trc")
     kept = [k for k, label in enumerate(table.labels) if not label.startswith("scapula")]
@@ -116,6 +153,16 @@ def test_a_models_mass_and_a_load_in_a_models_hand_are_refused(
     with pytest.raises(PersonError) as refused:
         measure_person(PersonInputs(str(SUBJECT / "generic.osim"), trials, body_mass, held))
     assert refused.value.code == reason.value
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(("held", "is_large"), [(2.4, False), (24.0, True)])
+def test_a_load_that_no_arm_holds_is_a_finding_on_the_joint_force(held: float, is_large: bool) -> None:
+    """In this joint, 202 % of body weight were measured."""
+    person = measure_person(PersonInputs(str(SUBJECT / "generic.osim"), (SUBJECT / "S8R_side.trc",), 84.6, held))
+    found = [finding for finding in person.findings if finding.code is PersonCode.LARGE_JOINT_FORCE]
+    assert len(found) == is_large
+    assert all(float(finding.figures["percent"]) > 500 for finding in found)
 
 
 @pytest.mark.shared

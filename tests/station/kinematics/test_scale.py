@@ -12,6 +12,9 @@ from solver.bundled import bundled_model
 from solver.forces.path_force import PathSpring
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
+from station.kinematics.marker_file import KinematicsError
+from station.kinematics.scale import ScaleInputs, scale_body
+from station.messages.codes import KinematicsCode
 from tests.solver.references import SHARED
 from tests.station.kinematics.test_ik import run as run_verb
 from tests.station.kinematics.test_ik import trial
@@ -95,8 +98,18 @@ def test_a_set_up_that_does_not_fit_is_one_sentence(
     assert len(told.strip().splitlines()) == 1
 
 
+def test_a_wrong_manual_factor_is_not_attributed_to_markers(tmp_path: Path) -> None:
+    trial(tmp_path, frames=5)
+    pairs = PAIR.format(one=on_humerus()[0], other=on_humerus()[1])
+    text = SETUP.format(pairs=pairs, axes="Y", range="-1 9").replace("1.1 1 1", "100 100 100")
+    (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
+    with pytest.raises(KinematicsError) as refused:
+        scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled"))
+    assert refused.value.code == KinematicsCode.WRONG_MANUAL_FACTOR
+
+
 @pytest.mark.shared
-def test_a_published_patient_is_scaled_and_the_figures_are_told(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_a_published_patient_is_scaled_and_the_figures_are_printed(tmp_path: Path, capsys, monkeypatch) -> None:
     subject = SHARED / "subject"
     words = ("--setup", subject / "scale_setup.xml", "--model", subject / "generic.osim")
     files = ("--markers", subject / "S8R_side.trc", "--output", tmp_path / "scaled.osim")

@@ -28,7 +28,7 @@ def test_an_outlet_that_cannot_be_confined_is_refused(monkeypatch: pytest.Monkey
     assert refused.value.code == LiveCode.OUTLET_NOT_CONFINED
 
 
-def test_a_refused_outlet_is_a_finding_and_values_go_on(wearer: WearerSession, tmp_path: Path) -> None:
+def test_a_refused_outlet_is_a_finding_and_values_continue(wearer: WearerSession, tmp_path: Path) -> None:
     prepared, kept = generic_plan(wearer.config, tmp_path), Collected()
     engine = LiveEngine(
         prepared, on_setup=lambda _: kept.updates.append, sinks=[LslOutlet("x", "nowhere")], now_s=lambda: 0.0

@@ -23,6 +23,7 @@ from station.live.plan import PreparedTrial
 from station.live.replay import replay_live
 from station.live.result_file import ResultFile, live_path, live_results_in
 from station.live_config import LiveSection
+from station.messages.file_codes import ExportCode
 from station.recordings_of_session import originals_in
 from tests.station.command import Ran
 from tests.station.live.trials import TIGHT, Collected, PartOfTrial, generic_plan
@@ -79,7 +80,7 @@ def test_another_program_reads_the_file(session: tuple[Path, Collected]) -> None
     assert counts == {"/live_manifest": 1, "/live_values": len(kept.values), "/live_events": 1, "/live_outcome": 1}
 
 
-def test_it_is_no_recording_and_stands_in_no_ones_way(session: tuple[Path, Collected]) -> None:
+def test_it_is_not_taken_for_a_recording(session: tuple[Path, Collected]) -> None:
     recording, _ = session
     assert is_live_result(live_path(recording)) and not is_live_result(recording)
     assert originals_in(recording.parent) == [recording] or not originals_in(recording.parent)
@@ -110,9 +111,12 @@ def test_a_file_whose_process_was_killed_is_incomplete_and_can_be_recovered(
     frames = [values.frame for values in kept.values]
     assert [frame.frame for frame in recovered.frames] == frames[: len(recovered.frames)]
     assert station("info", cut).code == 3
+    exported = station("export", cut, "--to", "csv", "--output", tmp_path, "--format", "json")
+    assert exported.code == 3
+    assert [note["code"] for note in json.loads(exported.out)["note_codes"]] == [ExportCode.INCOMPLETE]
 
 
-def test_info_tells_both(session: tuple[Path, Collected], station: Callable[..., Ran]) -> None:
+def test_info_shows_both(session: tuple[Path, Collected], station: Callable[..., Ran]) -> None:
     recording, kept = session
     plain = json.loads(station("info", recording, "--format", "json").out)["live_result"]
     assert (plain["standing"], plain["frames"], plain["result"]) == ("complete", len(kept.values), "live")
@@ -121,7 +125,7 @@ def test_info_tells_both(session: tuple[Path, Collected], station: Callable[...,
     assert "LIVE RESULT" in station("info", live_path(recording)).out
 
 
-def test_a_recording_that_has_changed_since_is_told(
+def test_a_recording_that_has_changed_since_is_reported(
     session: tuple[Path, Collected], tmp_path: Path, station: Callable[..., Ran]
 ) -> None:
     recording, _ = session

@@ -89,7 +89,7 @@ def test_proportions_are_true_and_there_are_no_axes() -> None:
 
 
 @pytest.mark.parametrize("scheme", [0, 1])
-def test_less_and_more_are_told_apart_with_deuteranopia(scheme: int) -> None:
+def test_less_and_more_are_distinguishable_with_deuteranopia(scheme: int) -> None:
     style = Path(charts.__file__).with_name("chart.css").read_text(encoding="utf-8")
     colours = {
         name: _lab(found[scheme]) for name in (*LESS, *MORE) if (found := re.findall(rf"--{name}: (#\w+)", style))

@@ -7,15 +7,17 @@ from typing import Any
 import pytest
 
 from solver.suit.decision import DecisionRule
+from station.assessment.assessment_json import CURVE_KEYS
 from station.assessment.decision_json import undecided_by_fit
 from station.assessment.total_json import with_total_intervals
 from station.charts.marks import Band
 from station.messages.codes import AssessmentCode
-from station.report.assessment_section import effort_figures
+from station.messages.html import with_commands
+from station.report.assessment_section import assessment_section, effort_figures
 from station.report.first_page import BUNDLED_SUIT, findings_of, summary_of
 from station.report.located import Source, located
 from station.report.muscle_figures import cuffs_figure
-from station.report.number_texts import entry_number, saving, with_commands
+from station.report.number_texts import entry_number, saving
 
 
 def _assessment(**more: Any) -> Any:
@@ -54,7 +56,7 @@ def _number(value: float | None, *ci95: float) -> dict[str, Any]:
         (_number(None), "effort not known"),
     ],
 )
-def test_an_effort_is_told_as_the_change_from_the_slack_cord(number: dict[str, Any], text: str) -> None:
+def test_an_effort_is_stated_as_the_change_from_the_slack_cord(number: dict[str, Any], text: str) -> None:
     assert str(saving(located(number, Source("assessment.json")))) == text
 
 
@@ -71,7 +73,7 @@ def test_an_older_assessment_without_a_decision_has_its_choice() -> None:
     assert summary_of(_assessment(), {}).decision == ("tube has the least effort",)
 
 
-def test_limits_are_told_by_their_codes_and_apart_from_the_findings() -> None:
+def test_limits_are_listed_by_their_codes_and_apart_from_the_findings() -> None:
     assessment = _assessment()
     assert summary_of(assessment, {}).limits == ("50 draws", BUNDLED_SUIT)
     assert summary_of({**assessment, "subject": {"mass_kg": 75.0}}, {}).limits == ("50 draws",)
@@ -87,7 +89,7 @@ def test_limits_are_told_by_their_codes_and_apart_from_the_findings() -> None:
         (_number(None), 3, "–"),
     ],
 )
-def test_an_interval_of_the_fit_alone_gives_no_more_digits_than_its_table_bears(
+def test_an_interval_of_the_fit_alone_gives_at_most_the_decimals_of_its_table(
     number: dict[str, Any], digits: int, text: str
 ) -> None:
     assert str(entry_number(located(number, Source("assessment.json")), digits=digits)) == text
@@ -125,3 +127,24 @@ def test_with_drawn_people_the_page_has_their_intervals_and_bands() -> None:
 def test_people_are_advised_only_where_they_can_be_drawn(inputs: dict[str, str], is_advised: bool) -> None:
     (figure,) = effort_figures(_assessment(inputs=inputs))
     assert ("--people" in str(figure.caption)) is is_advised
+
+
+@pytest.mark.parametrize(
+    ("more", "named", "is_of_cuffs_alone"),
+    [
+        ({"uncertainty": {"sources": ["cuffs"]}}, {"cuffs"}, True),
+        ({"uncertainty": {"sources": ["cuffs", "motions"]}}, {"cuffs", "posture"}, False),
+        ({"uncertainty": {"sources": ["motions"]}}, {"posture"}, False),
+        ({"uncertainty": {"draws": _number(50)}}, {"cuffs"}, True),
+        ({"uncertainty": {"draws": _number(50)}, "subject": {}}, {"cuffs"}, True),
+        ({"uncertainty": {"draws": _number(50)}, "subject": {"mass_kg": 1.0}}, {"cuffs", "posture"}, False),
+        ({"uncertainty": None}, set(), False),
+    ],
+)
+def test_the_section_on_the_suit_names_what_its_intervals_contain(
+    more: dict[str, Any], named: set[str], *, is_of_cuffs_alone: bool
+) -> None:
+    columns = {key: {"rigid": _number(1.0), "hand": {"both": _number(1.0)}} for key in CURVE_KEYS.values()}
+    section = assessment_section(_assessment(inputs={}, **columns, **more), (), ())
+    assert {word for word in ("cuffs", "posture") if word in section.intervals} == named
+    assert section.only_cuffs_drawn == is_of_cuffs_alone

@@ -59,7 +59,7 @@ def test_the_table_is_kept_with_the_session_shown_and_verified(table: Path, tmp_
     adopt_normative(table, folder)
     path = write_report(folder, _fitted())
     page = path.read_text(encoding="utf-8")
-    assert "Beside the volunteers of a study" in page and "2500 to 3500" in page
+    assert 'id="normative"' in page and "2500 to 3500" in page
     assert unmarked_numbers(path, *(trial.file for trial in _fitted().cuffs["waist"].trials)) == []
     assert "report.json ← normative.json, 6 numbers" in {
         link.what for link in number_links(folder) if link.standing == "as recorded"

@@ -19,6 +19,7 @@ from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
 from fitting.trial.trial import build_trial
 from station.charts.marks import Chart, Line, Panel, Points, Rule, Strip
+from station.interval import plus_minus
 from station.report.figures import static_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
 from station.report.muscle_figures import activation_figure, change_figure, muscle_changes
@@ -84,7 +85,7 @@ def test_a_page_holds_the_bushing_for_opensim(written: Path) -> None:
     assert "&lt;BushingForce name=&#34;waist_cuff&#34;&gt;" in written.read_text(encoding="utf-8")
 
 
-def test_a_page_tells_the_principal_values_of_a_cuff_pulled_in_space(tmp_path: Path) -> None:
+def test_a_page_has_the_principal_values_of_a_cuff_pulled_in_space(tmp_path: Path) -> None:
     fitted = _fitted()
     tensor = Tensor(np.diag([1000.0, 2000.0, 3000.0]), 25.0 * np.eye(6), 1.96, 5)
     reason = Note(TensorCode.NO_ROPE, {"quantity": "damping", "test": "dynamic"})
@@ -166,6 +167,29 @@ def test_a_muscle_that_works_more_is_drawn_like_one_that_works_less_and_one_at_r
     np.testing.assert_allclose(points.x, [-0.03, 0.03])
 
 
+def test_equal_activations_and_equal_held_loads_do_not_hide_each_other() -> None:
+    conditions = {"condition": ["slack", "both", "both"], "cuff": ["", "hand", "tube"]}
+    table = pd.DataFrame({"time_s": 0.0, **conditions, "TeresMajor": [0.05, 0.02, 0.02]})
+    for panel in _panels(change_figure(muscle_changes(table, ["hand", "tube"]))):
+        places = [float(mark.y[0]) for mark in panel.marks if isinstance(mark, Points) and mark.label != "slack cord"]
+        assert places[0] < places[1]
+    fitted = _fitted()
+    held, *_ = _panels(static_figure(fitted.cuffs["waist"], [fitted.pulls["static-1"], fitted.pulls["static-2"]]))
+    first, last = (mark for mark in held.marks if isinstance(mark, Points))
+    assert (first.is_hollow, last.is_hollow) == (True, False)
+    assert (first.radius or 0) > (last.radius or 0)
+
+
+def test_the_migration_of_the_donning_is_inside_its_panel_and_has_its_interval() -> None:
+    fit = _fitted().cuffs["waist"]
+    assert fit.migration is not None
+    migration = _panels(repeats_figure(fit))[-1]
+    (rule,) = (mark for mark in migration.marks if isinstance(mark, Rule))
+    (strip,) = (mark for mark in migration.marks if isinstance(mark, Strip))
+    assert rule.at < (migration.y_limits[1] or 0)
+    assert plus_minus(fit.migration.value, fit.migration.ci95, 1e3) in strip.label
+
+
 def test_activations_of_muscles_at_rest_are_left_out() -> None:
     table = pd.DataFrame(
         {"time_s": [0.0, 1.0], "condition": "slack", "cuff": "", "DeltoideusScapula_P": 0.0, "TrapeziusScapula_S": 0.5}
@@ -179,7 +203,7 @@ def test_a_page_is_read_on_a_dark_screen_and_on_paper(written: Path) -> None:
     assert "@media print" in page and "break-inside: avoid" in page
 
 
-def test_what_is_missing_stands_first(tmp_path: Path) -> None:
+def test_what_is_missing_is_listed_first(tmp_path: Path) -> None:
     (tmp_path / "missing.json").write_text('["hand, static, repeat 2: no edge came"]', encoding="utf-8")
     page = write_report(tmp_path, _fitted()).read_text(encoding="utf-8")
     assert page.index("hand, static, repeat 2: no edge came") < page.index("<h2>")

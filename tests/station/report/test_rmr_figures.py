@@ -18,7 +18,7 @@ from station.report.rmr_figures import UNKNOWN, _activations, _joint_forces, _re
 from tests.solver.legs import step_in
 
 
-def test_a_leg_without_a_requested_joint_is_told_how_to_request_one_and_not_of_a_glenoid() -> None:
+def test_the_page_of_a_leg_without_a_requested_joint_names_the_option_and_no_glenoid() -> None:
     solved: Any = SimpleNamespace(solution=SimpleNamespace(joint_reactions=SimpleNamespace(labels=())))
     axis = Figure().subplots()
     axis.set_title("joint reaction in the plane of the glenoid", loc="left")
@@ -49,6 +49,10 @@ def test_no_two_reserves_of_a_panel_are_drawn_alike(tmp_path: Path) -> None:
     inputs = MuscleInputs(step.motion, str(step.model), step.loads, actuators=(step.actuators,))
     options = static_optimisation(RedundancyOptions(joint="thigh_joint"))
     figure: Any = Figure()
-    _reserves(figure, solve_muscles(inputs, MotionCut(6.0, 0.2, 0.4, 5, "splines"), options))
+    solved = solve_muscles(inputs, MotionCut(6.0, 0.2, 0.4, 5, "splines"), options)
+    _reserves(figure, solved)
     drawn = [[(line.get_color(), line.get_linestyle()) for line in axis.lines] for axis in figure.axes]
     assert [len(set(lines)) for lines in drawn] == [8, 3]  # rotations, translations of the pelvis
+    page: Any = Figure()
+    _activations(page, solved)
+    assert figure.axes[-1].get_xlim() == pytest.approx(page.axes[0].get_xlim())

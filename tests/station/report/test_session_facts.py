@@ -40,7 +40,7 @@ def facts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     }
 
 
-def test_subject_operator_devices_and_serial_numbers_are_told(facts: dict[str, str]) -> None:
+def test_subject_operator_devices_and_serial_numbers_are_listed(facts: dict[str, str]) -> None:
     assert facts["Subject"] == "P01"
     assert facts["Operator"] == "MK"
     assert facts["Data"] == "measured"

@@ -78,6 +78,7 @@ def put_recording(controller: SessionController, run: int = 1, test: str = "stat
 @pytest.mark.parametrize(
     ("setup", "code"),
     [
+        (replace(SETUP, subject=""), CommandCode.NO_SUBJECT),
         (replace(SETUP, subject="Maria Lee"), CommandCode.WRONG_SUBJECT),
         (replace(SETUP, subject="../P01"), CommandCode.WRONG_SUBJECT),
         (replace(SETUP, cuffs=("hand", "knee")), CommandCode.UNKNOWN_CUFF),

@@ -13,6 +13,7 @@ import fitting.session
 import recordings.reader
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.trial_fit import TrialFit
+from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode, Verdict
 from fitting.results.rendering import Note
 from fitting.uncertainty import Estimate
@@ -20,7 +21,7 @@ from recordings.chunks import Damage, Entry
 from recordings.samples import Event
 from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
-from station.messages.codes import ReasonCode
+from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.session.fitted_judgement import judge_recording
 from station.session.judgement import Judgement, judgement_without_fit
@@ -230,6 +231,42 @@ def test_a_trial_that_the_recorder_did_not_accept_has_the_reason_of_the_recorder
         Message(ReasonCode.NOT_ACCEPTED, {"text": "NI Dev1 is gone: unplugged"}),
         Message(ReasonCode.LOST_SAMPLES, {"samples": 12}),
     )
+
+
+@pytest.mark.parametrize("test", ["bounce", "static"])
+def test_the_reason_of_the_recorder_comes_first_where_nothing_is_fitted(
+    tmp_path: Path, test: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk was full: the bounce is too short for that, or the file ends before its header."""
+
+    def unusable(_: Path) -> None:
+        raise UnusableTrial(RejectionCode.NO_MOTION)
+
+    if test == "bounce":
+        monkeypatch.setattr("station.session.fitted_judgement.read_recording", unusable)
+    (tmp_path / "a.mcap").write_text("no recording\n")
+    cuff = None if test == "bounce" else "hand"
+    failed = (Message(TrialCode.WRITE_FAILED, {"text": "No space left on device"}),)
+    write_recorded(tmp_path, Recorded("a.mcap", cuff, test, 1, "1", False, 0, "No space left on device", codes=failed))
+    judgement = judge_recording(tmp_path, "a.mcap")
+    assert (judgement.advice, codes(judgement)) == ("redo", [ReasonCode.NOT_ACCEPTED, ReasonCode.UNUSABLE])
+    assert judgement.reasons[0].figures["text"] == "No space left on device"
+
+
+def test_the_fit_of_a_trial_whose_recorder_was_killed_gives_notes_and_no_reasons(
+    session: Path, judged: Callable[..., Judgement]
+) -> None:
+    """It lacks its last steps because of the kill, not because the operator left them out."""
+    killed = Message(TrialCode.RECORDER_KILLED, {"text": "15 s of it are kept", "details": "damage at byte 185500"})
+    journal = (session / "session.jsonl").read_bytes()
+    write_recorded(session, Recorded(STATIC, "hand", "static", 1, "1", False, 0, str(killed), codes=(killed,)))
+    try:
+        judgement = judged(stiffness=None, damping=None)
+    finally:
+        (session / "session.jsonl").write_bytes(journal)
+    assert judgement.reasons == (Message(ReasonCode.NOT_ACCEPTED, {"text": str(killed)}),)
+    assert (judgement.advice, judgement.doubts) == ("redo", ())
+    assert judgement.notes[:2] == ("damage at byte 185500", str(Message(ReasonCode.NO_STATIC_RESULT)))
 
 
 def test_a_file_that_is_not_a_recording_is_a_reason_and_not_an_error(tmp_path: Path) -> None:

@@ -113,12 +113,13 @@ def test_the_file_of_a_killed_recorder_is_recovered_and_waits_for_a_decision(tmp
         assert read_journal(tmp_path).recorded == (), "a recorder that is at work speaks for itself"
         recorder.child.kill()
         recorder.child.wait()
-    for _ in range(2):
-        adopt_recordings(tmp_path)
+    assert [len(adopt_recordings(tmp_path)) for _ in range(2)] == [1, 0]
     (recorded,) = read_journal(tmp_path).recorded
     assert recorded.file.endswith(".recovered.mcap")
     assert not recorded.accepted
     assert [message.code for message in recorded.codes] == [TrialCode.RECORDER_KILLED]
+    assert "/force keeps" in recorded.codes[0].figures["details"], "and no part of the operator's sentence"
+    assert "/force" not in recorded.sentence
     assert contents_of(tmp_path / recorded.file).streams["/force"].samples > 1000
 
 

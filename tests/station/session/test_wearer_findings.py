@@ -130,6 +130,5 @@ def test_a_trial_that_the_recorder_did_not_accept_is_to_be_redone(folder: Path, 
     judgement = judge_recording(tmp_path / "session", lossy.file)
     assert [reason.code for reason in judgement.reasons] == [ReasonCode.LOST_SAMPLES]
     (tmp_path / "session" / lossy.file).write_bytes(b"no recording")
-    assert [reason.code for reason in judge_recording(tmp_path / "session", lossy.file).reasons] == [
-        ReasonCode.UNUSABLE
-    ]
+    judgement = judge_recording(tmp_path / "session", lossy.file)
+    assert [reason.code for reason in judgement.reasons] == [ReasonCode.LOST_SAMPLES, ReasonCode.UNUSABLE]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,12 +11,14 @@ import pytest
 from fitting.study.cuff_study import ComparisonOutcome, StudyOutcome
 from fitting.study.reliability import ReliabilityOutcome
 from fitting.study.variance_components import ComponentOutcome
+from station.charts.marks import Strip
 from station.checksums import sha256_of
 from station.messages.study_codes import StudyCode
 from station.study.normative_file import NormativePlace, read_normative
 from station.study.sessions import StudyError, read_sessions
 from station.study.study import make_study
 from station.study.study_document import StudyDocument
+from station.study.study_figures import forest_chart
 from station.study.study_json import read_study, study_document
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import CUFF_FACTORS, STIFFNESS, write_sessions
@@ -129,6 +132,35 @@ def test_a_folder_without_sessions_is_refused_and_nothing_is_written(
     for given, code in ((tmp_path, StudyCode.NO_SESSION), (tmp_path / "missing", StudyCode.NOT_A_FOLDER)):
         assert_refused(station("study", given, "--output", tmp_path / "out"), 1, code)
     assert not (tmp_path / "out").exists()
+
+
+def test_sessions_that_cannot_be_used_are_refused_with_what_each_kind_lacks(tmp_path: Path) -> None:
+    first, second, third = write_sessions(tmp_path, 3, operators=1)
+    for session in (first, second):
+        (session / "session.jsonl").unlink()
+    (third / "cuffs.json").unlink()
+    with pytest.raises(StudyError) as refused:
+        read_sessions([tmp_path])
+    assert refused.value.code == StudyCode.NO_USABLE_SESSION
+    assert [session.name in str(refused.value) for session in (first, second, third)] == [True, False, True]
+
+
+def test_the_page_says_why_the_reliability_is_not_estimated_and_has_units(
+    tmp_path: Path, station: Callable[..., Ran]
+) -> None:
+    write_sessions(tmp_path / "sessions", 3, operators=1, donnings=1, repeats=2)
+    write_sessions(tmp_path / "sessions" / "unfitted", 1, operators=1)[0].joinpath("cuffs.json").unlink()
+    assert station("study", tmp_path / "sessions", "--output", tmp_path).code == 3
+    page = (tmp_path / "study.html").read_text(encoding="utf-8")
+    assert "<td>no repeated donnings" in page
+    assert "difference [N s/m]" in page and "standard deviation [mm] between" in page
+    assert "<code>station fit</code>" in page
+    assert not re.search(r">-\d|\(-\d| -\d", page.split("<body>")[1].replace("viewBox", ""))
+
+
+def test_the_bands_of_a_forest_plot_have_colours_of_their_own(document: StudyDocument) -> None:
+    ((panel,),) = forest_chart(document.cuffs["hand"]["stiffness"], "stiffness").columns
+    assert [mark.colour for mark in panel.marks if isinstance(mark, Strip)] == ["quiet", "c1"]
 
 
 def test_another_file_is_no_study_and_no_normative_table(tmp_path: Path) -> None:

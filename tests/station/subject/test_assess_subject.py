@@ -96,7 +96,7 @@ def test_the_cord_runs_where_its_markers_were(person: AssessedSubject, wearer: W
         assert fitted.spread[part] < 0.015
 
 
-def test_figures_stand_on_the_wearer_and_every_interval_holds_the_posture(plain: dict[str, Any]) -> None:
+def test_figures_are_of_the_wearer_and_every_interval_contains_the_posture(plain: dict[str, Any]) -> None:
     subject = plain["subject"]
     assert subject["motion"] == FREE.file_name(1) and subject["condition"] == "unsuited"
     assert plain["inputs"]["motion"].startswith(FREE.file_name(1)) and "wearer" in plain["inputs"]["model"]
@@ -106,7 +106,7 @@ def test_figures_stand_on_the_wearer_and_every_interval_holds_the_posture(plain:
     assert plain["unsolved"]["count"]["value"] == 0
 
 
-def test_the_measured_tension_of_the_cord_stands_beside_the_predicted_one(plain: dict[str, Any]) -> None:
+def test_the_measured_tension_of_the_cord_is_beside_the_predicted_one(plain: dict[str, Any]) -> None:
     cord = plain["subject"]["cord"]
     assert cord["correlation"] > 0.95
     assert cord["rms_n"] < 5.0 and abs(cord["offset_n"]) < 8.0

@@ -15,11 +15,12 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode, SolverError
 from solver.model import ModelError
-from solver.motion import differentiate, read_motion, write_table
+from solver.motion import differentiate, read_motion
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import SuitError, read_suit
-from solver.suit.uncertainty import DrawSettings
+from solver.suit.uncertainty import LEAST_FRAMES, DrawSettings
+from solver.time_series_table import write_table
 from station import sources
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.messages.codes import InputCode
@@ -117,6 +118,18 @@ def test_the_cutoff_of_the_plan_filters_its_motions(tmp_path: Path) -> None:
         table = pd.read_parquet(run_sweep(plan, tmp_path / "out", here).table)
         difference.append(abs(np.diff(table["normalised_cost"].to_numpy())[0]))
     assert difference[0] < 0.05 * difference[1]
+
+
+@pytest.mark.parametrize(("every", "is_few"), [(60, True), (1, False), (20, False)])
+def test_a_plan_that_keeps_few_frames_is_told(tmp_path: Path, every: int, is_few: bool) -> None:
+    """The bundled motion has 601 frames; of its first 20 alone, none can be left out."""
+    raised, start = simulate_arm_raise(bundled_model()), slice(0, 20 if every == 1 else None)
+    write_table(tmp_path / "part.sto", raised.names, raised.time[start], raised.coordinates[start])
+    vary = 'motion = "part.sto"\ncuff = "hand"\ncondition = ["rigid", "both"]\nrest_length_m = 0.74'
+    found = run_sweep(read_plan(write_plan(tmp_path, vary, f"every = {every}\n")), tmp_path / "out", here)
+    (kept,) = set(pd.read_parquet(found.table)["frames"])
+    figures = {"every": every, "cases": 2, "fewest": kept, "least": LEAST_FRAMES}
+    assert [(one.code, one.figures) for one in found.findings] == [(SweepCode.FEW_FRAMES, figures)] * is_few
 
 
 def test_rows_are_in_the_order_of_the_plan_with_the_parameters_of_the_suit(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import pytest
 
 from recordings.errors import RecordingCode
 from solver.redundancy.force_agreement import ForceAgreement
-from station.exit_code import DONE, FAILED
+from station.exit_code import DONE, FAILED, WRONG_USAGE
 from station.messages.codes import AssessmentCode
 from station.messages.validation_codes import ValidationCode
 from station.validation.lifts import GLENOID, ValidationFileError, find_lifts, read_lift, read_published_force
@@ -95,6 +95,23 @@ def test_the_defaults_agree_with_the_measured_force(solved: list[SolvedVariant])
         assert found[lift].rmse_percent <= limit
         assert found[lift].agreement.correlation >= 0.94
         assert found[lift].is_within_limits is None
+
+
+ANGLES_DEG = {
+    ("S8R_side", "none"): 63.8,
+    ("S8R_side", "circle"): 41.6,
+    ("S8R_side", "ellipse"): 44.8,
+    ("S8R_back", "none"): 55.8,
+    ("S8R_back", "circle"): 25.8,
+    ("S8R_back", "ellipse"): 30.3,
+}
+"""Median angle of the published forces to the measured one, with the posture of the scapula by OpenSim 4.6."""
+
+
+@pytest.mark.shared
+def test_the_angle_to_the_measured_force_is_that_of_the_published_forces(solved: list[SolvedVariant]) -> None:
+    found = {(one.lift, one.variant): np.degrees(one.angle) for one in solved if one.published}
+    assert found == pytest.approx(ANGLES_DEG, abs=1.0)
 
 
 @pytest.mark.shared
@@ -185,8 +202,9 @@ def test_a_lift_that_is_refused_leaves_the_others(station: Callable[..., Ran], t
 def test_a_motion_that_was_cut_is_reported(tmp_path: Path) -> None:
     copied(tmp_path, "S8R_back")
     keep_lines(tmp_path / "S8R_back.mot", 100)
-    reported = [verdict.code for verdict in verdicts(validate_folder(tmp_path)[0])]
-    assert reported[:3] == 3 * [ValidationCode.PARTLY_PUBLISHED]
+    solved, _ = validate_folder(tmp_path)
+    assert [verdict.code for verdict in verdicts(solved)][:3] == 3 * [ValidationCode.PARTLY_PUBLISHED]
+    assert AssessmentCode.ROW_COUNTS in {finding.code for finding in solved[0].findings}
 
 
 @pytest.mark.shared
@@ -263,6 +281,17 @@ def test_a_folder_without_a_whole_lift_is_refused(station: Callable[..., Ran], t
     assert_refused(station("validate", tmp_path), FAILED, ValidationCode.FILES_MISSING)
 
 
+@pytest.mark.parametrize("option", ["--output", "--plot"])
+def test_an_output_that_cannot_be_written_is_refused_before_a_lift_is_solved(
+    station: Callable[..., Ran], tmp_path: Path, option: str
+) -> None:
+    suffix = {"--output": ".csv", "--plot": ".svg"}[option]
+    (tmp_path / f"folder{suffix}").mkdir()
+    (tmp_path / "file").touch()
+    for output in (tmp_path / f"folder{suffix}", tmp_path / "file" / f"results{suffix}"):
+        assert station("validate", tmp_path, option, output).code == WRONG_USAGE
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_published_solution_is_read_by_its_titles(tmp_path: Path, seed: int) -> None:
     generator = np.random.default_rng(seed)
@@ -274,11 +303,25 @@ def test_a_published_solution_is_read_by_its_titles(tmp_path: Path, seed: int) -
     table.to_csv(path, index=False)
     read = read_published_force(path)
     np.testing.assert_array_equal(read.force, table[["Fx", "Fy", "Fz"]].to_numpy())
+    table.assign(Fx=table["Fx"].where(table.index != 4)).to_csv(path, index=False)
+    with refusals.raises_refusal(RecordingCode.FOREIGN_NOT_A_NUMBER, naming="line 6"):
+        read_published_force(path)
     table.drop(columns="Fy").to_csv(path, index=False)
     with refusals.raises_refusal(RecordingCode.FOREIGN_MISSING_COLUMN):
         read_published_force(path)
     table.assign(time=0.0).to_csv(path, index=False)
     with refusals.raises_refusal(RecordingCode.FOREIGN_TIME_NOT_RISING):
+        read_published_force(path)
+
+
+@pytest.mark.parametrize("lost", [1, 25], ids=["before the last number", "within a force"])
+def test_a_published_solution_that_was_cut_within_a_row_is_refused_with_its_line(tmp_path: Path, lost: int) -> None:
+    """The last number of such a row may be wrong, and is not missing."""
+    path = tmp_path / "published.txt"
+    rows = [f"{frame / 50:.3f},1.25,2.5,3.75,0.0625,0.03125,0.015625" for frame in range(20)]
+    text = "\n".join(["time,Fx,Fy,Fz,BIC_long,BIC_brevis,TRIlong", *rows])
+    path.write_text(text[: -lost - len("0.015625")], encoding="utf-8")
+    with refusals.raises_refusal(RecordingCode.FOREIGN_CUT, naming="line 21"):
         read_published_force(path)
 
 

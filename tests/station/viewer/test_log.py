@@ -53,7 +53,7 @@ def rows_in(path: Path) -> dict[str, int]:
     return rows
 
 
-def test_what_is_shown_is_thinned_for_the_eye(tmp_path: Path) -> None:
+def test_what_is_shown_is_decimated(tmp_path: Path) -> None:
     path = tmp_path / "trial.rrd"
     stream = Stream("/markers", "mm", ("cuff_1", "rope_1", "rope_2"), 100.0, "QTM")
     frames = np.ones((200, 3, 4), dtype=np.float32)

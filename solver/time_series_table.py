@@ -1,0 +1,160 @@
+"""Tables over time in files: .mot and .sto with OpenSim's header, and .csv."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from documents.regular_file import LARGEST_TABLE, read_regular
+from solver.errors import MotionError, SolverCode
+
+Array = NDArray[np.float64]
+_FILLING = " \t,;"
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class TableHeader:
+    """What the lines above a table state.
+
+    in_degrees  whether angles are in degrees
+    rows        number of rows, nRows or SIMM's datarows; None where it is not stated
+    """
+
+    in_degrees: bool = False
+    rows: int | None = None
+
+    def row_counts(self, found: int) -> tuple[int, int] | None:
+        """Rows that are stated and rows that were found, if they differ; None if they do not."""
+        return None if self.rows in (None, found) else (self.rows, found)
+
+
+def write_table(
+    path: Path, names: Sequence[str], time: Array, values: Array, notes: Mapping[str, str] | None = None
+) -> None:
+    """Write time [s] and values (frames, names) with a column per name, and notes above them, a line each.
+
+    A .csv has its notes behind a #, anything else OpenSim's header. In the latter a value that is not finite is a
+    MotionError, because OpenSim's Storage stops reading there without a message.
+    """
+    is_csv = path.suffix == ".csv"
+    if not is_csv and not np.isfinite(values).all():
+        raise MotionError(
+            f"{path.name} should hold finite numbers, or OpenSim stops reading there; leave these frames out",
+            SolverCode.NOT_FINITE,
+        )
+    separator = "," if is_csv else "\t"
+    lines = [f"{'# ' * is_csv}{name}={note}" for name, note in (notes or {}).items()]
+    if not is_csv:
+        counts = f"version=1\nnRows={len(time)}\nnColumns={len(names) + 1}\ninDegrees=no"
+        lines = [path.stem, counts, *lines, "endheader"]
+    lines.append(separator.join(["time", *names]))
+    lines += [separator.join(f"{value:.10g}" for value in row) for row in np.column_stack([time, values])]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_table(path: Path) -> tuple[list[str], Array, TableHeader]:
+    """Names of the columns, their values (frames, columns), and the header; all rows are read, whatever it states.
+
+    Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. Raises MotionError.
+    """
+    try:
+        raw = read_regular(path, LARGEST_TABLE)
+    except OSError as error:
+        sentence = f"{path} should be a motion file and cannot be read ({error}); check the path"
+        raise MotionError(sentence, SolverCode.UNREADABLE_TABLE) from error
+    try:
+        lines = raw.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:  # a name with an accent in the header of an older program
+        lines = raw.decode("latin-1").splitlines()
+    if path.suffix.lower() == ".trc":
+        sentence = f"{path.name} should be a table over time (.mot, .sto, .csv) and holds markers; see `station ik`"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
+    header, first = TableHeader(), 0
+    if path.suffix != ".csv":
+        ends = [i for i, line in enumerate(lines) if line.strip(_FILLING) == "endheader"]
+        if not ends:
+            sentence = f"{path.name} should have a line 'endheader' above its table and has none; check it"
+            raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
+        first = ends[0] + 1
+        header = _header_of(lines[: ends[0]], is_mot=path.suffix == ".mot")
+    given = [line for line in lines[first:] if line.strip() and line[0] != "#"]
+    rows = [line.replace(",", " ") for line in given]
+    if len(rows) < 3:
+        sentence = f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows"
+        raise MotionError(sentence, SolverCode.NO_FRAMES)
+    names = rows[0].split()
+    try:
+        table = np.loadtxt(rows[1:], comments=None, ndmin=2)
+    except ValueError as error:
+        _ensure_points(path, given)
+        _ensure_same_length(path, rows)
+        sentence = f"{path.name} should hold numbers below its names ({error}); check the file"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE) from error
+    if table.shape[1] != len(names):
+        names = _names_with_spaces(given[0])
+    if table.shape[1] != len(names):
+        _ensure_points(path, given)
+        _ensure_same_length(path, rows)
+    if not np.isfinite(table).all():
+        frame, column = np.argwhere(~np.isfinite(table))[0]
+        sentence = f"{path.name} should hold finite numbers and has {names[column]} {table[frame, column]}"
+        raise MotionError(f"{sentence} in frame {frame + 1}; fill or cut the gap", SolverCode.NOT_FINITE)
+    return names, table, header
+
+
+def _names_with_spaces(row: str) -> list[str]:
+    """Names that tabs separate, or else commas, as a name may contain spaces."""
+    separator = "\t" if "\t" in row else ","
+    return [name.strip() for name in row.strip(_FILLING).split(separator)]
+
+
+def _ensure_points(path: Path, rows: Sequence[str]) -> None:
+    """Raise MotionError for decimal commas, below the row of names: in a cell between tabs, spaces or semicolons, or in
+    a row with commas alone, which then has more cells than names, and no point.
+    """
+    count = len(rows[0].split(","))
+    for row in rows[1:]:
+        cells, between_commas = re.split(r"[\s;]+", row.strip()), row.split(",")
+        found = [cell for cell in cells if len(cells) > 1 and _DECIMAL_COMMA.fullmatch(cell)]
+        if len(cells) == 1 and len(between_commas) > count and "." not in row:
+            found = [",".join(between_commas[:2])]
+        if found:
+            raise MotionError(
+                f"{path.name} should have a decimal point in its numbers and has a decimal comma, as in {found[0]}; "
+                "write them with a point, and a tab or a comma between columns",
+                SolverCode.MALFORMED_TABLE,
+            )
+
+
+def _ensure_same_length(path: Path, rows: Sequence[str]) -> None:
+    """Raise MotionError for the first row that has not as many columns as the row of names."""
+    lengths = [len(row.split()) for row in rows]
+    for number, length in enumerate(lengths):
+        if length != lengths[0]:
+            raise MotionError(
+                f"{path.name} should have {lengths[0]} columns in every row and has {length} in frame {number}; "
+                "the file may be cut",
+                SolverCode.MALFORMED_TABLE,
+            )
+
+
+def _header_of(lines: Sequence[str], *, is_mot: bool) -> TableHeader:
+    """As the lines state. A motion file of SIMM, as OpenSim 1 wrote it, has no version and is in degrees.
+
+    Spreadsheets fill the lines of a header with tabs or commas, up to the number of columns.
+    """
+    fields = {}
+    for line in lines:
+        key, *value = line.strip(_FILLING).lower().replace("=", " ").split() or [""]
+        fields[key] = " ".join(value)
+    rows = fields.get("nrows", fields.get("datarows", ""))
+    in_degrees = fields.get("indegrees", "") in ("yes", "y")
+    if "indegrees" not in fields:
+        in_degrees = "version" not in fields and (is_mot or fields.get("angles") == "are in degrees.")
+    return TableHeader(in_degrees, int(rows) if re.fullmatch("[0-9]{1,9}", rows) else None)

@@ -1,0 +1,62 @@
+"""Where the console's page has its buttons, findings and markers, in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from station.journal import Recorded, Setup, write_recorded, write_setup
+from tests.station.console.browsing import CHROMIUM, buttons_are_in_view, open_page, patience_ms, seen
+from tests.station.console.served import ServedConsole, write_config
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+    pytest.mark.timeout(600),
+]
+
+IN_VIEW = """() => {
+    const canvas = {clientWidth: 300, clientHeight: 300};
+    const view = {order: (at) => at, centre: [10, 20, 30], extent: 5, zoom: 1, turn: 0.7, tilt: 0.22};
+    const place = view3d.projector(canvas, view);
+    return Array.from({length: 36}, (_, n) => 10 * n * Math.PI / 180)
+        .map((angle) => place([10 + 5 * Math.cos(angle), 20 + 5 * Math.sin(angle), 30]))
+        .every(([x, y]) => x >= 5 && x <= 295 && y >= 5 && y <= 295);
+}"""
+
+
+def test_the_buttons_that_leave_a_decision_are_apart_from_it_at_every_width(browser: Browser, tmp_path: Path) -> None:
+    folder = tmp_path / "sessions" / "sub-P01_ses-1"
+    folder.mkdir(parents=True)
+    write_setup(folder, Setup("P01", "ab", ("hand",), 1))
+    (folder / "a.mcap").write_text("no recording\n")
+    write_recorded(folder, Recorded("a.mcap", "hand", "static", 1, "1", False, 0, "the mocap capture ended"))
+    with ServedConsole(write_config(tmp_path)) as console:
+        page = open_page(browser, console.address)
+        page.get_by_role("button", name="P01, session 1").click()
+        seen(page, "redo advised")
+        for width in (801, 1000, 1101, 1280, 1400, 1900):
+            page.set_viewport_size({"width": width, "height": 800})
+            decide, leave = (page.locator(f"footer .{group}").bounding_box() for group in ("main", "apart"))
+            assert decide is not None and leave is not None
+            assert decide["x"] + decide["width"] < leave["x"], width
+            assert buttons_are_in_view(page)
+        names = page.locator("footer .apart button").all_inner_texts()
+        assert sorted(names) == ["Session list (l)", "Skip to report (e)"]
+        assert page.evaluate(IN_VIEW), "a marker at any side of the centre"
+
+
+def test_the_set_up_asks_for_a_code_and_offers_no_file_name_without_one(browser: Browser, tmp_path: Path) -> None:
+    with ServedConsole(write_config(tmp_path)) as console:
+        page = open_page(browser, console.address)
+        page.get_by_role("button", name="Begin").click()
+        seen(page, "no subject is given; enter a code")
+        for subject, offered in (("P01", 1), ("M\u00fcller / x", 0)):
+            page.get_by_label("Subject code").fill(subject)
+            expect(page.get_by_text("files such as")).to_have_count(offered, timeout=patience_ms())
+        page.get_by_role("button", name="Check the bench").click()
+        card = page.locator(".q-card", has=page.get_by_text("Bench", exact=True))
+        expect(card.get_by_text("disk:")).to_be_visible(timeout=patience_ms())
+        expect(card.get_by_text("Resume a session")).to_have_count(0)

@@ -1,0 +1,72 @@
+"""A simulated session goes on after its recorder was killed within a trial."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from station.bench.simulation import SimulatedBench, practice_settings
+from station.config import load_config
+from station.journal import Recorded
+from station.messages.codes import TrialCode
+from station.messages.message import Message
+from station.session.controller import SessionController
+from station.session.trial_process import TrialProcess
+from tests.station.console.served import write_config
+from tests.station.session.test_controller import SETUP, SPEED, until, with_folder
+
+
+def test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_recorder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the operator of a real mocap system would; the hands that are led wait for cues that no longer come."""
+    recorders = []
+    start = TrialProcess.start
+
+    async def started(*arguments: object) -> TrialProcess:
+        recorders.append(await start(*arguments))  # type: ignore[arg-type]
+        return recorders[-1]
+
+    monkeypatch.setattr(TrialProcess, "start", started)
+    config = load_config(write_config(tmp_path, hold_s=5.0))
+    with SimulatedBench(practice_settings(config), SPEED, 3) as bench:
+        controller = SessionController(with_folder(bench.configure(config), tmp_path / "sessions"), SPEED, bench)
+
+        def is_recording() -> bool:
+            live = controller.runner.live
+            return live is not None and live.latest["state"] == "recording" and live.latest["recorded_s"] > 1.0
+
+        async def record() -> None:
+            controller.session.begin(SETUP)
+            await controller.runner.arm()
+            await until(is_recording)
+            recorders[0]._child.kill()
+            await until(lambda: not controller.session.has_running_trial)
+            await controller.runner.arm()
+            await until(lambda: is_recording() or controller.runner.live is None)
+            await controller.runner.stop()
+            await until(lambda: controller.runner.live is None)
+
+        asyncio.run(record())
+        controller.close()
+    assert recorders[1].recorded is not None, recorders[1].refusal
+    assert [message.code for message in recorders[1].recorded.codes] == [TrialCode.OPERATOR_STOP]
+
+
+def test_the_end_of_a_killed_recorder_is_stated_by_the_verdict_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed = Message(TrialCode.RECORDER_KILLED, {"text": ""})
+    entry = Recorded("a.mcap", "hand", "static", 1, "1", False, 0, str(killed), codes=(killed,))
+    adopted: list[tuple[Recorded, ...]] = [(), (entry,)]
+    monkeypatch.setattr("station.session.reviewer.adopt_recordings", lambda _: adopted.pop(0))
+    controller = SessionController(with_folder(load_config(write_config(tmp_path)), tmp_path / "sessions"))
+    controller.session.begin(SETUP)
+    controller.session.message = "the recorder ended with code -9 during the trial"
+    asyncio.run(controller.reviewer.process_recordings())
+    assert controller.session.message, "nothing of it was written: the message is all there is"
+    asyncio.run(controller.reviewer.process_recordings())
+    assert controller.session.message == ""
+    controller.close()
