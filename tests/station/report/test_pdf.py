@@ -16,12 +16,14 @@ from station.messages.setup_codes import ConfigCode, FolderCode
 from station.report import page
 from station.report.pdf import BrowserError, _launch, write_pdf
 from station.verbs.whole import report
+from tests.station.console.browsing import CHROMIUM
 from tests.station.refusals import raises_refusal
 
 STYLE = Path(page.__file__).with_name("page.css").read_text(encoding="utf-8")
 POINTS_PER_MM = 72 / 25.4
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_a_page_is_printed_on_a4_and_its_hash_is_kept(tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     page.write_text(f"<style>{STYLE}</style><section class=first>first</section><p>second</p>", encoding="utf-8")

@@ -12,6 +12,7 @@ import pytest
 import qtm_rt
 
 from recordings.reader import open_recording
+from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.journal import read_journal, write_verdict
@@ -196,10 +197,26 @@ def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
 
 @pytest.mark.slow
 def test_a_missed_edge_is_reported_and_the_trial_is_armed_again(tmp_path: Path) -> None:
-    """No capture starts in time; the vendor's own client starts one once the trial is armed for the second time."""
+    """No capture starts in time; the vendor's own client starts one once the trial is armed for the second time.
+
+    From the first trial on the world waits for the test, because 20 s of it take less than a second of the wall clock.
+    """
     with remote_bench(tmp_path / "bench", control="none", timeout_s=20.0) as (bench, config):
-        mocap = _MocapOperator(config)
-        script = answers((is_in("armed", 2), mocap.start), (is_decided(1), "end"))
+        mocap, clock, held = _MocapOperator(config), BenchClock(bench.clock_port), threading.Event()
+
+        def hold() -> None:
+            clock.__enter__()
+            held.set()
+
+        def is_armed_again(event: Event) -> bool:
+            return held.is_set() and isinstance(event, StateChanged) and event.state == "armed"
+
+        def start() -> None:
+            clock.step()  # the sync line is low while the trial is armed
+            mocap.start()
+            clock.close()
+
+        script = answers((warned("not_recorded"), hold), (is_armed_again, start), (is_decided(1), "end"))
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
     (missed,) = output.of(WarningRaised)
     assert (missed.code, missed.cause) == ("not_recorded", TrialCode.NO_SYNC_EDGE_LOW)
