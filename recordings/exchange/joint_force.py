@@ -13,6 +13,7 @@ jumps in the kinematic data, and 3 that they are missing: then the force relativ
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +33,8 @@ NO_KINEMATICS = 3
 """Marker of samples that are left out."""
 LARGEST_GAP_S = 0.05
 """Between samples; five are measured in that time."""
-WEIGHT = "BodyWeight"
+WEIGHT, NEWTONS = r"body ?weight", r"\s*\[N\]"
+"""Regular expressions, without regard to capitals."""
 LEAST_WEIGHT_N, LARGEST_WEIGHT_N = 200.0, 2500.0
 """Of a patient: 20 to 255 kg. A mass in kg under a header of newtons is below."""
 
@@ -45,23 +47,34 @@ class JointForceRecord:
     force         (samples, 3) [N]: relative to implant (medial, anterior, superior) or glenoid (forward, up, lateral)
     resultant     (samples,) [N]
     body_weight   [N]; None where the header has none
+    is_cut        whether the motion begins with the first sample of the file
     """
 
     time_s: Array
     force: Array
     resultant: Array
     body_weight: float | None
+    is_cut: bool
 
     def at(self, time: Array) -> tuple[Array, Array]:
-        """Force (frames, 3) and resultant (frames,) [N] at time (frames,) [s]; NaN in a gap, linear between samples."""
+        """Force (frames, 3) and resultant (frames,) [N] at time (frames,) [s], as by interpolate_samples."""
         table = np.column_stack([self.force, self.resultant])
-        found = np.column_stack([np.interp(time, self.time_s, column) for column in table.T])
-        place = np.searchsorted(self.time_s, time)
-        before, after = (place - 1).clip(min=0), place.clip(max=len(self.time_s) - 1)
-        is_between = time != self.time_s[after]
-        found[is_between & (self.time_s[after] - self.time_s[before] > LARGEST_GAP_S)] = np.nan
-        found[time < self.time_s[0] - LARGEST_GAP_S] = np.nan
+        found = interpolate_samples(time, self.time_s, table, LARGEST_GAP_S)
         return found[:, :3], found[:, 3]
+
+
+def interpolate_samples(time: Array, sampled: Array, table: Array, largest_gap: float) -> Array:
+    """Columns of a table (samples, columns) of times `sampled` [s] at time (frames,) [s], linear between samples.
+
+    NaN between samples that are more than largest_gap [s] apart, and further than that from the first or the last one.
+    """
+    found = np.column_stack([np.interp(time, sampled, column) for column in table.T])
+    place = np.searchsorted(sampled, time)
+    before, after = (place - 1).clip(min=0), place.clip(max=len(sampled) - 1)
+    is_in_gap = (time != sampled[after]) & (sampled[after] - sampled[before] > largest_gap)
+    is_outside = (time < sampled[0] - largest_gap) | (time > sampled[-1] + largest_gap)
+    found[is_in_gap | is_outside] = np.nan
+    return found
 
 
 def read_joint_force(path: Path) -> JointForceRecord:
@@ -73,7 +86,7 @@ def read_joint_force(path: Path) -> JointForceRecord:
     numbers = np.array([i for i, line in enumerate(lines, start=1) if i > first + 2 and line.strip()], dtype=int)
     _ensure_announced(lines[:first], len(numbers), path)
     table = read_numbers([lines[i - 1] for i in numbers], "\t", columns, path, int(numbers.min(initial=len(lines))))
-    marked = table[table[:, -1] > 0, 0]
+    marked, is_cut = table[table[:, -1] > 0, 0], bool((table[:1, -1] > 0).all())
     is_known = table[:, -1] != NO_KINEMATICS
     table = table[is_known]
     _ensure_plausible(table, numbers[is_known], path)
@@ -85,7 +98,8 @@ def read_joint_force(path: Path) -> JointForceRecord:
             RecordingCode.FOREIGN_NO_MOTION,
         )
     kept = table[captured[0] : captured[-1] + 1]
-    return JointForceRecord(kept[:, 0] - marked[0], kept[:, 1:4], kept[:, 4], _body_weight(lines[:first], path))
+    weight = _body_weight(lines[:first], path)
+    return JointForceRecord(kept[:, 0] - marked[0], kept[:, 1:4], kept[:, 4], weight, is_cut)
 
 
 def _titles_line(lines: Sequence[str], path: Path) -> int:
@@ -162,37 +176,41 @@ def _ensure_plausible(table: Array, numbers: NDArray[np.int64], path: Path) -> N
 
 def _body_weight(header: Sequence[str], path: Path) -> float | None:
     """The body weight [N], None where the header has none."""
-    line = next((line for line in header if line.startswith(WEIGHT)), "")
     weight = _header_number(header, WEIGHT, path)
-    title = line.split("\t")[0].strip(" :")
-    if weight is not None and title != f"{WEIGHT} [N]":
+    if weight is None:
+        return None
+    if _header_line(header, WEIGHT + NEWTONS) is None:
         raise ForeignFile(
-            f"{path} has {title} in its header, expected {WEIGHT} [N]; convert the number to newtons, and correct the "
-            "line",
+            f"{path} has no [N] behind BodyWeight in its header; convert the number to newtons, and correct the line",
             RecordingCode.FOREIGN_UNIT,
         )
-    if weight is not None and not LEAST_WEIGHT_N <= weight <= LARGEST_WEIGHT_N:
+    if not LEAST_WEIGHT_N <= weight <= LARGEST_WEIGHT_N:
         raise ForeignFile(
-            f"{path} has {title} {weight:g} in its header, expected {LEAST_WEIGHT_N:g} to {LARGEST_WEIGHT_N:g} N; is "
-            "it a mass in kg?",
+            f"{path} has a body weight of {weight:g} N in its header, expected {LEAST_WEIGHT_N:g} to "
+            f"{LARGEST_WEIGHT_N:g} N; is it a mass in kg?",
             RecordingCode.FOREIGN_UNIT,
         )
     return weight
 
 
 def _header_number(header: Sequence[str], key: str, path: Path) -> float | None:
-    """The number after a key of the header, None where there is no such line."""
-    line = next((line for line in header if line.startswith(key)), None)
+    """The number at the end of the header's line of a key, None where there is no such line."""
+    line = _header_line(header, key)
     if line is None:
         return None
-    field = line.split("\t")[-1].strip().replace(",", ".")
+    field = re.split(r"[\s:]", line.strip())[-1].replace(",", ".")
     try:
         number = float(field)
     except ValueError:
         number = np.nan
     if not 0 < number < np.inf:
         raise ForeignFile(
-            f"{path} has {key} {field!r} in its header, expected a positive number; correct the line",
+            f"{path} has {line.strip()!r} in its header, expected a positive number at its end; correct the line",
             RecordingCode.FOREIGN_NOT_A_NUMBER,
         )
     return number
+
+
+def _header_line(header: Sequence[str], key: str) -> str | None:
+    """The first line that begins with a key, a regular expression."""
+    return next((line for line in header if re.match(key, line, re.IGNORECASE)), None)

@@ -21,3 +21,7 @@ class ValidationCode(StrEnum):
     LIFT_LEFT_OUT = "validation.lift_left_out"
     PARTLY_PUBLISHED = "validation.partly_published"
     UNSOLVED = "validation.unsolved_frames"
+    START_NOT_MARKED = "validation.start_not_marked"
+    PUBLISHED_MISSING = "validation.published_missing"
+    PUBLISHED_UNUSED = "validation.published_unused"
+    LOW_CORRELATION = "validation.low_correlation"

@@ -17,11 +17,11 @@ VALIDATION: Mapping[StrEnum, str] = {
         "use the two records of one measurement"
     ),
     ValidationCode.NOT_COVERED: (
-        "the motion of {lift} lasts from {start_s:g} to {end_s:g} s and its measured force from 0 to {last_s:g} s; "
-        "cut the motion"
+        "the motion of {lift} lasts from {start_s:g} to {end_s:g} s and its measured force in {file} from 0 to "
+        "{last_s:g} s; cut the motion"
     ),
     ValidationCode.TIMES_DIFFER: (
-        "the published solution {variant} of {lift} and its motion have no frames in common; use files of one lift"
+        "the published solution {variant} of {lift} and its motion have no time in common; use files of one lift"
     ),
     ValidationCode.WITHIN_LIMITS: (
         "all {count} published variants are within the limits: median difference from the published force at most "
@@ -30,9 +30,19 @@ VALIDATION: Mapping[StrEnum, str] = {
     ValidationCode.BEYOND_LIMITS: "beyond the limits: {variants}",
     ValidationCode.NOTHING_PUBLISHED: "no published solution in the folder: the limits were not checked",
     ValidationCode.PARTLY_PUBLISHED: (
-        "{lift}, {variant}: {compared} frames are compared; the motion has {frames} and the published solution "
-        "{published}; check that both are whole"
+        "{lift}, {variant}: the motion lasts from {start_s:g} to {end_s:g} s and the published solution from "
+        "{published_start_s:g} to {published_end_s:g} s, so that {compared} of {frames} frames are compared; check "
+        "that both files are whole"
     ),
+    ValidationCode.LOW_CORRELATION: (
+        "{lift}: measured and predicted force have a correlation of at most {correlation:z.2f} in all variants, "
+        "expected {expected:g} or more; check that record and motion are of one lift and begin together"
+    ),
+    ValidationCode.START_NOT_MARKED: (
+        "{file} has Marker 1 in its first sample, which is therefore time 0; check that the motion begins with it"
+    ),
+    ValidationCode.PUBLISHED_MISSING: "there is no {files}, so that this variant is not compared with a publication",
+    ValidationCode.PUBLISHED_UNUSED: "not used: {files}; published solutions are those of the variants {variants}",
     ValidationCode.LIFT_LEFT_OUT: "{lift} is left out: {reason}",
     ValidationCode.UNSOLVED: "{unsolved} of {frames} frames of {lift}, {variant}, have no solution and are left out",
 }

@@ -8,7 +8,7 @@ NAME_published_{none,circle,ellipse}.txt the published solutions, where there ar
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,17 +52,19 @@ class PublishedForce:
 class MeasuredLift:
     """A lift: model, motion, the measured force, body weight [N], and published solutions.
 
-    is_in_glenoid  the measured force is relative to the glenoid; otherwise relative to the implant, so that only its
-                   size can be compared
+    measured    relative to the implant, for the size
+    in_glenoid  relative to the glenoid, for the direction; None where it is not known
+    notes       on the files
     """
 
     name: str
     model: Model
     motion: Motion
     measured: JointForceRecord
-    is_in_glenoid: bool
+    in_glenoid: JointForceRecord | None
     body_weight: float
     published: Mapping[str, PublishedForce]
+    notes: tuple[Message[ValidationCode], ...] = ()
 
 
 def find_lifts(folder: Path) -> list[str]:
@@ -88,20 +90,21 @@ def read_lift(folder: Path, name: str, variants: tuple[str, ...]) -> MeasuredLif
     glenoid = read_joint_force(folder / (name + GLENOID)) if (folder / (name + GLENOID)).is_file() else None
     if glenoid is not None:
         _ensure_same_force(name, implant, glenoid)
-    measured = implant if glenoid is None else glenoid
     motion = read_motion(folder / f"{name}.mot", model)
-    last = float(measured.time_s[-1])
+    last = float(implant.time_s[-1])
     if motion.time[-1] > last + TIME_TOLERANCE_S or motion.time[0] < -TIME_TOLERANCE_S:
         times: Figures = {
             "lift": name,
             "start_s": float(motion.time[0]),
             "end_s": float(motion.time[-1]),
             "last_s": last,
+            "file": name + IMPLANT,
         }
         raise ValidationFileError(Message(ValidationCode.NOT_COVERED, times))
     files = {variant: folder / (name + PUBLISHED.format(variant=variant)) for variant in variants}
     published = {variant: read_published_force(path) for variant, path in files.items() if path.is_file()}
-    return MeasuredLift(name, model, motion, measured, glenoid is not None, implant.body_weight, published)
+    notes = tuple(_notes(folder, name, implant, files))
+    return MeasuredLift(name, model, motion, implant, glenoid, implant.body_weight, published, notes)
 
 
 def read_published_force(path: Path) -> PublishedForce:
@@ -132,6 +135,22 @@ def read_published_force(path: Path) -> PublishedForce:
             RecordingCode.FOREIGN_NOT_A_NUMBER,
         )
     return PublishedForce(table[:, 0], table[:, 1:])
+
+
+def _notes(
+    folder: Path, name: str, implant: JointForceRecord, files: Mapping[str, Path]
+) -> Iterator[Message[ValidationCode]]:
+    """What may be wrong with the names of published solutions and with the time of the record."""
+    if implant.is_cut:
+        yield Message(ValidationCode.START_NOT_MARKED, {"file": name + IMPLANT})
+    found = {path.name for path in folder.glob(name + PUBLISHED.format(variant="*"))}
+    expected = {path.name for path in files.values()}
+    if found and (missing := expected - found):
+        yield Message(ValidationCode.PUBLISHED_MISSING, {"files": ", ".join(sorted(missing))})
+    if expected and (unused := found - expected):
+        yield Message(
+            ValidationCode.PUBLISHED_UNUSED, {"files": ", ".join(sorted(unused)), "variants": ", ".join(files)}
+        )
 
 
 def _ensure_same_force(name: str, implant: JointForceRecord, glenoid: JointForceRecord) -> None:

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile
+from recordings.exchange.joint_force import interpolate_samples
 from solver.errors import SolverError
-from solver.motion import differentiate
+from solver.model import Model
+from solver.motion import Kinematics, differentiate
 from solver.multibody.postures import postures
 from solver.redundancy.force_agreement import ForceAgreement, angle_between, force_agreement, glenoid_axes
 from solver.redundancy.glenoid import glenoid_cone
@@ -19,7 +21,7 @@ from solver.redundancy.motion import solve_motion
 from solver.redundancy.sequence import FrameOutcome
 from station.assessment.motion_checks import motion_checks, motion_findings
 from station.messages.codes import AssessmentCode
-from station.messages.message import Message
+from station.messages.message import Figures, Message
 from station.messages.validation_codes import ValidationCode
 from station.progress import Progress, silent
 from station.validation.lifts import TIME_TOLERANCE_S, MeasuredLift, ValidationFileError, find_lifts, read_lift
@@ -29,21 +31,24 @@ Array = NDArray[np.float64]
 
 LARGEST_MEDIAN_N, LARGEST_EXCESS_PERCENT = 5.0, 1.0
 """Median difference from the published force [N]; RMSE above the published one [% of body weight]."""
+LEAST_CORRELATION = 0.8
+"""Of predicted and measured force; 0.93 or more in the public lifts."""
 
 
 @dataclass(frozen=True, eq=False)
 class SolvedVariant:
     """A lift in one variant, compared. Forces are sizes [N] at time (frames,) [s]; NaN where a frame is unsolved.
 
+    agreement           of our force with the measured one, over the frames that are compared
     angle               median between predicted and measured direction [rad], not evaluated (docs/validation.md); NaN
                         if the force relative to the glenoid is not known
     published           agreement of the published force with the measured one; None without a published solution
-    common_rmse         of our force over the frames that have a published one [N]; None without one
+    published_span      first and last time of the published solution [s]
     median_difference   |our force − the published one| as vectors, median over the frames [N]
-    published_frames    number of frames of the published solution, 0 without one
-    compared            number of frames that have a published force
+    compared            number of frames with a measured force and, where there is a published solution, a published one
+    is_whole            whether the published solution lasts as long as the motion; True without one
     unsolved            number of frames
-    findings            of the lift's motion, the same in every variant
+    findings            on the lift's files and motion, the same in every variant
     """
 
     lift: str
@@ -55,22 +60,17 @@ class SolvedVariant:
     agreement: ForceAgreement
     angle: float
     published: ForceAgreement | None
-    common_rmse: float | None
+    published_span: tuple[float, float] | None
     median_difference: float | None
-    published_frames: int
     compared: int
+    is_whole: bool
     unsolved: int
-    findings: Sequence[Message[AssessmentCode]] = ()
+    findings: Sequence[Message[AssessmentCode] | Message[ValidationCode]] = ()
 
     @property
     def rmse_percent(self) -> float:
         """RMSE to the measured force [% of body weight]."""
         return 100.0 * self.agreement.rmse / self.body_weight
-
-    @property
-    def common_rmse_percent(self) -> float | None:
-        """RMSE over the frames that have a published force [% of body weight]; None without one."""
-        return None if self.common_rmse is None else 100.0 * self.common_rmse / self.body_weight
 
     @property
     def published_rmse_percent(self) -> float | None:
@@ -80,10 +80,16 @@ class SolvedVariant:
     @property
     def is_within_limits(self) -> bool | None:
         """Whether it agrees with the published solution; None without one."""
-        if self.published_rmse_percent is None or self.median_difference is None or self.common_rmse_percent is None:
+        if self.published_rmse_percent is None or self.median_difference is None:
             return None
         is_close = self.median_difference <= LARGEST_MEDIAN_N
-        return is_close and self.common_rmse_percent <= self.published_rmse_percent + LARGEST_EXCESS_PERCENT
+        return is_close and self.rmse_percent <= self.published_rmse_percent + LARGEST_EXCESS_PERCENT
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every frame is solved and compared, and no file was cut."""
+        is_cut = any(finding.code is AssessmentCode.ROW_COUNTS for finding in self.findings)
+        return self.is_whole and not self.unsolved and not is_cut
 
 
 @dataclass(frozen=True)
@@ -127,31 +133,27 @@ def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
     solution = solve_motion(model, kinematics, options)
     is_solved = np.array([outcome is FrameOutcome.SOLVED for outcome in solution.outcomes])
     force = np.where(is_solved[:, None], solution.reaction[:, 3:], np.nan)
-    measured, resultant = lift.measured.at(solution.time)
-    cone = glenoid_cone(model)
-    scapula = postures(model, kinematics.positions, kinematics.speeds).rotation_to_ground[:, cone.body]
-    in_glenoid = np.einsum("ij,fkj,fk->fi", glenoid_axes(cone.axis, cone.edge), scapula, force)  # axes · Rᵀ · force
-    published, difference, is_common = _beside_published(lift, variant, solution.time, force, resultant)
-    size = np.linalg.norm(force, axis=1)
-    common = None if published is None else force_agreement(size[is_common], resultant[is_common]).rmse
-    angles = angle_between(in_glenoid, measured)
-    has_angle = lift.is_in_glenoid and np.isfinite(angles).any()
+    size, measured = np.linalg.norm(force, axis=1), lift.measured.at(solution.time)[1]
+    published = lift.published.get(variant.name)
+    theirs = _published_at(lift, variant, solution.time) if published is not None else None
+    is_compared = np.isfinite(measured) if theirs is None else np.isfinite(measured) & np.isfinite(theirs[:, 0])
+    reference = np.where(is_compared, measured, np.nan)
     return SolvedVariant(
         lift=lift.name,
         variant=variant.name,
         time=solution.time,
         force=size,
-        measured_force=resultant,
+        measured_force=measured,
         body_weight=lift.body_weight,
-        agreement=force_agreement(size, resultant),
-        angle=float(np.nanmedian(angles)) if has_angle else np.nan,
-        published=published,
-        common_rmse=common,
-        median_difference=difference,
-        published_frames=len(lift.published[variant.name].time) if published is not None else 0,
-        compared=int(is_common.sum()),
+        agreement=force_agreement(size, reference),
+        angle=_angle(lift, model, kinematics, force),
+        published=None if theirs is None else force_agreement(np.linalg.norm(theirs, axis=1), reference),
+        published_span=None if published is None else (float(published.time[0]), float(published.time[-1])),
+        median_difference=None if theirs is None else _median(np.linalg.norm(force - theirs, axis=1)),
+        compared=int(is_compared.sum()),
+        is_whole=published is None or _lasts_as_long(solution.time, published.time),
         unsolved=int((~is_solved).sum()),
-        findings=findings_of(lift),
+        findings=(*lift.notes, *findings_of(lift)),
     )
 
 
@@ -166,9 +168,12 @@ def verdicts(solved: list[SolvedVariant]) -> Iterator[Message[ValidationCode]]:
         if found.unsolved:
             frames = {"unsolved": found.unsolved, "frames": len(found.time)}
             yield Message(ValidationCode.UNSOLVED, {**frames, "lift": found.lift, "variant": found.variant})
-        if found.published is not None and found.compared < max(len(found.time), found.published_frames):
-            frames = {"compared": found.compared, "frames": len(found.time), "published": found.published_frames}
-            yield Message(ValidationCode.PARTLY_PUBLISHED, {**frames, "lift": found.lift, "variant": found.variant})
+        if found.published_span is not None and not found.is_whole:
+            counts: Figures = {"compared": found.compared, "frames": len(found.time)}
+            spans = _span("", found.time) | _span("published_", found.published_span)
+            names = {"lift": found.lift, "variant": found.variant}
+            yield Message(ValidationCode.PARTLY_PUBLISHED, {**counts, **spans, **names})
+    yield from _low_correlations(solved)
     judged = [found for found in solved if found.is_within_limits is not None]
     beyond = [f"{found.lift}, {found.variant}" for found in judged if not found.is_within_limits]
     limits = {"difference_n": LARGEST_MEDIAN_N, "rmse_percent": LARGEST_EXCESS_PERCENT}
@@ -180,21 +185,51 @@ def verdicts(solved: list[SolvedVariant]) -> Iterator[Message[ValidationCode]]:
         yield Message(ValidationCode.NOTHING_PUBLISHED)
 
 
-def _beside_published(
-    lift: MeasuredLift, variant: Variant, time: Array, force: Array, measured: Array
-) -> tuple[ForceAgreement | None, float | None, NDArray[np.bool_]]:
-    """Agreement of the published force with the measured one, the median difference of the predicted one from it [N],
-    and whether a frame (frames,) has a published force.
-    """
-    published = lift.published.get(variant.name)
-    if published is None:
-        return None, None, np.zeros(len(time), dtype=bool)
-    place = np.searchsorted(published.time, time - TIME_TOLERANCE_S).clip(max=len(published.time) - 1)
-    is_common = np.abs(published.time[place] - time) <= TIME_TOLERANCE_S
-    if not is_common.any():
+def _low_correlations(solved: Sequence[SolvedVariant]) -> Iterator[Message[ValidationCode]]:
+    """Lifts whose measured force no variant follows."""
+    for lift in dict.fromkeys(found.lift for found in solved):
+        best = max(found.agreement.correlation for found in solved if found.lift == lift)
+        if best < LEAST_CORRELATION:
+            figures: Figures = {"lift": lift, "correlation": best, "expected": LEAST_CORRELATION}
+            yield Message(ValidationCode.LOW_CORRELATION, figures)
+
+
+def _span(prefix: str, time: Sequence[float] | Array) -> dict[str, float]:
+    return {f"{prefix}start_s": float(time[0]), f"{prefix}end_s": float(time[-1])}
+
+
+def _published_at(lift: MeasuredLift, variant: Variant, time: Array) -> Array:
+    """Published force (frames, 3) [N] at time (frames,) [s], linear between its samples; NaN where there is none."""
+    published = lift.published[variant.name]
+    force = interpolate_samples(time, published.time, published.force, 1.5 * _step(published.time))
+    force[(time < published.time[0] - TIME_TOLERANCE_S) | (time > published.time[-1] + TIME_TOLERANCE_S)] = np.nan
+    if np.isnan(force).all():
         raise ValidationFileError(Message(ValidationCode.TIMES_DIFFER, {"lift": lift.name, "variant": variant.name}))
-    theirs = np.where(is_common[:, None], published.force[place], np.nan)
-    difference = np.linalg.norm(force - theirs, axis=1)
-    known = difference[np.isfinite(difference)]
-    agreement = force_agreement(np.linalg.norm(theirs, axis=1), measured)
-    return agreement, float(np.median(known)) if len(known) else np.nan, is_common
+    return force
+
+
+def _step(time: Array) -> float:
+    """Median time between two samples [s]."""
+    return float(np.median(np.diff(time))) if len(time) > 1 else TIME_TOLERANCE_S
+
+
+def _lasts_as_long(time: Array, published: Array) -> bool:
+    """Whether both begin and end at the same time, within a step."""
+    ends = abs(time[0] - published[0]), abs(time[-1] - published[-1])
+    return float(max(ends)) <= max(_step(time), _step(published)) + TIME_TOLERANCE_S
+
+
+def _median(values: Array) -> float:
+    """Of the values that are known; NaN without one."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
+def _angle(lift: MeasuredLift, model: Model, kinematics: Kinematics, force: Array) -> float:
+    """Median angle [rad] between a force (frames, 3) in ground and the one measured relative to the glenoid."""
+    if lift.in_glenoid is None:
+        return np.nan
+    cone = glenoid_cone(model)
+    scapula = postures(model, kinematics.positions, kinematics.speeds).rotation_to_ground[:, cone.body]
+    in_glenoid = np.einsum("ij,fkj,fk->fi", glenoid_axes(cone.axis, cone.edge), scapula, force)  # axes · Rᵀ · force
+    return _median(angle_between(in_glenoid, lift.in_glenoid.at(kinematics.time)[0]))

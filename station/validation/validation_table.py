@@ -18,6 +18,7 @@ COLUMNS = (
     "variant",
     "frames",
     "unsolved",
+    "compared",
     "median_difference_from_published_n",
     "rmse_percent_of_body_weight",
     "published_rmse_percent_of_body_weight",
@@ -41,12 +42,12 @@ def validation_table(solved: Sequence[SolvedVariant]) -> Table:
         "lift", "variant", "ΔF [N]", "RMSE [%]", "r", "peaks", "angle", "limits", caption=NOTE, show_edge=False
     )
     for found in solved:
-        ours = found.agreement
+        ours, theirs = found.agreement, found.published_rmse_percent
         table.add_row(
             found.lift,
             found.variant,
             "" if found.median_difference is None else f"{found.median_difference:.1f}",
-            _rmse(found),
+            f"{found.rmse_percent:.1f}" + ("" if theirs is None else f" ({theirs:.1f})"),
             f"{ours.correlation:.3f}",
             f"{ours.peak_ratio:.2f}",
             "" if math.isnan(found.angle) else f"{np.degrees(found.angle):.0f}°",
@@ -56,7 +57,7 @@ def validation_table(solved: Sequence[SolvedVariant]) -> Table:
 
 
 def write_validation(path: Path, solved: Sequence[SolvedVariant]) -> None:
-    """A row per lift and variant; a field is empty where there is no published solution."""
+    """A row per lift and variant, whose figures are of the `compared` frames; empty without a published solution."""
     rows = [",".join(_row(found)) for found in solved]
     write_whole(path, "\n".join([",".join(COLUMNS), *rows]) + "\n")
 
@@ -74,14 +75,9 @@ def _row(found: SolvedVariant) -> list[str]:
         math.degrees(found.angle),
     )
     verdict = {True: "true", False: "false", None: ""}[found.is_within_limits]
-    return [found.lift, found.variant, str(len(found.time)), str(found.unsolved), *map(_field, figures), verdict]
+    counts = map(str, (len(found.time), found.unsolved, found.compared))
+    return [found.lift, found.variant, *counts, *map(_field, figures), verdict]
 
 
 def _field(figure: float | None) -> str:
     return "" if figure is None or math.isnan(figure) else f"{figure:.6g}"
-
-
-def _rmse(found: SolvedVariant) -> str:
-    """Beside a published one, over the same frames."""
-    common, published = found.common_rmse_percent, found.published_rmse_percent
-    return f"{found.rmse_percent:.1f}" if common is None else f"{common:.1f} ({published:.1f})"

@@ -19,7 +19,8 @@ def validate(
 ) -> None:
     """Compare the predicted joint force with that measured in a prosthesis, and with published solutions.
 
-    Exit code 1 if a published variant is beyond its limits, or a lift is refused.
+    Exit code 1 if a published variant is beyond its limits, or a lift is refused; 3 if a frame has no
+    solution or a file was cut.
     """
     from station.assessment.compilation import compilation_beside, compilation_shown
 
@@ -55,4 +56,4 @@ def validate(
         print(plot)
     if refused or any(found.is_within_limits is False for found in solved):
         raise typer.Exit(FAILED)
-    raise typer.Exit(LOSSY if any(found.unsolved for found in solved) else DONE)
+    raise typer.Exit(DONE if all(found.is_complete for found in solved) else LOSSY)

@@ -60,6 +60,25 @@ def test_a_record_is_read_from_its_first_to_its_last_marked_sample(
     assert read.body_weight == 830.5
 
 
+@pytest.mark.parametrize("line", ["Body Weight [N]:\t830,5", "Bodyweight[N]: 830.5", "BodyWeight [N]:\t \t830,5\t"])
+def test_the_body_weight_is_read_in_other_spellings(tmp_path: Path, line: str) -> None:
+    text = text_of(*drawn(0)).replace("BodyWeight [N]:\t830,5", line)
+    assert read_joint_force(written(tmp_path, text)).body_weight == 830.5
+
+
+def test_a_record_is_cut_where_its_first_sample_is_marked(tmp_path: Path) -> None:
+    time, force, marker = drawn(0)
+    assert not read_joint_force(written(tmp_path, text_of(time, force, marker))).is_cut
+    marker[0] = 1
+    assert read_joint_force(written(tmp_path, text_of(time, force, marker))).is_cut
+
+
+def test_beyond_its_samples_a_force_is_not_known(tmp_path: Path) -> None:
+    read = read_joint_force(written(tmp_path, text_of(*drawn(0))))
+    outside = np.array([read.time_s[0] - 0.06, read.time_s[-1] + 0.06])
+    assert np.isnan(read.at(outside)[1]).all()
+
+
 def test_a_sample_without_kinematics_is_left_out_and_one_with_a_jump_is_kept(tmp_path: Path) -> None:
     """Relative to the glenoid, the force is unknown where the posture is."""
     time, force, marker = drawn(0)

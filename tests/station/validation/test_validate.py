@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,15 +13,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.interpolate import CubicSpline
 
 from recordings.errors import RecordingCode
-from solver.redundancy.force_agreement import ForceAgreement
-from station.exit_code import DONE, FAILED, WRONG_USAGE
+from solver.redundancy.force_agreement import force_agreement
+from station.exit_code import DONE, FAILED, LOSSY, WRONG_USAGE
 from station.messages.codes import AssessmentCode
 from station.messages.validation_codes import ValidationCode
 from station.validation.lifts import GLENOID, ValidationFileError, find_lifts, read_lift, read_published_force
 from station.validation.validate import SolvedVariant, findings_of, solve_variant, validate_folder, verdicts
-from station.validation.validation_table import validation_table, write_validation
+from station.validation.validation_table import write_validation
 from station.validation.variants import PUBLISHED_VARIANTS
 from tests.conftest import SHARED
 from tests.recordings import refusals
@@ -51,9 +53,10 @@ def solved() -> list[SolvedVariant]:
 def by_pandas(lift: str, variant: str) -> tuple[float, float]:
     """RMSE [N] and r of a published force, by pandas alone."""
     published = pd.read_csv(SUBJECT / f"{lift}_published_{variant}.txt")
-    text = (SUBJECT / f"{lift}_measured_force_glenoid.txt").read_text(encoding="latin-1")
-    rows = text[text.index("[0/1/2/3]") + len("[0/1/2/3]") :]
+    text = (SUBJECT / f"{lift}_measured_force.txt").read_text(encoding="latin-1")
+    rows = text[text.index("[0/1]") + len("[0/1]") :]
     measured = pd.read_csv(io.StringIO(rows), sep=r"\s+", header=None)
+    measured = measured[measured[measured.columns[-1]] == 1].reset_index(drop=True)
     size = (published[["Fx", "Fy", "Fz"]] ** 2).sum(axis=1) ** 0.5
     truth = pd.Series(np.interp(published["time"], measured[0] - measured[0][0], measured[4]))
     return float(((size - truth) ** 2).mean() ** 0.5), float(size.corr(truth))
@@ -123,19 +126,23 @@ def test_verdicts_have_codes(solved: list[SolvedVariant]) -> None:
 
     assert codes() == [ValidationCode.WITHIN_LIMITS]
     assert codes(median_difference=5.1) == [ValidationCode.BEYOND_LIMITS]
+    agreement = solved[0].agreement
     assert codes(published=None, median_difference=None) == [ValidationCode.NOTHING_PUBLISHED]
-    assert codes(published_frames=300) == [ValidationCode.PARTLY_PUBLISHED, ValidationCode.WITHIN_LIMITS]
-    assert codes(compared=100) == [ValidationCode.PARTLY_PUBLISHED, ValidationCode.WITHIN_LIMITS]
+    assert codes(is_whole=False) == [ValidationCode.PARTLY_PUBLISHED, ValidationCode.WITHIN_LIMITS]
     assert codes(unsolved=3) == [ValidationCode.UNSOLVED, ValidationCode.WITHIN_LIMITS]
-    assert solved[0].common_rmse == pytest.approx(solved[0].agreement.rmse, rel=1e-12)
-    assert codes(common_rmse=solved[0].agreement.rmse + 0.02 * solved[0].body_weight) == [ValidationCode.BEYOND_LIMITS]
+    assert codes(agreement=replace(agreement, correlation=0.5)) == [
+        ValidationCode.LOW_CORRELATION,
+        ValidationCode.WITHIN_LIMITS,
+    ]
+    larger = replace(agreement, rmse=agreement.rmse + 0.02 * solved[0].body_weight)
+    assert codes(agreement=larger) == [ValidationCode.BEYOND_LIMITS]
 
 
 @pytest.mark.shared
 def test_a_published_solution_of_another_time_is_refused() -> None:
     lift = read_lift(SUBJECT, "S8R_back", ("none",))
     published = lift.published["none"]
-    later = replace(lift, published={"none": replace(published, time=published.time + 0.01)})
+    later = replace(lift, published={"none": replace(published, time=published.time + 100.0)})
     with raises_refusal(ValidationFileError, ValidationCode.TIMES_DIFFER):
         solve_variant(later, PUBLISHED_VARIANTS[0])
 
@@ -208,37 +215,69 @@ def test_a_motion_that_was_cut_is_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.shared
-def test_a_published_solution_that_was_cut_is_judged_over_its_own_frames(tmp_path: Path) -> None:
+def test_a_published_solution_that_was_cut_is_compared_over_its_own_time_and_is_not_complete(
+    station: Callable[..., Ran], tmp_path: Path
+) -> None:
+    """All figures of its row are of the frames that have a published force."""
     copied(tmp_path, "S8R_back")
     keep_lines(tmp_path / "S8R_back_published_circle.txt", 60)
-    reported = [verdict.code for verdict in verdicts(validate_folder(tmp_path)[0])]
-    assert reported == [ValidationCode.PARTLY_PUBLISHED, ValidationCode.WITHIN_LIMITS]
+    solved, _ = validate_folder(tmp_path)
+    assert [verdict.code for verdict in verdicts(solved)] == [
+        ValidationCode.PARTLY_PUBLISHED,
+        ValidationCode.WITHIN_LIMITS,
+    ]
+    (circle,) = [one for one in solved if one.variant == "circle"]
+    assert circle.compared == 59
+    expected = force_agreement(circle.force[:59], circle.measured_force[:59])
+    assert circle.agreement == expected
+    ran = station("validate", tmp_path, "--output", tmp_path / "validation.csv")
+    assert ran.code == LOSSY
+    rows = csv.DictReader((tmp_path / "validation.csv").read_text(encoding="utf-8").splitlines())
+    assert [row["compared"] for row in rows] == ["171", "59", "171", "171"]
 
 
-def test_both_figures_beside_each_other_are_of_the_same_frames() -> None:
-    """The RMSE over all 201 frames would be 10.0 % of the body weight."""
-    one = SolvedVariant(
-        lift="S8R_back",
-        variant="circle",
-        time=np.arange(201) / 50,
-        force=np.ones(201),
-        measured_force=np.ones(201),
-        body_weight=1000.0,
-        agreement=ForceAgreement(rmse=100.0, correlation=0.9, peak_ratio=1.0),
-        angle=np.nan,
-        published=ForceAgreement(rmse=122.0, correlation=0.9, peak_ratio=1.0),
-        common_rmse=125.0,
-        median_difference=1.0,
-        published_frames=59,
-        compared=59,
-        unsolved=0,
-    )
-    assert one.common_rmse_percent == 12.5
-    shown = {column.header: list(column.cells) for column in validation_table([one]).columns}
-    assert shown["RMSE [%]"] == ["12.5 (12.2)"]
-    alone = replace(one, published=None, common_rmse=None)
-    shown = {column.header: list(column.cells) for column in validation_table([alone]).columns}
-    assert shown["RMSE [%]"] == ["10.0"]
+@pytest.mark.shared
+@pytest.mark.parametrize("rate_hz", [37.0, 100.0])
+def test_a_motion_of_another_sampling_is_compared_in_every_frame(rate_hz: float) -> None:
+    lift = read_lift(SUBJECT, "S8R_back", ("circle",))
+    time = np.arange(0.0, lift.motion.time[-1], 1.0 / rate_hz)
+    angles = CubicSpline(lift.motion.time, lift.motion.coordinates)(time)
+    motion = replace(lift.motion, time=time, coordinates=angles)
+    found = solve_variant(replace(lift, motion=motion), PUBLISHED_VARIANTS[1])
+    assert found.compared == len(time) and found.is_whole and found.is_within_limits
+
+
+@pytest.mark.shared
+def test_the_size_is_compared_where_the_direction_is_not_known(tmp_path: Path, solved: list[SolvedVariant]) -> None:
+    """Marker 3 in the glenoid's record, or its early end, hides the direction and not the size."""
+    copied(tmp_path, "S8R_side")
+    record = tmp_path / f"S8R_side{GLENOID}"
+    whole = record.read_text(encoding="latin-1").splitlines()
+    hidden = [row.removesuffix("1") + "3" if 130 <= number < 214 else row for number, row in enumerate(whole)]
+    for rows in (hidden, whole[:250]):
+        record.write_text("\n".join(rows) + "\n", encoding="latin-1")
+        found, _ = validate_folder(tmp_path)
+        for ours, expected in zip(found, [one for one in solved if one.lift == "S8R_side"], strict=True):
+            assert ours.agreement == expected.agreement
+            assert ours.compared == len(ours.time)
+            assert np.isfinite(ours.angle) and ours.angle != expected.angle
+
+
+@pytest.mark.shared
+def test_files_whose_names_or_markers_are_unusual_are_named(tmp_path: Path) -> None:
+    copied(tmp_path, "S8R_back")
+    (tmp_path / f"S8R_back{GLENOID}").unlink()
+    (tmp_path / "S8R_back_published_none.txt").rename(tmp_path / "S8R_back_published_zero.txt")
+    record = tmp_path / "S8R_back_measured_force.txt"
+    text = record.read_text(encoding="latin-1")
+    record.write_text(re.sub(r"\t0(\r?\n)", r"\t1\1", text), encoding="latin-1")
+    assert [note.code for note in read_lift(tmp_path, "S8R_back", VARIANTS).notes] == [
+        ValidationCode.START_NOT_MARKED,
+        ValidationCode.PUBLISHED_MISSING,
+        ValidationCode.PUBLISHED_UNUSED,
+    ]
+    assert ValidationCode.LOW_CORRELATION in {one.code for one in verdicts(validate_folder(tmp_path)[0])}
+    assert read_lift(SUBJECT, "S8R_back", VARIANTS).notes == ()
 
 
 @pytest.mark.shared
