@@ -34,6 +34,11 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     return content
 
 
+def describe_failure(error: Exception) -> str:
+    """Why a file cannot be read, without its path: the sentence around it has the path."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
 def append_to_regular(path: Path) -> BinaryIO:
     """Open a file for reading and appending; create it if it does not exist.
 

@@ -76,7 +76,7 @@ def _diagnosed(fit: CuffFit, fitted: Mapping[str, FittedPull]) -> CuffFit:
     classes = compare_classes([sample_pull(used.pull, used.plateaus, used.oscillation) for used in in_order])
     creeps = fit.held is None or fit.held.creep is None or fit.held.creep.is_seen
     diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, classes, creeps=creeps)
-    verdicts = {CauseCode.GAIN: Verdict.SCALE, CauseCode.SKIN: Verdict.SKIN}
+    verdicts = {CauseCode.GAIN: Verdict.SCALE, CauseCode.LOADS: Verdict.SCALE, CauseCode.SKIN: Verdict.SKIN}
     wrong = tuple(verdicts[cause.code] for cause in diagnosis.causes if cause.code in verdicts)
     kept = tuple(verdict for verdict in fit.verdicts if not (wrong and verdict is Verdict.IDENTIFIED))
     return replace(fit, verdicts=kept + wrong, classes=diagnosis.classes, diagnosis=diagnosis)

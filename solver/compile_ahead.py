@@ -1,13 +1,14 @@
 """Compile the kernels of an assessment before it needs them: `python -m solver.compile_ahead`.
 
 The machine code is kept on disk (compiled.py), so this can be done once after an installation, or in a second process
-while trials are recorded. A second process beside one that needs the kernels now begins with the last ones
-(--last-first), so that both together take half the time. It imports little before it compiles. stdout has one line of
-JSON per kernel: how many are ready, and how many there are.
+while trials are recorded. Processes beside one that needs the kernels now begin with others than it (--begin-with), so
+that together they take a fraction of the time. They import little before they compile. stdout has one line of JSON per
+kernel: how many are ready, and how many there are.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import logging
 import os
@@ -37,7 +38,7 @@ one."""
 
 COMPILER = logging.getLogger("solver.compiled")
 WITH_PARENT = "--with-parent"
-LAST_FIRST = "--last-first"
+BEGIN_WITH = "--begin-with"
 NICENESS = 2
 """The parent has priority, but finally waits for this process: with 5 on a busy machine, for minutes."""
 
@@ -64,28 +65,59 @@ def compile_ahead() -> None:
     call_every_kernel()
 
 
-def compile_last_first() -> None:
-    """Compile what a first process needs after the muscle paths, which take it longest, and then the rest.
+def shares(processors: int) -> tuple[str, ...]:
+    """What each process begins with beside one that needs the kernels now, and itself begins with the first."""
+    return tuple(SHARES)[: max(1, processors - 1)]
 
-    Nothing of this needs the paths: to call what does, this process would wait until the first has compiled them.
-    """
+
+def _compile_solving() -> None:
+    """The muscle-redundancy problem, and then dynamics."""
     import numpy as np
 
-    from solver.bundled import bundled_model
-    from solver.multibody.dynamics import equations_of_motion, response_to_loads
-    from solver.multibody.postures import postures
-    from solver.muscle import muscle_forces
     from solver.redundancy.sequence import FrameSequence, solve_sequence
 
     one, equation, no_cone = np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 3, 1))
     problem = FrameSequence(one, equation, equation, no_cone, np.eye(1, 3)[None], rise=one, fall=one)
     solve_sequence(problem, progress=lambda *_: None, workers=1)
+    _compile_dynamics()
+
+
+def _compile_paths() -> None:
+    """Muscle paths in no frame, so that nothing places their points or bodies."""
+    import numpy as np
+
+    from solver.bundled import bundled_model
+    from solver.wrapping.path_tables import BODY, CHANGE, allocate_results, pack_paths
+    from solver.wrapping.tension import evaluate_wrapped_paths
+    from solver.wrapping.workspace import allocate_wrap
+
     model = bundled_model()
-    rest = model.default_coordinates[None]
-    equations = equations_of_motion(model, postures(model, rest, np.zeros_like(rest)))
-    response_to_loads(equations, np.zeros((1, 1, len(model.bodies), 6)))
+    tables = pack_paths(model, tuple(muscle.path for muscle in model.muscles))
+    no_body, no_change, no_rate = np.empty((0, 0), BODY), np.empty((0, 0), CHANGE), np.empty((0, 0))
+    results = allocate_results(tables, frames=0, coordinates=0)
+    evaluate_wrapped_paths(tables, no_body, no_change, no_rate, allocate_wrap(tables), results)
+
+
+def _compile_dynamics() -> None:
+    """Muscle curves, and equations of motion in no frame, so that nothing places the bodies."""
+    import numpy as np
+
+    from solver.bundled import bundled_model
+    from solver.multibody.dynamics import equations_of_motion, response_to_loads
+    from solver.multibody.postures import Postures
+    from solver.multibody.tables import POSE
+    from solver.muscle import muscle_forces
+
+    model = bundled_model()
     muscle_forces(model, np.ones((1, len(model.muscles))), np.zeros((1, len(model.muscles))))
-    compile_ahead()
+    bodies, no_coordinate = len(model.bodies), np.empty((0, len(model.coordinates)))
+    no_pose, no_screw = np.empty((0, bodies), POSE), np.empty((*no_coordinate.shape, 6))
+    equations = equations_of_motion(model, Postures(no_coordinate, no_coordinate, no_pose, no_screw, time=np.empty(0)))
+    response_to_loads(equations, np.zeros((0, 1, bodies, 6)))
+
+
+# None calls a kernel that a process with another share compiles meanwhile: it would wait for that.
+SHARES = {"solving": _compile_solving, "paths": _compile_paths, "dynamics": _compile_dynamics}
 
 
 def count_ready() -> int:
@@ -114,10 +146,16 @@ class CompilationCount(logging.Handler):
 
 def main() -> None:
     """With --with-parent this process yields to others, and ends when its standard input does."""
-    if WITH_PARENT in sys.argv[1:]:
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    options.add_argument(WITH_PARENT, action="store_true", help="end with the standard input")
+    options.add_argument(BEGIN_WITH, choices=SHARES, help="the kernels to begin with")
+    chosen = options.parse_args()
+    if chosen.with_parent:
         _follow_parent()
     with CompilationCount(_report_count):
-        compile_last_first() if LAST_FIRST in sys.argv[1:] else compile_ahead()
+        if chosen.begin_with is not None:
+            SHARES[chosen.begin_with]()
+        compile_ahead()
     _report_count(count_ready(), len(KERNELS))
 
 

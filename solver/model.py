@@ -210,6 +210,7 @@ class Muscle:
 MUSCLE_LIMITS: Mapping[str, Interval] = {
     "max_isometric_force": FROM_ZERO,
     "optimal_fiber_length": ABOVE_ZERO,
+    "tendon_slack_length": FROM_ZERO,
     "max_contraction_velocity": ABOVE_ZERO,
     "activation_time_constant": Interval(0.0, np.inf, "[]"),
     "deactivation_time_constant": Interval(0.0, np.inf, "[]"),

@@ -24,6 +24,12 @@ def ensure_at_least(option: str, value: int, least: int) -> None:
         raise ModelError(sentence, SolverCode.WRONG_OPTION)
 
 
+def ensure_type(argument: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
+    """Raise TypeError for an argument of another type, as where two are exchanged or a path is given."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{argument} should be {expected}, and got a {type(value).__name__}")
+
+
 def ensure_names(option: str, names: Collection[str | PathLike[str]]) -> None:
     """Raise ModelError for a single name in place of several: the letters of a text would be taken for names."""
     if isinstance(names, str | PathLike):

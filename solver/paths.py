@@ -14,7 +14,7 @@ from solver.errors import SolverCode
 from solver.model import Model, ModelError, Path
 from solver.multibody.load_wrenches import LoadWrenches
 from solver.multibody.postures import Postures
-from solver.wrapping.path_tables import PathResults, PathTables, pack_bodies, pack_paths
+from solver.wrapping.path_tables import PathTables, allocate_results, pack_bodies, pack_paths
 
 Array = NDArray[np.float64]
 PathMode = Literal["opensim", "geodesic"]
@@ -84,13 +84,7 @@ def evaluate_paths(
         _ensure_geodesic(model, chosen)
     tables, poses, rates = pack_paths(model, chosen), pack_bodies(postures), np.array(postures.speeds, order="C")
     shape, is_moving = (len(poses), len(chosen)), has_moving_points(chosen)
-    results = PathResults(
-        lengths=np.empty(shape),
-        speeds=np.empty(shape),
-        wrenches=np.empty((len(poses), len(tables.bodies), 6)),
-        mobilities=np.zeros((*shape, len(model.coordinates) if is_moving else 0)),
-        codes=np.zeros(shape, np.int8),
-    )
+    results = allocate_results(tables, len(poses), len(model.coordinates) if is_moving else 0)
     changes = pack_moving_points(chosen, postures, stops_at_ends=mode == "geodesic")
     if mode == "geodesic":
         evaluate_geodesic_paths(tables, poses, changes, rates, allocate_geodesic(tables), results)

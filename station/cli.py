@@ -23,8 +23,9 @@ from drivers.errors import DeviceError
 from fitting.errors import FitError
 from recordings.errors import RecordingError
 from solver.errors import SolverError
+from station.closed_reader import without_broken_pipe
 from station.errors import StationError
-from station.exit_code import DONE, FAILED, INTERRUPTED
+from station.exit_code import DONE, ENDED_BY_CTRL_C, FAILED, INTERRUPTED
 from station.extras import with_extras
 from station.verbs import (
     bench,
@@ -80,11 +81,13 @@ app = typer.Typer(
 
 
 class Verb(TyperCommand):
-    """A command with help texts that rich does not parse: "[s]" is a unit, not a style."""
+    """A command with help texts that rich does not parse: "[s]" is a unit, not a style. A paragraph is one line, which
+    rich wraps to the terminal.
+    """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.help = escape(self.help or "")
+        self.help = re.sub(r"(?<!\n)\n(?!\n)", " ", escape(self.help or ""))
         for parameter in self.params:
             if isinstance(parameter, TyperOption | TyperArgument):
                 parameter.help = escape(parameter.help or "")
@@ -139,7 +142,7 @@ def main() -> NoReturn:
         app(prog_name="station")  # also if it is started by `python -m`
     except SystemExit as ended:
         if ended.code == INTERRUPTED:
-            print_message("station: ended by Ctrl-C; finished results are kept")
+            print_message(ENDED_BY_CTRL_C)
         raise
     except Exception as error:
         if not isinstance(error, (*ROOTS, OSError)):
@@ -157,6 +160,7 @@ def _ready_streams() -> None:
         stream = getattr(sys, name)
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(encoding="utf-8", errors=NAME_ERRORS)
+            setattr(sys, name, without_broken_pipe(stream))
 
 
 def _code(error: Exception) -> str:

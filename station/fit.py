@@ -14,7 +14,7 @@ from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
 from fitting.results.seal import CheckedFile
 from fitting.session import fit_session
-from fitting.trial.mass_checks import check_notes, read_checks, with_gain_drift
+from fitting.trial.mass_checks import check_notes, read_checks, with_mass_checks
 from fitting.trial.protocol_file import read_protocol
 from fitting.trial.reader import TrialReading, read_alone, read_trials
 from fitting.trial.trial import RejectedTrial, Trial
@@ -122,7 +122,7 @@ def _fit(
             raise DamagedSession(Message(FolderCode.DAMAGED, figures))
         raise SessionError(Message(FolderCode.NOT_USABLE, {"folder": str(folder), "reasons": reasons}))
     checks = read_checks(folder)
-    fitting = fit_session(with_gain_drift(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
+    fitting = fit_session(with_mass_checks(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
     return fitting.with_notes(check_notes(checks))
 
 

@@ -57,11 +57,13 @@ def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:
 
 
 def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) -> str:
-    """`12.34 ± 0.13`, with the half width of the interval."""
+    """`12.34 ± 0.13`, with the half width of the interval; bracketed where its halves differ in these digits."""
     if ci95 is None or not has_width(ci95):
         return shown(scale * value, digits)
-    digits = digits_of(ci95, scale, digits)
-    return f"{shown(scale * value, digits)} ± {rounded(_half(ci95, scale), digits)}"
+    decimals = digits_of(ci95, scale, digits)
+    if abs(scale * (ci95[0] + ci95[1] - 2.0 * value)) > 10.0**-decimals:
+        return bracketed(value, ci95, scale, digits)
+    return f"{shown(scale * value, decimals)} ± {rounded(_half(ci95, scale), decimals)}"
 
 
 def of_cuff(fit: CuffFit | WearableCuff, quantity: str, text: str) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.published_method import PublishedFit
@@ -18,8 +17,13 @@ from solver.suit.optimise import OptimisedSuit
 from solver.suit.quantity import Quantity
 from solver.uncertainty.total import TotalUncertainty
 from station.assessment.interval_sources import sources_text
+from station.folded_table import FoldedTable
 from station.interval import between, bracketed, digits_of, of_cuff, plus_minus, rounded
 
+EFFORT_AND_ERROR = (
+    "effort: of the muscles, relative to that with a slack cord; permissible error: full width of rest lengths that "
+    "keep at least 90 % of the best saving"
+)
 Truth = Mapping[str, Mapping[str, float]]
 """Cuff → quantity → value of the simulated cuff, keys as in cuffs.json."""
 
@@ -59,10 +63,10 @@ def _describe_calibration(fitted: SessionFit) -> Iterator[str]:
     yield "; ".join((f"{', '.join(found.sources)}: {figures}", *map(str, found.notes)))
 
 
-def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Table:
+def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> FoldedTable:
     """Value ± half width of the 95 % interval, with the Cramér-Rao bound; the truth of simulated cuffs in brackets."""
     caption = "±: half width of the 95 % interval; at best: Cramér-Rao bound"
-    table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "verdict", caption=caption)
+    table = FoldedTable("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "verdict", caption=caption)
     for name, fit in cuffs.items():
         true = (truth or {}).get(name, {})
         table.add_row(
@@ -75,9 +79,9 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Tabl
     return table
 
 
-def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> Table:
+def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> FoldedTable:
     """Results of the published method, those of the fit in brackets, and the attenuation of the damping by noise."""
-    table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "mean F − k x [N]", "negative", "left of c")
+    table = FoldedTable("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "mean F − k x [N]", "negative", "left of c")
     for name, fit in fits.items():
         cuff = fitted.cuffs[name]
         table.add_row(
@@ -94,17 +98,17 @@ def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> Tab
     return table
 
 
-def assessment_table(assessment: Assessment, total: TotalUncertainty | None = None) -> Table:
+def assessment_table(assessment: Assessment, total: TotalUncertainty | None = None) -> FoldedTable:
     """Normalised muscle effort of every condition at the reference rest length and at its best one.
 
     Intervals are of the total uncertainty where it is known, otherwise of what was drawn.
     """
-    reference = f"cost at {assessment.reference_rest_length:.3f} m"
+    reference = f"effort at {assessment.reference_rest_length:.3f} m"
     summary = assessment.uncertainty
     sources = "all sources" if total else sources_text(summary.sources) if summary else ""
-    table = Table(caption=f"± is half of the 95 % interval of {sources}" if sources else None)
-    table.add_column("condition", no_wrap=True)
-    for heading in ("cuff", reference, "best rest length [m]", "cost there", "90 % width [cm]"):
+    interval = f"; ±, or in brackets: 95 % interval of {sources}" if sources else ""
+    table = FoldedTable(caption=f"{EFFORT_AND_ERROR}{interval}")
+    for heading in ("condition", "cuff", reference, "best rest length [m]", "effort there", "permissible error [cm]"):
         table.add_column(heading)
     for curve in assessment.curves:
         figures = curve.figures if total is None else total.figures[curve.condition, curve.cuff]
@@ -119,9 +123,9 @@ def assessment_table(assessment: Assessment, total: TotalUncertainty | None = No
     return table
 
 
-def optimum_table(optimised: OptimisedSuit) -> Table:
+def optimum_table(optimised: OptimisedSuit) -> FoldedTable:
     """The given suit, the best one for the fitted cuffs, and the best on average over the drawn cuffs."""
-    table = Table("suit", "rest length [m]", "stiffness [N/m]", "cost", "mean cost of draws", "95 % of draws")
+    table = FoldedTable("suit", "rest length [m]", "stiffness [N/m]", "effort", "mean effort of draws", "95 % of draws")
     rows = {"as given": optimised.start, "best as fitted": optimised.fitted, "robust": optimised.robust}
     for name, result in rows.items():
         drawn = ["-", "-"]
@@ -179,7 +183,7 @@ def _compare(value: float | None, estimate: Estimate | None, scale: float, form:
 
 
 def _figure(figure: Quantity, scale: float = 1.0, digits: int = 4) -> str:
-    """Value ± half width of the 95 % interval, if there is one; its ends where one is a bound."""
+    """Value and 95 % interval, if there is one; its ends where one is a bound."""
     if figure.value is None:
         return "-"
     if figure.censored:

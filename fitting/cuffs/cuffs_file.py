@@ -50,8 +50,8 @@ def read_cuffs_document(path: Path) -> CuffsDocument:
 def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
     """Write cuffs by name, for read_cuffs and `station assess`. An existing file is replaced atomically.
 
-    Trials, tensors and the diagnosis are written, but read_cuffs does not read them. Raises OSError, and TypeError for
-    anything but fits by name.
+    Trials, tensors and the diagnosis are written, but read_cuffs does not read them. Raises OSError, which names the
+    path, and TypeError for anything but fits by name.
     """
     ensure_by_name(cuffs)
     if others := [type(fit).__name__ for fit in cuffs.values() if not isinstance(fit, CuffFit)]:
@@ -59,10 +59,13 @@ def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
     path = Path(path)
     text = cuffs_json(SessionFit({name: {fit.donning: fit} for name, fit in cuffs.items()}, ()))
     drafted = path.with_name(f".{path.name}.draft")
-    drafted.unlink(missing_ok=True)  # a symbolic link of this name is removed, its target is not
-    with drafted.open("x", encoding="utf-8") as file:
-        file.write(text)
-    drafted.replace(path)
+    try:
+        drafted.unlink(missing_ok=True)  # a symbolic link of this name is removed, its target is not
+        with drafted.open("x", encoding="utf-8") as file:
+            file.write(text)
+        drafted.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def ensure_by_name(cuffs: object) -> None:

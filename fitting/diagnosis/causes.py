@@ -163,7 +163,10 @@ def _anchor_causes(pulls: Sequence[FittedPull]) -> Iterator[Cause]:
 
 
 def _weight_causes(static: Sequence[FittedPull]) -> Iterator[Cause]:
-    """Errors of the load cell's scale and friction of the pulley, from the weights of the protocol."""
+    """Errors of the load cell's scale and friction of the pulley, from the weights of the protocol.
+
+    If the load cell reads a known mass correctly, the loads are wrong instead of its scale.
+    """
     scales = [load_scale(fitted.static.plateaus, fitted.pull.trial.step_masses) for fitted in static if fitted.static]
     found = [scale for scale in scales if scale is not None]
     if not found:
@@ -171,7 +174,9 @@ def _weight_causes(static: Sequence[FittedPull]) -> Iterator[Cause]:
     gain = combine([Repeat(scale.gain.value, scale.gain.standard_error) for scale in found])
     if abs(gain.value - 1) > max(MAX_SCALE_ERROR, SIGNIFICANT * gain.standard_error):
         figures = {"gain": gain.value, "standard_error": gain.standard_error, "error": gain.value - 1}
-        yield Cause(CauseCode.GAIN, 10 * abs(gain.value - 1) / MAX_SCALE_ERROR, figures)
+        is_cell_right = all(fitted.pull.trial.is_gain_checked for fitted in static)
+        code = CauseCode.LOADS if is_cell_right else CauseCode.GAIN
+        yield Cause(code, 10 * abs(gain.value - 1) / MAX_SCALE_ERROR, figures)
     frictions = [scale.friction for scale in found if scale.has_friction and scale.friction is not None]
     if frictions:
         mu = max(frictions, key=lambda friction: abs(friction.value))

@@ -51,6 +51,7 @@ class CauseCode(StrEnum):
     LOOSE_MARKER = "cause.loose_anchor_marker"
     SKIN = "cause.skin_motion"
     GAIN = "cause.gain_error"
+    LOADS = "cause.other_loads"
     PULLEY = "cause.pulley_friction"
     STIFFENING = "cause.stiffening"
     SOFTENING = "cause.softening"

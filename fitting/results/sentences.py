@@ -134,6 +134,11 @@ _CAUSES: Templates = {
         "the load cell reads {gain:.4f} ± {standard_error:.4f} times the force of the protocol's weights: k and c are "
         "{error:percent +.1f} % off, unless the weights are; check the load cell with a known mass"
     ),
+    CauseCode.LOADS: (
+        "the loads of the static test are {gain:.4f} ± {standard_error:.4f} times those of the protocol's weights, and "
+        "the load cell reads a known mass correctly: other weights were hung, or it is another test; correct "
+        "protocol.step_masses_kg, or record the trial again"
+    ),
     CauseCode.PULLEY: (
         "friction of the pulley is {friction:percent .1f} ± {standard_error:percent .1f} % of the load; oil it"
     ),
@@ -294,6 +299,7 @@ NAMES: Mapping[StrEnum, str] = {
     CauseCode.LOOSE_MARKER: "loose anchor marker",
     CauseCode.SKIN: "skin under an anchor marker",
     CauseCode.GAIN: "gain of the load cell",
+    CauseCode.LOADS: "loads of the static test",
     CauseCode.PULLEY: "friction of the pulley",
     CauseCode.STIFFENING: "stiffening",
     CauseCode.SOFTENING: "softening",

@@ -60,6 +60,10 @@ class MassCheck:
         allowed = COVERAGE * math.hypot(self.sd, gain_sd * self.expected)
         return allowed + (TOLERANCE * self.expected if self.mass else ZERO_TOLERANCE * capacity_kg * g)
 
+    def is_right(self, gain_sd: float, capacity_kg: float = 0.0) -> bool:
+        """Whether the reading is within its tolerance; the capacity matters for the empty cell alone."""
+        return abs(self.found - self.expected) <= self.tolerance(gain_sd, capacity_kg)
+
 
 def evaluate_reading(force: NDArray[np.float64], mass: float, zero: MassCheck | None) -> MassCheck:
     """The reading of samples (n,) [N] under a mass [kg]; zero is that of the empty cell. Raises MassCheckError."""
@@ -94,11 +98,17 @@ def read_checks(folder: Path) -> tuple[MassCheck, ...]:
     return tuple(checks)
 
 
-def with_gain_drift(trials: Sequence[Trial], checks: Sequence[MassCheck]) -> list[Trial]:
-    """The trials with half of the drift of the gain added to the uncertainty of their scale."""
+def with_mass_checks(trials: Sequence[Trial], checks: Sequence[MassCheck]) -> list[Trial]:
+    """The trials with half of the drift of the gain in the uncertainty of their scale, and whether it was checked."""
     drifts = [(last.found - first.found) / first.expected for first, last in _drifted(checks) if first.mass > 0]
     half = max((abs(drift) for drift in drifts), default=0.0) / 2
-    return [replace(trial, gain_sd=math.hypot(trial.gain_sd, half)) if half else trial for trial in trials]
+    loaded = [check for check in checks if check.mass > 0 and check.zero is not None]
+
+    def checked(trial: Trial) -> Trial:
+        is_right = bool(loaded) and all(check.is_right(trial.gain_sd) for check in loaded)
+        return replace(trial, gain_sd=math.hypot(trial.gain_sd, half), is_gain_checked=is_right)
+
+    return [checked(trial) for trial in trials]
 
 
 def check_notes(checks: Sequence[MassCheck]) -> tuple[Note, ...]:

@@ -43,6 +43,7 @@ class Trial:
     sync            certificate of the sync line; None without a sync line
     zero_drift      N, change of the force at rest from start to end; None without rest or without the capture's end
     gain_sd         relative standard uncertainty of the load cell's scale
+    is_gain_checked  whether every reading of a known mass in the session is within its tolerance, and there is one
     calibration     of the load cell by the session's bounce trials, already applied; None without one
     cuff_mass       kg moving with the cuff between load cell and body
     step_masses     kg, the weights of a static test in the order in which they are added; empty if not given
@@ -74,6 +75,7 @@ class Trial:
     sync: SyncCertificate | None = None
     zero_drift: float | None = None
     gain_sd: float = 0.0
+    is_gain_checked: bool = False
     calibration: Calibration | None = None
     cuff_mass: float = DEFAULT_CUFF_MASS
     step_masses: tuple[float, ...] = ()

@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.forces.actuators import PathActuator, PointActuator, PointToPointActuator, TorqueActuator
 from solver.model import GROUND, Actuator, CoordinateActuator, WrapSurface
 from solver.osim.document import Element
@@ -35,6 +36,9 @@ def _strength(element: Element) -> _Strength:
     if not least <= greatest:
         raise element.refusal(f"has a min_control of {least:g} above its max_control of {greatest:g}; exchange them")
     force = element.number("optimal_force", "1")
+    if not force:
+        sentence = "has an <optimal_force> of 0, so that it gives no force; correct it, or remove the actuator"
+        raise element.refusal(sentence, SolverCode.NOT_POSITIVE)
     return _Strength(name=element.name, optimal_force=force, min_control=least, max_control=greatest)
 
 

@@ -12,7 +12,7 @@ from solver.osim.earlier_versions import force_set_as_version_4, is_earlier
 
 
 def with_force_sets(model: Element, documents: Sequence[Element]) -> Element:
-    """The <Model> with the forces of these documents behind its own. ModelError for a document without a ForceSet."""
+    """The <Model> with the forces of these documents behind its own. ModelError for a document without a force."""
     added = [force for document in documents for force in _forces(document)]
     if not added:
         return model
@@ -29,4 +29,8 @@ def _forces(document: Element) -> list[Element]:
     if force_set is None:
         sentence = "has no ForceSet; give a file of actuators as OpenSim's tools append it to a model"
         raise document.refusal(sentence, SolverCode.WRONG_DOCUMENT)
-    return with_defaults(force_set_as_version_4(force_set) if is_earlier(document) else force_set).members("objects")
+    force_set = with_defaults(force_set_as_version_4(force_set) if is_earlier(document) else force_set)
+    forces = force_set.members("objects")
+    if not forces:
+        raise force_set.refusal("has no forces; add actuators, or do not give this file", SolverCode.WRONG_DOCUMENT)
+    return forces

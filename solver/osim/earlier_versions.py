@@ -20,18 +20,19 @@ GROUND_NAME = "ground"
 GROUND_PATH = "/ground"
 
 
-OPENSIM_2, AFTER_OPENSIM_3, PRESENT_LAYOUT, LONGEST_VERSION = 20000, 30500, 30517, 9
+OPENSIM_2, AFTER_OPENSIM_3, PRESENT_LAYOUT, AFTER_OPENSIM_4, LONGEST_VERSION = 20000, 30500, 30517, 50000, 9
 
 
 def is_earlier(document: Element) -> bool:
     """Whether OpenSim 2 or 3 wrote the document."""
     version = document.attributes.get("Version", "")
     number = int(version) if version.isdecimal() and len(version) <= LONGEST_VERSION else 0
-    if number < OPENSIM_2 or AFTER_OPENSIM_3 <= number < PRESENT_LAYOUT:
+    is_development_version = AFTER_OPENSIM_3 <= number < PRESENT_LAYOUT
+    if not OPENSIM_2 <= number < AFTER_OPENSIM_4 or is_development_version:
         advice = (
             'open the model in OpenSim 4 and save it, or in Python: opensim.Model("old.osim").printToXML("new.osim")'
         )
-        if number >= AFTER_OPENSIM_3:
+        if is_development_version:
             advice = "OpenSim 4.6 does not open most models of these development versions; save it with a released one"
         raise document.refusal(
             f"has the version {version[:LONGEST_VERSION] or 'none'}, expected one of OpenSim 2, 3 or 4; {advice}",

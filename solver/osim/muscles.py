@@ -37,7 +37,7 @@ def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface])
         path=read_path(element.child("GeometryPath"), names, surfaces),
         max_isometric_force=element.not_negative("max_isometric_force", "1000"),
         optimal_fiber_length=element.positive("optimal_fiber_length", "0.1"),
-        tendon_slack_length=element.number("tendon_slack_length", "0.2"),
+        tendon_slack_length=element.not_negative("tendon_slack_length", "0.2"),
         pennation_at_optimal=_pennation(element),
         maximum_pennation=steepest,
         max_contraction_velocity=fastest,

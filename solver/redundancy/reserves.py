@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.errors import SolverCode
 from solver.model import CoordinateActuator, Model, ModelError
+from solver.option_values import ensure_type
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,13 @@ class Reserve:
 def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
     """The model with such an actuator on each of these coordinates, by name: reserves [N m], residuals [N].
 
-    It replaces the actuator of the coordinate if there is one. Raises ModelError where there is no such coordinate.
+    It replaces the actuator of the coordinate if there is one. Raises ModelError where there is no such coordinate, and
+    TypeError for arguments of another type.
     """
+    ensure_type("model", model, Model, "a Model, as load_model(…) returns")
+    ensure_type("reserves", reserves, Mapping, "a mapping from names of coordinates to Reserve")
+    for reserve in reserves.values():
+        ensure_type("reserves", reserve, Reserve, "a mapping from names of coordinates to Reserve")
     named = {model.coordinate_index(name): reserve for name, reserve in reserves.items()}
     kept = tuple(
         actuator

@@ -269,5 +269,7 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
 def _plain_decision(assessed: AssessedSuit) -> dict[str, Any]:
     total = assessed.total
     if total is None:
-        return undecided_by_fit(can_draw_people="tendons" not in assessed.inputs)
+        return undecided_by_fit(
+            can_draw_people="tendons" not in assessed.inputs, has_subject=assessed.subject is not None
+        )
     return plain_decision(total, assessed.assessment.reference_rest_length)

@@ -9,7 +9,7 @@ import pandas as pd
 from pydantic import Field, TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
-from documents.regular_file import open_regular
+from documents.regular_file import describe_failure, open_regular
 from documents.validation import describe_error
 from station.assessment.decision_json import DecisionEntry
 from station.assessment.drawn_postures import PostureEntry
@@ -37,7 +37,7 @@ def read_activations(path: Path) -> pd.DataFrame:
         with open_regular(path) as file:
             table = pd.read_csv(file, keep_default_na=False, na_values=["nan"])
     except (OSError, ValueError) as error:
-        raise _refusal(AssessmentFileCode.ACTIVATIONS_UNREADABLE, path, reason=str(error)) from error
+        raise _refusal(AssessmentFileCode.ACTIVATIONS_UNREADABLE, path, reason=describe_failure(error)) from error
     muscles = list(table.columns[3:])
     if list(table.columns[:3]) != ["condition", "cuff", "time_s"] or not muscles:
         found = shortened(", ".join(map(str, table.columns)))

@@ -12,7 +12,7 @@ from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, NotIdentified, WearableCuff, with_interval_covariance
 from fitting.laws.model_class import SLIP
 from fitting.results.seal import Standing
-from solver.cuff import CuffParameters
+from solver.cuff import CuffParameters, by_site
 from solver.errors import MotionError
 from solver.model import Model, ModelError
 from solver.motion import Kinematics
@@ -40,8 +40,8 @@ class InputError(StationError):
     """Files that do not make an assessment."""
 
 
-class UnknownCuff(InputError):
-    """The command names a cuff that is not in the file."""
+class WrongOptions(InputError):
+    """Options that do not make an assessment, or name no cuff of the file that it needs."""
 
     exit_code = WRONG_USAGE
 
@@ -164,7 +164,7 @@ def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[
     missing = [name for name in chosen if name not in cuffs]
     if missing:
         figures = {"missing": ", ".join(missing), "known": ", ".join(cuffs) or "none"}
-        raise UnknownCuff(Message(InputCode.UNKNOWN_CUFF, figures))
+        raise WrongOptions(Message(InputCode.UNKNOWN_CUFF, figures))
     worn = chosen_cuffs(cuffs, chosen)
     for cuff in worn:
         if cuff.name == RIGID:
@@ -174,6 +174,19 @@ def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[
     for cuff_parameters in parameters:
         ensure_possible(cuff_parameters)
     return parameters
+
+
+def one_arm_cuff(
+    cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]
+) -> tuple[CuffParameters | None, CuffParameters]:
+    """The waist cuff, if there is one, and the arm cuff. Raises InputError if there are others, and as worn_cuffs."""
+    worn = worn_cuffs(cuffs, chosen)
+    arms, waists = by_site(worn)
+    if len(arms) != 1 or len(waists) > 1:
+        found = ", ".join(f"{cuff.name} ({cuff.site})" for cuff in worn) or "none"
+        known = ", ".join(name for name, cuff in cuffs.items() if cuff.site == "arm") or "none"
+        raise WrongOptions(Message(InputCode.ONE_ARM_CUFF, {"found": found, "known": known}))
+    return next(iter(waists), None), arms[0]
 
 
 def chosen_cuffs(cuffs: Mapping[str, WearableCuff], chosen: tuple[str, ...]) -> list[WearableCuff]:

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from documents.plain_data import PlainDataError, parse_toml
-from documents.regular_file import LARGEST_SUIT, read_regular
+from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
 from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
 from solver.suit.decision import DecisionRule
 from solver.uncertainty.sources import (
@@ -157,4 +157,4 @@ def _parsed(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(read_regular(path, LARGEST_SUIT))
     except (OSError, PlainDataError) as error:
-        raise BudgetError(Message(InputCode.BUDGET, {"path": str(path), "reason": str(error)})) from error
+        raise BudgetError(Message(InputCode.BUDGET, {"path": str(path), "reason": describe_failure(error)})) from error

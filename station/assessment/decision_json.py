@@ -103,12 +103,15 @@ def plain_decision(total: TotalUncertainty, reference_rest_length: float) -> dic
     }
 
 
-def undecided_by_fit(rule: DecisionRule | None = None, *, can_draw_people: bool = True) -> dict[str, Any]:
+def undecided_by_fit(
+    rule: DecisionRule | None = None, *, can_draw_people: bool = True, has_subject: bool = False
+) -> dict[str, Any]:
     """The decision without a budget: none, because one donning's fit is not what differs between days and people.
 
-    can_draw_people: False with elastic tendons, with which people are refused
+    can_draw_people: False with elastic tendons, with which people are refused; has_subject: assessed on the wearer
     """
-    message = Message(DecisionCode.FIT_ONLY if can_draw_people else DecisionCode.NO_PEOPLE)
+    figures: Figures = {"subject": " --subject ." if has_subject else ""}
+    message = Message(DecisionCode.FIT_ONLY, figures) if can_draw_people else Message(DecisionCode.NO_PEOPLE)
     entry = {"code": message.code.value, "text": str(message)}
     return {"contains": "fit", **_plain_rule(rule or DecisionRule(), 0), "at_reference": entry, "at_best": entry}
 

@@ -21,13 +21,20 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from documents.plain_data import PlainDataError, read_toml
+from documents.regular_file import describe_failure
 from documents.validation import describe_error
 from solver.model import Model
 from solver.redundancy.options import UNWEIGHTED_COORDINATES, RedundancyOptions
 from solver.redundancy.reserves import Reserve, with_reserves
-from station.config import ConfigError
+from station.errors import StationError
+from station.messages.codes import InputCode
+from station.messages.message import Message
 
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class EffortError(StationError):
+    """The weights of the effort cannot be used."""
 
 
 class _Table(BaseModel):
@@ -58,12 +65,12 @@ class EffortWeights(_Table):
 
 
 def read_effort(path: Path) -> EffortWeights:
-    """Read effort.toml. Raises ConfigError."""
+    """Read effort.toml. Raises EffortError."""
     try:
         return EffortWeights.model_validate(read_toml(path))
-    except OSError as error:
-        raise ConfigError(f"cannot read the weights {path}: {error.strerror}; check the path") from error
-    except PlainDataError as error:
-        raise ConfigError(f"{path} {error}") from error
+    except (OSError, PlainDataError) as error:
+        reason = describe_failure(error)
+        raise EffortError(Message(InputCode.EFFORT, {"path": str(path), "reason": reason})) from error
     except ValidationError as error:
-        raise ConfigError(f"{path}: {describe_error(error)}") from error
+        reason = describe_error(error)
+        raise EffortError(Message(InputCode.EFFORT, {"path": str(path), "reason": reason})) from error

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from documents.regular_file import LARGEST_TABLE, read_regular
+from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
 from station.errors import StationError
 from station.messages.codes import InputCode
 from station.messages.message import Figures, Message
@@ -36,7 +36,9 @@ def read_emg(path: Path, known: Collection[str]) -> list[MeasuredReduction]:
             csv.DictReader(read_regular(path, LARGEST_TABLE).decode("utf-8-sig").splitlines(), skipinitialspace=True)
         )
     except (OSError, UnicodeDecodeError) as error:
-        raise EmgError(Message(InputCode.EMG_UNREADABLE, {"path": str(path), "reason": str(error)})) from error
+        raise EmgError(
+            Message(InputCode.EMG_UNREADABLE, {"path": str(path), "reason": describe_failure(error)})
+        ) from error
     found = list(rows[0]) if rows else []
     if not set(COLUMNS) <= set(found):
         figures = {"path": path.name, "found": ",".join(found) or "none", "expected": ",".join(COLUMNS)}

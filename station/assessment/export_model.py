@@ -13,7 +13,7 @@ from solver.osim.suited import add_suit
 from solver.osim.writer import osim_document
 from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, read_suit
-from station.assessment.assessment_inputs import InputError, UnknownCuff, cuff_remarks, read_cuffs_to_wear, worn_cuffs
+from station.assessment.assessment_inputs import WrongOptions, cuff_remarks, one_arm_cuff, read_cuffs_to_wear
 from station.messages.codes import InputCode
 from station.messages.message import Message
 from station.sources import BUNDLED, model_of
@@ -55,19 +55,15 @@ def _scenario(worn: SuitToExport, rest_length: float) -> tuple[SuitScenario, lis
     lengths = np.array([rest_length])
     if worn.cuffs is None:
         if worn.cuff is not None:
-            raise UnknownCuff(Message(InputCode.NO_CUFFS_FILE, {"cuff": worn.cuff}))
+            raise WrongOptions(Message(InputCode.NO_CUFFS_FILE, {"cuff": worn.cuff}))
         if worn.condition not in (None, "rigid"):
-            raise InputError(Message(InputCode.CONDITION_WITHOUT_CUFFS, {"condition": str(worn.condition)}))
+            raise WrongOptions(Message(InputCode.CONDITION_WITHOUT_CUFFS, {"condition": str(worn.condition)}))
         return SuitScenario("rigid", None, None, lengths), []
     chosen = (worn.cuff,) if worn.cuff else ()
     fits = read_cuffs_to_wear(worn.cuffs, chosen)
-    cuffs = worn_cuffs(fits, chosen)
-    arms, waists = ([cuff for cuff in cuffs if cuff.site == site] for site in ("arm", "waist"))
-    if len(arms) != 1 or len(waists) > 1:
-        names = ", ".join(cuff.name for cuff in arms) or "none"
-        raise InputError(Message(InputCode.ONE_ARM_CUFF, {"names": names}))
-    remarks = cuff_remarks(worn.cuffs, (fits[cuff.name] for cuff in cuffs))
-    return SuitScenario(worn.condition or "both", waists[0] if waists else None, arms[0], lengths), remarks
+    waist, arm = one_arm_cuff(fits, chosen)
+    remarks = cuff_remarks(worn.cuffs, (fits[cuff.name] for cuff in (waist, arm) if cuff))
+    return SuitScenario(worn.condition or "both", waist, arm, lengths), remarks
 
 
 def _document(path: Path) -> Xml.Element:

@@ -60,15 +60,14 @@ class MuscleInputs:
 class GivenMotion:
     """The model, with its suit if it has one, and motion and loads in the frames that are solved.
 
-    on_range, on_loads  notes of range_checks on the limits, and of load_checks on the file of external loads
+    on_inputs  notes of all checks on the motion with all its frames, on the limits, and on the file of external loads
     """
 
     model: Model
     suited: SuitedModel | None
     kinematics: Kinematics
     loads: tuple[ExternalForce, ...]
-    on_range: dict[str, str]
-    on_loads: dict[str, str]
+    on_inputs: dict[str, str]
 
     @property
     def notes(self) -> dict[str, str]:
@@ -76,9 +75,7 @@ class GivenMotion:
         suit = {} if self.suited is None else {"suit": _describe_suit(self.suited)}
         return {
             **suit,
-            **motion_checks(self.model, self.kinematics),
-            **self.on_range,
-            **self.on_loads,
+            **self.on_inputs,
             "filter": self.kinematics.filter,
             "derivatives": self.kinematics.derivatives,
             "interval_s": f"{self.kinematics.interval:.10g}",
@@ -93,10 +90,11 @@ def read_given_motion(inputs: MuscleInputs, cut: MotionCut, *, is_assembled: boo
     whole = held_by_constraints(model, _differentiate(motion, cut, is_assembled=is_assembled), held)
     kinematics = decimate(whole, cut.every)
     loads = loads_of(inputs.external_loads, model, kinematics.time)
-    on_loads = load_checks(inputs.external_loads, loads, model, kinematics)
+    on_inputs = motion_checks(model, whole) | range_checks(motion, cut.start, cut.end)
+    on_inputs |= load_checks(inputs.external_loads, loads, model, kinematics)
     if suited is not None:
         loads += suited.loads(whole, cut.every)
-    return GivenMotion(model, suited, kinematics, loads, range_checks(motion, cut.start, cut.end), on_loads)
+    return GivenMotion(model, suited, kinematics, loads, on_inputs)
 
 
 def _differentiate(motion: Motion, cut: MotionCut, *, is_assembled: bool) -> Kinematics:

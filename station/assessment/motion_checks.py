@@ -1,9 +1,9 @@
-"""Checks of a motion and its loads.
+"""Checks of a model, its motion and its loads.
 
-Coordinates without data, limits of time outside the motion, a header with another number of rows, steps that are
-uneven, a filter with a low cut-off, coordinates against a coupler, lock or prescription or far out of range, angles
-that look like radians in a file in degrees, and loads that are off or far from their body. None is an error: OpenSim's
-tools take such a motion as it is. Notes name the coordinates, the greatest value first.
+Inertias that no body has, coordinates without data, limits of time outside the motion, a header with another number of
+rows, steps that are uneven, a filter with a low cut-off, coordinates against a coupler, lock or prescription or far out
+of range, angles that look like radians in a file in degrees, and loads that are off or far from their body. None is an
+error: OpenSim's tools take such files as they are. Notes name the coordinates, the greatest value first.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ ANGLE_TOLERANCE = np.radians(1.0)
 """Of data against a coupler, lock or prescription: above what rounding and a filter change, below what matters."""
 DISTANCE_TOLERANCE = 5e-3  # m
 FULL_TURN = 2 * np.pi
-RANGES_OUTSIDE, LEAST_OUTSIDE, MOST_OUTSIDE = 10.0, 1.0, 100.0
-"""A translation is beyond its range by more than 10 times its width, but at least 1 m and at most 100 m, so that a
-sprint along a track is not. Ranges without a limit, ±99999.9 in OpenSim's files, count as ±100 m."""
+RANGES_OUTSIDE, LEAST_OUTSIDE, MOST_OUTSIDE = 10.0, 1.0, 20.0
+"""A translation is beyond its range by more than 10 times its width, but at least 1 m and at most 20 m, the length of a
+large laboratory. Ranges without a limit, ±99999.9 in OpenSim's files, count as ±20 m."""
 LEAST_CUTOFF = 4.0
 """Cut-off in mean frequencies of the angles. Walking, of about 1.2 Hz, is filtered at 6 Hz (Winter, Biomechanics and
 Motor Control of Human Movement), the arm lifts of the published study, of 0.2 to 0.6 Hz, at 3 Hz."""
@@ -43,7 +43,11 @@ LARGEST_RADIANS = np.pi
 FAR_FROM_BODY, SHARE_OF_FORCE = 1.0, 0.05
 """A load is far from its body if its point is more than 1 m from the body's origin, longer than any segment, while its
 force is above 5 % of its greatest: a centre of pressure has no meaning without a force."""
+LARGEST_MOMENT = 100.0
+"""Of inertia, over the sum of the other two principal ones: at most 1 for any body. Published models have up to 33
+(WalkerModel of opensim-models; the bundled radius has 3.5), or a single moment where the motion is planar."""
 FINDINGS = {
+    "impossible_inertia": (AssessmentCode.IMPOSSIBLE_INERTIA, "bodies"),
     "without_data": (AssessmentCode.WITHOUT_DATA, "coordinates"),
     "range_not_covered": (AssessmentCode.RANGE_NOT_COVERED, "range"),
     "row_counts": (AssessmentCode.ROW_COUNTS, "rows"),
@@ -63,6 +67,8 @@ UNITS = {"rotation": "rad", "translation": "m", "coupled": "rad or m"}
 def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
     """Notes by name, those of FINDINGS: steps, frequencies, or "coordinate value unit, …"; none without findings.
 
+    The kinematics have all frames: a mean frequency needs the beginning and the end of the motion.
+
     A coordinate violates its constraint by the largest difference from what the constraint gives. An angle is beyond
     its range [rad] if it is more than a full turn outside, as degrees that were read as radians are; a translation [m]
     if it is as far outside as millimetres that were read as metres are. Radians as degrees: the largest angle.
@@ -74,6 +80,7 @@ def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
     tolerance = np.where(is_distance, DISTANCE_TOLERANCE, ANGLE_TOLERANCE)
     steps, degrees, rows = kinematics.steps, kinematics.largest_degrees or 0.0, kinematics.row_counts
     notes = {
+        "impossible_inertia": _impossible_inertia(model),
         "without_data": ", ".join(kinematics.missing),
         "row_counts": "" if rows is None else f"nRows {rows[0]}, found {rows[1]}",
         "resampled_from_s": "" if steps is None else f"{steps[0]:.6g} to {steps[1]:.6g}",
@@ -113,8 +120,20 @@ def motion_findings(notes: Mapping[str, str]) -> list[Message[AssessmentCode]]:
     return [Message(code, {figure: notes[name]}) for name, (code, figure) in FINDINGS.items() if name in notes]
 
 
+def _impossible_inertia(model: Model) -> str:
+    """Bodies that would need negative mass, with their principal moments [kg m²]."""
+    named = []
+    for body in model.bodies:
+        moments = np.linalg.eigvalsh(body.inertia)
+        others = moments[0] + moments[1]
+        if others and moments[2] > LARGEST_MOMENT * others:
+            named.append(f"{body.name} {', '.join(f'{moment:.3g}' for moment in moments)} kg m²")
+    return "; ".join(named)
+
+
 def _low_cutoff(model: Model, kinematics: Kinematics) -> str:
-    """Cut-off and mean frequency where the filter removes a part of the motion; "" where it has no frequency.
+    """Cut-off and mean frequency where the filter removes a part of the motion; "" where no angle changes by more than
+    ANGLE_TOLERANCE, or the motion has no frequency.
 
     The mean frequency is the RMS of the speeds of all rotations over that of their angles about the mean, after the
     filter: noise does not raise it. It is that of the frames that move, so that a rest before and after a reach does
@@ -129,9 +148,9 @@ def _low_cutoff(model: Model, kinematics: Kinematics) -> str:
         return ""
     first, last = int(moving[0]), int(moving[-1])
     angles, speeds = angles[first : last + 1], speeds[first : last + 1]
-    amplitude = np.sqrt(((angles - angles.mean(axis=0)) ** 2).sum())
-    if not amplitude:
+    if np.ptp(angles, axis=0).max() < ANGLE_TOLERANCE:
         return ""
+    amplitude = np.sqrt(((angles - angles.mean(axis=0)) ** 2).sum())
     frequency = float(np.sqrt((speeds**2).sum()) / amplitude / (2 * np.pi))
     is_reach = first > 0 and last < len(speed) - 1
     has_frequency = is_reach or frequency * (kinematics.time[last] - kinematics.time[first]) >= 1

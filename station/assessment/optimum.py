@@ -10,23 +10,21 @@ from typing import Any
 import numpy as np
 
 from recordings.manifest import DataOrigin
-from solver.cuff import by_site
 from solver.suit.optimise import Freedom, OptimisedSuit, SuitCandidate, optimise_suit
 from solver.suit.scenarios import Condition, LoadedMotion
 from solver.suit.suit import PARTS, Suit, suit_toml
 from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
-    InputError,
     cuff_findings,
     cuff_remarks,
+    one_arm_cuff,
     read_cuffs_to_wear,
-    worn_cuffs,
 )
 from station.assessment.assessment_json import known
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.checksums import write_checksums
-from station.messages.codes import AssessmentCode, InputCode
+from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
@@ -56,23 +54,20 @@ def optimise_file(
     """
     ensure_folder(output)
     cuffs = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
-    arms, waists = by_site(worn_cuffs(cuffs, inputs.chosen))
-    if len(arms) != 1 or len(waists) > 1:
-        names = ", ".join(cuff.name for cuff in arms) or "none"
-        raise InputError(Message(InputCode.ONE_ARM_CUFF, {"names": names}))
+    waist, arm = one_arm_cuff(cuffs, inputs.chosen)
     model = inputs.read_model()
     kinematics = inputs.read_motion(model)
     loads, suit = inputs.read_loads(model, kinematics), inputs.read_suit()
     optimised = optimise_suit(
         LoadedMotion(model, kinematics, loads, inputs.read_options(model)),
         suit,
-        (waists[0] if waists else None, arms[0]),
+        (waist, arm),
         condition,
         free,
         draws=DrawSettings(count=draws),
         progress=progress,
     )
-    fits = [cuffs[cuff.name] for cuff in (*arms, *waists)]
+    fits = [cuffs[cuff.name] for cuff in (arm, waist) if cuff]
     remarks = [*cuff_remarks(inputs.cuffs, fits), *map(str, cuff_findings(fits))]
     notes = motion_checks(model, kinematics) | load_checks(inputs.external_loads, loads, model, kinematics)
     remarks += map(str, motion_findings(notes))
@@ -81,7 +76,7 @@ def optimise_file(
     plain = {
         "condition": condition,
         "origin": DataOrigin.joined(fit.origin for fit in fits),
-        "cuff": arms[0].name,
+        "cuff": arm.name,
         "free": ["rest_length", *free],
         **_plain_suits(optimised),
         "remarks": remarks,
@@ -89,9 +84,7 @@ def optimise_file(
         "versions": solving_versions(),
     }
     write_whole(output / "optimum.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-    _write_suit(
-        output / "suit.toml", optimised.fitted, f"the best of {optimised.tried} suits tried with {arms[0].name}"
-    )
+    _write_suit(output / "suit.toml", optimised.fitted, f"the best of {optimised.tried} suits tried with {arm.name}")
     if draws := optimised.robust.drawn.size:
         _write_suit(
             output / "robust_suit.toml", optimised.robust, f"the best on average over {draws} draws of the cuffs"

@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 from solver.inverse_dynamics import inverse_dynamics
 from solver.model import AxisMotion, BallMotion, Model
 from solver.motion import Kinematics
-from solver.multibody.constraints import is_held
 from solver.multibody.external_loads import ExternalForce
 from solver.multibody.tables import tables_of
 from solver.redundancy.left_out import actuator_forces
 from solver.redundancy.motion_solution import MotionSolution
-from solver.redundancy.options import UNWEIGHTED_COORDINATES, RedundancyOptions, effort_weights
+from solver.redundancy.options import (
+    UNWEIGHTED_COORDINATES,
+    RedundancyOptions,
+    effort_weights,
+    tracked_coordinates,
+)
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 
@@ -63,13 +67,18 @@ def large_reserves(model: Model, options: RedundancyOptions, shares: ReserveShar
     }
 
 
-def large_residuals(model: Model, options: RedundancyOptions, shares: ReserveShares) -> ReserveShares:
+def large_residuals(
+    model: Model, options: RedundancyOptions, shares: ReserveShares, *, has_external_loads: bool
+) -> ReserveShares:
     """Coordinate → RMS residual force and weight of the model [N], where the first is above LARGE_RESIDUALS.
 
     Residuals are forces of actuators at coordinates that move a part of the model along a line and that no muscle
-    crosses, such as pelvis_ty. Those of the bundled model's thorax stand for a seat.
+    crosses, such as pelvis_ty. Those of the bundled model's thorax stand for a seat. Actuators without a weight stand
+    for a part that the model lacks, such as a trunk, if external loads are given; otherwise they may hide that the
+    loads were forgotten.
     """
-    is_residual = ~_is_crossed(model) & _is_counted(model, options)
+    is_counted = _is_counted(model, options) if has_external_loads else tracked_coordinates(model, options)
+    is_residual = ~_is_crossed(model) & is_counted
     is_residual &= [unit_of(model, index) == "N" for index in range(len(model.coordinates))]
     weight = float(sum(body.mass for body in model.bodies) * np.linalg.norm(model.gravity))
     return {
@@ -131,10 +140,10 @@ def _greatest_of_its_unit(model: Model, sizes: Array) -> Array:
 
 def _is_counted(model: Model, options: RedundancyOptions) -> NDArray[np.bool_]:
     """(coordinates,) whether the acceleration is tracked, and the coordinate's own actuator, if any, has a weight."""
-    is_counted = ~is_held(model)
+    is_counted = tracked_coordinates(model, options)
     weights = effort_weights(model, options)[len(model.muscles) :]
     free = [name for name, weight in zip(model.actuated_names, weights, strict=True) if weight == 0.0]
-    names = {*options.free_coordinates, *free} & set(model.coordinate_names)
+    names = set(free) & set(model.coordinate_names)
     is_counted[[model.coordinate_index(name) for name in names]] = False
     return is_counted
 

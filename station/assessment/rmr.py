@@ -20,6 +20,7 @@ from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_
 from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
 from station.assessment.outcomes import describe_tendons, note_unconverged
 from station.assessment.reserves import MOST_NAMED, ReserveShares, large_reserves, large_residuals, reserve_shares
+from station.assessment.slack_muscles import slack_muscles
 from station.errors import UnusedOption
 from station.messages.codes import InputCode
 from station.messages.message import Message
@@ -37,6 +38,7 @@ class SolvedMotion:
     left_out  what the forces that were left out change, as far as it is known
     large_reserves  where reserves give much of the force that muscles should give
     large_residuals  where residuals carry much of the weight of the model
+    slack_muscles  names of those that cannot pull in any frame
     """
 
     model: Model
@@ -46,6 +48,7 @@ class SolvedMotion:
     left_out: LeftOutEffect = NOTHING_LEFT_OUT
     large_reserves: ReserveShares = field(default_factory=dict)
     large_residuals: ReserveShares = field(default_factory=dict)
+    slack_muscles: tuple[str, ...] = ()
 
 
 def solve_muscles(
@@ -76,13 +79,16 @@ def solve_muscles(
     )
     shares = reserve_shares(model, given.kinematics, given.loads, solution)
     effect = effect_of(given.model, inputs.left_out, given.kinematics, solution, shares)
-    large, residuals = large_reserves(model, options, shares), large_residuals(model, options, shares)
+    large, has_loads = large_reserves(model, options, shares), inputs.external_loads is not None
+    residuals = large_residuals(model, options, shares, has_external_loads=has_loads)
     left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
     tendons = {"tendons": describe_tendons(model, solution.fibers)}
     reserves = {"large_reserves": json.dumps(large) if large else "none"}
     reserves["large_residuals"] = json.dumps(residuals) if residuals else "none"
+    slack = slack_muscles(model, given.kinematics, options.path_mode)
+    tendons["slack_muscles"] = ", ".join(slack) or "none"
     notes = inputs.hashes() | left_out | given.notes | tendons | reserves | _notes(model, options, solution)
-    return SolvedMotion(model, options, solution, notes, effect, large, residuals)
+    return SolvedMotion(model, options, solution, notes, effect, large, residuals, slack)
 
 
 def ensure_joints_and_markers(model: Model, options: RedundancyOptions) -> None:

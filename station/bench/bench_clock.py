@@ -140,12 +140,14 @@ class BenchClock:
         try:
             self._connection.sendall(json.dumps(request).encode() + b"\n")
             line = self._lines.readline()
+        except ConnectionError:
+            line = b""
         except OSError as error:
             raise DeviceLost(
                 f"{self._name} does not answer any more ({error.strerror or error})", DeviceCode.DISCONNECTED
             ) from error
         if not line.endswith(b"\n"):
-            raise DeviceLost(f"{self._name} has ended; start it again", DeviceCode.DISCONNECTED)
+            raise DeviceLost("the simulated devices ended during the trial; start them again", DeviceCode.DISCONNECTED)
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise DeviceLost(f"{self._name} refused: {answer['error']}")

@@ -48,7 +48,7 @@ def check_known_mass(
     figures = {"mass_kg": mass, "expected_n": check.expected, "found_n": check.found, "u_n": check.sd}
     append_line(folder / CHECKS_FILE, "known_mass", **figures, zero_n=check.zero)
     tolerance = check.tolerance(cell.gain_relative_sd, config.load_cell.capacity_kg)
-    is_good = abs(check.found - check.expected) <= tolerance
+    is_good = check.is_right(cell.gain_relative_sd, config.load_cell.capacity_kg)
     code = CheckCode.MASS_RIGHT if is_good else CheckCode.MASS_WRONG
     code = CheckCode.MASS_WITHOUT_ZERO if mass and zero is None else code
     shown = {"found_n": check.found, "sd_n": check.sd, "expected_n": check.expected, "tolerance_n": tolerance}

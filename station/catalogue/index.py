@@ -5,6 +5,7 @@ A session is read again where its session.jsonl or cuffs.json has changed. Sessi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -75,7 +76,7 @@ def _opened(path: Path, *, is_rebuilt: bool) -> Iterator[duckdb.DuckDBPyConnecti
             yield connection
             connection.commit()
     except duckdb.IOException as error:
-        raise _in_use(path, error) from error
+        raise _not_opened(path, error) from error
 
 
 def _is_current(path: Path) -> bool:
@@ -86,12 +87,13 @@ def _is_current(path: Path) -> bool:
     except duckdb.CatalogException:
         raise CatalogueError(Message(CatalogueCode.OTHER_DATABASE, {"path": str(path)})) from None
     except duckdb.IOException as error:
-        raise _in_use(path, error) from error
+        raise _not_opened(path, error) from error
 
 
-def _in_use(path: Path, error: Exception) -> CatalogueError:
+def _not_opened(path: Path, error: Exception) -> CatalogueError:
     figures = {"path": str(path), "reason": str(error).partition("\n")[0].rstrip(".")}
-    return CatalogueError(Message(CatalogueCode.NOT_OPENED, figures))
+    is_usable = path.exists() and os.access(path, os.W_OK)
+    return CatalogueError(Message(CatalogueCode.NOT_OPENED if is_usable else CatalogueCode.NOT_CREATED, figures))
 
 
 def _sessions_below(folder: Path) -> dict[str, Path]:

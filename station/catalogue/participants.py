@@ -7,7 +7,7 @@ import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from documents.regular_file import LARGEST_TABLE, read_regular
+from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
 from station.catalogue.errors import CatalogueError
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode
@@ -25,7 +25,7 @@ def read_participants(path: Path) -> Participants:
     try:
         text = read_regular(path, LARGEST_TABLE).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise _wrong(path, str(error)) from error
+        raise _wrong(path, describe_failure(error)) from error
     rows = list(csv.reader(io.StringIO(text), delimiter="\t", quoting=csv.QUOTE_NONE))
     if not rows or rows[0][:1] != [KEY]:
         raise _wrong(path, f"expected the first column {KEY}")

@@ -30,9 +30,13 @@ def axis(name: str = "", colour: str = INK, **more: Any) -> dict[str, Any]:
 
 
 def axis_below(name: str, **more: Any) -> dict[str, Any]:
-    """The horizontal axis: labels clear of those of the vertical axis, the name below them."""
+    """The horizontal axis: labels clear of those of the vertical axis, the name below them.
+
+    On a narrow chart, labels that do not fit are left out.
+    """
     label = {"fontSize": 18, "color": INK}
-    return axis(name, nameLocation="middle", nameGap=36, axisLabel={**label, "margin": 14}, **more)
+    labels = {**label, "margin": 14, "hideOverlap": True}
+    return axis(name, nameLocation="middle", nameGap=36, axisLabel=labels, **more)
 
 
 def line(colour: str = FORCE, **more: Any) -> dict[str, Any]:

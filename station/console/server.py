@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import hmac
 import os
 import secrets
@@ -168,13 +169,16 @@ def serve(
 
 
 def ensure_free(host: str, port: int) -> None:
+    """Raise ServeError for a host that is no address of this computer, and for a port that is in use."""
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         socket.create_server(address, family=family).close()
     except OSError as error:
-        reason = error.strerror if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        is_unknown = isinstance(error, socket.gaierror)
+        reason = error.strerror if is_unknown else os.strerror(error.errno or 0)
         figures: Figures = {"host": host, "port": port, "reason": str(reason)}
-        raise ServeError(Message(ServeCode.CANNOT_LISTEN, figures)) from error
+        is_of_host = is_unknown or error.errno == errno.EADDRNOTAVAIL
+        raise ServeError(Message(ServeCode.WRONG_HOST if is_of_host else ServeCode.CANNOT_LISTEN, figures)) from error
 
 
 def _end(*_: object) -> NoReturn:

@@ -8,8 +8,6 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Literal
 
-from rich.table import Table
-
 from fitting.emg.channels import ChannelFinding
 from fitting.emg.envelopes import resampled
 from fitting.emg.shape import ShapeOutcome
@@ -18,6 +16,7 @@ from station.assessment.emg import COLUMNS
 from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial
 from station.emg.emg_json import EMG_FILE, EmgDocument, EmgFigure
 from station.emg.setup import EnvelopeSection
+from station.folded_table import FoldedTable
 from station.interval import bracketed
 from station.whole_file import drafted, write_whole
 
@@ -146,27 +145,27 @@ def change_rows(document: EmgDocument) -> Iterator[ChangeRow]:
         yield ChangeRow(change.channel, ", ".join(change.muscles), *ratios, counts)
 
 
-def shape_table(document: EmgDocument) -> Table:
+def shape_table(document: EmgDocument) -> FoldedTable:
     """A row per channel that is compared with the model."""
-    table = Table("trial", "channel", "muscles", "correlation", "lag [ms]", "shape RMSE", "note")
+    table = FoldedTable("trial", "channel", "muscles", "correlation", "lag [ms]", "shape RMSE", "note")
     table.caption = "in brackets: 95 % intervals; positive lag: EMG follows the model"
     for row in shape_rows(document):
         table.add_row(*astuple(row))
     return table
 
 
-def pooled_table(document: EmgDocument) -> Table:
+def pooled_table(document: EmgDocument) -> FoldedTable:
     """A row for each channel that is compared in several trials of a condition."""
-    table = Table("trials", "channel", "number", "correlation", "with a lag", "lag [ms]")
+    table = FoldedTable("trials", "channel", "number", "correlation", "with a lag", "lag [ms]")
     table.caption = "over the trials, random effects; in brackets 95 % intervals"
     for row in pooled_rows(document):
         table.add_row(*astuple(row))
     return table
 
 
-def change_table(document: EmgDocument) -> Table:
+def change_table(document: EmgDocument) -> FoldedTable:
     """Ratio of EMG in the condition to the reference, and of the activations of the model."""
-    table = Table("channel", "muscles", "EMG, condition / reference", "model", "repeats")
+    table = FoldedTable("channel", "muscles", "EMG, condition / reference", "model", "repeats")
     for row in change_rows(document):
         table.add_row(*astuple(row))
     return table

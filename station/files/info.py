@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from fitting.cuffs.cuffs_json import plain_sync
 from fitting.errors import UnusableTrial
@@ -24,6 +23,7 @@ from recordings.recovery import recover
 from station.checksums import CHECKSUMS_FILE, changed_files, standing_of, write_checksums
 from station.exit_code import DONE, LOSSY
 from station.files.live_info import live_result_of, recover_live, show_live_result
+from station.folded_table import FoldedTable
 from station.progress import busy, progress_bars
 from station.protocol import describe_trial
 
@@ -172,18 +172,20 @@ def _describe_cell(cell: LoadCell) -> str:
     return f"load cell: {', '.join(part for part in parts if part)}"
 
 
-def _topics_table(contents: Contents) -> Table:
-    table = Table("topic", "messages", "seconds")
+def _topics_table(contents: Contents) -> FoldedTable:
+    """Seconds: of the streams; manifest, events and outcome are written when something happens."""
+    table = FoldedTable("topic", "messages", "seconds")
     for name, topic in contents.topics.items():
-        table.add_row(name, str(topic.messages), f"{(topic.last_ns - topic.first_ns) * 1e-9:.2f}")
+        seconds = f"{(topic.last_ns - topic.first_ns) * 1e-9:.2f}" if name in contents.streams else ""
+        table.add_row(name, str(topic.messages), seconds)
     return table
 
 
-def _streams_table(contents: Contents) -> Table:
+def _streams_table(contents: Contents) -> FoldedTable:
     """Occluded: of the markers that the trial needs, as others may be in the label list of the mocap system."""
     subject = contents.manifest.subject if contents.manifest else None
     labels = subject.labels if subject else ()
-    table = Table("stream", "samples", "lost", "rate", "nominal", "unit", "worst occluded")
+    table = FoldedTable("stream", "samples", "lost", "rate", "nominal", "unit", "worst occluded")
     for name, stream in contents.streams.items():
         needed = {label: part for label, part in stream.occluded.items() if label in labels} or stream.occluded
         worst = max(needed.items(), key=lambda pair: pair[1], default=None)

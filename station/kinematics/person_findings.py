@@ -15,6 +15,7 @@ from solver.model import CoordinateLock, Model
 from solver.personalisation.anthropometry import ARM_SEGMENTS
 from solver.personalisation.estimate import BodyEstimate, EstimateOutcome
 from solver.personalisation.segment_masses import (
+    HAND,
     UPPER_ARM,
     mass_ratios,
     segment_masses,
@@ -80,7 +81,11 @@ def lock_findings(model: Model) -> list[Finding]:
 
 def mass_findings(model: Model) -> list[Finding]:
     """Segments of a model whose mass is unusual beside that of its upper arm."""
-    return [Message(PersonCode.SEGMENT_MASS, {"segment": k, "ratio": v}) for k, v in mass_ratios(model).items()]
+    codes = {HAND: PersonCode.HAND_MASS}
+    return [
+        Message(codes.get(segment, PersonCode.SEGMENT_MASS), {"segment": segment, "ratio": ratio})
+        for segment, ratio in mass_ratios(model).items()
+    ]
 
 
 def ensure_model_mass_fits(model: Model, total: float) -> None:

@@ -88,6 +88,14 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "--effort)."
     ),
     AssessmentCode.LEFT_OUT: "Left out of the model: {parts}.{effect}",
+    AssessmentCode.IMPOSSIBLE_INERTIA: (
+        "Bodies whose principal moments of inertia no mass can have, because the largest is far above the sum of the "
+        "others: {bodies}. Correct their inertia."
+    ),
+    AssessmentCode.MUSCLES_SLACK: (
+        "Muscles whose tendon is longer than their whole path in every frame, so that they give no active force: "
+        "{muscles}. Check their tendon slack length, in metres, and their path."
+    ),
     AssessmentCode.RESIDUALS_LARGE: (
         "Residual actuators give {forces} (RMS); the model weighs {weight:.0f} N. They replace the forces of ground, "
         "seat or hands: give the measured forces (--external-loads), and check their unit and time."
@@ -152,8 +160,8 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "The steps of the motion are {steps} s. It is interpolated to even ones, of the median step."
     ),
     AssessmentCode.LOW_CUTOFF: (
-        "The low-pass filter removes a part of this motion: {frequencies}. Choose a higher cut-off (--cutoff-hz, or "
-        "cutoff_hz in the plan of a sweep), for walking 6 Hz."
+        "The low-pass filter removes a part of this motion: {frequencies}. Where a cut-off can be given (cutoff_hz), "
+        "choose a higher one, for walking 6 Hz."
     ),
     AssessmentCode.NO_LOAD_APPLIED: (
         "No external load is applied: {file} has no ExternalForce that is switched on. Set its appliesForce to true."
@@ -171,7 +179,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "sufficient, write {cuff} with its k, c and migration alone into a cuffs file"
     ),
     InputCode.OUTPUT_IS_FILE: "{path} is a file, expected a folder to write into; give another folder",
-    InputCode.ONE_ARM_CUFF: "expected one arm cuff, found {names}; choose one by --cuff",
+    InputCode.ONE_ARM_CUFF: (
+        "expected one arm cuff, found {found}; choose one by --cuff (arm cuffs of the file: {known})"
+    ),
+    InputCode.EFFORT: "{path} cannot be used as weights of the effort: {reason}; docs/redundancy.md has an example",
     InputCode.NO_CUFFS_FILE: "the cuff {cuff} needs a cuffs.json that holds it; give it by --cuffs",
     InputCode.CONDITION_WITHOUT_CUFFS: "the condition {condition} needs cuffs; give a cuffs.json by --cuffs",
     InputCode.TABLE_FORMAT: "the output is {name}, expected a name that ends in {suffixes}",

@@ -171,6 +171,7 @@ class CommandCode(StrEnum):
     WRONG_NUMBER = "setup.number"
     NO_CUFF_CHOSEN = "setup.no_cuff"
     UNKNOWN_CUFF = "setup.unknown_cuff"
+    REPEATED_CUFF = "setup.repeated_cuff"
     WRONG_MASSES = "setup.masses"
     NO_BODY = "setup.no_body"
     MASSES_NOT_NUMBERS = "setup.masses_not_numbers"
@@ -259,6 +260,7 @@ class ServeCode(StrEnum):
     """Reason why the console does not start."""
 
     CANNOT_LISTEN = "serve.cannot_listen"
+    WRONG_HOST = "serve.wrong_host"
 
 
 class AssessmentCode(StrEnum):
@@ -297,10 +299,12 @@ class AssessmentCode(StrEnum):
     PATH_NOT_CONVERGED = "muscles.path_not_converged"
     CURVE_NOT_CONVERGED = "muscles.curve_not_converged"
     FIBER_NOT_CONVERGED = "muscles.fiber_not_converged"
+    MUSCLES_SLACK = "muscles.slack"
     NEGATIVE_MIGRATION = "cuffs.negative_migration"
     NO_GLENOID = "model.no_glenoid"
     NO_ARM_SEGMENTS = "model.no_arm_segments"
     LEFT_OUT = "model.left_out"
+    IMPOSSIBLE_INERTIA = "model.impossible_inertia"
     WITHOUT_DATA = "motion.without_data"
     RANGE_NOT_COVERED = "motion.range_not_covered"
     ROW_COUNTS = "motion.row_counts"
@@ -349,6 +353,7 @@ class InputCode(StrEnum):
     CONDITION_WITHOUT_CUFFS = "input.condition_without_cuffs"
     TABLE_FORMAT = "input.table_format"
     BUDGET = "input.budget"
+    EFFORT = "input.effort"
     PEOPLE_FAILED = "input.people_failed"
     NO_PEOPLE = "input.no_people"
     NO_GLENOID_TO_KEEP = "input.no_glenoid_to_keep"

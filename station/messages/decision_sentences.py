@@ -38,12 +38,13 @@ DECISIONS: Mapping[StrEnum, str] = {
         "variance that differs from zero. Run `station assess` with --indices 128 or more."
     ),
     DecisionCode.FIT_ONLY: (
-        "No decision: the intervals do not contain the variation of donnings, bodies and muscles. Run `station assess "
-        "--people 1000`, which adds it."
+        "No decision: the intervals do not contain the variation of donnings, bodies and muscles. Draw people: in the "
+        "session folder run `station assess --cuffs cuffs.json --output .{subject} --people 1000`, with the other "
+        "options of this assessment."
     ),
     DecisionCode.NO_PEOPLE: (
-        "No decision: people are not drawn with elastic tendons. Decide with rigid tendons (`station assess --people "
-        "1000` without `--tendons elastic`), and compare how much effort the cuffs save with both."
+        "No decision: people are not drawn with elastic tendons. Assess again with `--people "
+        "1000` and without `--tendons elastic`, and compare how much effort the cuffs save with both."
     ),
     DecisionCode.CUBES_AGREE: (
         "With the sum of cubed activations as the effort, {people:.0f} of these people lead to the same statements."

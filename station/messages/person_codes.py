@@ -22,5 +22,6 @@ class PersonCode(StrEnum):
     COORDINATE_OUT_OF_RANGE = "coordinate_out_of_range"
     TENDON_CHANGED = "tendon_changed"
     SEGMENT_MASS = "segment_mass"
+    HAND_MASS = "hand_mass"
     JOINT_NOT_EVALUATED = "joint_not_evaluated"
     LARGE_JOINT_FORCE = "large_joint_force"

@@ -50,6 +50,9 @@ PERSON_SENTENCES: Mapping[StrEnum, str] = {
         "(went from {shortest:.2f} to {longest:.2f} of the optimal length)"
     ),
     PersonCode.SEGMENT_MASS: "{segment}: the segment's mass is {ratio:.1f} times the expected one",
+    PersonCode.HAND_MASS: (
+        "{segment}: the segment's mass is {ratio:.1f} times the expected one; a load in the hand may be the reason"
+    ),
     PersonCode.JOINT_NOT_EVALUATED: "{trial}: muscles and joint force are not evaluated: {reason}",
     PersonCode.LARGE_JOINT_FORCE: (
         "{trial}: the joint force reaches {percent:.0f} % of body weight, expected at most {highest_percent:.0f} %; "

@@ -55,6 +55,9 @@ _COMMANDS: Mapping[StrEnum, str] = {
     CommandCode.WRONG_NUMBER: "the session is {number}, expected letters and digits, such as 1 or monday",
     CommandCode.NO_CUFF_CHOSEN: "no cuff is chosen; choose from {known}",
     CommandCode.UNKNOWN_CUFF: "the configuration has no cuff {unknown}; it has {known}",
+    CommandCode.REPEATED_CUFF: (
+        "the plan names {repeated} more than once; name every cuff once, and set the number of repeats instead"
+    ),
     CommandCode.WRONG_MASSES: "the load steps are {masses} kg, expected masses above 0",
     CommandCode.MASSES_NOT_NUMBERS: (
         "the load steps are {text}, expected kilograms separated by spaces, such as 1.53 1.53"
@@ -142,7 +145,7 @@ _TERMINAL: Mapping[StrEnum, str] = {
     TerminalCode.PAUSE_AFTER_DECISION: "the session pauses after this decision",
     TerminalCode.MARKED: "mark {number}",
     TerminalCode.SUMMARY_STARTED: "fitting, assessing and writing the report",
-    TerminalCode.TRIALS_LEFT: "{left} trials are left; resume with {command}",
+    TerminalCode.TRIALS_LEFT: "{left} left to record; resume with {command}",
     TerminalCode.REPORT_MISSING: "the report is not written; {command} writes it",
     TerminalCode.SUMMARY_FAILED: (
         "fit, assessment or report failed ({error}); the recordings are complete: keep them, and report this error"
@@ -151,6 +154,9 @@ _TERMINAL: Mapping[StrEnum, str] = {
 }
 
 _SERVE: Mapping[StrEnum, str] = {
+    ServeCode.WRONG_HOST: (
+        "the console cannot listen at {host}: {reason}; give an address of this computer by --host, such as 127.0.0.1"
+    ),
     ServeCode.CANNOT_LISTEN: (
         "the console cannot listen at {host}, port {port}: {reason}; end the program that listens there, or give "
         "another --host or --port"

@@ -13,6 +13,7 @@ class StudyCode(StrEnum):
     NO_USABLE_SESSION = "study.no_usable_session"
     MIXED_ORIGIN = "study.mixed_origin"
     NOT_FITTED = "study.session_not_fitted"
+    NO_JOURNAL = "study.no_journal"
     NO_VOLUNTEER = "study.no_volunteer_code"
     UNREADABLE = "study.session_unreadable"
     NOT_IDENTIFIED = "study.not_identified"
@@ -24,6 +25,7 @@ class CatalogueCode(StrEnum):
     """Reason why the catalogue is not built or queried, or why a session in it has no values."""
 
     NOT_A_FOLDER = "catalogue.not_a_folder"
+    NOT_CREATED = "catalogue.not_created"
     NOT_OPENED = "catalogue.not_opened"
     OTHER_DATABASE = "catalogue.other_database"
     WRONG_SQL = "catalogue.wrong_sql"

@@ -16,15 +16,23 @@ STUDY: Mapping[StrEnum, str] = {
         "name the folders of one kind"
     ),
     StudyCode.NOT_FITTED: "{session} is left out: it has no cuffs.json; fit it with `station fit`",
+    StudyCode.NO_JOURNAL: (
+        "{session} is left out: it has no session.jsonl, which has the volunteer's code; copy it beside cuffs.json"
+    ),
     StudyCode.NO_VOLUNTEER: (
-        "{session} is left out: it has no session.jsonl with a volunteer's code; `station record` and `station serve` "
-        "write one"
+        "{session} is left out: its session.jsonl has no volunteer's code, as where trials are recorded one by one "
+        "(`station record --test`); record sessions with `station record --subject` or `station serve`"
     ),
     StudyCode.UNREADABLE: "{session} is left out: {reason}",
     StudyCode.NOT_IDENTIFIED: "{session}: {quantity} of {cuff}, donning {donning}, is left out: {reason}",
     StudyCode.WRONG_FILE: "{path} is not a study: {reason}; make it again with `station study`",
-    StudyCode.WRONG_NORMATIVE: "{path} is not a normative table: {reason}; make it again with `station study`",
+    StudyCode.WRONG_NORMATIVE: (
+        "{path} cannot be used as a normative table: {reason}; give a normative.json of `station study`"
+    ),
     CatalogueCode.NOT_A_FOLDER: "{folder} is not a folder; give the folder that holds the sessions",
+    CatalogueCode.NOT_CREATED: (
+        "the catalogue {path} cannot be created: {reason}; give a file in a folder that you can write to, with --output"
+    ),
     CatalogueCode.NOT_OPENED: (
         "the catalogue {path} cannot be opened: {reason}; close the program that uses it, or delete the file if it is "
         "damaged: the next run builds it again"

@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 
+from solver.coverage_code import CoverageCode
 from solver.suit.suit import PARTS
 from solver.suit.uncertainty import DrawnSource
 from station.assessment.assessment_file import read_activations
@@ -34,15 +35,20 @@ from station.sources import without_hash
 
 Plain = Mapping[str, Any]
 
+FOREARM = ("elbow_flexion", "pro_sup")
+"""Coordinates of the finding that there is no marker on the forearm."""
+
 
 @dataclass(frozen=True)
 class AssessmentSection:
-    """names of the files that went in; places: what waist, shoulder and arm are called; the cuffs worn; rows of the
-    table, of the motion beside, None without one; findings that are not among the limits; what the intervals contain,
-    empty without any; whether the cuffs alone were drawn; the first page's figures, and the others.
+    """names of the files that went in; not_measured: coordinates that no marker determines, but those of which a
+    finding says so; places: what waist, shoulder and arm are called; the cuffs worn; rows of the table, of the motion
+    beside, None without one; findings that are not among the limits; what the intervals contain, empty without any;
+    whether the cuffs alone were drawn; the first page's figures, and the others.
     """
 
     names: Mapping[str, str]
+    not_measured: Sequence[str]
     places: Mapping[str, str]
     cuffs: Plain
     rows: list[dict[str, Any]]
@@ -60,6 +66,7 @@ def assessment_section(
     beside = assessment.get("beside")
     return AssessmentSection(
         names={role: without_hash(what) for role, what in assessment["inputs"].items()},
+        not_measured=_not_measured(assessment.get("subject") or {}),
         places=places_of(assessment),
         cuffs=assessment.get("cuffs", {}),  # an assessment of an older station has none
         rows=_rows(assessment),
@@ -77,6 +84,12 @@ def intervals_of(assessment: Plain) -> str:
     return "the total uncertainty" if assessment.get("total_uncertainty") else sources_text(sources_of(assessment))
 
 
+def _not_measured(subject: Plain) -> list[str]:
+    codes = {finding["code"] for finding in subject.get("findings", ())}
+    explained = FOREARM if CoverageCode.NO_FOREARM_MARKERS in codes else ()
+    return [name for name in subject.get("coordinates_not_measured", ()) if name not in explained]
+
+
 def places_of(assessment: Plain) -> Mapping[str, str]:
     """What waist, shoulder and arm are called in the suit; an assessment of an older station has the bundled names."""
     return assessment.get("suit_names") or {part: part for part in PARTS}
@@ -89,7 +102,7 @@ def effort_figures(assessment: Plain) -> list[PlannedFigure]:
     if total.get("cost"):
         bands = f"; shaded: 95 % bands of total uncertainty, {total['people']['value']:.0f} people"
     elif "tendons" not in assessment["inputs"]:  # people are refused with elastic tendons
-        bands = ". For bands of total uncertainty run station assess --people 1000"
+        bands = ". Drawn people (--people 1000) give bands of total uncertainty"
     caption = f"Effort over the rest length of the cord, with migration and compliance{bands}"
     return [PlannedFigure(partial(cuffs_figure, assessment), caption, is_printed=True)] if _arms(assessment) else []
 

@@ -35,6 +35,8 @@ STYLES = ("-", "--", ":", "-.")
 MUSCLE_ROW = 0.115  # in, for a name of 7.5 points
 NAMES_IN_COLUMN = 16
 MM = 1e3
+MOST_RIMS = 10.0
+"""Half width of the axes over that of the glenoid: a reaction nearly in the glenoid's plane meets it far away."""
 Page = Figure | SubFigure
 Array = NDArray[np.float64]
 
@@ -150,9 +152,12 @@ def _glenoid(page: Page, solved: SolvedMotion) -> None:
     if any(lost):
         axis.plot(*(MM * found.contact[lost].T), "x", color=WARM, markersize=4, label="infeasible: nearest point")
         axis.legend(loc="upper right", fontsize=7.5)
-    reach = 1.15 * max(along, across)
-    far = MM * np.nanmax(np.abs(found.contact), initial=0.0)
-    reach = float(np.clip(1.05 * far, reach, 2.5 * reach))
+    far, rim_reach = MM * np.abs(found.contact).max(axis=1), max(along, across)
+    reach = float(np.clip(1.05 * np.nanmax(far, initial=0.0), 1.15 * rim_reach, MOST_RIMS * rim_reach))
+    outside = far[far > reach]
+    if len(outside):
+        beyond = f"{len(outside)} of {len(far)} frames beyond the axes, up to {outside.max():.0f} mm"
+        axis.text(0.02, 0.02, beyond, transform=axis.transAxes, fontsize=7.5)
     axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axis.set_xlabel("from its centre towards the edge marker [mm]")
     axis.set_ylabel("across [mm]")

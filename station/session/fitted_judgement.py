@@ -13,7 +13,7 @@ from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.trial_fit import SLIPPED, TrialFit, find_outliers, has_slipped
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.errors import UnusableTrial
-from fitting.results.codes import Verdict
+from fitting.results.codes import RejectionCode, Verdict
 from fitting.results.rendering import sentence_of
 from fitting.trial.bounce import BounceTrial, fit_bounce
 from fitting.trial.force_quality import zero_notes
@@ -53,14 +53,16 @@ def judge_recording(folder: Path, file: str) -> Judgement:
         return Judgement(file, file, "redo", (_unusable(str(error)),))
     judgement = _judge(folder, file, recorded)
     reasons = tuple(_recorder_reasons(recorded))
-    if not reasons:
+    if recorded is None or not reasons:
         return judgement
     notes = tuple(note for note in judgement.notes if note not in map(str, reasons))
     details = _details_of_kill(recorded)
     if details is not None:
         notes = (details, *map(str, judgement.reasons), *judgement.doubts, *notes)
         return replace(judgement, advice="redo", reasons=reasons, notes=tuple(filter(None, notes)), verdicts=())
-    return replace(judgement, advice="redo", reasons=(*reasons, *judgement.reasons), notes=notes)
+    same = _unusable(sentence_of(RejectionCode.NOT_ACCEPTED, {"outcome": recorded.sentence}))
+    of_fit = (reason for reason in judgement.reasons if reason != same)
+    return replace(judgement, advice="redo", reasons=(*reasons, *of_fit), notes=notes)
 
 
 def _judge(folder: Path, file: str, recorded: Recorded | None) -> Judgement:

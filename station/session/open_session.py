@@ -10,6 +10,7 @@ from recordings.manifest import DataOrigin
 from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.config import StationConfig
 from station.errors import StationError
+from station.exit_code import WRONG_USAGE
 from station.journal import JOURNAL_FILE, Journal, Setup, read_journal, write_setup, write_skipped
 from station.messages.codes import CommandCode
 from station.messages.message import Message
@@ -26,6 +27,12 @@ class CommandRefused(StationError):
     @classmethod
     def of(cls, code: CommandCode, **figures: float | str) -> CommandRefused:
         return cls(Message(code, figures))
+
+
+class WrongSetup(CommandRefused):
+    """The set-up of a new session has a fault."""
+
+    exit_code = WRONG_USAGE
 
 
 class OpenSession:
@@ -80,7 +87,7 @@ class OpenSession:
         self.refuse_while_running()
         fault = check_setup(setup, self.config)
         if fault is not None:
-            raise CommandRefused(fault)
+            raise WrongSetup(fault)
         folder = rehearsal_folder() if is_rehearsal else folder or self.folder_of(setup)
         before = read_journal(folder).setup
         if before is not None and (plan := describe_plan(before, self.config)) != describe_plan(setup, self.config):

@@ -44,6 +44,9 @@ def _check_subjects(setup: Setup, config: StationConfig) -> Message[CommandCode]
     unknown = [cuff for cuff in setup.cuffs if cuff not in config.cuffs]
     if unknown:
         return Message(CommandCode.UNKNOWN_CUFF, {"unknown": ", ".join(unknown), "known": known})
+    repeated = [cuff for cuff in dict.fromkeys(setup.cuffs) if setup.cuffs.count(cuff) > 1]
+    if repeated:
+        return Message(CommandCode.REPEATED_CUFF, {"repeated": ", ".join(repeated)})
     return Message(CommandCode.NO_BODY) if setup.conditions and config.body is None else None
 
 

@@ -36,6 +36,7 @@ class TrialProcess:
         self._child = child
         self.recorded: Recorded | None = None
         self.refusal: str | None = None
+        self.refusal_code = ""
 
     @classmethod
     async def start(
@@ -60,7 +61,7 @@ class TrialProcess:
         return trial
 
     async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None:
-        """Return when the recorder has ended: `recorded` holds the result, or `refusal` the reason without one."""
+        """Return when the recorder has ended: `recorded` holds the result, or `refusal` and its code the reason."""
         assert self._child.stdout is not None  # noqa: S101  (it was requested in start())
         async for line in self._child.stdout:
             if not line.endswith(b"\n"):  # the recorder was killed while writing
@@ -69,7 +70,7 @@ class TrialProcess:
             if "result" in message:
                 self.recorded = _RECORDED.validate_python(message["result"])
             elif "refused" in message:
-                self.refusal = message["refused"]
+                self.refusal, self.refusal_code = message["refused"], message["code"]
             else:
                 on_telemetry(message)
         code = await self._child.wait()

@@ -10,6 +10,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from documents.plain_data import PlainDataError, read_json
+from documents.regular_file import describe_failure
 from documents.validation import describe_error
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of, write_checksums
@@ -86,7 +87,7 @@ def read_normative(path: Path) -> NormativeDocument:
     try:
         return NormativeDocument.model_validate(read_json(path))
     except (OSError, PlainDataError) as error:
-        raise _wrong_file(path, str(error)) from error
+        raise _wrong_file(path, describe_failure(error)) from error
     except ValidationError as error:
         raise _wrong_file(path, describe_error(error)) from error
 

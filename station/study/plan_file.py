@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from documents.plain_data import PlainDataError, read_toml
+from documents.regular_file import describe_failure
 from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
 from fitting.study.information import SETTLING
 from station.messages.message import Message
@@ -103,7 +104,9 @@ def read_study_plan(path: Path) -> StudyPlan:
     try:
         return StudyPlan.model_validate(read_toml(path))
     except (OSError, PlainDataError) as error:
-        raise StudyError(Message(PlanCode.UNREADABLE, {"path": str(path), "reason": str(error)})) from error
+        raise StudyError(
+            Message(PlanCode.UNREADABLE, {"path": str(path), "reason": describe_failure(error)})
+        ) from error
     except ValidationError as error:
         figures = {"path": str(path), "reason": describe_error(error)}
         raise StudyError(Message(PlanCode.WRONG_TABLE, figures)) from error

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
-from rich.table import Table
 
 from documents.plain_data import parse_toml
 from documents.regular_file import read_regular
 from station.config import parse_config
+from station.folded_table import FoldedTable
 from station.messages.message import Message
 from station.messages.study_codes import PlanCode
 from station.study.designs import DesignOutcome, StudyDesign
@@ -85,13 +85,13 @@ def planned_config(config: Path, plan: StudyPlan, design: StudyDesign) -> str:
     return planned
 
 
-def design_table(plan: StudyPlan, designs: Sequence[StudyDesign]) -> Table:
+def design_table(plan: StudyPlan, designs: Sequence[StudyDesign]) -> FoldedTable:
     """The first designs; the precision is that of the quantity to be detected, of one donning."""
     detect = plan.detect
     scale, unit = SHOWN[detect.quantity]
     title = f"Designs to detect a difference of {scale * detect.difference:g} {unit} in {detect.quantity}"
     names = ("volunteers", "donnings", "repeats", "weights [kg]", "swing [Hz]", f"noise [{unit}]", "power")
-    table = Table(*names, "session [min]", "total [h]", title=title, title_justify="left")
+    table = FoldedTable(*names, "session [min]", "total [h]", title=title, title_justify="left")
     for design in designs[:SHOWN_DESIGNS]:
         table.add_row(
             str(design.volunteers),

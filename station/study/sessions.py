@@ -78,7 +78,7 @@ def read_sessions(folders: Sequence[Path], progress: Progress = silent) -> Study
             left_out.append(session)
     progress("reading sessions", len(paths), len(paths))
     if not read:
-        figures: Figures = {"sessions": len(left_out), "left_out": _reasons(left_out)}
+        figures: Figures = {"sessions": len(left_out), "left_out": join_sentences(left_out)}
         raise StudyError(Message(StudyCode.NO_USABLE_SESSION, figures))
     refuse_mixed(read)
     return StudySessions(tuple(read), tuple(left_out), DataOrigin.joined(session.cuffs.origin for session in read))
@@ -94,7 +94,8 @@ def read_session(folder: Path) -> StudySession | Message[StudyCode]:
     except (JournalError, CuffsFileError) as error:
         return Message(StudyCode.UNREADABLE, {"session": str(folder), "reason": str(error)})
     if journal.setup is None or not journal.setup.subject:
-        return Message(StudyCode.NO_VOLUNTEER, {"session": str(folder)})
+        has_journal = (folder / JOURNAL_FILE).is_file()
+        return Message(StudyCode.NO_VOLUNTEER if has_journal else StudyCode.NO_JOURNAL, {"session": str(folder)})
     return StudySession(folder, journal.setup.subject, journal.setup.operator, journal.begun, cuffs, sha256_of(path))
 
 
@@ -124,12 +125,6 @@ def refuse_mixed(sessions: Sequence[StudySession]) -> None:
     if {DataOrigin.MEASURED, DataOrigin.SIMULATED} <= by_origin.keys():
         figures = {kind: str(by_origin[DataOrigin(kind)]) for kind in ("measured", "simulated")}
         raise StudyError(Message(StudyCode.MIXED_ORIGIN, figures))
-
-
-def _reasons(left_out: Sequence[Message[StudyCode]]) -> str:
-    """The first sentence with every code."""
-    by_code = {message.code: message for message in reversed(left_out)}
-    return join_sentences(reversed(by_code.values()))
 
 
 def _is_session(folder: Path) -> bool:

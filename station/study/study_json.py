@@ -9,6 +9,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from documents.plain_data import PlainDataError, read_json
+from documents.regular_file import describe_failure
 from documents.validation import describe_error
 from fitting.study.agreement import Agreement
 from fitting.study.cuff_study import CuffStudy
@@ -89,7 +90,7 @@ def read_study(path: Path) -> StudyDocument:
     try:
         return StudyDocument.model_validate(read_json(path))
     except (OSError, PlainDataError) as error:
-        raise _wrong_file(path, str(error)) from error
+        raise _wrong_file(path, describe_failure(error)) from error
     except ValidationError as error:
         raise _wrong_file(path, describe_error(error)) from error
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rich.console import Console
-from rich.table import Table
 
 from fitting.study.variance_components import ComponentOutcome
 from recordings.manifest import DataOrigin
+from station.folded_table import FoldedTable
 from station.study.study_document import ComponentEntry, QuantityEntry, StudyDocument
 from station.study.units import OPEN, SHOWN, shown_effect, shown_figure, shown_range
 
@@ -40,9 +40,9 @@ def _rows(document: StudyDocument) -> Iterator[tuple[str, str, QuantityEntry]]:
             yield cuff, f"{quantity} [{SHOWN[quantity][1]}]", found
 
 
-def _means(document: StudyDocument) -> Table:
+def _means(document: StudyDocument) -> FoldedTable:
     title = "Mean over volunteers (95 % interval), and where 95 % of new volunteers are expected"
-    table = Table("cuff", "quantity", "volunteers", "mean", "prediction", title=title, title_justify="left")
+    table = FoldedTable("cuff", "quantity", "volunteers", "mean", "prediction", title=title, title_justify="left")
     for cuff, name, found in _rows(document):
         quantity = name.split()[0]
         predicted = shown_range(found.prediction.ci95, quantity) if found.prediction else OPEN
@@ -51,9 +51,9 @@ def _means(document: StudyDocument) -> Table:
     return table
 
 
-def _components(document: StudyDocument) -> Table:
+def _components(document: StudyDocument) -> FoldedTable:
     title = "Standard deviation between (95 % interval), and of the fit of one repeat"
-    table = Table("cuff", "quantity", *COMPONENTS, "fit", title=title, title_justify="left")
+    table = FoldedTable("cuff", "quantity", *COMPONENTS, "fit", title=title, title_justify="left")
     for cuff, name, found in _rows(document):
         if not found.components:
             continue
@@ -63,9 +63,11 @@ def _components(document: StudyDocument) -> Table:
     return table
 
 
-def _reliability(document: StudyDocument) -> Table:
+def _reliability(document: StudyDocument) -> FoldedTable:
     title = "Reliability of one repeat in one donning"
-    table = Table("cuff", "quantity", "ICC(2,1)", "SEM", "minimal change", "outcome", title=title, title_justify="left")
+    table = FoldedTable(
+        "cuff", "quantity", "ICC(2,1)", "SEM", "minimal change", "outcome", title=title, title_justify="left"
+    )
     for cuff, name, found in _rows(document):
         if found.reliability is None:
             continue
@@ -75,9 +77,9 @@ def _reliability(document: StudyDocument) -> Table:
     return table
 
 
-def _comparisons(document: StudyDocument) -> Table:
+def _comparisons(document: StudyDocument) -> FoldedTable:
     title = "Difference of cuffs over volunteers (95 % interval)"
-    table = Table("cuffs", "quantity", "volunteers", "difference", title=title, title_justify="left")
+    table = FoldedTable("cuffs", "quantity", "volunteers", "difference", title=title, title_justify="left")
     for found in document.comparisons:
         name = f"{found.quantity} [{SHOWN[found.quantity][1]}]"
         difference = shown_effect(found.difference, found.quantity) if found.difference else found.outcome.value

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field, ValidationError
 
 from documents.plain_data import PlainDataError, parse_toml
-from documents.regular_file import LARGEST_SUIT, read_regular
+from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
 from documents.validation import NonNegative, Positive, Section, describe_error
 from station.errors import StationError
 from station.messages.message import Message
@@ -45,7 +45,7 @@ def read_subject(folder: Path) -> Subject:
     try:
         return Subject.model_validate(parse_toml(read_regular(path, LARGEST_SUIT)))
     except (OSError, PlainDataError) as error:
-        raise refuse_subject(SubjectCode.UNREADABLE, path=str(path), reason=str(error)) from error
+        raise refuse_subject(SubjectCode.UNREADABLE, path=str(path), reason=describe_failure(error)) from error
     except ValidationError as error:
         raise refuse_subject(SubjectCode.INVALID_KEY, path=str(path), reason=describe_error(error)) from error
 

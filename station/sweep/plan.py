@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml
-from documents.regular_file import read_regular
+from documents.regular_file import describe_failure, read_regular
 from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error
 from solver.suit.scenarios import Condition
 from station.errors import StationError
@@ -85,7 +85,9 @@ def read_plan(path: Path) -> SweepPlan:
         content = read_regular(path, LARGEST_TOML)
         document = parse_toml(content)
     except (OSError, PlainDataError) as error:
-        raise PlanError(Message(SweepCode.UNREADABLE, {"path": str(path), "reason": str(error)})) from error
+        raise PlanError(
+            Message(SweepCode.UNREADABLE, {"path": str(path), "reason": describe_failure(error)})
+        ) from error
     try:
         table = _PlanTable.model_validate(document)
     except ValidationError as error:

@@ -94,12 +94,12 @@ class WarningRaised:
 
     alarm            the force exceeded a limit: unload the rope
     capture_running  the sync line is high before the trial: a capture began too early or was not planned
-    not_ready        a device or the disk is not ready; tried again in retry_s
+    not_ready        a device or the disk is not ready; tried again in retry_s, None if that is of no use
     not_recorded     a trial ended before its sync edge; armed again
     not_armed        the recorder could not be started
     not_summed_up    fit, assessment or report of the session failed
 
-    cause is the code of the alarm or of the end of the trial, "" if there is none.
+    cause is the code of the alarm, the refusal or the end of the trial, "" if there is none.
     """
 
     event: ClassVar[str] = "warning"

@@ -10,12 +10,14 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from station.bench.session_folder import SIMULATED_FOLDER, is_for_simulated
+from recordings.samples import DeviceIdentity
+from station.bench.session_folder import SIMULATED_FOLDER, check_folder, is_for_simulated
 from station.bench.simulation import SimulatedBench, clock_port, is_served_by_simulator, simulator_settings
+from station.bench.trial_recorder import TrialRefused
 from station.config import StationConfig
 from station.end_signals import end_signals
 from station.errors import StationError
-from station.exit_code import DONE, LOSSY
+from station.exit_code import DONE, FAILED, LOSSY
 from station.journal import Setup, read_journal
 from station.messages.codes import CommandCode
 from station.messages.message import Message
@@ -26,6 +28,8 @@ from station.terminal.json_output import JsonOutput
 from station.terminal.keyboard import is_interactive, listen_to_lines, listening_to_keys
 from station.terminal.sequencer import SessionSequencer
 from station.terminal.text_output import SessionConsole, TextOutput
+
+SIMULATOR = (DeviceIdentity("station simulate", "", is_simulated=True),)
 
 
 class SetupMissing(StationError):
@@ -75,7 +79,8 @@ def run_session(
     """Run the session and return the exit code.
 
     setup None resumes the session of the folder. speed is the pace of the simulated world; without is_simulated, that
-    of `station simulate`, at the configuration's addresses. Raises CommandRefused, JournalError, SimulationError.
+    of `station simulate`, at the configuration's addresses. Raises CommandRefused, JournalError, SimulationError, and
+    TrialRefused before the session begins.
     """
     with ExitStack() as stack:
         bench = None
@@ -83,6 +88,8 @@ def run_session(
             bench = stack.enter_context(SimulatedBench(simulator_settings(config), speed or 1.0, seed))
             config = bench.configure(config)
         is_simulator = not is_simulated and (speed is not None or is_served_by_simulator(config))
+        if is_simulator and (refusal := check_folder(folder, SIMULATOR)):
+            raise TrialRefused(refusal)
         port = clock_port(config) if is_simulator else None
         controller = SessionController(config, speed or 1.0, bench, port)
         stack.callback(controller.close)
@@ -115,6 +122,8 @@ async def _run(controller: SessionController, *, is_headless: bool, is_simulated
         )
         await sequencer.run()
         warming.cancel()
+    if sequencer.is_refused:
+        return FAILED
     return DONE if sequencer.has_summary or not sequencer.is_complete else LOSSY
 
 

@@ -12,7 +12,7 @@ import time
 from station.bench.simulation import SimulationError
 from station.journal import JournalError, Recorded
 from station.journal_lines import Choice
-from station.messages.codes import CommandCode, TerminalCode
+from station.messages.codes import CommandCode, RefusalCode, TerminalCode
 from station.messages.message import Message, join_sentences
 from station.session.controller import SessionController
 from station.session.judgement import Judgement
@@ -44,6 +44,8 @@ JOURNAL_POLL_S = 1.0
 """Wall seconds between two reads of the journal while a decision is awaited."""
 FIRST_RETRY_S, LAST_RETRY_S = 2.0, 15.0
 """Wall seconds before arming is tried again; doubled after every failure."""
+NEEDS_OTHER_FOLDER = (RefusalCode.SIMULATED_DEVICES, RefusalCode.MIXED_ORIGIN, RefusalCode.PATH_TOO_LONG)
+"""Refusals of a trial that every further attempt would meet, too."""
 BETWEEN = ("arm", "redo", "redon", "undo", "skip", "finish", "end")
 DECISIONS = ("keep", "redo", "redon", "skip", "pause", "end")
 
@@ -64,7 +66,7 @@ class SessionSequencer:
         self._controller, self._output = controller, output
         self._commands = CommandQueue(requests, output)
         self._is_simulated, self._waits_for_start = is_simulated, waits_for_start
-        self._is_paused = self._is_ended = self.is_complete = False
+        self._is_paused = self._is_ended = self.is_complete = self.is_refused = False
         self._is_started = False  # the operator started the next trial
         self._redo: Command | None = None  # of the running trial
         self._retry_s = FIRST_RETRY_S
@@ -256,8 +258,12 @@ class SessionSequencer:
             else:
                 self._commands.refuse_with(CommandCode.TOO_LATE, action=command.action.value)
         elif trial.refusal is not None:
-            self._show_once(WarningRaised("not_ready", trial.refusal, LAST_RETRY_S))
-            await self._wait_longer()
+            self.is_refused = trial.refusal_code in NEEDS_OTHER_FOLDER
+            self._is_ended = self._is_ended or self.is_refused
+            retry_s = None if self.is_refused else LAST_RETRY_S
+            self._show_once(WarningRaised("not_ready", trial.refusal, retry_s, trial.refusal_code))
+            if not self.is_refused:
+                await self._wait_longer()
         elif recorded is not None and not recorded.file:
             self._reset_start()
             cause = recorded.codes[0].code.value if recorded.codes else ""
@@ -357,7 +363,8 @@ class SessionSequencer:
     def _close(self) -> None:
         plan = self._plan
         left = len(plan.trials) - len(plan.done) - len(plan.skipped)
-        command = f"`station record --config … --session {self._controller.session.folder}`"
+        practice = " --simulated" if self._is_simulated else ""
+        command = f"`station record --config … --session {self._controller.session.folder}{practice}`"
         code = TerminalCode.TRIALS_LEFT if left else TerminalCode.REPORT_MISSING
         message = Message(TerminalCode.COMPLETE if self.is_complete else code, {"left": left, "command": command})
         counts = len(plan.trials), len(plan.done), len(plan.skipped)

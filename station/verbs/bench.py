@@ -30,7 +30,7 @@ from station.verbs.options import (
 
 if TYPE_CHECKING:
     from station.bench.live import LiveView
-    from station.bench.trial_recorder import TrialRecorder
+    from station.bench.trial_recorder import TrialRecorder, TrialResult
     from station.clock import Clock
     from station.config import StationConfig
     from station.protocol import TrialSpec
@@ -191,10 +191,20 @@ def _record_trial(
         _stop_on_signals(recorder)
         result = recorder.record(session, spec, duration)
     print_result(result, format)
-    code = DONE if result.accepted and not result.lost_samples else LOSSY if result.path else FAILED
+    code = _exit_code(result)
     if recorder.abandoned:
         _exit_at_once(code, recorder.abandoned)
     raise typer.Exit(code)
+
+
+def _exit_code(result: TrialResult) -> int:
+    """Of the trial: a recording that the operator stopped is accepted, and lacks the end of its capture."""
+    from station.messages.codes import TrialCode
+
+    if result.path is None:
+        return FAILED
+    is_stopped = any(message.code is TrialCode.OPERATOR_STOP for message in result.messages)
+    return LOSSY if is_stopped or result.lost_samples or not result.accepted else DONE
 
 
 def _live_view(config: StationConfig, clock: Clock, spec: TrialSpec) -> LiveView:

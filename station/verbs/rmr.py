@@ -162,15 +162,17 @@ def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
 
 
 def _print_conditions(solved: SolvedMotion) -> None:
-    """The notes, forces that were left out, large reserves, and frames and muscles without a converged solution."""
+    """The notes, forces left out, slack muscles, large reserves, and frames and muscles that did not converge."""
     from station.assessment.left_out import left_out_findings
     from station.assessment.outcomes import describe_unconverged, describe_unsolved
     from station.assessment.reserves import reserve_findings
+    from station.assessment.slack_muscles import slack_findings
 
     print_motion_notes(solved.notes)
     if solved.solution.fibers is not None:
         print_message(f"tendons: {solved.notes['tendons']}")
     findings = left_out_findings(solved.model, solved.left_out)
+    findings += slack_findings(solved.slack_muscles)
     findings += reserve_findings(solved.model, solved.large_reserves, solved.large_residuals)
     for sentence in (
         *(f"{found} [{found.code}]" for found in findings),

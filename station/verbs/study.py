@@ -76,7 +76,10 @@ def catalogue(
     from station.messages.study_codes import CatalogueCode
     from station.progress import progress_bars
 
+    if since is not None and before is not None and since >= before:
+        raise typer.BadParameter(f"no day is from {since:%Y-%m-%d} on and before {before:%Y-%m-%d}; exchange them")
     path = output or folder / CATALOGUE_FILE
+    chosen = SessionFilter(subject, operator, cuff, origin, since, before)
     with progress_bars(Console(stderr=True)) as progress:
         indexed = update_catalogue(folder, path, progress, is_rebuilt=rebuild)
     for name, reason in indexed.unreadable.items():
@@ -84,7 +87,6 @@ def catalogue(
     print_message(f"{path}: {indexed.sessions} sessions, {indexed.read} read, {indexed.removed} removed")
     if participants is not None:
         write_participants(participants, *known_participants(path))
-    chosen = SessionFilter(subject, operator, cuff, origin, since, before)
     _print_rows(run_sql(path, sql) if sql is not None else list_cuffs(path, chosen), format)
     raise typer.Exit(LOSSY if indexed.unreadable else DONE)
 
@@ -126,5 +128,8 @@ def _print_rows(rows: pd.DataFrame, format: TableFormat) -> None:  # noqa: A002
         print(rows.to_csv(index=False), end="")
     elif format == "json":
         print(rows.to_json(orient="records", indent=1, date_format="iso"))
+    elif rows.empty:
+        print_message("no rows: no session has what was asked for")
     else:
-        print(rows.to_string(index=False, na_rep="-", float_format="{:.4g}".format))
+        known = rows.astype(object).where(rows.notna(), "-")
+        print(known.to_string(index=False, float_format="{:.4g}".format))

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from station.assessment.draws import LEAST_DRAWS
 from station.exit_code import DONE, LOSSY
 from station.motion_filter import CUTOFF_HZ
 from station.verbs.given_options import given_of
@@ -25,8 +26,22 @@ Indices = Annotated[
     int | None,
     typer.Option(min=8, help="Sobol indices of the sources, from 7 times as many people; a power of two, as 128."),
 ]
+
+
+def _enough_draws(draws: int) -> int:
+    """Refuse fewer draws than a 95 % interval needs; 0 are for none."""
+    if 0 < draws < LEAST_DRAWS:
+        raise typer.BadParameter(f"{draws} draws give no 95 % interval, expected at least {LEAST_DRAWS}, or 0 for none")
+    return draws
+
+
 Draws = Annotated[
-    int, typer.Option(min=0, help="Number of draws from the covariance of the cuffs; 0 for no intervals.")
+    int,
+    typer.Option(
+        min=0,
+        callback=_enough_draws,
+        help=f"Number of draws from the covariance of the cuffs, {LEAST_DRAWS} or more; 0 for no intervals.",
+    ),
 ]
 Workers = Annotated[
     int | None, typer.Option(min=1, help="Number of processes for the people. Default: this one, with all cores.")
@@ -127,7 +142,7 @@ def optimise(
         list[Freedom] | None,
         typer.Option(help="Further parameters besides the rest length; may be repeated. Points move by up to 5 cm."),
     ] = None,
-    draws: Annotated[int, typer.Option(min=0, help="Number of draws from the covariance of the cuffs.")] = 50,
+    draws: Draws = 50,
 ) -> None:
     """Find the rest length, and on request the stiffness and points of the cord, with the least muscle effort."""
     from station.assessment.compilation import compilation_beside, compilation_shown

@@ -70,7 +70,11 @@ def judge(
         str | None, typer.Option(help="Reject the recording for this reason; without it, accept it.")
     ] = None,
 ) -> None:
-    """Accept a recording, or reject it with a reason. The session's journal keeps every decision."""
+    """Accept a recording, or reject it with a reason. The session's journal keeps every decision.
+
+    A file that cannot be read as a recording is not accepted; it may be rejected.
+    """
+    from recordings.reader import open_recording
     from station.checksums import changed_files
     from station.journal import write_verdict
 
@@ -78,6 +82,8 @@ def judge(
         raise typer.BadParameter(f"there is no recording {file}")
     if redo is not None and not redo.strip():
         raise typer.BadParameter("--redo is empty, expected the reason why the recording is rejected")
+    if redo is None:
+        open_recording(file)
     for sentence in changed_files([file]):
         print_message(str(sentence))
     write_verdict(file.parent, file.name, "redo" if redo else "accept", redo or "")
@@ -164,11 +170,15 @@ def report(
 
     from fitting.results.seal import Standing
     from station.files.chain import chain_of
+    from station.messages.message import Message
+    from station.messages.setup_codes import FolderCode
     from station.progress import progress_bars
     from station.report.normative_section import adopt_normative
-    from station.report.page import write_report
+    from station.report.page import ReportError, write_report
     from station.report.pdf import ensure_pdf, write_pdf
 
+    if not folder.is_dir():
+        raise ReportError(Message(FolderCode.NOT_A_FOLDER, {"folder": str(folder)}))
     if format == "pdf":
         ensure_pdf()
     if normative is not None:

@@ -81,4 +81,4 @@ def test_all_packages_of_the_picture_are_installed_with_the_distribution() -> No
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     included = project["tool"]["setuptools"]["packages"]["find"]["include"]
     assert included == [f"{package}*" for package in ("cuffstation", *PACKAGES)]
-    assert project["project"]["scripts"] == {"station": "station.cli:main"}
+    assert project["project"]["scripts"] == {"station": "station.__main__:main"}

@@ -161,9 +161,24 @@ def test_arguments_that_are_exchanged_or_of_another_type_are_named(session: Path
         ("markers", "Model", lambda: cs.open_stream(model)),
         ("markers", "str", lambda: cs.open_stream("ts")),
         ("model", "str", lambda: cs.open_stream(["ts"], "arm.osim")),
+        ("rest_lengths", "str", lambda: cs.open_stream(["ts"], model, {"worn": "0.7"})),
+        ("cuffs", "int", lambda: cs.assess({"hand": 3})),
+        ("options", "int", lambda: cs.assess({}, model, motion, options=3)),
+        ("options", "int", lambda: cs.solve_motion(model, motion, 3)),
+        ("cutoff_hz", "str", lambda: cs.load_motion(model, None, "3")),
+        ("model", "int", lambda: cs.with_reserves(3, {})),
+        ("reserves", "NoneType", lambda: cs.with_reserves(model, None)),
+        ("reserves", "float", lambda: cs.with_reserves(model, {"shoulder_elv": 5.0})),
     ):
         with pytest.raises(TypeError, match=f"^{argument} should be .* a {found}"):
             ask()
+
+
+def test_the_error_of_cuffs_that_cannot_be_written_names_their_path(session: Path, tmp_path: Path) -> None:
+    path = tmp_path / "missing" / "cuffs.json"
+    with pytest.raises(FileNotFoundError) as refused:
+        cs.write_cuffs(path, cs.fit_session(session).cuffs)
+    assert refused.value.filename == str(path)
 
 
 @pytest.mark.parametrize("name", ["look_at_a_recording", "fit_a_cuff"])

@@ -63,9 +63,10 @@ class Desk:
             encoding="utf-8",
         )
 
-    def run(self, words: list[str]) -> None:
+    def run(self, words: list[str]) -> str:
         ran = self._ended(words)
         assert ran.returncode in (DONE, LOSSY), f"station {shlex.join(words)}: {ran.stdout}\n{ran.stderr}"
+        return ran.stdout
 
     def run_refused(self, words: list[str], code: str) -> None:
         ran = self._ended(words)
@@ -162,10 +163,11 @@ def test_every_example_of_the_readme_runs_in_its_order(tmp_path: Path) -> None:
             elif words[0] == "live":
                 desk.run_refused(words, LiveCode.UNREACHABLE)  # no trial runs now
             else:
-                if "--known-mass" in words:
-                    hang(simulator, words[-1])
+                if words[0] == "check":
+                    hang(simulator, words[-1] if "--known-mass" in words else "0")
                 desk.provide(words)
-                desk.run(words)
+                shown = desk.run(words)
+                assert words != ["check"] or "│ ok │ force at rest" in shown, shown
     monday = tmp_path / "simulated" / "monday"
     assert (monday / "report.html").is_file()
     assert "calibration" in json.loads((monday / "cuffs.json").read_text()), "the bounce is used"

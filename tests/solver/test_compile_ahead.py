@@ -20,7 +20,8 @@ from solver.multibody.masses import mass_matrix_and_bias
 from solver.multibody.responses import fill_responses
 from solver.redundancy.elimination import eliminate
 from solver.redundancy.frames import solve_frames
-from solver.wrapping import tension
+from solver.wrapping.moving_points import place_points
+from solver.wrapping.tension import evaluate_wrapped_paths
 
 COMMAND = (sys.executable, "-m", "solver.compile_ahead")
 
@@ -28,7 +29,7 @@ ASSESS_AFTERWARDS = """
 import sys
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from solver.compile_ahead import KERNELS, LAST_FIRST, count_ready, main
+from solver.compile_ahead import KERNELS, SHARES, count_ready, main
 
 def signatures():
     return {
@@ -38,7 +39,8 @@ def signatures():
     }
 
 file = Path(sys.argv.pop())
-sys.argv.append(LAST_FIRST)
+for compile_share in SHARES.values():
+    compile_share()
 main()
 before = signatures()
 assert count_ready() == len(KERNELS) == 13, before
@@ -85,17 +87,49 @@ def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str
     assert ran.stderr == ""
 
 
-def test_the_last_kernels_do_not_wait_for_the_muscle_paths(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which the other process compiles all the while."""
+COMPILED_BY_A_SHARE = """
+import sys
+from solver.compile_ahead import SHARES
+SHARES[sys.argv[1]]()
+from numba.core.dispatcher import Dispatcher
+for name, module in list(sys.modules.items()):
+    if name.startswith("solver."):
+        for value in vars(module).values():
+            if isinstance(value, Dispatcher) and value.signatures and value.py_func.__module__ == name:
+                print(f"{name}.{value.py_func.__name__}", len(value.signatures))
+"""
+DYNAMICS = (mass_matrix_and_bias, fill_responses, evaluate_chain)
 
-    def refuse(*_: object) -> None:
-        raise AssertionError("the muscle paths are needed")
 
-    monkeypatch.setattr(tension, "evaluate_wrapped_paths", refuse)
-    monkeypatch.setattr(compile_ahead, "compile_ahead", lambda: None)
-    compile_ahead.compile_last_first()
-    last = (eliminate, solve_frames, mass_matrix_and_bias, fill_responses, evaluate_chain)
-    assert all(kernel.signatures for kernel in last)
+@pytest.mark.parametrize(
+    ("share", "kernels", "of_others"),
+    [
+        ("solving", (eliminate, solve_frames, *DYNAMICS), (move_bodies, place_points, evaluate_wrapped_paths)),
+        ("dynamics", DYNAMICS, (move_bodies, place_points, evaluate_wrapped_paths, solve_frames, eliminate)),
+        ("paths", (evaluate_wrapped_paths,), (move_bodies, place_points, solve_frames, eliminate, *DYNAMICS)),
+    ],
+)
+def test_a_share_compiles_its_kernels_and_none_that_another_process_compiles_meanwhile(
+    share: str, kernels: tuple[Any, ...], of_others: tuple[Any, ...]
+) -> None:
+    """In a process of its own, because this one has compiled some already."""
+    command = [sys.executable, "-c", COMPILED_BY_A_SHARE, share]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
+    names = {line.split()[0]: int(line.split()[1]) for line in ran.stdout.splitlines()}
+    assert all(names.get(_name(kernel)) == 1 for kernel in kernels)
+    assert not any(_name(kernel) in names for kernel in of_others)
+
+
+def _name(kernel: Any) -> str:
+    return f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
+
+
+@pytest.mark.parametrize(
+    ("processors", "expected"),
+    [(1, ["solving"]), (2, ["solving"]), (3, ["solving", "paths"]), (16, ["solving", "paths", "dynamics"])],
+)
+def test_more_processors_take_more_shares(processors: int, expected: list[str]) -> None:
+    assert list(compile_ahead.shares(processors)) == expected
 
 
 def test_a_first_use_is_told_by_the_files_of_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

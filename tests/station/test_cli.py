@@ -4,15 +4,22 @@ import json
 import os
 import subprocess
 import sys
+from enum import StrEnum
 from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
 
 from fitting.results.codes import FitErrorCode
+from recordings.errors import RecordingCode
+from station import __main__
 from station.cli import VERBS
+from station.exit_code import ENDED_BY_CTRL_C
+from station.journal import read_journal
 from station.messages.file_codes import ExportCode
 from station.messages.setup_codes import ConfigCode, FolderCode
+from station.messages.study_codes import PlanCode, StudyCode
+from station.messages.sweep_codes import SweepCode
 from tests.station.bench.test_trial_recorder import Rig
 from tests.station.command import assert_one_sentence, assert_refused
 
@@ -99,6 +106,13 @@ def test_a_recording_is_shown_as_a_table_and_as_json(station, tmp_path: Path) ->
     assert set(content["topics"]["/force"]) == {"messages", "first_ns", "last_ns"}
     assert content["sync_sentence"] in table.out
     assert "load cell: no serial number, 50 kg, no calibration date" in table.out
+
+
+def test_only_streams_have_a_duration(station, tmp_path: Path) -> None:
+    topics = station("info", trial_file(tmp_path)).out.partition("┃ stream")[0]
+    rows = [line.split("│")[1:4] for line in topics.splitlines() if "│ /" in line]
+    timed = {topic.strip(): seconds.strip() != "" for topic, _, seconds in rows}
+    assert timed["/force"] and timed["/markers"] and not timed["/manifest"] and not timed["/streams"]
 
 
 def test_a_cut_recording_is_code_3_in_info_and_recover_and_the_original_stays(station, tmp_path: Path) -> None:
@@ -196,6 +210,30 @@ def test_an_empty_folder_is_not_reported(station, tmp_path: Path) -> None:
     assert_refused(station("report", tmp_path), 1, FolderCode.NOTHING_TO_REPORT)
 
 
+def test_a_folder_that_does_not_exist_is_neither_reported_nor_created(station, tmp_path: Path) -> None:
+    missing = tmp_path / "missing.mcap"
+    for more in ((), ("--normative", tmp_path / "normative.json")):
+        assert_refused(station("report", missing, *more), 1, FolderCode.NOT_A_FOLDER)
+    assert not missing.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "code"),
+    [
+        (["report", "."], "--normative", StudyCode.WRONG_NORMATIVE),
+        (["plan", "--output", "planned"], "", PlanCode.UNREADABLE),
+        (["sweep", "--output", "sweep"], "", SweepCode.UNREADABLE),
+    ],
+)
+def test_a_file_that_does_not_exist_is_named_once(
+    station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], option: str, code: StrEnum
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ran = station(*words, *filter(None, [option]), "absent.file")
+    assert_refused(ran, 1, code)
+    assert ran.err.count("absent.file") == 1
+
+
 def test_the_fit_lists_a_rejected_recording_with_the_reason(station, tmp_path: Path) -> None:
     path = trial_file(tmp_path)
     assert station("judge", path, "--redo", "the wearer coughed").code == 0
@@ -210,6 +248,25 @@ def test_only_an_existing_recording_is_judged(station, tmp_path: Path, name: str
     ran = station("judge", tmp_path / name)
     assert ran.code == 2
     assert not (tmp_path / "session.jsonl").exists()
+
+
+def test_a_file_that_is_not_a_recording_is_rejected_and_not_accepted(station, tmp_path: Path) -> None:
+    """Rejecting it is the decision that a session waits for, which has found the file in its folder."""
+    empty = tmp_path / "empty.mcap"
+    empty.touch()
+    assert_one_sentence(station("judge", empty), 1, RecordingCode.EMPTY)
+    assert not (tmp_path / "session.jsonl").exists()
+    assert station("judge", empty, "--redo", "the disk was full").code == 0
+
+
+@pytest.mark.parametrize("is_cut", [True, False], ids=["cut", "damaged"])
+def test_a_recording_that_is_cut_or_damaged_is_accepted(station, tmp_path: Path, is_cut: bool) -> None:
+    path = trial_file(tmp_path)
+    content = path.read_bytes()
+    middle = len(content) * 2 // 3
+    path.write_bytes(content[:middle] if is_cut else content[:middle] + b"damage" + content[middle + 6 :])
+    assert station("judge", path).code == 0
+    assert read_journal(tmp_path).verdicts[path.name].choice == "accept"
 
 
 def test_a_session_without_a_usable_trial_is_not_fitted(station, tmp_path: Path) -> None:
@@ -229,9 +286,45 @@ def test_the_error_of_a_file_that_cannot_be_written_names_it_and_not_its_draft(s
     assert not list(tmp_path.glob(".draft*"))
 
 
+class _CtrlC:
+    """An importer during which the user presses Ctrl-C."""
+
+    def find_spec(self, name: str, *_: object) -> None:
+        if name == "station.cli":
+            raise KeyboardInterrupt
+
+
+def test_ctrl_c_while_the_verbs_are_imported_is_code_130_and_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "station.cli")
+    monkeypatch.setattr(sys, "meta_path", [_CtrlC(), *sys.meta_path])
+    with pytest.raises(SystemExit) as ended:
+        __main__.main()
+    assert ended.value.code == 130
+    assert capsys.readouterr() == ("", f"{ENDED_BY_CTRL_C}\n")
+
+
+def test_the_module_that_handles_ctrl_c_imports_no_verb_itself() -> None:
+    imported = "import sys, station.__main__; sys.exit('typer' in sys.modules or 'station.cli' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", imported], check=False).returncode == 0  # noqa: S603
+
+
 def _in_its_own_process(*words: object, **environment: str) -> subprocess.CompletedProcess[bytes]:
     command = [sys.executable, "-c", "from station.cli import main; main()", *map(str, words)]
     return subprocess.run(command, env={**os.environ, **environment}, capture_output=True, check=False)  # noqa: S603
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a closed pipe is another error there")
+def test_a_reader_that_closes_early_changes_no_exit_code_and_is_not_reported(tmp_path: Path) -> None:
+    cut = trial_file(tmp_path)
+    cut.write_bytes(cut.read_bytes()[:-2000])
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-c", "from station.cli import main; main()", "info", str(cut)]
+    ran = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, check=False)  # noqa: S603
+    os.close(writer)
+    assert (ran.returncode, ran.stderr) == (3, b"")
 
 
 def test_a_file_name_that_is_not_utf_8_is_printed_with_its_bytes(tmp_path: Path) -> None:

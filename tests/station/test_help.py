@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import subprocess
 import sys
+from itertools import pairwise
 from typing import get_type_hints
 
 import pytest
@@ -21,6 +22,17 @@ def test_a_help_text_is_shown_as_it_is_written(verb: str) -> None:
     shown = _compact(CliRunner().invoke(app, [verb, "--help"], terminal_width=400, env=WIDE).stdout)
     for text in _help_texts(verb):
         assert _compact(text) in shown
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_paragraph_of_a_help_text_breaks_only_where_the_line_is_full(verb: str) -> None:
+    width = 100
+    shown = CliRunner().invoke(app, [verb, "--help"], env={"COLUMNS": str(width), "TERM": "dumb"}).stdout
+    text = shown.partition("╭")[0].partition("Usage:")[2].partition("\n")[2]
+    lines = [line.strip() for line in text.splitlines()]
+    for line, following in pairwise(lines):
+        if line and following:
+            assert len(f" {line} {following.split()[0]} ") > width, line
 
 
 def test_there_are_units_in_square_brackets() -> None:

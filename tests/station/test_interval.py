@@ -38,6 +38,12 @@ def test_without_a_width_the_number_has_the_requested_digits() -> None:
     assert digits_of((-math.inf, math.inf), otherwise=1) == 1
 
 
+def test_both_ends_of_an_interval_are_shown_where_its_halves_differ_in_the_printed_digits() -> None:
+    assert plus_minus(0.88, (0.39, 0.97)) == "0.88 (0.39\u00a0to\u00a00.97)"
+    assert plus_minus(0.00695, (0.00581, 0.00731), 100.0) == "0.695 (0.581\u00a0to\u00a00.731)"
+    assert plus_minus(0.88, (0.7501, 1.0100)) == "0.88 ± 0.13"
+
+
 def test_zero_has_no_sign() -> None:
     assert plus_minus(-0.0004, (-0.1204, 0.1196)) == "0.00 ± 0.12"
 

@@ -106,8 +106,10 @@ def test_a_solution_without_a_solved_frame_is_described_without_a_warning(step: 
     "ask",
     [
         lambda: cs.assess({}, draws=-5),
+        lambda: cs.assess({}, draws=39),
         lambda: cs.assess({}, draws=2.5),  # type: ignore[arg-type]
         lambda: cs.assess({}, most_frames=0),
+        lambda: cs.open_stream([]),
         lambda: cs.load_motion(cs.load_model(), every=0),
         lambda: cs.load_motion(cs.load_model(), every=-1),
     ],

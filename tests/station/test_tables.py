@@ -16,6 +16,7 @@ from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
 from solver.suit.assessment import UncertaintySummary
 from solver.suit.uncertainty import DrawnSource
+from station.folded_table import FoldedTable
 from station.tables import assessment_table, print_cuffs
 from tests.station.assessment.test_findings import assessment, curve
 
@@ -70,9 +71,27 @@ def test_a_lag_that_no_bounce_calibrated_is_printed_once_for_all_cuffs() -> None
 @pytest.mark.parametrize("sources", [(), (DrawnSource.CUFFS,), (DrawnSource.CUFFS, DrawnSource.MOTIONS)])
 def test_the_caption_of_an_assessment_names_what_was_drawn(sources: tuple[DrawnSource, ...]) -> None:
     summary = UncertaintySummary(50, 20, {}, sources) if sources else None
-    caption = str(assessment_table(assessment(curve("hand", 0.85), uncertainty=summary)).caption or "")
+    caption = str(assessment_table(assessment(curve("hand", 0.85), uncertainty=summary)).caption)
     assert ("cuffs" in caption, "posture" in caption, "±" in caption) == (
         DrawnSource.CUFFS in sources,
         DrawnSource.MOTIONS in sources,
         bool(sources),
     )
+
+
+def test_the_caption_of_an_assessment_explains_the_terms_of_its_headings() -> None:
+    table = assessment_table(assessment(curve("hand", 0.85)))
+    headings = " ".join(str(column.header) for column in table.columns)
+    for term in ("effort", "permissible error"):
+        assert term in headings and f"{term}: " in str(table.caption)
+
+
+def test_a_narrow_terminal_does_not_shorten_a_number_or_a_key() -> None:
+    table = FoldedTable("stream", "samples", "key")
+    table.add_row("/force", "92002", "protocol.step_masses_kg")
+    console = Console(file=io.StringIO(), width=24)
+    with console.capture() as capture:
+        console.print(table)
+    shown = capture.get()
+    columns = zip(*(line.split("│")[1:-1] for line in shown.splitlines() if line.startswith("│")), strict=True)
+    assert ["".join(map(str.strip, cells)) for cells in columns] == ["/force", "92002", "protocol.step_masses_kg"]

@@ -116,6 +116,18 @@ def test_a_gain_error_is_reported_with_its_figure_where_the_weights_are_known(ga
     assert blind.verdicts == (Verdict.IDENTIFIED,), "without the weights it cannot be known"
 
 
+def test_a_load_cell_that_reads_a_known_mass_correctly_is_not_blamed_for_loads_that_are_not_the_protocol_s() -> None:
+    session = OddSession(Law(), Rig(), 1, Truth(friction=1e9, migration=0.0, duration=12.0, hold=5.0))
+    trials = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
+    checked = [replace(each, step_masses=(10 / 9.80665,) * 5, is_gain_checked=True) for each in trials]
+    (fit,) = fit_session(checked).cuffs.values()
+    assert fit.diagnosis
+    assert fit.diagnosis.causes[0].code is CauseCode.LOADS
+    assert fit.diagnosis.causes[0].figures["gain"] == pytest.approx(1.5, abs=0.01)
+    assert CauseCode.GAIN not in [cause.code for cause in fit.diagnosis.causes]
+    assert fit.verdicts == (Verdict.SCALE,)
+
+
 def test_a_tare_with_the_weight_on_is_reported_although_the_cell_s_zero_is_not_zero() -> None:
     truth = Truth(friction=1e9, migration=0.0, duration=14.0, hold=5.0, volt_zero=0.08)
     fit = _fitted(OddSession(Law(), Rig(dynamic_zero=-23.0), 2, truth))

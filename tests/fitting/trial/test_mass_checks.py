@@ -1,4 +1,4 @@
-"""Readings of a known mass: their uncertainty, their tolerance, and the drift between them."""
+"""Readings of a known mass: their uncertainty, their tolerance, the drift between them, and what they prove."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fitting.results.codes import FitErrorCode
-from fitting.trial.mass_checks import MassCheck, evaluate_reading, with_gain_drift
+from fitting.trial.mass_checks import MassCheck, evaluate_reading, with_mass_checks
 from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published
 from tests.fitting.refusals import raises_refusal
@@ -15,7 +15,23 @@ from tests.fitting.refusals import raises_refusal
 def test_readings_that_agree_change_nothing() -> None:
     checks = [MassCheck("", 2.0, 19.613, 19.60, 0.02, 0.1), MassCheck("", 2.0, 19.613, 19.63, 0.02, 0.4)]
     trial = build_trial(*Session(published("hand", weights=(20.0,), hold=2.0), 3).static(), "a.mcap", "hash")
-    assert with_gain_drift([trial], checks)[0] is trial
+    (checked,) = with_mass_checks([trial], checks)
+    assert (checked.gain_sd, checked.is_gain_checked) == (trial.gain_sd, True)
+
+
+@pytest.mark.parametrize(
+    "checks",
+    [
+        [],
+        [MassCheck("", 0.0, 0.0, 0.1, 0.02, None)],
+        [MassCheck("", 2.0, 19.613, 19.6, 0.02, None)],
+        [MassCheck("", 2.0, 19.613, 19.6, 0.02, 0.1), MassCheck("", 2.0, 19.613, 21.6, 0.02, 0.1)],
+    ],
+    ids=["no reading", "the empty cell alone", "no zero", "one reading is wrong"],
+)
+def test_the_gain_is_checked_by_readings_of_a_mass_that_are_all_right(checks: list[MassCheck]) -> None:
+    trial = build_trial(*Session(published("hand", weights=(20.0,), hold=2.0), 3).static(), "a.mcap", "hash")
+    assert not with_mass_checks([trial], checks)[0].is_gain_checked
 
 
 def test_a_reading_is_without_the_zero_and_holds_its_uncertainty() -> None:

@@ -25,6 +25,7 @@ AS_INTEGRATED = ("minimum", "concentric_slope", "eccentric_slope")  # which Open
         ("deactivation_time_constant", -0.04),
         ("deactivation_time_constant", np.nan),
         ("optimal_fiber_length", 0.0),
+        ("tendon_slack_length", -0.1),
         ("max_contraction_velocity", -10.0),
         ("max_isometric_force", -1.0),
         ("fiber_damping", -0.1),

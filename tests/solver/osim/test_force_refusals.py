@@ -53,6 +53,11 @@ UNREADABLE = [
         "optimal_force",
     ),
     (
+        f"<TorqueActuator name='f'>{ENDS}<optimal_force>0</optimal_force></TorqueActuator>",
+        SolverCode.NOT_POSITIVE,
+        "TorqueActuator f has an <optimal_force> of 0",
+    ),
+    (
         f"<TorqueActuator name='f'>{ENDS}<min_control>1</min_control><max_control>0</max_control></TorqueActuator>",
         SolverCode.MALFORMED,
         "min_control of 1",

@@ -275,6 +275,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         ("<radius>0.02<", "<radius>-0.02<", SolverCode.NOT_POSITIVE, "radius"),
         ("<x>1 3<", "<x>1 nan<", SolverCode.MALFORMED, "nan"),
         ("fiber_length>0.1<", "fiber_length>0<", SolverCode.NOT_POSITIVE, "optimal_fiber_length"),
+        ("slack_length>0.2<", "slack_length>-0.1<", SolverCode.NOT_POSITIVE, "tendon_slack_length"),
         ("<socket_parent>/ground<", "<socket_parent>frame<", SolverCode.UNKNOWN_NAME, "frame"),
         ("<mass_center>0.4 0 1<", "<mass_center>0.4 0<", SolverCode.MALFORMED, "mass_center"),
         ("<mass>20</mass>", "", SolverCode.MALFORMED, "line 6: Body leaf has no <mass>"),

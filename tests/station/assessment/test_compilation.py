@@ -1,4 +1,4 @@
-"""Compiling in a second process: how far it is is shown, and whatever becomes of it, the station goes on."""
+"""Compiling in other processes: how far it is is shown, and whatever becomes of it, the station goes on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from solver import compiled
-from solver.compile_ahead import KERNELS, LAST_FIRST
+from solver.compile_ahead import KERNELS
 from station.assessment.compilation import FIRST_USE, CompilationAhead, compilation_beside, compilation_shown
 from station.progress import silent
 
@@ -84,15 +84,18 @@ def test_the_second_process_ends_with_the_station(started: list[subprocess.Popen
     assert child.returncode is not None
 
 
-def test_on_the_first_use_the_second_process_starts_at_once_and_only_once(tmp_path, monkeypatch, started) -> None:
+@pytest.mark.parametrize(("processors", "shares"), [(2, ["solving"]), (8, ["solving", "paths", "dynamics"])])
+def test_on_the_first_use_a_process_per_share_starts_at_once_and_only_once(
+    tmp_path, monkeypatch, started, processors, shares
+) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr("os.cpu_count", lambda: processors)
     with typer.Context(COMMAND) as context:
         beside = compilation_beside(context)
-        (second,) = started
-        assert second.args[-1] == LAST_FIRST
+        assert [child.args[-1] for child in started] == shares
         beside.ensure_started()
-        assert started == [second]
-    assert second.returncode is not None
+        assert len(started) == len(shares)
+    assert all(child.returncode is not None for child in started)
 
 
 def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_start(
@@ -101,6 +104,7 @@ def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_sta
     (tmp_path / "multibody_1").mkdir()
     (tmp_path / "multibody_1" / "bodies.move_bodies-30.py311.nbi").touch()  # an older version of the kernel
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
     shown: Shown = []
     with (
         typer.Context(COMMAND) as context,
@@ -112,7 +116,7 @@ def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_sta
         assert capsys.readouterr().err == FIRST_USE + "\n"
         logging.getLogger("solver.compiled").warning("compiling %s", "another kernel")
         (second,) = started
-        assert second.args[-1] == LAST_FIRST
+        assert second.args[-1] == "solving"
     (first, _, last) = shown
     assert first[0] == last[0] == "compiling the solver"
     assert first[1] < first[2]

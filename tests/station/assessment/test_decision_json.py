@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.core import TyperGroup
+from typer.main import get_command
 
 from solver.suit.decision import DecisionRule, decide
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.total import TotalUncertainty
 from station.assessment.decision_json import DecisionEntry, percent, plain_decision, undecided_by_fit
+from station.cli import app
 from station.messages.codes import DecisionCode
 
 RULE = DecisionRule()
@@ -89,6 +94,18 @@ def test_an_open_decision_without_indices_asks_for_them() -> None:
 def test_without_a_budget_there_is_no_decision() -> None:
     entry = DecisionEntry.model_validate(undecided_by_fit())
     assert (entry.contains, entry.people.value, entry.at_best.code) == ("fit", 0, DecisionCode.FIT_ONLY)
+
+
+@pytest.mark.parametrize("has_subject", [False, True])
+def test_the_command_that_draws_people_is_complete(has_subject: bool) -> None:
+    text = DecisionEntry.model_validate(undecided_by_fit(has_subject=has_subject)).at_best.text
+    (command,) = re.findall(r"`station (.*?)`", text)
+    verb, *words = command.split()
+    group = get_command(app)
+    assert isinstance(group, TyperGroup)
+    parsed = group.commands[verb].make_context(verb, words).params
+    assert (parsed["cuffs"], parsed["output"], parsed["people"]) == (Path("cuffs.json"), Path(), 1000)
+    assert parsed["subject"] == (Path() if has_subject else None)
 
 
 def test_without_a_budget_no_people_are_suggested_where_they_would_be_refused() -> None:

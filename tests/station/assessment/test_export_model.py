@@ -21,6 +21,7 @@ from solver.suit.scenarios import Condition, LoadedMotion, SuitScenario, prepare
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.export_model import SuitToExport, write_suited_model
+from station.exit_code import WRONG_USAGE
 from station.messages.codes import InputCode
 from station.sources import model_of
 from tests.solver.refusals import raises_refusal as raises_solver_refusal
@@ -94,8 +95,9 @@ def test_a_model_that_wears_the_suit_does_not_get_a_second_one() -> None:
 def test_the_cuffs_of_the_suit_must_be_unambiguous(tmp_path: Path, worn: dict[str, str], code: InputCode) -> None:
     write_cuffs(tmp_path / "cuffs.json")
     named = {key: tmp_path / value if key == "cuffs" else value for key, value in worn.items()}
-    with raises_refusal(InputError, code):
+    with raises_refusal(InputError, code) as caught:
         write_suited_model(SuitToExport(**named), tmp_path / "out.osim")  # type: ignore[arg-type]
+    assert caught.value.exit_code == WRONG_USAGE
     assert not (tmp_path / "out.osim").exists()
 
 
@@ -124,7 +126,7 @@ def test_the_verb_prints_the_path_and_needs_one(station, tmp_path: Path) -> None
     assert (ran.code, ran.out.strip()) == (0, str(output))
     assert output.is_file()
     assert_one_sentence(station("export", "--osim"), 2, "lacks --output")
-    assert_one_sentence(station("export", "--osim", "--output", output, "--condition", "both"), 1, "needs cuffs")
+    assert_one_sentence(station("export", "--osim", "--output", output, "--condition", "both"), 2, "needs cuffs")
 
 
 @pytest.mark.parametrize("condition", ["rigid", "visco_elastic"])

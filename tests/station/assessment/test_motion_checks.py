@@ -15,6 +15,7 @@ from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.osim.loads import read_external_loads
 from solver.osim.reader import read_osim
 from solver.time_series_table import read_table, write_table
+from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.assessment.motion_checks import ANGLE_TOLERANCE, load_checks, motion_checks, motion_findings
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_angles, step_in
@@ -45,6 +46,23 @@ def write_angles(path: Path, unit: float, *columns: str, header: str = "") -> Pa
 
 def kinematics_of(step: Step, path: Path, cutoff: float | None = None) -> Kinematics:
     return differentiate(read_motion(path, read_osim(step.model), with_defaults=True), cutoff)
+
+
+@pytest.mark.parametrize(
+    ("moments", "note"),
+    [
+        ((0.001, 1.0, 0.001), "foot 0.001, 0.001, 1 kg m²"),
+        ((0.001, 0.01, 0.001), ""),  # as of published models
+        ((0.0, 1.0, 0.0), ""),  # of a body that moves in a plane
+    ],
+)
+def test_only_moments_of_inertia_far_from_those_of_any_body_are_named(
+    step: Step, moments: tuple[float, float, float], note: str
+) -> None:
+    model = read_osim(step.model)
+    bodies = tuple(replace(one, inertia=np.diag(moments)) if one.name == "foot" else one for one in model.bodies)
+    notes = motion_checks(replace(model, bodies=bodies), kinematics_of(step, step.motion))
+    assert notes == MISSING | ({"impossible_inertia": note} if note else {})
 
 
 @pytest.mark.parametrize("cutoff", [None, 3.0, 6.0])
@@ -112,6 +130,25 @@ def test_a_piece_of_a_slow_motion_has_no_low_cutoff(step: Step) -> None:
     assert "low_cutoff" not in motion_checks(model, piece)
 
 
+def test_a_motion_in_which_nothing_moves_has_no_low_cutoff(step: Step) -> None:
+    model, time = read_osim(step.model), np.arange(0, 3, 0.01)
+    noise = np.random.default_rng(3).normal(0.0, 1e-9, (len(time), len(model.coordinates)))
+    still = Motion(model.coordinate_names, time, model.default_coordinates + noise)
+    assert "low_cutoff" not in motion_checks(model, differentiate(still, 3.0))
+
+
+@pytest.mark.parametrize("every", [1, 10, 40])
+def test_the_cutoff_is_low_whatever_frames_are_solved(step: Step, tmp_path: Path, every: int) -> None:
+    """A reach of 0.5 s, whose rest of 0.3 s before and after has no frame among those that are solved."""
+    model, time = read_osim(step.model), np.arange(0, 1.1, 0.01)
+    part = np.clip((time - 0.3) / 0.5, 0.0, 1.0)
+    angles = np.tile(model.default_coordinates, (len(time), 1))
+    angles[:, model.coordinate_index("hip_flexion")] = 10 * part**3 - 15 * part**4 + 6 * part**5
+    write_table(tmp_path / "reach.sto", model.coordinate_names, time, angles)
+    inputs, cut = MuscleInputs(tmp_path / "reach.sto", str(step.model)), MotionCut(3.0, every=every)
+    assert "low_cutoff" in read_given_motion(inputs, cut).notes
+
+
 def test_a_patella_in_degrees_violates_its_coupler_by_the_difference(step: Step, tmp_path: Path) -> None:
     path = write_angles(tmp_path / "beta.sto", 180 / np.pi, "patella_angle")
     angle = step_angles(np.arange(81) / 100)["patella_angle"]
@@ -145,7 +182,13 @@ def test_degrees_under_a_header_of_radians_are_beyond_the_range_and_a_header_of_
 
 @pytest.mark.parametrize(
     ("limits", "unit", "is_named"),
-    [((-10, 10), 1e3, True), ((-10, 10), 1, False), ((-99999.9, 99999.9), 1e3, True), ((0.5, 1.2), 10, True)],
+    [
+        ((-10, 10), 1e3, True),
+        ((-10, 10), 1, False),
+        ((-99999.9, 99999.9), 1e3, True),
+        ((0.5, 1.2), 10, True),
+        ((-3.14, 3.14), 36, True),  # as of a coordinate at 36 mm
+    ],
 )
 def test_a_translation_in_millimetres_is_far_beyond_its_range(
     step: Step, tmp_path: Path, limits: tuple[float, float], unit: float, is_named: bool

@@ -78,7 +78,7 @@ def test_an_assessment_with_elastic_tendons_suggests_nothing_that_is_refused(tmp
     assert sentence == str(Message(DecisionCode.NO_PEOPLE))
     for assessed, suggests in ((found, True), (elastic, False)):
         write_assessment(assessed, tmp_path)
-        assert ("run station assess --people" in write_report(tmp_path).read_text(encoding="utf-8")) == suggests
+        assert ("Drawn people (--people 1000)" in write_report(tmp_path).read_text(encoding="utf-8")) == suggests
 
 
 def test_an_output_that_is_a_file_is_refused_before_anything_is_solved(tmp_path: Path) -> None:
@@ -92,3 +92,16 @@ def test_an_output_that_is_a_file_is_refused_before_anything_is_solved(tmp_path:
 def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
     with raises_refusal(InputError, InputCode.ONE_ARM_CUFF):
         optimise_file(AssessmentInputs(write_cuffs(tmp_path / "cuffs.json")), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "code"),
+    [((), InputCode.ONE_ARM_CUFF), (("waist",), InputCode.ONE_ARM_CUFF), (("nope",), InputCode.UNKNOWN_CUFF)],
+)
+def test_a_cuff_that_is_not_the_one_arm_cuff_is_wrong_usage(
+    tmp_path: Path, chosen: tuple[str, ...], code: InputCode
+) -> None:
+    with raises_refusal(InputError, code) as caught:
+        optimise_file(AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=chosen), tmp_path)
+    assert caught.value.exit_code == WRONG_USAGE
+    assert chosen == () or chosen[0] in str(caught.value)

@@ -96,6 +96,17 @@ def test_residuals_that_carry_the_body_are_reported_with_its_weight(step: Step, 
     assert supported.get("pelvis_ty", (0.0, weight))[0] < 0.6 * given
 
 
+@pytest.mark.parametrize(("has_loads", "residuals"), [(False, {"pelvis_tx", "pelvis_ty"}), (True, set())])
+def test_unweighted_actuators_that_carry_the_body_are_reported_only_without_external_loads(
+    step: Step, has_loads: bool, residuals: set[str]
+) -> None:
+    """As of a leg without a trunk, whose weights hide that the ground reaction was forgotten."""
+    files = (step.motion, str(step.model), step.loads if has_loads else None, None, True)
+    options = replace(OPTIONS, weights=dict.fromkeys(PELVIS, 0.0))
+    solved = solve_muscles(MuscleInputs(*files, actuators=(step.actuators,)), CUT, options)
+    assert set(solved.large_residuals) == residuals
+
+
 def test_the_actuators_that_carry_a_thorax_are_no_residuals() -> None:
     solved = solve_muscles(MuscleInputs(), MotionCut(every=60), static_optimisation(RedundancyOptions()))
     assert np.abs(solved.solution.reserves).max() > 200.0

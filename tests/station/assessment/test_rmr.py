@@ -22,10 +22,11 @@ from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unconverged, describe_unsolved
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from station.assessment.rmr_table import solved_columns, write_solved
+from station.messages.codes import InputCode
 from station.report.rmr_figures import draw_solved
 from tests.solver.redundancy.test_reachability import with_a_singular_elbow, with_locks
 from tests.solver.references import SHARED
-from tests.station.command import assert_one_sentence
+from tests.station.command import assert_one_sentence, assert_refused
 
 MODEL = bundled_model()
 CUT = MotionCut(every=50)
@@ -346,7 +347,7 @@ def test_bad_input_is_one_sentence(station, motion: Path, tmp_path: Path) -> Non
     assert_one_sentence(station(*words, tmp_path / "out.xlsx"), 2, "out.xlsx", ".csv, .sto, .parquet")
     assert station(*words, tmp_path / "out.csv", "--plot", tmp_path / "out.pdf").code == 2
     out = tmp_path / "out.csv"
-    assert_one_sentence(station(*words, out, "--effort", tmp_path / "none.toml"), 2, "cannot read the weights")
+    assert_one_sentence(station(*words, out, "--effort", tmp_path / "none.toml"), 1, "none.toml", "[input.effort]")
     for text, fault in (
         ("muscle_wait = 1", "unknown key muscle_wait"),
         ("muscle_weight = -1", "muscle_weight is -1"),
@@ -354,7 +355,9 @@ def test_bad_input_is_one_sentence(station, motion: Path, tmp_path: Path) -> Non
         ("[reserves]\nplane_elv = { optimal_force = 0 }", "reserves.plane_elv.optimal_force is 0"),
     ):
         effort.write_text(text)
-        assert_one_sentence(station(*words, out, "--effort", effort), 2, fault)
+        ran = station(*words, out, "--effort", effort)
+        assert_refused(ran, 1, InputCode.EFFORT)
+        assert fault in ran.err
     for text, name in (("[weights]\nbiceps = 2", "biceps"), ('unweighted_coordinates = ["hip"]', "hip")):
         effort.write_text(text)
         ran = station(*words, out, "--effort", effort)

@@ -123,7 +123,7 @@ def test_forces_and_controllers_are_left_out_on_request_and_named(
     assert [line for line in left_out if "left_out" in line and "ElasticFoundationForce h" in line]
 
 
-@pytest.mark.parametrize("version", ["10905", "", "x", "-1", "9" * 400])
+@pytest.mark.parametrize("version", ["10905", "50000", "", "x", "-1", "9" * 400])
 def test_a_file_of_no_released_version_is_refused_with_the_command_that_converts_it(
     station: Station, tmp_path: Path, version: str
 ) -> None:

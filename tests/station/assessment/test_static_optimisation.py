@@ -85,6 +85,13 @@ def test_other_documents_are_no_actuator_files(step: Step) -> None:
         solve(replace(step, actuators=step.loads))
 
 
+def test_a_file_without_actuators_is_refused(step: Step, tmp_path: Path) -> None:
+    empty = tmp_path / "empty.xml"
+    empty.write_text(actuators({}), encoding="utf-8")
+    with raises_refusal(SolverCode.WRONG_DOCUMENT, naming="ForceSet reserves has no forces"):
+        solve(replace(step, actuators=empty))
+
+
 def test_actuators_that_share_a_name_are_refused_by_it(step: Step, tmp_path: Path) -> None:
     inputs = MuscleInputs(step.motion, str(step.model), step.loads)
     with raises_refusal(SolverCode.UNSUPPORTED, naming="pelvis_tilt") as refusal:

@@ -134,7 +134,7 @@ def test_a_solution_of_the_library_says_that_reserves_give_what_muscles_should(t
     assert "knee_angle" in str(solution.findings[1]) and "pelvis" not in str(solution.findings[1])
 
 
-@pytest.mark.parametrize("wrong", [(), ("--draws", 8), ("--draws", 0, "--people", 100)])
+@pytest.mark.parametrize("wrong", [(), ("--draws", 80), ("--draws", 0, "--people", 100)])
 def test_elastic_tendons_are_refused_with_draws(station, tmp_path: Path, wrong: tuple[object, ...]) -> None:
     refused = station("assess", *FILES, *SUIT_FILES, "--tendons", "elastic", *wrong, "--output", tmp_path / "out")
     assert refused.code == 2 and not (tmp_path / "out").exists()

@@ -128,7 +128,8 @@ def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_pat
             result = daemon.record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
     assert [message.code for message in result.messages] == [TrialCode.DEVICE_LOST]
-    assert "the simulated bench" in result.sentence and result.sentence.count("\n") == 0
+    assert "the simulated devices" in result.sentence and "127.0.0.1" not in result.sentence
+    assert result.sentence.count("\n") == 0
     contents = contents_of(result.path)
     assert contents.complete and contents.streams["/force"].samples > 1000
 

@@ -14,7 +14,7 @@ import pytest
 
 from fitting.results.codes import FitErrorCode, NoteCode
 from fitting.session import fit_session
-from fitting.trial.mass_checks import CHECKS_FILE, check_notes, read_checks, with_gain_drift
+from fitting.trial.mass_checks import CHECKS_FILE, check_notes, read_checks, with_mass_checks
 from fitting.trial.trial import build_trial
 from recordings.samples import Item
 from station.bench.check import CheckResult, check_calibration, inspect_bench
@@ -103,7 +103,7 @@ def test_a_drift_of_the_gain_adds_to_the_uncertainty_of_the_scale_and_is_noted(
         _check(tmp_path, mass, newtons)
     checks = read_checks(tmp_path)
     trial = build_trial(*Session(published("hand", weights=(20.0, 40.0), hold=5.0), 3).static(), "a.mcap", "hash")
-    (wider,) = with_gain_drift([trial], checks)
+    (wider,) = with_mass_checks([trial], checks)
     assert trial.gain_sd == 0
     assert wider.gain_sd == pytest.approx(0.89 / 19.61 / 2, rel=0.1)
     notes = fit_session([wider]).with_notes(check_notes(checks)).cuffs["hand"].notes

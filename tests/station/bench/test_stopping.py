@@ -1,14 +1,18 @@
-"""What ends `station record` from outside ends its trial cleanly."""
+"""What ends `station record` from outside ends its trial cleanly, and its exit code says that the end is missing."""
 
 from __future__ import annotations
 
 import signal
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from station.verbs.bench import _stop_on_signals
+from station.bench.trial_recorder import TrialResult
+from station.messages.codes import TrialCode
+from station.messages.message import Message
+from station.verbs.bench import _exit_code, _stop_on_signals
 
 ENDINGS = [signal.SIGINT, signal.SIGTERM] + ([] if sys.platform == "win32" else [signal.SIGHUP])
 
@@ -36,3 +40,23 @@ def test_ctrl_c_a_kill_and_a_closed_terminal_stop_the_trial_and_not_the_process(
 ) -> None:
     signal.raise_signal(number)
     assert daemon.stops == 1
+
+
+@pytest.mark.parametrize(
+    ("reason", "is_accepted", "lost", "exit_code"),
+    [
+        (TrialCode.CAPTURE_ENDED, True, 0, 0),
+        (TrialCode.DURATION_REACHED, True, 0, 0),
+        (TrialCode.OPERATOR_STOP, True, 0, 3),
+        (TrialCode.CAPTURE_ENDED, True, 7, 3),
+        (TrialCode.DEVICE_LOST, False, 0, 3),
+    ],
+)
+def test_a_trial_that_the_operator_stops_is_accepted_and_incomplete(
+    reason: TrialCode, is_accepted: bool, lost: int, exit_code: int
+) -> None:
+    assert _exit_code(TrialResult(Path("a.mcap"), lost, (Message(reason),), accepted=is_accepted)) == exit_code
+
+
+def test_a_trial_that_is_cancelled_before_its_capture_has_failed() -> None:
+    assert _exit_code(TrialResult(None, 0, (Message(TrialCode.CANCELLED),), accepted=False)) == 1

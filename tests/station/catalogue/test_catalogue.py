@@ -134,6 +134,36 @@ def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Cal
     assert_refused(station("catalogue", folder / "missing"), 1, CatalogueCode.NOT_A_FOLDER)
 
 
+def test_the_table_has_a_dash_for_what_is_not_known_and_no_frame_of_pandas_without_rows(
+    folder: Path, station: Callable[..., Ran]
+) -> None:
+    unknown = "SELECT NULL AS subject, CAST(NULL AS DOUBLE) AS stiffness, CAST(NULL AS TIMESTAMP) AS begun"
+    assert station("catalogue", folder, "--sql", unknown).out.split()[3:] == ["-", "-", "-"]
+    empty = station("catalogue", folder, "--cuff", "none")
+    assert (empty.code, empty.out) == (0, "")
+
+
+@pytest.mark.parametrize("before", ["2020-01-01", "2027-01-01"])
+def test_days_between_which_there_is_none_are_wrong_usage(
+    folder: Path, station: Callable[..., Ran], before: str
+) -> None:
+    output = folder / "none.duckdb"
+    assert station("catalogue", folder, "--since", "2027-01-01", "--before", before, "--output", output).code == 2
+    assert not output.exists()
+
+
+def test_a_catalogue_that_cannot_be_created_is_not_said_to_be_in_use_or_damaged(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def connect(path: str) -> None:
+        raise duckdb.IOException(f'IO Error: Cannot open file "{path}": Permission denied')
+
+    monkeypatch.setattr(duckdb, "connect", connect)
+    with pytest.raises(CatalogueError) as refused:
+        update_catalogue(folder, folder / "new.duckdb")
+    assert refused.value.code == CatalogueCode.NOT_CREATED
+
+
 def test_the_session_of_the_folder_itself_and_a_renamed_one_are_found(folder: Path) -> None:
     (folder / "sub-P04_ses-1").rename(folder / "renamed")
     path = folder / CATALOGUE_FILE

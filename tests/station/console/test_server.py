@@ -160,6 +160,7 @@ def test_a_port_in_use_is_refused_before_a_device_is_opened() -> None:
         serve(parse_config({}, "this test"), port=taken.getsockname()[1])
 
 
-def test_an_unknown_host_is_refused() -> None:
-    with raises_refusal(ServeError, ServeCode.CANNOT_LISTEN):
-        serve(parse_config({}, "this test"), host="no.such.host.invalid")
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "192.0.2.1"])
+def test_a_host_that_is_unknown_or_not_this_computer_is_refused(host: str) -> None:
+    with raises_refusal(ServeError, ServeCode.WRONG_HOST):
+        serve(parse_config({}, "this test"), host=host)

@@ -72,7 +72,7 @@ def test_every_toml_is_refused_by_name(station: Station, tmp_path: Path, text: s
     cuffs.write_text(json.dumps({"cuffs": {"hand": GOOD}}), encoding="utf-8")
     for code, *words in (
         (2, "check", "--config", path),
-        (2, "rmr", "--effort", path, "--output", tmp_path / "a.csv"),
+        (1, "rmr", "--effort", path, "--output", tmp_path / "a.csv"),
         (2, "emg", tmp_path / "a.csv", "--setup", path, "--output", tmp_path / "out"),
         (1, "sweep", path, "--output", tmp_path / "out"),
         (1, "assess", "--cuffs", cuffs, "--suit", path, "--output", tmp_path),

@@ -13,8 +13,10 @@ from solver.forces.path_force import PathSpring
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
 from station.kinematics.marker_file import KinematicsError
+from station.kinematics.person_findings import mass_findings
 from station.kinematics.scale import ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode
+from station.messages.person_codes import PersonCode
 from tests.solver.references import SHARED
 from tests.station.kinematics.test_ik import run as run_verb
 from tests.station.kinematics.test_ik import trial
@@ -117,3 +119,14 @@ def test_a_published_patient_is_scaled_and_the_figures_are_printed(tmp_path: Pat
     assert code == 0, told
     assert "thorax: 1.3853 × 1.1226 × 1.1226" in told
     assert "mass of the model 30.00 kg" in told
+    assert PersonCode.HAND_MASS in told
+
+
+@pytest.mark.parametrize(
+    ("body", "codes"), [("hand", [PersonCode.HAND_MASS]), ("ulna", [PersonCode.SEGMENT_MASS]), ("", [])]
+)
+def test_a_load_is_the_likely_reason_of_a_heavy_hand_alone(body: str, codes: list[PersonCode]) -> None:
+    bodies = tuple(replace(one, mass=7.0 * one.mass) if one.name == body else one for one in MODEL.bodies)
+    found = mass_findings(replace(MODEL, bodies=bodies))
+    assert [finding.code for finding in found] == codes
+    assert ["load in the hand" in str(finding) for finding in found] == [code is PersonCode.HAND_MASS for code in codes]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 from solver.redundancy.options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import solve_muscles
-from station.report.rmr_figures import UNKNOWN, _activations, _joint_forces, _reserves
+from station.report.rmr_figures import UNKNOWN, _activations, _glenoid, _joint_forces, _reserves
 from tests.solver.legs import step_in
 
 
@@ -56,3 +57,19 @@ def test_no_two_reserves_of_a_panel_are_drawn_alike(tmp_path: Path) -> None:
     page: Any = Figure()
     _activations(page, solved)
     assert figure.axes[-1].get_xlim() == pytest.approx(page.axes[0].get_xlim())
+
+
+@pytest.mark.parametrize(("farthest", "outside"), [(0.071, 0), (1.0, 1)])
+def test_the_axes_of_the_glenoid_contain_the_reaction_or_say_how_far_it_is(farthest: float, outside: int) -> None:
+    """Without the glenoid's constraint the reaction may pass far outside, and in the end be in its plane."""
+    solved = solve_muscles(MuscleInputs(), MotionCut(every=200), static_optimisation(RedundancyOptions()))
+    contact = np.full_like(solved.solution.contact, 0.038)
+    contact[-1, 0] = -farthest
+    page: Any = Figure()
+    _glenoid(page, replace(solved, solution=replace(solved.solution, contact=contact)))
+    axis, *_ = page.axes
+    least, greatest = axis.get_xlim()
+    points = 1e3 * contact[:, 0]
+    assert int(((points < least) | (points > greatest)).sum()) == outside
+    noted = [text.get_text() for text in axis.texts if "beyond" in text.get_text()]
+    assert [("1000 mm" in note) for note in noted] == [True] * outside

@@ -253,6 +253,18 @@ def test_the_reason_of_the_recorder_comes_first_where_nothing_is_fitted(
     assert judgement.reasons[0].figures["text"] == "No space left on device"
 
 
+def test_a_trial_that_was_not_accepted_has_one_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fit refuses it for the reason of the recorder, which its file has, too."""
+    lost = "NI Dev1 is gone: unplugged"
+
+    def refused(_: Path) -> None:
+        raise UnusableTrial(RejectionCode.NOT_ACCEPTED, {"outcome": lost})
+
+    monkeypatch.setattr("station.session.fitted_judgement.read_recording", refused)
+    write_recorded(tmp_path, Recorded("a.mcap", "hand", "static", 1, "1", False, 0, lost))
+    assert judge_recording(tmp_path, "a.mcap").reasons == (Message(ReasonCode.NOT_ACCEPTED, {"text": lost}),)
+
+
 def test_the_fit_of_a_trial_whose_recorder_was_killed_gives_notes_and_no_reasons(
     session: Path, judged: Callable[..., Judgement]
 ) -> None:

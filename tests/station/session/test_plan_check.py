@@ -1,10 +1,13 @@
-"""Names of people are recognised, so that a session is filed under a code."""
+"""Names of people are recognised, so that a session is filed under a code; faults of a plan are found."""
 
 from __future__ import annotations
 
 import pytest
 
-from station.session.plan_check import looks_like_a_name
+from station.config import parse_config
+from station.journal import Setup
+from station.messages.codes import CommandCode
+from station.session.plan_check import check_setup, looks_like_a_name
 
 
 @pytest.mark.parametrize("word", ["Maria", "smith", "Anna Lee", "de Vries"])
@@ -15,3 +18,21 @@ def test_a_name_is_recognised(word: str) -> None:
 @pytest.mark.parametrize("word", ["P01", "S12b", "AB", "x3", ""])
 def test_a_code_is_not_a_name(word: str) -> None:
     assert not looks_like_a_name(word)
+
+
+CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
+
+
+@pytest.mark.parametrize(
+    ("cuffs", "code"),
+    [
+        (("hand", "waist"), None),
+        ((), CommandCode.NO_CUFF_CHOSEN),
+        (("hand", "knee"), CommandCode.UNKNOWN_CUFF),
+        (("hand", "waist", "hand"), CommandCode.REPEATED_CUFF),
+    ],
+)
+def test_a_plan_has_every_cuff_once(cuffs: tuple[str, ...], code: CommandCode | None) -> None:
+    config = parse_config({"cuffs": {"hand": CUFF, "waist": CUFF}}, "test")
+    fault = check_setup(Setup("P01", "", cuffs, 1), config)
+    assert (fault and fault.code) == code

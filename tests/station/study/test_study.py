@@ -13,9 +13,10 @@ from fitting.study.reliability import ReliabilityOutcome
 from fitting.study.variance_components import ComponentOutcome
 from station.charts.marks import Strip
 from station.checksums import sha256_of
+from station.messages.message import Message
 from station.messages.study_codes import StudyCode
 from station.study.normative_file import NormativePlace, read_normative
-from station.study.sessions import StudyError, read_sessions
+from station.study.sessions import StudyError, read_session, read_sessions
 from station.study.study import make_study
 from station.study.study_document import StudyDocument
 from station.study.study_figures import forest_chart
@@ -111,7 +112,7 @@ def test_sessions_and_donnings_that_cannot_be_used_are_listed_by_code(folder: Pa
     made = make_study(read_sessions([copied]))
     assert [message.code.value for message in made.left_out] == [
         "study.session_not_fitted",
-        "study.no_volunteer_code",
+        "study.no_journal",
         "study.session_unreadable",
         "study.not_identified",
     ]
@@ -134,7 +135,7 @@ def test_a_folder_without_sessions_is_refused_and_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
-def test_sessions_that_cannot_be_used_are_refused_with_what_each_kind_lacks(tmp_path: Path) -> None:
+def test_sessions_that_cannot_be_used_are_refused_with_what_each_lacks(tmp_path: Path) -> None:
     first, second, third = write_sessions(tmp_path, 3, operators=1)
     for session in (first, second):
         (session / "session.jsonl").unlink()
@@ -142,7 +143,16 @@ def test_sessions_that_cannot_be_used_are_refused_with_what_each_kind_lacks(tmp_
     with pytest.raises(StudyError) as refused:
         read_sessions([tmp_path])
     assert refused.value.code == StudyCode.NO_USABLE_SESSION
-    assert [session.name in str(refused.value) for session in (first, second, third)] == [True, False, True]
+    assert [session.name in str(refused.value) for session in (first, second, third)] == [True, True, True]
+
+
+def test_a_journal_without_a_code_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    (session,) = write_sessions(tmp_path, 1, operators=1)
+    for journal, code in (("", StudyCode.NO_VOLUNTEER), (None, StudyCode.NO_JOURNAL)):
+        path = session / "session.jsonl"
+        path.unlink() if journal is None else path.write_text(journal, encoding="utf-8")
+        found = read_session(session)
+        assert isinstance(found, Message) and found.code == code
 
 
 def test_the_page_says_why_the_reliability_is_not_estimated_and_has_units(

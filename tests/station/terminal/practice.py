@@ -67,7 +67,7 @@ class ScriptedOutput:
 
 
 def lead(
-    bench: SimulatedBench, config: StationConfig, folder: Path, answer: Answer, setup: Setup | None = SETUP
+    bench: SimulatedBench | None, config: StationConfig, folder: Path, answer: Answer, setup: Setup | None = SETUP
 ) -> ScriptedOutput:
     """A session from where it stands until an answer ends it."""
 

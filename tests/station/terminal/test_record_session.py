@@ -16,7 +16,9 @@ import pytest
 
 from recordings.reader import open_recording
 from station.journal import Setup, read_journal, write_setup
-from tests.station.command import Ran
+from station.messages.codes import CommandCode, RefusalCode
+from station.terminal import run
+from tests.station.command import Ran, assert_refused
 from tests.station.console.served import write_config
 from tests.station.terminal.practice import PATIENCE_S, Headless
 from tests.timeout import scaled_timeout
@@ -47,7 +49,7 @@ def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) ->
         ended = session.until("trial_ended")
         assert ended["accepted"] and ended["codes"] == ["operator_stop"]
         closed = session.until("session_closed")
-        assert not closed["is_complete"] and f"--session {Path('simulated/monday')}" in closed["sentence"]
+        assert not closed["is_complete"] and f"--session {Path('simulated/monday')} --simulated`" in closed["sentence"]
         assert session.child.wait(scaled_timeout(PATIENCE_S)) == 0
     assert open_recording(bench / "simulated" / "monday" / ended["file"]).complete
     assert read_journal(bench / "simulated" / "monday").verdicts == {}, "the next operator decides"
@@ -126,6 +128,23 @@ def test_a_new_session_needs_a_subject_and_an_old_one_its_own_plan(station: Call
     write_setup(tmp_path / "monday", Setup("P01", "", ("hand",), 1, has_bounce=False, number="monday"))
     ran = station("record", "--config", path, "--session", tmp_path / "monday", "--headless", "--repeats", 5)
     assert ran.code == 1 and "was planned with 1 repeats of hand" in ran.err
+
+
+def test_a_plan_that_names_a_cuff_twice_is_wrong_usage(station: Callable[..., Ran], tmp_path: Path) -> None:
+    options = ("--session", tmp_path / "monday", "--subject", "P01", "--cuffs", "hand,hand")
+    ran = station("record", "--config", write_config(tmp_path), *options)
+    assert_refused(ran, 2, CommandCode.REPEATED_CUFF)
+    assert not (tmp_path / "monday").exists()
+
+
+def test_a_session_on_simulated_devices_elsewhere_than_below_simulated_is_refused_before_it_begins(
+    station: Callable[..., Ran], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "is_served_by_simulator", lambda _: True)
+    config = write_config(tmp_path)
+    ran = station("record", "--config", config, "--session", tmp_path / "monday", "--subject", "P01")
+    assert_refused(ran, 1, RefusalCode.SIMULATED_DEVICES)
+    assert not (tmp_path / "monday").exists()
 
 
 @pytest.mark.parametrize("options", [("--cuff", "hand"), ("--duration", "3"), ("--repeat", "2")])

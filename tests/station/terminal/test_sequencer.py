@@ -14,9 +14,10 @@ import qtm_rt
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
-from station.config import StationConfig
+from station.config import StationConfig, load_config
 from station.journal import read_journal, write_verdict
-from station.messages.codes import CommandCode, TrialCode
+from station.messages.codes import CommandCode, RefusalCode, TrialCode
+from station.session.trial_process import TrialProcess
 from station.terminal.events import (
     CommandAnswered,
     Decided,
@@ -30,6 +31,8 @@ from station.terminal.events import (
     Waiting,
     WarningRaised,
 )
+from station.terminal.sequencer import SessionSequencer
+from tests.station.console.served import write_config
 from tests.station.terminal.practice import Answer, lead, remote_bench
 
 Told = Callable[[Event], bool]
@@ -193,6 +196,31 @@ def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
     (warning,) = [event for event in output.of(WarningRaised) if event.code == "not_ready"]
     assert words in warning.sentence and "\n" not in warning.sentence
     assert output.of(SessionClosed)[0].done == 2
+
+
+class _RefusedTrial:
+    """A recorder that has refused to record simulated data into a folder of another name."""
+
+    recorded, refusal, refusal_code = None, "simulated devices cannot be recorded here", RefusalCode.SIMULATED_DEVICES
+
+    async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None: ...
+
+
+def test_a_session_ends_if_its_folder_is_not_for_the_data_of_these_devices(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every further attempt would be refused, too."""
+
+    async def start(*_: object) -> _RefusedTrial:
+        return _RefusedTrial()
+
+    monkeypatch.setattr(TrialProcess, "start", start)
+    monkeypatch.setattr(SessionSequencer, "_wait_longer", None)  # another attempt fails the test
+    config = load_config(write_config(tmp_path))
+    output = lead(None, config, tmp_path / "monday", answers())
+    (warning,) = output.of(WarningRaised)
+    assert (warning.cause, warning.retry_s) == (RefusalCode.SIMULATED_DEVICES, None)
+    assert output.events[-1] == output.of(SessionClosed)[0]
 
 
 @pytest.mark.slow
