@@ -40,7 +40,8 @@ def test_a_fault_is_reported_and_counted_and_ends_and_affects_nothing_else(bench
         assert_markers_are_where_they_belong(aftermath, bench)
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_under_random_faults_every_numbered_sample_was_received_or_counted_as_lost(
     bench: FaultBench, seed: int
 ) -> None:

@@ -36,6 +36,7 @@ def test_a_damping_that_is_not_identified_has_no_interval_to_speak_of() -> None:
     assert interval_notes(None) == ()
 
 
+@pytest.mark.slow
 def test_a_damping_that_is_hardly_identified_is_given_without_choosing_by_its_value() -> None:
     """20 Hz and a stiff cuff: the unknown place of the edge between two samples changes c by about a third."""
     off, errors, is_called, is_small = [], [], [], []

@@ -81,6 +81,7 @@ def test_a_verb_that_needs_an_extra_names_it_in_one_sentence(verb: str, tmp_path
     assert not list(tmp_path.iterdir()), "nothing was begun"
 
 
+@pytest.mark.slow
 def test_an_option_that_needs_an_extra_names_it_in_one_sentence(session: Path, tmp_path: Path) -> None:
     recording = next(session.glob("*.mcap"))
     for words, extra in (

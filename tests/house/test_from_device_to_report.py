@@ -90,6 +90,7 @@ def test_a_fit_of_a_cut_recording_is_done_and_lossy(
     assert codes == [0, 3]
 
 
+@pytest.mark.slow
 def test_a_rerecording_of_one_repeat_supersedes_it(session: Path) -> None:
     config = demo_config()
     settings = {**simulator_settings(config), "cuffs": TRUTH}

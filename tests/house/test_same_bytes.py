@@ -36,6 +36,7 @@ def test_busy_loops_beside_it_change_nothing(recorded_session: Path, tmp_path: P
     assert_same(recorded_session, made(tmp_path, loops=LOOPS))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not pin a process to a core")
 def test_a_single_core_changes_nothing(recorded_session: Path, tmp_path: Path) -> None:
     assert_same(recorded_session, made(tmp_path, "--pinned"))

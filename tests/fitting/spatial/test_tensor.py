@@ -58,6 +58,7 @@ def _inside(tensor: Tensor, true: NDArray[np.float64], part: float) -> NDArray[n
     return np.abs(entries_of(tensor.value - true)) < part * tensor.factor * entries_of(tensor.standard_error)
 
 
+@pytest.mark.slow
 def test_intervals_of_entries_hold_with_every_run_drawn_anew() -> None:
     stiffness, damping = _covered(fitted())
     assert stiffness >= 0.85

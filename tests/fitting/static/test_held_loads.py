@@ -43,6 +43,7 @@ def _stiffnesses(truth: Held, count: int = COUNT) -> tuple[np.ndarray, np.ndarra
     return np.array([each.value for each in found if each]), np.array(half)
 
 
+@pytest.mark.slow
 def test_stiffness_from_loads_that_only_rise_is_unbiased_and_its_interval_honest() -> None:
     """T5: bias below 0.1 %, rmse below 1.3 times the bound of 0.138 %."""
     values, errors = _stiffnesses(Held())
@@ -69,6 +70,7 @@ def test_hidden_markers_and_ghosts_leave_it_nearly_alone(truth: Held) -> None:
     assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, 20)
 
 
+@pytest.mark.slow
 def test_slip_reaches_neither_stiffness_nor_migration() -> None:
     """T7: within 0.2 mm of what slipped, inside the interval in nine of ten."""
     values, errors = _stiffnesses(SLIPPING, 30)

@@ -61,6 +61,7 @@ def _segments(count: int) -> tuple[Array, Array, Array]:
     return ends[0] * radii, (ends[1] - ends[0]) * radii, radii
 
 
+@pytest.mark.slow
 def test_the_fan_is_the_mean_of_its_blades() -> None:
     starts, inner, radii = _segments(400)
     expected = np.array([_direction_of_blades(*segment) for segment in zip(starts, inner, radii, strict=True)])

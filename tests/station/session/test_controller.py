@@ -286,6 +286,7 @@ def test_devices_that_are_not_ready_are_a_message_and_no_trial(controller: Sessi
     assert controller.session.folder is not None and not list(controller.session.folder.glob("*.mcap"))
 
 
+@pytest.mark.slow
 def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(
     tmp_path: Path,
 ) -> None:

@@ -111,6 +111,7 @@ def test_a_killed_sweep_is_continued_with_equal_results(
     assert found.table.read_bytes() == ran_through
 
 
+@pytest.mark.slow
 def test_an_unexpected_error_is_a_row_and_the_case_is_repeated(
     client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

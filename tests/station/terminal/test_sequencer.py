@@ -110,6 +110,7 @@ def warned(code: str) -> Told:
     return lambda event: isinstance(event, WarningRaised) and event.code == code
 
 
+@pytest.mark.slow
 def test_a_plan_is_recorded_judged_and_kept_with_arm_as_the_only_command(tmp_path: Path) -> None:
     with remote_bench(tmp_path / "bench") as (bench, config):
         output = lead(bench, config, tmp_path / "simulated" / "monday", answers())
@@ -175,11 +176,12 @@ def test_a_recording_with_reasons_to_redo_waits_for_a_decision_here_or_elsewhere
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
         ({"device": "qtm", "fault": "restart"}, "QTM"),
-        pytest.param({"device": "ni", "fault": "refuse"}, "Dev1", marks=pytest.mark.slow),
+        ({"device": "ni", "fault": "refuse"}, "Dev1"),
     ],
     ids=["QTM restarts", "the DAQ is not to be had"],
 )
@@ -251,6 +253,7 @@ def test_a_missed_edge_is_reported_and_the_trial_is_armed_again(tmp_path: Path) 
     assert [ended.accepted for ended in output.of(TrialEnded)] == [True]
 
 
+@pytest.mark.slow
 def test_an_unplanned_capture_is_reported_and_not_recorded(tmp_path: Path) -> None:
     """The vendor's own client starts a capture before the trial is armed, stops it, and then starts the trial's."""
     with remote_bench(tmp_path / "bench", control="none", timeout_s=1000.0) as (bench, config):

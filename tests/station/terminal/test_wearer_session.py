@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from station.bench.simulation import SimulatedBench, practice_settings
 from station.config import StationConfig, parse_config
 from station.journal import Setup, read_journal
@@ -21,6 +23,7 @@ def wearer_practice() -> StationConfig:
     return parse_config(data, "test")
 
 
+@pytest.mark.slow
 def test_the_pose_is_skipped_and_the_motion_recorded_judged_and_kept(tmp_path: Path) -> None:
     config, folder = wearer_practice(), tmp_path / "simulated" / "session"
     commands = iter(("skip", "arm"))
