@@ -106,7 +106,7 @@ def assessment_table(assessment: Assessment, total: TotalUncertainty | None = No
     reference = f"effort at {assessment.reference_rest_length:.3f} m"
     summary = assessment.uncertainty
     sources = "all sources" if total else sources_text(summary.sources) if summary else ""
-    interval = f"; ±, or in brackets: 95 % interval of {sources}" if sources else ""
+    interval = f"; in brackets: 95 % interval of {sources}" if sources else ""
     table = FoldedTable(caption=f"{EFFORT_AND_ERROR}{interval}")
     for heading in ("condition", "cuff", reference, "best rest length [m]", "effort there", "permissible error [cm]"):
         table.add_column(heading)
@@ -118,7 +118,7 @@ def assessment_table(assessment: Assessment, total: TotalUncertainty | None = No
             _figure(figures["at_reference"]),
             _figure(figures["rest_length"]),
             _figure(figures["lowest_cost"]),
-            _figure(figures["permissible_error"], 100.0, 2),
+            _figure(figures["permissible_error"], 100.0, 1),
         )
     return table
 
@@ -182,10 +182,8 @@ def _compare(value: float | None, estimate: Estimate | None, scale: float, form:
     return text if estimate is None else f"{text} ({estimate.value * scale:{form}})"
 
 
-def _figure(figure: Quantity, scale: float = 1.0, digits: int = 4) -> str:
-    """Value and 95 % interval, if there is one; its ends where one is a bound."""
+def _figure(figure: Quantity, scale: float = 1.0, digits: int = 3) -> str:
+    """As in the report: at most `digits` decimals, and the 95 % interval where they show it."""
     if figure.value is None:
         return "-"
-    if figure.censored:
-        return bracketed(figure.value, figure.ci95, scale, digits, figure.censored)
-    return plus_minus(figure.value, figure.ci95, scale, digits)
+    return bracketed(figure.value, figure.ci95, scale, digits, figure.censored, is_limited=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from fitting.results.rendering import Note
 from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
 from solver.suit.assessment import UncertaintySummary
+from solver.suit.quantity import Quantity
 from solver.suit.uncertainty import DrawnSource
 from station.folded_table import FoldedTable
+from station.interval import UNBROKEN
 from station.tables import assessment_table, print_cuffs
 from tests.station.assessment.test_findings import assessment, curve
 
@@ -72,7 +75,7 @@ def test_a_lag_that_no_bounce_calibrated_is_printed_once_for_all_cuffs() -> None
 def test_the_caption_of_an_assessment_names_what_was_drawn(sources: tuple[DrawnSource, ...]) -> None:
     summary = UncertaintySummary(50, 20, {}, sources) if sources else None
     caption = str(assessment_table(assessment(curve("hand", 0.85), uncertainty=summary)).caption)
-    assert ("cuffs" in caption, "posture" in caption, "±" in caption) == (
+    assert ("cuffs" in caption, "posture" in caption, "interval" in caption) == (
         DrawnSource.CUFFS in sources,
         DrawnSource.MOTIONS in sources,
         bool(sources),
@@ -84,6 +87,19 @@ def test_the_caption_of_an_assessment_explains_the_terms_of_its_headings() -> No
     headings = " ".join(str(column.header) for column in table.columns)
     for term in ("effort", "permissible error"):
         assert term in headings and f"{term}: " in str(table.caption)
+
+
+def test_an_interval_of_an_assessment_has_both_ends_and_no_more_decimals_than_the_report() -> None:
+    plain = curve("hand", 0.9)
+    figures = {
+        "at_reference": Quantity(0.898341, (0.898223, 0.898408)),
+        "rest_length": Quantity(0.695, (0.581, 0.731)),
+        "permissible_error": Quantity(0.0593),
+    }
+    row = list(assessment_table(assessment(replace(plain, figures={**plain.figures, **figures}))).columns)
+    cells = [list(column.cells)[-1] for column in row]
+    assert [str(cell).replace(UNBROKEN, " ") for cell in cells[2:4]] == ["0.898", "0.695 (0.581 to 0.731)"]
+    assert cells[5] == "5.9"
 
 
 def test_a_narrow_terminal_does_not_shorten_a_number_or_a_key() -> None:
