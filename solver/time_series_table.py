@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.regular_file import LARGEST_TABLE, read_regular
+from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
 from solver.errors import MotionError, SolverCode
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ def read_table(path: Path) -> tuple[list[str], Array, TableHeader]:
     try:
         raw = read_regular(path, LARGEST_TABLE)
     except OSError as error:
-        sentence = f"{path} should be a motion file and cannot be read ({error}); check the path"
+        sentence = f"{path} should be a motion file and cannot be read ({describe_failure(error)}); check the path"
         raise MotionError(sentence, SolverCode.UNREADABLE_TABLE) from error
     try:
         lines = raw.decode("utf-8-sig").splitlines()

@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from documents import validation
 from documents.plain_data import PlainDataError, parse_toml
-from documents.regular_file import LARGEST_SUIT, read_regular
+from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
 from documents.validation import Section, Whole, describe_error
 from solver.errors import SolverCode, SolverError
 from solver.model import Model
@@ -107,7 +107,8 @@ def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
         document = parse_toml(read_regular(path, LARGEST_SUIT))
     except (OSError, PlainDataError) as error:
         raise SuitError(
-            f"{path} should be a suit in TOML and cannot be read ({error}); correct it", SolverCode.SUIT_FILE
+            f"{path} should be a suit in TOML and cannot be read ({describe_failure(error)}); correct it",
+            SolverCode.SUIT_FILE,
         ) from error
     try:
         table = _SuitTable.model_validate(document)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from solver.errors import SolverCode
+from solver.suit.suit import read_suit
 from solver.time_series_table import TableHeader, read_table
 from tests.solver.refusals import raises_refusal
 
@@ -73,3 +75,15 @@ def test_another_fault_is_not_called_a_decimal_comma(tmp_path: Path, rows: list[
     with raises_refusal(SolverCode.MALFORMED_TABLE) as refused:
         read_table(path)
     assert "decimal comma" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("read", "code"), [(read_table, SolverCode.UNREADABLE_TABLE), (read_suit, SolverCode.SUIT_FILE)]
+)
+def test_a_file_that_cannot_be_read_is_named_once(
+    tmp_path: Path, read: Callable[[Path], object], code: SolverCode
+) -> None:
+    path = tmp_path / "missing.file"
+    with raises_refusal(code) as caught:
+        read(path)
+    assert str(caught.value).count(str(path)) == 1
