@@ -32,8 +32,8 @@ def main(runs: int) -> None:
         cells = []
         for quantity, true, unit in (("lag", _lag(truth), 1e3), ("gain", truth.gain, 1e2), ("zero", truth.zero, 1.0)):
             found = [getattr(fit, quantity).estimate for fit in fits]
-            off = np.array([each.value - true for each in found])
-            inside = np.mean([each.ci95[0] <= true <= each.ci95[1] for each in found])
+            off = np.array([estimate.value - true for estimate in found])
+            inside = np.mean([estimate.ci95[0] <= true <= estimate.ci95[1] for estimate in found])
             cells.append(f"{unit * np.sqrt(np.mean(off**2)):13.3f} {100 * inside:4.0f} %")
         print(f"{name:30} {'  '.join(cells)}")
 

@@ -81,7 +81,7 @@ def main(trials: int) -> None:
         row = f"{ppm:>4} ppm      "
         for stops, width in ((True, 14), (False, 18)):
             found = [residual(sign * ppm, seed, stops=stops) for seed in range(trials) for sign in (1, -1)]
-            worst, stated = max(each.worst for each in found), max(each.stated for each in found)
+            worst, stated = max(drift.worst for drift in found), max(drift.stated for drift in found)
             row += f"{1e3 * worst:>{width - 3}.2f} ms{1e3 * stated:>7.2f} ms"
         print(row, flush=True)
 

@@ -100,14 +100,14 @@ def _opening_row(device: str, fault: str) -> str:
         began_s = time.monotonic()
         try:
             opened.open()
-            words = "not refused"
+            refusal = "not refused"
         except DeviceError as error:
-            words = str(error)
+            refusal = str(error)
         took_ms = 1000 * (time.monotonic() - began_s)
         opened.close()
         for port in bench.ports.values():
-            words = words.replace(str(port), "…")
-    return f"| {device} | {fault.replace('_', ' ')} | {took_ms:.0f} ms | {words} |"
+            refusal = refusal.replace(str(port), "…")
+    return f"| {device} | {fault.replace('_', ' ')} | {took_ms:.0f} ms | {refusal} |"
 
 
 def _rows_given_up() -> list[str]:

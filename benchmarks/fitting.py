@@ -285,8 +285,8 @@ def _in_space(seed: int) -> list[Row]:
     pulls = enumerate(directions(30), 1)
     trials = [pulled(space, u, test, i, random) for i, u in pulls for test in ("static", "dynamic")]
     reduced, _ = make_pulls(trials)
-    stiffness = held_tensor([each for each in reduced if each.trial.test == "static"], 0.0)
-    damping = swung_tensor([each for each in reduced if each.trial.test == "dynamic"], {}, 0.0)
+    stiffness = held_tensor([pull for pull in reduced if pull.trial.test == "static"], 0.0)
+    damping = swung_tensor([pull for pull in reduced if pull.trial.test == "dynamic"], {}, 0.0)
     rows = []
     for tensor, true in ((stiffness, space.stiffness), (damping, space.damping)):
         off = tensor.value - true

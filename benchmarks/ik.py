@@ -67,8 +67,8 @@ def _row(name: str, files: Trial, most: int) -> str:
         with tempfile.TemporaryDirectory() as folder:
             began = time.process_time()
             theirs = solved_by_opensim(files, trial.model, Path(folder), accuracy, end)
-            each = (time.process_time() - began) / len(theirs)
-        cells += [_ms(each), f"{each / ours:.0f}"]
+            theirs_s = (time.process_time() - began) / len(theirs)
+        cells += [_ms(theirs_s), f"{theirs_s / ours:.0f}"]
     above = cost_of(trial.model, trial.tasks, trial.observed, theirs) - solution.cost
     away = _away(trial, solution, theirs)[count_bounds(trial.model, solution.coordinates) == 0]
     cells += [f"{above.min():.0e} to {above.max():.0e} m²", f"{away.max():.0e}, {np.median(away):.0e} rad"]

@@ -45,9 +45,9 @@ def main() -> None:
     print(f"{'muscle':<26}  median       max   median     max")
     for k, muscle in enumerate(model.muscles):
         if max(lengths[:, k].max(), arms[:, k].max()) > 1e-3:
-            figures = [f(each[:, k]) for each in (lengths, arms) for f in (np.median, np.max)]
+            figures = [f(errors[:, k]) for errors in (lengths, arms) for f in (np.median, np.max)]
             print(f"{muscle.name:<26}" + "".join(f"{figure:9.4f}" for figure in figures))
-    print(f"{'all':<26}" + "".join(f"{f(each):9.4f}" for each in (lengths, arms) for f in (np.median, np.max)))
+    print(f"{'all':<26}" + "".join(f"{f(errors):9.4f}" for errors in (lengths, arms) for f in (np.median, np.max)))
     for mode, seconds in times(model, state).items():
         jump = jumps(model, coordinates, mode)
         print(f"{mode:<26}{1e6 * seconds / len(coordinates):9.1f} µs a frame, jumps of up to {jump:.0e} m")

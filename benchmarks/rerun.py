@@ -77,9 +77,9 @@ def viewer_without_window() -> Iterator[str]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    words = ["--serve-grpc", "--bind", "127.0.0.1", "--port", str(port), "--server-memory-limit", "500MB"]
-    server = subprocess.Popen(  # noqa: S603  (our own words)
-        [sys.executable, "-m", "rerun", *words],
+    options = ["--serve-grpc", "--bind", "127.0.0.1", "--port", str(port), "--server-memory-limit", "500MB"]
+    server = subprocess.Popen(  # noqa: S603  (our own options)
+        [sys.executable, "-m", "rerun", *options],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env={**os.environ, "RERUN_ANALYTICS_ENABLED": "false"},
@@ -102,7 +102,7 @@ def _shares(options: list[str], address: str, seconds: float) -> Counter[str]:
         folder = Path(name)
         (folder / "station.toml").write_text(CUFF.format(**bench.ready["ports"]), encoding="utf-8")
         trial = ["--session", "simulated/session", "--cuff", "waist", "--test", "static", "--duration", f"{seconds}"]
-        child = subprocess.Popen(  # noqa: S603  (our own words)
+        child = subprocess.Popen(  # noqa: S603  (our own options)
             [sys.executable, "-c", RECORD, "record", "--config", "station.toml", *trial, *options, address],
             cwd=folder,
             stdout=subprocess.DEVNULL,

@@ -303,8 +303,8 @@ def linearity(problem: RedundancyProblem, scenarios: int) -> None:
 def played(problem: RedundancyProblem, times: int) -> RedundancyProblem:
     """Every fourth frame of the motion, alternately forwards and backwards, so that all lengths are equally hard."""
     frames = len(problem.time)
-    thinned = np.arange(0, frames, 4)
-    order = np.resize(np.r_[thinned, thinned[::-1]], times * len(thinned))
+    decimated = np.arange(0, frames, 4)
+    order = np.resize(np.r_[decimated, decimated[::-1]], times * len(decimated))
     arrays = {n: v for n, v in vars(problem).items() if isinstance(v, np.ndarray) and v.ndim and len(v) == frames}
     return replace(problem, interval=4 * problem.interval, **{name: v[order] for name, v in arrays.items()})
 

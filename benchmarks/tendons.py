@@ -85,11 +85,11 @@ def solved(model: Model, given: GivenMotion, tendons: Tendons, reserve_weight: f
 def print_differences(model: Model, rigid: MotionSolution, elastic: MotionSolution) -> None:
     """A Markdown table of the muscles whose activations differ most, in the frames that both solve."""
     known = np.isfinite(rigid.effort) & np.isfinite(elastic.effort)
-    both = [(each.activations[known], each.muscle_forces[known]) for each in (rigid, elastic)]
+    both = [(solution.activations[known], solution.muscle_forces[known]) for solution in (rigid, elastic)]
     (a, force), (elastic_a, elastic_force) = both
     strength = np.array([muscle.max_isometric_force for muscle in model.muscles])
     change, change_of_force = _rms(elastic_a - a), _rms(elastic_force - force)
-    reaction = [np.linalg.norm(each.reaction[known, 3:], axis=1) for each in (rigid, elastic)]
+    reaction = [np.linalg.norm(solution.reaction[known, 3:], axis=1) for solution in (rigid, elastic)]
     print(
         f"RMS difference over all muscles: activation {_rms(change):.4f}, force {_rms(change_of_force / strength):.4f} "
         f"of the strength; joint reaction {_rms(reaction[1] - reaction[0]):.1f} N, peak {reaction[0].max():.0f} N"

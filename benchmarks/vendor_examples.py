@@ -89,16 +89,16 @@ def run(program: Path, package: str, enter_after_s: float = ENTER_AFTER_S, ended
 
 
 def _run_at(port: int, program: Path, package: str, folder: str, enter_after_s: float, ended_after_s: float) -> Ran:
-    words = [sys.executable, "-u", "-m", "benchmarks.vendor_program", package, str(port), str(program.resolve())]
+    command = [sys.executable, "-u", "-m", "benchmarks.vendor_program", package, str(port), str(program.resolve())]
     root = str(Path(__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": root, "MPLBACKEND": "agg", "PYTHONIOENCODING": "utf-8"}
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         child = subprocess.Popen(  # noqa: S603  (the user's own folder)
-            words, cwd=folder, env=environment, stdin=subprocess.PIPE, stdout=said, stderr=subprocess.STDOUT
+            command, cwd=folder, env=environment, stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT
         )
         code = _end_of(child, enter_after_s, ended_after_s)
-        said.seek(0)
-        lines = [line.strip() for line in said.read().decode("utf-8", "replace").splitlines() if line.strip()]
+        output.seek(0)
+        lines = [line.strip() for line in output.read().decode("utf-8", "replace").splitlines() if line.strip()]
     raised = [line for line in lines if ERROR.match(line)]
     last = (raised if raised and code != 0 else lines or ["printed nothing"])[-1]
     if code is None:

@@ -28,7 +28,7 @@ UNREACHABLE = ("failed to fetch", "error sending request", "network was disabled
 
 @dataclass(frozen=True)
 class Resolution:
-    """count of packages, 0 where there is none; is_offline: no index answered; why in uv's words."""
+    """count of packages, 0 where there is none; is_offline: no index answered; why in the message of uv."""
 
     count: int
     is_offline: bool
@@ -56,9 +56,9 @@ def resolve(target: str, project: Path = ROOT / "pyproject.toml") -> Resolution:
     return refused(ran.stderr)
 
 
-def refused(words: str) -> Resolution:
+def refused(message: str) -> Resolution:
     """Resolution of a refusal by uv."""
-    why = " ".join(words.split()) or "uv ended without a word"
+    why = " ".join(message.split()) or "uv ended without a message"
     return Resolution(0, any(sign in why.lower() for sign in UNREACHABLE), why)
 
 
@@ -82,11 +82,11 @@ def _environment() -> dict[str, str]:
 
 
 def _pip_setting(name: str) -> str:
-    words = [sys.executable, "-m", "pip", "config", "get"]
+    command = [sys.executable, "-m", "pip", "config", "get"]
     environment = os.environ.get(f"PIP_{name.replace('-', '_').upper()}")
     if environment:
         return environment
-    ran = subprocess.run([*words, f"global.{name}"], capture_output=True, text=True, check=False)  # noqa: S603
+    ran = subprocess.run([*command, f"global.{name}"], capture_output=True, text=True, check=False)  # noqa: S603
     return ran.stdout.strip() if ran.returncode == 0 else ""
 
 

@@ -1,9 +1,9 @@
 """Compile the kernels of an assessment before it needs them: `python -m solver.compile_ahead`.
 
 The machine code is kept on disk (compiled.py), so this can be done once after an installation, or in a second process
-while trials are recorded. Processes beside one that needs the kernels now begin with others than it (--begin-with), so
-that together they take a fraction of the time. They import little before they compile. stdout has one line of JSON per
-kernel: how many are ready, and how many there are.
+while trials are recorded. If a process needs the kernels now, others compile with it, each beginning with another share
+(--begin-with). They import little before they compile. stdout has one line of JSON per kernel: how many are ready, and
+how many there are.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def compile_ahead() -> None:
 
 
 def shares(processors: int) -> tuple[str, ...]:
-    """What each process begins with beside one that needs the kernels now, and itself begins with the first."""
+    """Shares for the other processes, if one that needs the kernels now begins with the first kernel itself."""
     return tuple(SHARES)[: max(1, processors - 1)]
 
 
@@ -116,7 +116,7 @@ def _compile_dynamics() -> None:
     response_to_loads(equations, np.zeros((0, 1, bodies, 6)))
 
 
-# None calls a kernel that a process with another share compiles meanwhile: it would wait for that.
+# None calls a kernel of another process's share, because it would wait until that is compiled.
 SHARES = {"solving": _compile_solving, "paths": _compile_paths, "dynamics": _compile_dynamics}
 
 

@@ -1,4 +1,4 @@
-"""Output whose reader closes early, as `station info FILE | head -1`: the rest is discarded, and the verb goes on."""
+"""Output whose reader closes early, as `station info FILE | head -1`: the rest is discarded, and the verb continues."""
 
 from __future__ import annotations
 

@@ -51,8 +51,8 @@ def draw_live_scene(recording: Path, options: list[str]) -> None:
         file = Path(folder) / "live.rrd"
         subprocess.run([*STATION, str(recording), *options, "--rrd", str(file)], check=True)  # noqa: S603
         port, web = _free_port(), _free_port()
-        words = ["-m", "rerun", str(file), "--serve-web", "--port", str(port), "--web-viewer-port", str(web)]
-        viewer = subprocess.Popen([sys.executable, *words], start_new_session=True)  # noqa: S603
+        command = ["-m", "rerun", str(file), "--serve-web", "--port", str(port), "--web-viewer-port", str(web)]
+        viewer = subprocess.Popen([sys.executable, *command], start_new_session=True)  # noqa: S603
         try:
             with sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=browser_path(), args=list(SOFTWARE_GL))

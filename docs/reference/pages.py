@@ -171,9 +171,11 @@ def _type(annotation: Any) -> str:
     if annotation is None or annotation is type(None):
         return "absent"
     if get_origin(annotation) is Literal:
-        return " \\| ".join(f'`"{each}"`' if isinstance(each, str) else f"`{each}`" for each in get_args(annotation))
+        return " \\| ".join(
+            f'`"{option}"`' if isinstance(option, str) else f"`{option}`" for option in get_args(annotation)
+        )
     if get_origin(annotation) in (Union, types.UnionType):
-        return " or ".join(_type(each) for each in get_args(annotation) if each is not type(None))
+        return " or ".join(_type(option) for option in get_args(annotation) if option is not type(None))
     if get_origin(annotation) in (tuple, list):
         return f"list of {_type(get_args(annotation)[0])}"
     if hasattr(annotation, "__metadata__"):  # Annotated

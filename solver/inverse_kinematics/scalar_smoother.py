@@ -27,14 +27,14 @@ def smooth_scalar(
     likelihood is computed.
     """
     frames, order = len(values), len(step)
-    mean, cov, room, other = np.zeros(order), start.copy(), np.zeros((order, order)), np.zeros((order, order))
+    mean, cov, work, other = np.zeros(order), start.copy(), np.zeros((order, order)), np.zeros((order, order))
     kept = frames if len(means) else 0
     ahead, covs, gains = np.zeros((kept, order)), np.zeros((kept, order, order)), np.zeros((kept, order))
     errors = np.zeros((kept, 2))
     likelihood, seen = 0.0, 0
     for k in range(frames):
         if k:
-            _advance(step, drive, mean, cov, room, other)
+            _advance(step, drive, mean, cov, work, other)
         if kept:
             ahead[k] = mean
             covs[k] = cov
@@ -43,9 +43,9 @@ def smooth_scalar(
             if seen >= SKIPPED:
                 likelihood -= 0.5 * (np.log(total) + error * error / total)
             seen += 1
-            _update(error, total, mean, cov, room[0], other)
+            _update(error, total, mean, cov, work[0], other)
             if kept:
-                gains[k] = room[0]
+                gains[k] = work[0]
                 errors[k, 0], errors[k, 1] = error, total
     if kept:
         _return(step, ahead, covs, gains, errors, means, spread)
@@ -68,15 +68,15 @@ def _update(error: float, total: float, mean: Array, cov: Array, gain: Array, ot
 
 
 @compiled
-def _advance(step: Array, drive: Array, mean: Array, cov: Array, room: Array, other: Array) -> None:
+def _advance(step: Array, drive: Array, mean: Array, cov: Array, work: Array, other: Array) -> None:
     """Mean and covariance one frame ahead."""
     order = len(step)
     for i in range(order):
-        room[0, i] = 0.0
+        work[0, i] = 0.0
         for j in range(i, order):
-            room[0, i] += step[i, j] * mean[j]
+            work[0, i] += step[i, j] * mean[j]
     for i in range(order):
-        mean[i] = room[0, i]
+        mean[i] = work[0, i]
     for i in range(order):
         for j in range(order):
             other[i, j] = 0.0
@@ -94,7 +94,7 @@ def _return(step: Array, ahead: Array, covs: Array, gains: Array, errors: Array,
     """Backwards: r and N gather what later observations add."""
     frames, order = ahead.shape
     r, N = np.zeros(order), np.zeros((order, order))
-    room, other = np.zeros(order), np.zeros((order, order))
+    work, other = np.zeros(order), np.zeros((order, order))
     for k in range(frames - 1, -1, -1):
         if errors[k, 1] > 0.0:
             _observe(gains[k], errors[k, 0], errors[k, 1], r, N, other)
@@ -105,15 +105,15 @@ def _return(step: Array, ahead: Array, covs: Array, gains: Array, errors: Array,
                 for m in range(order):
                     spread[k, i] -= covs[k, i, j] * N[j, m] * covs[k, m, i]
         for i in range(order):
-            room[i] = 0.0
+            work[i] = 0.0
             for j in range(i + 1):
-                room[i] += step[j, i] * r[j]
+                work[i] += step[j, i] * r[j]
             for j in range(order):
                 other[i, j] = 0.0
                 for m in range(i + 1):
                     other[i, j] += step[m, i] * N[m, j]
         for i in range(order):
-            r[i] = room[i]
+            r[i] = work[i]
             for j in range(order):
                 N[i, j] = 0.0
                 for m in range(j + 1):

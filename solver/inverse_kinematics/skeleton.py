@@ -44,7 +44,7 @@ class Skeleton(NamedTuple):
 
 
 class PoseWorkspace(NamedTuple):
-    """Results of `evaluate_pose`, and room to work.
+    """Results of `evaluate_pose`, and working memory.
 
     poses    (bodies,) of POSE, of which rotation and origin are filled
     screws   (coordinates, 6) per rate of each coordinate, in ground

@@ -207,7 +207,7 @@ class _Evidence:
 
 
 def _information(covariances: Array, known: NDArray[np.bool_]) -> Array:
-    """(frames, coordinates, coordinates) what the postures say of the coordinates: nothing across constraints, which
+    """(frames, coordinates, coordinates) information of the postures on the coordinates: none across constraints, which
     give the covariances directions of variance 0.
     """
     both = known[:, :, None] & known[:, None, :]

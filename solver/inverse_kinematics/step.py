@@ -41,7 +41,7 @@ class Bounds(NamedTuple):
 
 
 class StepWorkspace(NamedTuple):
-    """step d (coordinates,), multipliers λ (rows,), state (coordinates,) FREE, LOCKED, …; the rest is room to work."""
+    """step d (coordinates,), multipliers λ (rows,), state (coordinates,) FREE, LOCKED, …; then working memory."""
 
     step: Array
     multipliers: Array

@@ -27,7 +27,7 @@ NO_NAME = r"[\s/\\*+]"  # characters that the name of a component of OpenSim can
 REACH = 0.2  # m, either way: the range of a cuff's coordinates; they are not clamped to it
 
 
-def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario) -> None:
+def add_suit(root: Xml.Element, model: Model, suit: Suit, scenario: SuitScenario) -> None:
     """Add the suit, at its last rest length, to the document of `model`; existing elements do not change.
 
     A cuff is a body with its mass, the cord's end its origin: welded where it is rigid, else free to shift along its
@@ -36,28 +36,28 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario)
     their rest. The cord's points carry the names of the suit's parts. Raises SuitError for a law that OpenSim's forces
     do not have, or for names in use.
     """
-    _ensure_can_be_written(root, model, suit, wearing)
+    _ensure_can_be_written(root, model, suit, scenario)
     osim = root.find("Model")
     assert osim is not None  # noqa: S101  (the document of a model)
     slips_along_cord = suit.migration_direction == "cord"
-    cuffs = dict(zip(("waist", "arm"), wearing.cuffs, strict=True))
+    cuffs = dict(zip(("waist", "arm"), scenario.cuffs, strict=True))
     masses = dict(zip(PARTS, suit.masses, strict=True))
     for part in suit.parts:
         point, cuff = getattr(suit, part), cuffs.get(part)
-        slipped = cuff.migration if cuff and wearing.is_shifted and not slips_along_cord else 0.0
+        slipped = cuff.migration if cuff and scenario.is_shifted and not slips_along_cord else 0.0
         rest = point.location + slipped * direction_to_joint(point)
-        _add_cuff(osim, part, SuitPoint(point.body, rest), masses[part], cuff if wearing.yields else None)
+        _add_cuff(osim, part, SuitPoint(point.body, rest), masses[part], cuff if scenario.yields else None)
     spring = add(objects_of(osim, "ForceSet"), "PathSpring", CORD)
     points = add_path(spring)
     for part in suit.parts:
         name = re.sub(NO_NAME, "_", suit.names[part])
         add_path_point(points, f"{CORD}_{name}", f"/bodyset/{part}_cuff", np.zeros(3))
-    slack = wearing.migration if slips_along_cord else 0.0
-    length = float(wearing.rest_lengths[-1]) + slack
+    slack = scenario.migration if slips_along_cord else 0.0
+    length = float(scenario.rest_lengths[-1]) + slack
     add_values(spring, resting_length=length, stiffness=suit.stiffness, dissipation=0.0)
 
 
-def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario) -> None:
+def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit, scenario: SuitScenario) -> None:
     ensure_fits(suit, model)
     if int(root.get("Version", "0")) < PRESENT_LAYOUT:
         raise SuitError(
@@ -77,7 +77,7 @@ def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit, wearing:
             f"and has {suit.damping:g} N s/m; set exotendon.damping_n_s_per_m to 0 for the export",
             SolverCode.SUIT_NOT_WRITABLE,
         )
-    _ensure_masses_of_cuffs(suit, wearing)
+    _ensure_masses_of_cuffs(suit, scenario)
     taken = {element.get("name") for element in root.iter()} & {CORD, *CUFF_NAMES}
     if taken:
         raise SuitError(
@@ -87,9 +87,9 @@ def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit, wearing:
         )
 
 
-def _ensure_masses_of_cuffs(suit: Suit, wearing: SuitScenario) -> None:
+def _ensure_masses_of_cuffs(suit: Suit, scenario: SuitScenario) -> None:
     """Raise SuitError unless each mass can be that of a cuff; OpenSim cannot move a cuff without mass on a bushing."""
-    yielding = {part for part, cuff in zip(("waist", "arm"), wearing.cuffs, strict=True) if cuff and wearing.yields}
+    yielding = {part for part, cuff in zip(("waist", "arm"), scenario.cuffs, strict=True) if cuff and scenario.yields}
     for part, mass in zip(PARTS, suit.masses, strict=True):
         problem = ""
         if part not in suit.parts:

@@ -41,7 +41,7 @@ class JointCentreError(SolverError):
 class JointCentre:
     """A centre in two segments, each in the frame of its reference markers [m].
 
-    in_proximal, in_distal  (3,);  in_ground (frames, 3) mean of what both segments say
+    in_proximal, in_distal  (3,);  in_ground (frames, 3) mean of the estimates of both segments
     residual                RMS distance of the two [m];  conditioning  smallest over largest singular value
     """
 

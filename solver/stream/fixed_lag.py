@@ -40,7 +40,7 @@ def smooth_window(window: Window, intensity: Array, state: FilterState, smoothed
     frames, count = values.shape
     filtered = _Filtered(np.zeros((frames, 3)), np.zeros((frames, 3, 3)), np.zeros((frames, 3)), np.zeros((frames, 2)))
     ahead, covs, gains, errors = filtered
-    step, drive, room = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    step, drive, work = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     mean, cov = np.zeros(3), np.zeros((3, 3))
     for k in range(count):
         mean[:], cov[:] = state.means[k], state.covariances[k]
@@ -53,11 +53,11 @@ def smooth_window(window: Window, intensity: Array, state: FilterState, smoothed
                 _restart(values[i, k], mean, cov)
             else:
                 _fill_transition(steps[i], intensity[k], step, drive)
-                _advance(step, drive, mean, cov, room)
+                _advance(step, drive, mean, cov, work)
             ahead[i], covs[i], errors[i] = mean, cov, 0.0
             if np.isfinite(values[i, k]):
                 errors[i, 0], errors[i, 1] = values[i, k] - mean[0], cov[0, 0] + variances[i, k]
-                _update(errors[i], mean, cov, gains[i], room)
+                _update(errors[i], mean, cov, gains[i], work)
             if i == 0:
                 state.means[k], state.covariances[k] = mean, cov
         _smooth_first(filtered, steps, last, step, smoothed[k], spread[k])
@@ -88,32 +88,32 @@ def _fill_transition(t: float, intensity: float, step: Array, drive: Array) -> N
 
 
 @compiled
-def _advance(step: Array, drive: Array, mean: Array, cov: Array, room: Array) -> None:
+def _advance(step: Array, drive: Array, mean: Array, cov: Array, work: Array) -> None:
     for i in range(3):
         for j in range(i + 1, 3):
             mean[i] += step[i, j] * mean[j]
     for i in range(3):
         for j in range(3):
-            room[i, j] = 0.0
+            work[i, j] = 0.0
             for m in range(i, 3):
-                room[i, j] += step[i, m] * cov[m, j]
+                work[i, j] += step[i, m] * cov[m, j]
     for i in range(3):
         for j in range(3):
             cov[i, j] = drive[i, j]
             for m in range(j, 3):
-                cov[i, j] += room[i, m] * step[j, m]
+                cov[i, j] += work[i, m] * step[j, m]
 
 
 @compiled_with_allocation
-def _update(error: Array, mean: Array, cov: Array, gain: Array, room: Array) -> None:
+def _update(error: Array, mean: Array, cov: Array, gain: Array, work: Array) -> None:
     """Mean and covariance after an observation of q; error is (observed − predicted, its variance)."""
     for i in range(3):
         gain[i] = cov[i, 0] / error[1]
         mean[i] += gain[i] * error[0]
-    room[:] = cov
+    work[:] = cov
     for i in range(3):
         for j in range(3):
-            cov[i, j] = room[i, j] - 0.5 * (gain[i] * room[0, j] + gain[j] * room[0, i])
+            cov[i, j] = work[i, j] - 0.5 * (gain[i] * work[0, j] + gain[j] * work[0, i])
 
 
 @compiled_with_allocation

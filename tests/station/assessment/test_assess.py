@@ -215,7 +215,7 @@ def test_a_cuff_that_migrated_against_the_pull_is_a_finding(tmp_path: Path, migr
 
 
 def test_the_draws_of_a_cuff_are_as_wide_as_its_intervals(tmp_path: Path) -> None:
-    # three repeats that differ: Student's 4.3 standard errors either way, where the covariance alone would say 1.96
+    # three repeats that differ: Student's 4.3 standard errors to each side, with the covariance alone 1.96
     stiffness = {"value": 8520, "standard_error": 100, "ci95": [8090, 8950], "parts": {"between_repeats": 100}}
     covariance = [[100.0**2, 300.0, 0.0], [300.0, 6.0**2, 0.0], [0.0, 0.0, 0.0]]
     given = {"value": 0.012, "ci95": [0.011, 0.013]}

@@ -1,4 +1,4 @@
-"""Compiling in other processes: how far it is is shown, and whatever becomes of it, the station goes on."""
+"""Compilation in other processes: its progress is shown, and no failure of it affects the command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulated session goes on after its recorder was killed within a trial."""
+"""A simulated session continues after its recorder was killed within a trial."""
 
 from __future__ import annotations
 
