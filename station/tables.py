@@ -108,7 +108,8 @@ def assessment_table(assessment: Assessment, total: TotalUncertainty | None = No
     sources = "all sources" if total else sources_text(summary.sources) if summary else ""
     interval = f"; in brackets: 95 % interval of {sources}" if sources else ""
     table = FoldedTable(caption=f"{EFFORT_AND_ERROR}{interval}")
-    for heading in ("condition", "cuff", reference, "best rest length [m]", "effort there", "permissible error [cm]"):
+    table.add_column("condition", no_wrap=True)
+    for heading in ("cuff", reference, "best rest length [m]", "effort there", "permissible error [cm]"):
         table.add_column(heading)
     for curve in assessment.curves:
         figures = curve.figures if total is None else total.figures[curve.condition, curve.cuff]

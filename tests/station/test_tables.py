@@ -102,6 +102,15 @@ def test_an_interval_of_an_assessment_has_both_ends_and_no_more_decimals_than_th
     assert cells[5] == "5.9"
 
 
+def test_the_conditions_of_an_assessment_are_not_broken_on_a_terminal_of_80_columns() -> None:
+    plain = curve("hand", 0.9, "visco_elastic")
+    wide = {name: Quantity(0.695, (0.581, 0.731)) for name in ("at_reference", "rest_length", "lowest_cost")}
+    console = Console(file=io.StringIO(), width=80)
+    with console.capture() as capture:
+        console.print(assessment_table(assessment(replace(plain, figures={**plain.figures, **wide}))))
+    assert "visco-elastic" in capture.get()
+
+
 def test_a_narrow_terminal_does_not_shorten_a_number_or_a_key() -> None:
     table = FoldedTable("stream", "samples", "key")
     table.add_row("/force", "92002", "protocol.step_masses_kg")
