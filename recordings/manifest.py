@@ -17,7 +17,6 @@ from pydantic import TypeAdapter, ValidationError
 from documents.plain_data import PlainDataError, parse_json
 from documents.validation import describe_error
 from recordings.errors import RecordingCode, RecordingError
-from recordings.older_manifest import with_typed_fields
 from recordings.samples import DeviceIdentity
 
 LONGEST_NAME = 200
@@ -273,7 +272,7 @@ def manifest_to_json(manifest: Manifest) -> str:
 def manifest_from_json(text: str) -> Manifest:
     """The manifest back from JSON. Keys that a later version added are passed over; a missing one is an error."""
     try:
-        manifest = _adapter().validate_python(with_typed_fields(parse_json(text)))
+        manifest = _adapter().validate_python(parse_json(text))
     except PlainDataError as error:
         raise RecordingError(f"the manifest cannot be read: it {error}", RecordingCode.MANIFEST) from error
     except ValidationError as error:

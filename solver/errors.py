@@ -3,8 +3,7 @@
 SolverError
 ├── ModelError        a model, or an option for it, that cannot be solved
 ├── MotionError       a motion, or a table over time, that cannot be used
-├── SuitError         a suit that does not fit the model (suit/suit.py)
-└── JointCentreError  a motion from which no joint centre can be found (personalisation/joint_centres.py)
+└── SuitError         a suit that does not fit the model (suit/suit.py)
 """
 
 from __future__ import annotations
@@ -74,11 +73,6 @@ class SolverCode(StrEnum):
     CORD_SLACK = "suit_unusable.cord_slack"
     POINT_NOT_SEEN = "suit_unusable.point_not_seen"
     STIFFNESS_NOT_DRAWN = "suit_unusable.stiffness_not_drawn"
-    NO_JOINT_CENTRE = "joint_centre_not_found"
-    CENTRE_TOO_FEW_FRAMES = "joint_centre_not_found.too_few_frames"
-    CENTRE_TOO_FEW_MARKERS = "joint_centre_not_found.too_few_markers"
-    CENTRE_TOO_LITTLE_MOTION = "joint_centre_not_found.too_little_motion"
-    CENTRE_MISSING_LANDMARK = "joint_centre_not_found.missing_landmark"
 
 
 class SolverError(ValueError):

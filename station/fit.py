@@ -20,7 +20,6 @@ from fitting.trial.reader import TrialReading, read_alone, read_trials
 from fitting.trial.trial import RejectedTrial, Trial
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
-from recordings.older_manifest import cuff_mass
 from recordings.reader import read_manifest
 from station.checksums import sha256_of, standing_of, write_checksums
 from station.errors import StationError
@@ -168,10 +167,7 @@ def _corrected(manifest: Manifest, given: Assignment | None) -> Manifest:
 
 
 def _as_assigned(manifest: Manifest, given: Assignment) -> Manifest:
-    cuff = given.cuff
-    if cuff.mass_kg is None:  # the journal of an older station
-        cuff = replace(cuff, mass_kg=cuff_mass(manifest.effective_config, cuff.name))
-    return replace(manifest, cuff=cuff, test=given.test, repeat=given.repeat, donning=given.donning)
+    return replace(manifest, cuff=given.cuff, test=given.test, repeat=given.repeat, donning=given.donning)
 
 
 def _with_progress(paths: Sequence[Path], stage: str, progress: Progress) -> Iterator[Path]:

@@ -20,7 +20,6 @@ from documents.regular_file import append_to_regular, read_regular
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition
 from station.errors import StationError
 from station.file_lock import locked
-from station.format_0 import upgrade
 from station.journal_lines import (
     FORMAT,
     AssignedEntry,
@@ -149,7 +148,7 @@ def read_journal(folder: Path) -> Journal:
     lines = _Lines()
     for number, line in enumerate(text[: text.rfind("\n") + 1].split("\n")[:-1], 1):
         try:
-            lines.add(JournalLine.model_validate(upgrade(dict(parse_json(line)))).root)
+            lines.add(JournalLine.model_validate(parse_json(line)).root)
         except (ValueError, TypeError) as error:
             raise _error(JournalCode.WRONG_LINE, path, line=number, found=repr(line[:60])) from error
     return lines.journal()

@@ -68,7 +68,7 @@ class SetupEntry(JournalEntry):
 
 
 class RecordedEntry(JournalEntry):
-    """A trial was recorded. codes, the reason of its end, are rendered in sentence; older stations wrote no codes."""
+    """A trial was recorded. codes, the reason of its end, are rendered in sentence."""
 
     kind: Literal["recorded"] = "recorded"
     file: FileName

@@ -14,7 +14,6 @@ from documents.plain_data import PlainDataError, read_json, shortened
 from documents.validation import describe_error, faulty_key
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_json import cuffs_json
-from fitting.cuffs.format_0 import as_format_1
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, QUANTITIES, TENSOR, WearableCuff, covariance_of
 from fitting.errors import CodedError
 from fitting.laws.model_class import KELVIN_VOIGT
@@ -98,7 +97,7 @@ def _validated(path: Path, data: Mapping[str, Any]) -> CuffsDocument:
         named: Figures = {"file": str(path), "cuff": shortened(unnamed[0])}
         raise CuffsFileError(FitErrorCode.CUFFS_NAME, named)
     try:
-        return CuffsDocument.model_validate(data if data.get("format") == FORMAT else as_format_1(data))
+        return CuffsDocument.model_validate({"format": FORMAT, **data})
     except ValidationError as error:
         fault: Figures = {"file": str(path), "key": faulty_key(error), "problem": describe_error(error)}
         raise CuffsFileError(FitErrorCode.CUFFS_INVALID, fault) from error

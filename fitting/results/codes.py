@@ -111,7 +111,6 @@ class RejectionCode(StrEnum):
     DAMAGED = "rejected.damaged"
     UNREADABLE = "rejected.unreadable"
     IS_BOUNCE = "rejected.is_bounce"
-    IS_CUFF_TRIAL = "rejected.is_cuff_trial"
     IS_WEARER_TRIAL = "rejected.is_wearer_trial"
     NO_CUFF = "rejected.no_cuff"
     NO_BOUNCE = "rejected.no_bounce"

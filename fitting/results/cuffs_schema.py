@@ -16,7 +16,7 @@ from fitting.results.seal import Standing
 from recordings.manifest import DataOrigin
 
 FORMAT = 1
-"""Version of the file format; 0 is a file without "format". It increases when a key changes its meaning."""
+"""Version of the file format. It increases when a key changes its meaning; a file without one has this one."""
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]

@@ -27,7 +27,6 @@ REJECTIONS: Templates = {
     RejectionCode.DAMAGED: _ONLY_DAMAGE,
     RejectionCode.UNREADABLE: "{problem}",
     RejectionCode.IS_BOUNCE: "{file} is a bounce, which calibrates the load cell; give a trial of a cuff",
-    RejectionCode.IS_CUFF_TRIAL: "{file} is a trial of a cuff; give a bounce",
     RejectionCode.IS_WEARER_TRIAL: ("{file} is a {test} of the wearer and no pull on a cuff; it is for `station ik`"),
     RejectionCode.NO_CUFF: "{file} is a recording without a cuff; give the test a cuff",
     RejectionCode.NO_BOUNCE: "{file} is a recording without a bounce; its manifest has no weight",

@@ -35,15 +35,6 @@ def read_trial(path: Path) -> Trial:
     return trial
 
 
-def read_bounce(path: Path) -> BounceTrial:
-    """Read one bounce. Raises UnusableTrial, or RecordingError if the file is not a recording."""
-    collector = TrackCollector(path)
-    trial = _read(path, open_recording(path, collector.take), collector)
-    if isinstance(trial, Trial):
-        raise UnusableTrial(RejectionCode.IS_CUFF_TRIAL, {"file": path.name})
-    return trial
-
-
 def read_trials(
     paths: Iterable[Path], readings: Mapping[str, TrialReading] = MappingProxyType({})
 ) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:

@@ -55,12 +55,6 @@ def mass_ratios(model: Model) -> Mapping[str, float]:
     return {name: ratio for name, ratio in ratios.items() if not 1.0 / USUAL_RATIO <= ratio <= USUAL_RATIO}
 
 
-def fits_size(body_mass: float, upper_arm: float) -> bool:
-    """Whether a body mass [kg] occurs with an upper arm of this length [m], shoulder to elbow centre."""
-    lowest, highest = usual_masses(upper_arm)
-    return lowest <= body_mass <= highest
-
-
 def usual_masses(upper_arm: float) -> tuple[float, float]:
     """Lowest and highest body mass [kg] that occurs with an upper arm of this length [m]: MOST_DEVIATIONS from the mean
     of ln(mass).

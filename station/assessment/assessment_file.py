@@ -16,7 +16,6 @@ from station.assessment.drawn_postures import PostureEntry
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 from station.assessment.total_json import TotalUncertaintyEntry, with_total_intervals
 from station.errors import StationError
-from station.format_0 import upgrade
 from station.messages.assessment_file_codes import AssessmentFileCode
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
@@ -183,7 +182,6 @@ def read_assessment(path: Path) -> dict[str, Any]:
     if not isinstance(plain, dict):
         raise _refusal(AssessmentFileCode.NOT_AN_OBJECT, path, found=shortened(plain))
     try:
-        plain = upgrade(plain)
         document = AssessmentDocument.model_validate(plain)
     except ValidationError as error:
         raise _refusal(AssessmentFileCode.INVALID_ENTRY, path, reason=describe_error(error)) from error

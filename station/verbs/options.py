@@ -42,23 +42,9 @@ PathMode = Literal["opensim", "geodesic"]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 Side = Literal["child", "parent"]
 Axes = Literal["ground", "child", "parent"]
-
-
-def _path_mode(text: str) -> PathMode:
-    """A PathMode; "faithful" is an older name of "opensim"."""
-    known: dict[str, PathMode] = {"opensim": "opensim", "geodesic": "geodesic", "faithful": "opensim"}
-    if text not in known:
-        raise typer.BadParameter(f"{text!r} is not one of 'opensim', 'geodesic'")
-    return known[text]
-
-
 Paths = Annotated[
     PathMode,
-    typer.Option(
-        parser=_path_mode,
-        metavar="[opensim|geodesic]",
-        help="Muscle paths over surfaces: as in OpenSim, or geodesic (docs/paths.md).",
-    ),
+    typer.Option(help="Muscle paths over surfaces: as in OpenSim, or geodesic (docs/paths.md)."),
 ]
 MotionCutoff = Annotated[
     float | None,

@@ -72,7 +72,6 @@ def rmr(
     static_optimisation: StaticOptimisation = False,
     exponent: EffortExponent = 2,
     glenoid: Glenoid = True,
-    no_no_glenoid: Annotated[bool, typer.Option("--no-no-glenoid", hidden=True)] = False,
     glenoid_aspect: GlenoidAspect = 1.0,
     free_coordinates: Annotated[str, typer.Option(help="Coordinates without tracked acceleration: a,b")] = "",
     joint: Joints = "",
@@ -102,10 +101,10 @@ def rmr(
     beside = {"--every": every > 1, "--static-optimisation": static_optimisation} if tendons == "elastic" else {}
     _ensure_outputs(output, plot)
     _ensure_compatible(actuators, model, beside)
-    joints, cone = names_in(joint), glenoid or no_no_glenoid
-    asked = ensure_effective(context, joints, has_glenoid_cone=cone, static_optimisation=static_optimisation)
+    joints = names_in(joint)
+    asked = ensure_effective(context, joints, has_glenoid_cone=glenoid, static_optimisation=static_optimisation)
     free, wanted = names_in(free_coordinates), ReactionRequest(joints, reaction_on, reaction_in)
-    options = RedundancyOptions(cone, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
+    options = RedundancyOptions(glenoid, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
     options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2, tendons=tendons)
     added, left_out = tuple(actuators or ()), tuple(leave_out or ())
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, left_out, added)

@@ -10,9 +10,7 @@ from tests.house.sources import SOURCES, name_of, nodes_of
 NAME = "effective_config"
 ALLOWED = {
     "recordings/manifest.py": "declares it",
-    "recordings/older_manifest.py": "reads settings of older recordings into typed fields",
     "station/files/replay.py": "replays with it",
-    "station/fit.py": "hands it to older_manifest for an assignment of an older journal",
     "station/live/replay.py": "replays with it",
     "station/manifest.py": "writes it",
 }

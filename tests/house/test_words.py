@@ -82,8 +82,6 @@ PAGE_PHRASES = {
     "what the law leaves": "residual",
 }
 """Phrase that no page of the documentation may have → the replacement."""
-STILL_READ = {("station/verbs/options.py", "faithful")}
-"""Where a replaced name is still accepted: as a value of an option."""
 
 EMPTY_NOUNS = {"each", "words", "said", "way", "ways"}
 """Names that do not describe a value."""
@@ -108,7 +106,7 @@ def test_no_public_class_is_named_twice() -> None:
 def test_a_name_that_was_replaced_is_in_no_source_and_on_no_page(old: str) -> None:
     found = {name_of(path) for path in SOURCES if old in _names(path) or _is_a_value(old, path)}
     pages = {name_of(path) for path in PAGES if re.search(rf"`[^`\n]*\b{old}\b[^`\n]*`", text_of(path))}
-    assert {file for file in found | pages if (file, old) not in STILL_READ} - _documenting(old) == set(), GIVEN_UP[old]
+    assert found | pages == set(), GIVEN_UP[old]
 
 
 @pytest.mark.parametrize("phrase", PHRASES)
@@ -134,8 +132,3 @@ def test_no_value_is_named_by_an_empty_noun(folder: str) -> None:
 
 def _is_a_value(old: str, path: Path) -> bool:
     return re.search(rf"[\"']{old}[\"']", text_of(path)) is not None
-
-
-def _documenting(old: str) -> set[str]:
-    """The pages that document a replaced value that is still accepted."""
-    return {"docs/paths.md", "docs/redundancy.md"} if old == "faithful" else set()

@@ -40,29 +40,23 @@ SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
 ENDED = Message(TrialCode.CAPTURE_ENDED)
 TRIAL = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, str(ENDED), codes=(ENDED,))
 
-OLDER = (
-    '{"at": "2026-01-01T08:00:00.000+00:00", "kind": "setup", "subject": "P01", "operator": "ab", '
-    '"cuffs": ["hand", "elbow"], "repeats": 3, "has_bounce": true, "number": "1", "step_masses_kg": []}',
-    '{"at": "", "kind": "skipped", "cuff": "hand", "test": "dynamic", "repeat": 1, "donning": "1", "name": "x"}',
-    '{"at": "", "kind": "recorded", "format": 1, "file": "a.mcap", "cuff": "hand", "test": "static", "repeat": 1, '
-    '"donning": "1", "accepted": true, "lost_samples": 0, "sentence": "the mocap capture ended", "origin": "unknown"}',
-)
 PUBLISHED = Path(__file__).parents[2] / "docs" / "schemas" / "session.schema.json"
 HOSTILE = (
     '{"kind": "recorded", "at": "", "format": 1, "file": "a.mcap", "cuff": null, "test": "static", "repeat": 1, '
     '"donning": "1", "accepted": true, "lost_samples": 0, "sentence": "", "codes": [{"code": "dream"}]}',
     "[" * 100_000,
     '{"a":' * 100_000,
-    '{"kind": "setup", "at": "", "subject": "P01", "operator": "a", "cuffs": ["hand"], "repeats": 1000000000}',
-    '{"kind": "setup", "at": "", "subject": "P01", "operator": "a", "cuffs": "hand", "repeats": 3}',
-    '{"kind": "setup", "at": "", "subject": [], "operator": "a", "cuffs": ["hand"], "repeats": 3}',
-    '{"kind": "mark", "at": "", "file": "a.mcap", "number": ' + "7" * 400 + ', "name": ""}',
-    '{"kind": "mark", "at": "", "file": "a.mcap", "number": 1e999, "name": ""}',
-    '{"kind": "verdict", "at": "", "file": "a\\u0000.mcap", "choice": "accept", "reason": ""}',
-    '{"kind": "verdict", "at": "", "file": ["a.mcap"], "choice": "accept", "reason": ""}',
-    '{"kind": "verdict", "at": "", "file": "a.mcap", "choice": "accept", "reason": {}}',
-    '{"kind": "recorded", "at": "", "file": "a.mcap", "cuff": 1, "test": "static", "repeat": "x", "donning": "1", '
-    '"accepted": true, "lost_samples": 0, "sentence": ""}',
+    '{"kind": "setup", "at": "", "format": 1, "subject": "P01", "operator": "a", "cuffs": ["hand"], '
+    '"repeats": 1000000000}',
+    '{"kind": "setup", "at": "", "format": 1, "subject": "P01", "operator": "a", "cuffs": "hand", "repeats": 3}',
+    '{"kind": "setup", "at": "", "format": 1, "subject": [], "operator": "a", "cuffs": ["hand"], "repeats": 3}',
+    '{"kind": "mark", "at": "", "format": 1, "file": "a.mcap", "number": ' + "7" * 400 + ', "name": ""}',
+    '{"kind": "mark", "at": "", "format": 1, "file": "a.mcap", "number": 1e999, "name": ""}',
+    '{"kind": "verdict", "at": "", "format": 1, "file": "a\\u0000.mcap", "choice": "accept", "reason": ""}',
+    '{"kind": "verdict", "at": "", "format": 1, "file": ["a.mcap"], "choice": "accept", "reason": ""}',
+    '{"kind": "verdict", "at": "", "format": 1, "file": "a.mcap", "choice": "accept", "reason": {}}',
+    '{"kind": "recorded", "at": "", "format": 1, "file": "a.mcap", "cuff": 1, "test": "static", "repeat": "x", '
+    '"donning": "1", "accepted": true, "lost_samples": 0, "sentence": ""}',
 )
 """Lines that are whole and are still no entries."""
 
@@ -84,15 +78,6 @@ def test_written_entries_are_read(tmp_path: Path) -> None:
     assert journal.redone == {"a.mcap": "the cuff slipped"}
     assert journal.marks == {"a.mcap": {2: "coughed"}}
     assert journal.donnings == {"hand": 1}
-
-
-def test_lines_of_older_stations_are_read(tmp_path: Path) -> None:
-    """The first two without a format, the last of format 1 without codes."""
-    (tmp_path / JOURNAL_FILE).write_text("".join(f"{line}\n" for line in OLDER))
-    journal = read_journal(tmp_path)
-    assert journal.setup == SETUP and journal.begun == "2026-01-01T08:00:00.000+00:00"
-    assert journal.skipped == {TrialSpec("hand", "dynamic", 1)}
-    assert journal.recorded == (replace(TRIAL, codes=()),)
 
 
 def test_every_line_that_is_written_fits_the_published_schema(tmp_path: Path) -> None:
@@ -215,7 +200,7 @@ def test_a_long_journal_is_read_in_one_pass(tmp_path: Path, monkeypatch: pytest.
     """No line copies those before it: the number of copies is what a journal of a megabyte would be hung by."""
     copies: list[object] = []
     monkeypatch.setattr(journal, "replace", lambda *given, **_: copies.append(given))
-    line = '{"at": "", "kind": "mark", "file": "a.mcap", "number": %d, "name": ""}\n'
+    line = '{"at": "", "kind": "mark", "format": 1, "file": "a.mcap", "number": %d, "name": ""}\n'
     (tmp_path / JOURNAL_FILE).write_text("".join(line % number for number in range(20_000)))
     assert len(read_journal(tmp_path).marks["a.mcap"]) == 20_000
     assert not copies

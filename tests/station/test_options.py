@@ -107,7 +107,5 @@ def test_the_glenoid_has_an_option_for_both_values(
         raise OSError(0, "enough")
 
     monkeypatch.setattr("station.assessment.rmr.solve_muscles", solve)
-    for older in ((), ("--no-no-glenoid",)):
-        station("rmr", "--output", tmp_path / "out.csv", *given, *older)
-        assert requested.pop().has_glenoid_cone == (has_glenoid or bool(older)), "the earlier option is still accepted"
-    assert "--no-no-glenoid" not in station("rmr", "--help").out
+    station("rmr", "--output", tmp_path / "out.csv", *given)
+    assert requested.pop().has_glenoid_cone == has_glenoid

@@ -98,24 +98,6 @@ def test_the_verdict_is_read_from_its_code_and_not_from_its_sentence(tmp_path: P
     assert read.missing == ("damping",)
 
 
-def test_a_file_of_an_older_station_has_its_verdict_as_a_sentence_only(tmp_path: Path) -> None:
-    path = tmp_path / "cuffs.json"
-    path.write_text(
-        """{"cuffs": {"hand": {
-        "stiffness_n_per_m": {"value": 8520}, "damping_n_s_per_m": {"value": null}, "migration_m": {"value": 0.012},
-        "not_identified": {"damping_n_s_per_m": {"value": 400, "standard_error": 300}},
-        "verdict": "damping is not identified: what is not known of the lag between force and markers, times the """
-        """stiffness, leaves too much of it open; record --test bounce, raise daq.sample_rate_hz or start by PFI0",
-        "sources": {"a.mcap": "abc"}}}}""",
-        encoding="utf-8",
-    )
-    read = read_cuffs(path)["hand"]
-    assert read.verdicts == (Verdict.LAG,)
-    assert read.missing == ("damping",)
-    path.write_text(path.read_text(encoding="utf-8").replace("leaves too much", "leaves a lot"), encoding="utf-8")
-    assert read_cuffs(path)["hand"].missing == ("damping",), "for any sentence: the figure is under not_identified"
-
-
 @pytest.mark.parametrize("verdict", [Verdict.SCALE, Verdict.SKIN])
 def test_a_stiffness_that_the_diagnosis_calls_wrong_cannot_be_worn(tmp_path: Path, verdict: Verdict) -> None:
     path = tmp_path / "cuffs.json"
