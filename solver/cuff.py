@@ -43,5 +43,7 @@ def by_site(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameters], list
 def cuff_force(
     stiffness: float, damping: float, displacement: NDArray[np.float64], velocity: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Force [N] of a cuff displaced by x [m] at ẋ [m/s], any shape: F = k x + c ẋ."""
+    """Force [N] of a cuff displaced by x [m] at ẋ [m/s], any shape: F = k x + c ẋ, (1) and (7) of the source
+    study (docs/architecture.md).
+    """
     return stiffness * displacement + damping * velocity

@@ -79,7 +79,8 @@ class DampingFit:
 
 
 def fit_damping(pull: Pull, tie: Estimate | None = None) -> DampingFit:
-    """c of the pull of a dynamic trial. Raises UnusableTrial if it cannot be identified.
+    """c of the pull of a dynamic trial: (1), (3) and (4) of the source study, F = k x + c ẋ, without differences of
+    noisy frames. Raises UnusableTrial if it cannot be identified.
 
     tie is the static stiffness, given if the lag is too uncertain to determine c: a lag changes the phase of the
     complex stiffness k + iωc but not its magnitude, which together with a known k determines c.

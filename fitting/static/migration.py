@@ -18,7 +18,7 @@ RECOVERY_SD = 0.3
 
 
 def fit_migration(trials: Sequence[Sequence[Plateau]], creep: Creep | None = None) -> Estimate | None:
-    """Migration [m] over static trials in time order, all relative to one reference posture.
+    """Migration [m] over static trials in time order, all relative to one reference posture: (5) of the source study.
 
     creep is that of the same trials. None if the first trial does not start unloaded or the last does not end unloaded.
     """

@@ -84,7 +84,8 @@ class StiffnessFit:
 def fit_stiffness(
     trials: Sequence[Sequence[Plateau]], gain_sd: float, drift_sd: float = 0.0, *, creeps: bool = False
 ) -> StiffnessFit:
-    """k of one donning from the plateaus of its static trials in time order.
+    """k of one donning from the plateaus of its static trials in time order: (2) of the source study, F = k x, with an
+    offset for every part of a trial between slips.
 
     gain_sd is the relative standard uncertainty of the load cell's scale, drift_sd [N/s] that of the drift of its zero.
     creeps states that deviations from the line are creep, not slip.

@@ -4,10 +4,11 @@ With x = (activations a of the muscles, controls r of the actuators), in each fr
 
     minimise  Σ w aᵖ + Σ w r²   subject to   A x = q̈ − q̈₀,   lower ≤ x ≤ upper,   F₀ + A_F x in the glenoid's cone
 
-where p is 2 and q̈₀ and F₀ are accelerations and glenohumeral reaction at x = 0. Bounds follow the activation dynamics
-from one frame to the next. A has rank 14 in 17 rows: the acromioclavicular constraint determines three combinations of
-accelerations, which no muscle changes. The projection of q̈ − q̈₀ onto the column space of A is satisfied; the rest is
-reported per frame as the equality residual.
+with p = 2; q̈₀ and F₀ are accelerations and glenohumeral reaction at x = 0. The effort is (10), the constraints are (11)
+of the source study (docs/architecture.md). Bounds follow the activation dynamics from one frame to the next. A has rank
+14 in 17 rows: the acromioclavicular constraint determines three combinations of accelerations, which no muscle changes.
+The projection of q̈ − q̈₀ onto the column space of A is satisfied; the rest is reported per frame as the equality
+residual.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class RedundancyProblem:
     activation_limits: Array | None = None
 
     def effort_of(self, controls: Array) -> Array:
-        """Terms of the effort of x (…, controls), or of its muscles alone: w aᵖ, then w r² of the actuators."""
+        """Terms of the effort of x (…, controls), or of its muscles alone: w aᵖ, then w r² of the actuators; (10)."""
         terms: Array = self.weights[: controls.shape[-1]] * controls**2
         if self.exponent == 3:
             muscles = self.time_constants.shape[1]

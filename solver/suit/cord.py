@@ -3,6 +3,8 @@
 In every frame cord tension and cuff stiffness are in quasi-static equilibrium; the damping force of a cuff is added. A
 migrated cuff has another rest position: closer to the shoulder along the line of pull, which slackens the cord by the
 migration and does not move its line, or along the bone.
+
+(6) to (9) are equations of the source study (docs/architecture.md).
 """
 
 from __future__ import annotations
@@ -163,7 +165,7 @@ def suit_forces(
 
 
 def _velocity(suit: Suit, line: CordLine, travel: Array, direction: Array, chosen: slice) -> Array:
-    """Velocity of the cuffs relative to their bodies, in ground, from differences between neighbouring frames."""
+    """Velocity of the cuffs relative to their bodies, in ground, from differences between neighbouring frames; (9)."""
     frames = np.arange(len(line.shoulder))
     before = np.maximum(frames - 1, 0)[chosen]
     after = frames[chosen] if suit.rate == "backward" else np.minimum(frames + 1, frames[-1])[chosen]
@@ -186,7 +188,7 @@ def _ensure_before_the_bend(suit: Suit, migration: Array, reach: Array) -> None:
 
 
 def _equilibrium(reach: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
-    """Travel q (rest lengths, frames, 2) of both cuffs along the cord, where k q = T; reach (frames, 2) to the
+    """Travel q (rest lengths, frames, 2) of both cuffs along the cord, where k q = T, (8); reach (frames, 2) to the
     shoulder.
 
     A cuff with the same stiffness in all directions moves along the cord, so cord and cuffs are springs in series:
@@ -213,7 +215,7 @@ def _equilibrium(reach: Array, cord_stiffness: float, rest_length: Array, cuff_s
 
 
 def _cord_tension(suit: Suit, length: Array, rest_length: Array, interval: float) -> Array:
-    """Spring and damper in parallel; zero while the cord is slack, never negative."""
+    """Spring and damper in parallel, (6); zero while the cord is slack, never negative."""
     stretch = length - rest_length
     rate = _rate(length, interval, suit.rate)
     taut: Array = np.where(stretch > 0, np.maximum(suit.stiffness * stretch + suit.damping * rate, 0.0), 0.0)

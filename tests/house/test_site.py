@@ -46,7 +46,8 @@ def test_the_front_page_shows_pictures_a_table_and_ten_lines_of_python_before_an
 
 
 def test_the_picture_of_the_layout_is_the_tree() -> None:
-    picture = README[README.index("\n    station/  ") : README.index("\n`drivers/simulators`")]
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    picture = page[page.index("\n    station/  ") : page.index("\n`drivers/simulators`")]
     top, drawn = "", set()
     for line in filter(str.strip, picture.splitlines()):
         for place, name in ((match.start(), match[1]) for match in re.finditer(r"(?<![\w/.])([\w-]+)/(?=\s|$)", line)):
@@ -63,10 +64,12 @@ def test_the_picture_of_the_layout_is_the_tree() -> None:
     assert {name for name in folders if not name.startswith("tests/") and "__pycache__" not in name} <= drawn
 
 
-def test_every_page_of_the_front_page_is_there_and_every_page_is_listed() -> None:
-    listed = set(re.findall(r"^    (docs/[\w./-]+|[\w/]+\.md|[\w]+\.toml|benchmarks/)  ", README, re.M))
-    assert {name for name in listed if not (ROOT / name).exists()} == set()
-    assert {f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")} - listed == {"docs/index.md"}
+def test_every_file_that_the_front_page_links_to_exists_and_every_command_is_explained() -> None:
+    linked = [target for target in re.findall(r"\]\(([^)]+)\)", README) if "://" not in target]
+    assert len(linked) > 10 and [target for target in linked if not (ROOT / target).exists()] == []
+    explained = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^    station (\w+)", README, re.M)
+    assert len(shown) == 5 and all(f"\n    station {verb} " in explained for verb in shown)
 
 
 def test_every_file_that_a_page_names_exists() -> None:

@@ -1,4 +1,4 @@
-"""Every example of the README is run, in its order, as a reader would: beside a copy of station.toml."""
+"""Every command of docs/commands.md, then of the README, is run in its order, in a folder with station.toml."""
 
 from __future__ import annotations
 
@@ -44,13 +44,15 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
 
 def examples() -> list[list[str]]:
-    """The words of every indented line that begins with `station`, without its comment."""
-    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
-    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("    station ")]
+    """The arguments of every indented line that begins with `station`, without its comment; a repeated line once."""
+    pages = (ROOT / "docs" / "commands.md", ROOT / "README.md")
+    lines = [line for page in pages for line in page.read_text(encoding="utf-8").splitlines()]
+    commands = (tuple(shlex.split(line, comments=True)[1:]) for line in lines if line.startswith("    station "))
+    return [list(command) for command in dict.fromkeys(commands)]
 
 
 class Desk:
-    """A folder to work in, with the README's configuration at ports that are free."""
+    """A folder to work in, with the project's configuration at ports that are free."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -73,14 +75,14 @@ class Desk:
         assert ran.returncode == FAILED and code in ran.stderr, f"station {shlex.join(words)}: {ran.stderr}"
 
     def _ended(self, words: list[str]) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(  # noqa: S603  (the README's own words)
+        return subprocess.run(  # noqa: S603  (commands of the page)
             self._words(words), check=False, cwd=self.folder, capture_output=True, text=True, env=plain_environment()
         )
 
     @contextmanager
     def running(self, words: list[str], until: str) -> Iterator[subprocess.Popen[str]]:
         """One that serves until it is ended; yields it when it has said that it does."""
-        child = subprocess.Popen(  # noqa: S603  (the README's own words)
+        child = subprocess.Popen(  # noqa: S603  (commands of the page)
             self._words(words),
             cwd=self.folder,
             stdin=subprocess.PIPE,
@@ -126,7 +128,7 @@ def wait_for(child: subprocess.Popen[str], words: str) -> None:
 
 
 def hang(simulator: subprocess.Popen[str], mass_kg: str) -> None:
-    """What the README says to type in the simulator's terminal."""
+    """What the page says to type in the simulator's terminal."""
     assert simulator.stdin is not None
     simulator.stdin.write(f"hang {mass_kg}\n")
     simulator.stdin.flush()
@@ -150,7 +152,7 @@ def plain_environment() -> dict[str, str]:
     return {**kept, "BROWSER": "true", "MPLBACKEND": "agg"}
 
 
-def test_every_example_of_the_readme_runs_in_its_order(tmp_path: Path) -> None:
+def test_every_command_of_the_page_runs_in_its_order(tmp_path: Path) -> None:
     desk = Desk(tmp_path)
     with ExitStack() as devices:
         for words in examples():
