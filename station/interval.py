@@ -37,16 +37,15 @@ def bracketed(
     """
     if ci95 is None or not has_width(ci95):
         return shown(scale * value, digits)
-    if is_limited and digits_of(ci95, scale) > digits:
-        low, high = (shown(end, digits) for end in sorted(scale * end for end in ci95))
-        if low == high:
-            return shown(scale * value, digits)
-    else:
-        low, high = between(ci95, scale, digits).split(" to ")
-        digits = digits_of(ci95, scale, digits)
+    decimals = digits_of(ci95, scale, digits)
+    if is_limited:
+        decimals = min(decimals, digits)
+    low, high = (shown(end, decimals) for end in sorted(scale * end for end in ci95))
+    if low == high:
+        return shown(scale * value, decimals)
     below, above = "≤" * (censored in ("low", "both")), "≥" * (censored in ("high", "both"))
     ends = f"{below}{low} to {above}{high}".replace(" ", UNBROKEN)
-    return f"{shown(scale * value, digits)} ({ends})"
+    return f"{shown(scale * value, decimals)} ({ends})"
 
 
 def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,10 +91,11 @@ def _refuse_high_start(
 ) -> None:
     """Refuse a line that starts high: inverted if it is low only once, otherwise the capture was already running."""
     figures = {"level_v": float(level[0]), "threshold_v": threshold}
-    gaps = [float(time[after.first] - time[before.after or 0]) for before, after in pairwise(pulses)]
-    if len(gaps) == 1 and pulses[1].after is None:
-        fell = float(time[pulses[0].after or 0])
-        raise UnusableTrial(RejectionCode.SYNC_INVERTED, {**figures, "gap_s": gaps[0], "fell_s": fell})
+    first, *later = pulses
+    if first.after is not None and len(later) == 1 and later[0].after is None:
+        fell = float(time[first.after])
+        gap = float(time[later[0].first]) - fell
+        raise UnusableTrial(RejectionCode.SYNC_INVERTED, {**figures, "gap_s": gap, "fell_s": fell})
     raise UnusableTrial(RejectionCode.SYNC_STARTS_HIGH, figures)
 
 

@@ -63,6 +63,8 @@ class SyncLine:
 
         An edge within GLITCH_NS of the end of a block is returned with the next block.
         """
+        if not len(samples.device_time_ns):
+            return []
         settled: list[Edge] = []
         for edge in self._crossings(samples):
             before, self._unsettled = self._unsettled, edge
@@ -71,8 +73,7 @@ class SyncLine:
                 self._unsettled = None
             elif before is not None:
                 settled.append(before)
-        latest_ns = int(samples.device_time_ns[-1]) if len(samples.device_time_ns) else 0
-        if self._unsettled is not None and latest_ns - self._unsettled.device_time_ns >= GLITCH_NS:
+        if self._unsettled is not None and samples.device_time_ns[-1] - self._unsettled.device_time_ns >= GLITCH_NS:
             settled.append(self._unsettled)
             self._unsettled = None
         return settled
@@ -80,8 +81,6 @@ class SyncLine:
     def _crossings(self, samples: Samples) -> list[Edge]:
         """Crossings of the threshold in this block, also one between the previous block and this one."""
         volts = samples.values[:, 0].astype(np.float64)
-        if not len(volts):
-            return []
         before = np.concatenate(([volts[0] if self.level_v is None else self.level_v], volts[:-1]))
         crossings = np.flatnonzero((before >= self.threshold_v) != (volts >= self.threshold_v))
         self.level_v = float(volts[-1])

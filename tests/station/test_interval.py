@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
+from fitting.cuffs.wearable_cuff import WearableCuff
 from fitting.results.codes import Verdict
 from fitting.uncertainty import Estimate
-from station.interval import between, bracketed, digits_of, of_cuff, plus_minus
+from station.interval import between, bracketed, digits_of, has_width, of_cuff, plus_minus
 
 
 def test_an_interval_has_two_digits_of_its_half_width() -> None:
@@ -30,18 +32,66 @@ def test_a_half_width_that_rounds_up_to_the_next_power_of_ten_has_no_third_figur
 def test_a_scale_is_applied_before_rounding_and_a_negative_one_swaps_the_ends() -> None:
     assert bracketed(0.012224, (0.012183, 0.012265), 1e3) == "12.224 (12.183\u00a0to\u00a012.265)"
     assert between((-0.3, -0.1), -1.0) == "0.10 to 0.30"
+    assert digits_of((-0.09, 0.09)) == 3 and digits_of((-0.09, 0.09), 10.0) == 2
 
 
-def test_without_a_width_the_number_has_the_requested_digits() -> None:
-    assert bracketed(0.8703, None, digits=3) == "0.870"
-    assert bracketed(0.8703, (0.8703, math.nextafter(0.8703, 1.0)), digits=3) == "0.870"
-    assert digits_of((-math.inf, math.inf), otherwise=1) == 1
+@pytest.mark.parametrize("write", [bracketed, plus_minus])
+@pytest.mark.parametrize("ci95", [None, (4.8703, 4.8703), (4.8703, math.nextafter(4.8703, 5.0))])
+def test_without_a_width_the_number_has_the_requested_digits(
+    write: Callable[..., str], ci95: tuple[float, float] | None
+) -> None:
+    assert write(4.8703, ci95) == "5"
+    assert write(4.8703, ci95, 10.0, digits=3) == "48.703"
+    assert digits_of(ci95) == 0 and digits_of(ci95, otherwise=3) == 3
+
+
+@pytest.mark.parametrize(
+    ("ends", "is_wide"),
+    [((0.0, 0.0), False), ((0.0, 1e-15), True), ((-2.0, -2.0 + 1.8e-12), False), ((-2.0, -2.0 + 2.2e-12), True)],
+)
+def test_a_width_of_rounding_errors_is_none(ends: tuple[float, float], is_wide: bool) -> None:
+    assert has_width(ends) is is_wide
+
+
+@pytest.mark.parametrize("ends", [(-math.inf, math.inf), (0.0, math.inf)])
+def test_an_endless_interval_has_the_requested_digits(ends: tuple[float, float]) -> None:
+    assert digits_of(ends, otherwise=3) == 3
+    assert between((5.0, math.inf)) == "5 to inf"
+
+
+@pytest.mark.parametrize(
+    ("ci95", "text"),
+    [
+        ((0.8612, 0.8791), "87.0 (86.1\u00a0to\u00a087.9)"),
+        ((0.6013, 1.1387), "87 (60\u00a0to\u00a0114)"),
+        ((0.86971, 0.87029), "87.0"),
+    ],
+)
+def test_a_limited_number_of_digits_hides_an_interval_that_they_do_not_show(
+    ci95: tuple[float, float], text: str
+) -> None:
+    assert bracketed(0.87, ci95, 100.0, digits=1, is_limited=True) == text
+
+
+@pytest.mark.parametrize(
+    ("censored", "text"),
+    [
+        (None, "0.70 (0.60 to 0.80)"),
+        ("low", "0.70 (≤0.60 to 0.80)"),
+        ("high", "0.70 (0.60 to ≥0.80)"),
+        ("both", "0.70 (≤0.60 to ≥0.80)"),
+    ],
+)
+def test_an_end_that_is_a_bound_has_its_sign(censored: str | None, text: str) -> None:
+    assert bracketed(0.7, (0.6, 0.8), censored=censored).replace("\u00a0", " ") == text
 
 
 def test_both_ends_of_an_interval_are_shown_where_its_halves_differ_in_the_printed_digits() -> None:
     assert plus_minus(0.88, (0.39, 0.97)) == "0.88 (0.39\u00a0to\u00a00.97)"
     assert plus_minus(0.00695, (0.00581, 0.00731), 100.0) == "0.695 (0.581\u00a0to\u00a00.731)"
     assert plus_minus(0.88, (0.7501, 1.0100)) == "0.88 ± 0.13"
+    assert plus_minus(5.0, (1.0, 9.08)) == "5.0 ± 4.0", "the halves differ by 0.08, less than a digit"
+    assert plus_minus(0.0, (-10.0, 11.0)) == "0 ± 10", "by one digit"
 
 
 def test_zero_has_no_sign() -> None:
@@ -54,6 +104,13 @@ def test_a_figure_that_is_not_identified_is_marked() -> None:
     assert of_cuff(fit, "damping", "210 ± 240") == "not identified: 210 ± 240"
     assert of_cuff(fit, "stiffness", "8520 ± 20") == "8520 ± 20"
     assert of_cuff(fit, "migration", "not identified") == "not identified"
+
+
+def test_a_figure_that_was_entered_by_hand_is_marked() -> None:
+    known = Estimate(8520.0, 10.0, (8500.0, 8540.0))
+    cuff = WearableCuff("hand", "arm", "1", known, known, None, (), (), np.zeros((3, 3)), given=("damping",))
+    assert of_cuff(cuff, "damping", "210") == "210 (given by hand)"
+    assert of_cuff(cuff, "stiffness", "8520 ± 20") == "8520 ± 20"
 
 
 def test_negative_numbers_have_a_minus_sign() -> None:

@@ -1,12 +1,26 @@
 """Intervals of draws, also where some have their optimum at the edge of the rest lengths tried."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from solver.suit.quantity import CensoredEnd, EdgeBounds, Quantity, quantity_of_draws
+from solver.suit.quantity import CensoredEnd, EdgeBounds, Quantity, bounds_of, quantity_of_draws
 
 DRAWN = 0.7 + 0.05 * np.random.default_rng(1).standard_normal(2001)
 DRAWN[0] = 0.7
+
+
+@pytest.mark.parametrize(
+    ("fitted", "ci95"),
+    [(0.5, (9.525, 10.475)), (0.0, (10.0, 10.975)), (1.0, (9.025, 10.0))],
+    ids=["around the fitted cuffs", "all draws above", "all draws below"],
+)
+def test_an_interval_holds_95_percent_of_equally_spaced_draws_and_the_value(
+    fitted: float, ci95: tuple[float, float]
+) -> None:
+    found = quantity_of_draws(10.0, np.array([fitted, *np.linspace(0.0, 1.0, 1001)]))
+    assert found.ci95 == pytest.approx(ci95, abs=1e-12) and (found.value, found.censored) == (10.0, None)
 
 
 @pytest.mark.parametrize(
@@ -25,8 +39,40 @@ def test_an_end_beyond_the_lengths_tried_is_a_bound_and_the_other_stays(
     assert found.ci95 == pytest.approx((max(truth.ci95[0], lowest), min(truth.ci95[1], highest)))
 
 
+@pytest.mark.parametrize(
+    ("draws", "at_edge", "is_bound"),
+    [(40, 0, False), (40, 1, True), (41, 1, False), (41, 2, True), (80, 1, False), (80, 2, True), (81, 2, False)],
+)
+@pytest.mark.parametrize(("side", "censored"), [(-1.0, CensoredEnd.LOW), (1.0, CensoredEnd.HIGH)])
+def test_an_end_is_a_bound_if_the_lower_draw_of_its_quantile_is_at_the_edge(
+    draws: int, at_edge: int, is_bound: bool, side: float, censored: CensoredEnd
+) -> None:
+    """The 2.5 % quantile of n draws lies between the draws k and k + 1 with k = ⌊0.025 (n − 1)⌋, counted from 0."""
+    versions, sides = np.linspace(-1.0, 1.0, 1 + draws) * side, np.zeros(1 + draws)
+    versions[1 : 1 + at_edge], sides[1 : 1 + at_edge] = np.nan, side
+    found = quantity_of_draws(0.0, versions, EdgeBounds(np.full(1 + draws, 2.0 * side), sides))
+    assert found.ci95 is not None and found.censored == (censored if is_bound else None)
+
+
 def test_without_bounds_a_draw_without_a_number_leaves_no_interval() -> None:
     versions = DRAWN.copy()
     versions[3] = np.nan
     assert quantity_of_draws(0.7, versions) == Quantity(0.7)
+    assert quantity_of_draws(0.7, None) == Quantity(0.7)
     assert quantity_of_draws(np.nan, DRAWN) == Quantity(None)
+    versions[0] = np.nan
+    assert quantity_of_draws(0.7, versions, EdgeBounds(np.zeros(2001), np.ones(2001))) == Quantity(0.7)
+
+
+@pytest.mark.parametrize(
+    ("name", "sides", "column"),
+    [("rest_length", [-1, 1, 0], 1), ("lowest_cost", [-1, -1, 0], 2), ("to_slack", [1, -1, 0], 3)],
+)
+def test_beyond_the_edge_the_cost_is_lower_and_a_shorter_cord_is_farther_from_slack(
+    name: str, sides: list[int], column: int
+) -> None:
+    table = np.array([[-1.0, 0.5, 0.9, 0.2], [1.0, 0.8, 0.7, 0.0], [0.0, np.nan, np.nan, np.nan]])
+    bounds = bounds_of(SimpleNamespace(bounds=table), name)  # type: ignore[arg-type]
+    assert bounds is not None and bounds.sides.tolist() == sides
+    np.testing.assert_array_equal(bounds.values, table[:, column])
+    assert bounds_of(SimpleNamespace(bounds=table), "cord_force") is None  # type: ignore[arg-type]

@@ -4,62 +4,87 @@ import numpy as np
 import pytest
 
 from recordings.samples import Samples
-from station.bench.sync_line import SyncLine
+from station.bench.sync_line import Edge, SyncLine, wrong_polarity
+from station.messages.codes import TrialCode
+from station.messages.message import Message
+
+MILLISECOND = 1_000_000  # ns between two samples
+THRESHOLD = 2.5
+FELL = Edge(False, 7, 7 * MILLISECOND, 4.9, 0.1)
 
 
 def block(volts: list[float], first: int = 0) -> Samples:
+    """Samples of 1 kHz from the number `first` on."""
     numbers = np.arange(first, first + len(volts), dtype=np.uint64)
-    return Samples("/sync", numbers, numbers.astype(np.int64) * 1_000_000, 0, np.array(volts)[:, None])
+    return Samples("/sync", numbers, numbers.astype(np.int64) * MILLISECOND, 0, np.array(volts)[:, None])
 
 
-LOW, HIGH = [0.0] * 20, [5.0] * 20
+def rise(number: int, from_v: float = 0.0, to_v: float = 5.0, *, is_glitch: bool = False) -> Edge:
+    return Edge(True, number, number * MILLISECOND, from_v, to_v, is_glitch)
 
 
-def test_an_edge_is_at_the_first_sample_beyond_the_threshold() -> None:
-    edges = SyncLine(2.5).update(block([0.0, 0.1, 4.9, *HIGH]))
-    assert [(e.rising, e.sample_number, e.device_time_ns) for e in edges] == [(True, 2, 2_000_000)]
+def fall(number: int, *, is_glitch: bool = False) -> Edge:
+    return Edge(False, number, number * MILLISECOND, 5.0, 0.0, is_glitch)
 
 
-def test_an_edge_between_two_blocks_is_seen_once() -> None:
-    line = SyncLine(2.5)
-    assert line.update(block(LOW)) == []
-    assert [e.sample_number for e in line.update(block(HIGH, first=20))] == [20]
-    assert line.update(block(HIGH, first=40)) == []
-    assert line.is_high
-
-
-def test_a_line_that_starts_high_has_no_rising_edge() -> None:
-    edges = SyncLine(2.5).update(block([5.0, 5.0, *LOW]))
-    assert [e.rising for e in edges] == [False]
+@pytest.mark.parametrize(
+    ("volts", "edges", "has_settled"),
+    [
+        ([0.0, 2.4, THRESHOLD, *[5.0] * 5], [rise(2, 2.4, THRESHOLD)], True),
+        ([0.0, *[5.0] * 5], [], False),
+        ([0.0, *[5.0] * 6], [rise(1)], True),
+        ([0.0, *[5.0] * 4, *[0.0] * 9], [rise(1, is_glitch=True)], True),
+        ([0.0, *[5.0] * 5, *[0.0] * 6], [rise(1), fall(6)], True),
+        ([*[5.0] * 9, 0.0, *[5.0] * 9], [fall(9, is_glitch=True)], True),
+        ([5.0, *[0.0] * 6], [fall(1)], True),
+        ([THRESHOLD, 5.0, THRESHOLD], [], True),
+    ],
+    ids=["rise", "5 ms less a sample", "5 ms", "glitch", "pulse", "dip", "starts high", "at the threshold"],
+)
+def test_a_level_counts_from_5_ms_on_whatever_the_blocks(
+    volts: list[float], edges: list[Edge], has_settled: bool
+) -> None:
+    for size in (1, 3, len(volts)):
+        line = SyncLine(THRESHOLD)
+        starts = range(0, len(volts), size)
+        assert [edge for i in starts for edge in line.update(block(volts[i : i + size], i))] == edges
+        assert line.has_settled is has_settled
+        assert line.level_v == volts[-1] and line.is_high is (volts[-1] >= THRESHOLD)
 
 
 def test_an_empty_block_changes_nothing() -> None:
-    line = SyncLine(2.5)
-    assert line.update(block([])) == [] and line.level_v is None
-
-
-@pytest.mark.parametrize("before_the_end", [1, 2, 3])
-def test_a_spike_across_two_blocks_is_a_glitch(before_the_end: int) -> None:
-    line = SyncLine(2.5)
-    assert line.update(block([*LOW, *[5.0] * before_the_end])) == [], "it may still last"
-    edges = line.update(block([5.0] * (3 - before_the_end) + LOW, first=20 + before_the_end))
-    assert [(e.rising, e.sample_number, e.is_glitch) for e in edges] == [(True, 20, True)]
-
-
-def test_an_edge_at_the_end_of_a_block_is_returned_with_the_next_block() -> None:
-    line = SyncLine(2.5)
-    assert line.update(block([*LOW, 5.0])) == []
-    assert [(e.rising, e.sample_number, e.is_glitch) for e in line.update(block(HIGH, first=21))] == [(True, 20, False)]
-
-
-def test_a_dip_of_a_high_line_is_a_glitch_and_ends_nothing() -> None:
-    line = SyncLine(2.5)
-    edges = line.update(block([*HIGH, 0.0, 0.0, *HIGH]))
-    assert [(e.rising, e.sample_number, e.is_glitch) for e in edges] == [(False, 20, True)]
+    line = SyncLine(THRESHOLD)
+    assert line.update(block([])) == [] and line.level_v is None and not line.is_high
+    line.update(block([0.0, 5.0]))
+    assert line.update(block([])) == [] and line.is_high and not line.has_settled
 
 
 def test_edges_at_a_low_sample_rate_are_not_glitches() -> None:
-    numbers = np.arange(6, dtype=np.uint64)
-    volts = np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
-    slow = Samples("/sync", numbers, numbers.astype(np.int64) * 50_000_000, 0, volts[:, None])
-    assert [(e.rising, e.is_glitch) for e in SyncLine(2.5).update(slow)] == [(True, False), (False, False)]
+    samples = block([0.0, 5.0, 0.0])
+    slow = Samples("/sync", samples.sample_numbers, samples.device_time_ns * 50, 0, samples.values)
+    line = SyncLine(THRESHOLD)
+    assert [(edge.rising, edge.is_glitch) for edge in line.update(slow)] == [(True, False)]
+    assert not line.has_settled
+
+
+@pytest.mark.parametrize(
+    ("volts", "fell", "message"),
+    [
+        ([0.2], FELL, Message(TrialCode.NO_SYNC_EDGE_FELL, {"timeout_s": 30.0, "from_v": 4.9, "to_v": 0.1})),
+        ([], None, Message(TrialCode.NO_SYNC_EDGE_NO_SAMPLES, {"timeout_s": 30.0})),
+        ([4.8], None, Message(TrialCode.NO_SYNC_EDGE_HIGH, {"timeout_s": 30.0, "level_v": 4.8, "threshold_v": 2.5})),
+        ([0.2], None, Message(TrialCode.NO_SYNC_EDGE_LOW, {"timeout_s": 30.0, "level_v": 0.2, "threshold_v": 2.5})),
+    ],
+    ids=["fell", "no samples", "high", "low"],
+)
+def test_a_missing_edge_is_reported_with_what_the_line_did(
+    volts: list[float], fell: Edge | None, message: Message[TrialCode]
+) -> None:
+    line = SyncLine(THRESHOLD)
+    line.update(block(volts))
+    assert line.missing_edge(30.0, fell) == message
+    assert str(message)
+
+
+def test_a_falling_edge_in_place_of_a_rising_one_is_reported_with_its_levels() -> None:
+    assert wrong_polarity(FELL) == Message(TrialCode.WRONG_POLARITY, {"from_v": 4.9, "to_v": 0.1})

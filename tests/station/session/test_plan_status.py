@@ -6,73 +6,111 @@ from pathlib import Path
 import pytest
 
 from station.journal import Decision, Journal, Recorded, Setup
-from station.session.plan_status import PlanStatus, plan_status, preparation, redo_loses_migration
+from station.protocol import TrialSpec
+from station.session.plan_status import (
+    PlanStatus,
+    is_donned_without_trial,
+    plan_status,
+    preparation,
+    redo_loses_migration,
+)
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 2, has_bounce=False)
+ONE_CUFF = replace(SETUP, cuffs=("hand",))
+WEARER = replace(SETUP, cuffs=("hand",), repeats=1, conditions=("unsuited", "slack", "tight", "mvc"))
 ACCEPT, REDO = Decision("accept", ""), Decision("redo", "slipped")
 
 
-def recorded(cuff: str, test: str, repeat: int, donning: str = "1", run: int = 1) -> Recorded:
+def recorded(cuff: str | None, test: str, repeat: int = 1, donning: str = "1", run: int = 1) -> Recorded:
     return Recorded(f"{cuff}-{test}-{repeat}-{donning}-{run}.mcap", cuff, test, repeat, donning, True, 0, "")
+
+
+def accepted(setup: Setup, count: int) -> list[tuple[Recorded, Decision | None]]:
+    """An accepted recording of each of the first trials of a plan."""
+    plan = plan_status(setup, Journal(setup), Path())
+    return [
+        (replace(recorded(spec.cuff, spec.test, spec.repeat), file=f"{i}.mcap", condition=spec.condition), ACCEPT)
+        for i, spec in enumerate(plan.trials[:count])
+    ]
 
 
 @pytest.fixture
 def session(tmp_path: Path):
     """Where a session stands after these recordings, each with its verdict or None."""
 
-    def stand(
-        *made: tuple[Recorded, Decision | None], setup: Setup = SETUP, donnings: dict[str, int] | None = None
-    ) -> PlanStatus:
+    def stand(*made: tuple[Recorded, Decision | None], setup: Setup = SETUP, **changes: object) -> PlanStatus:
         for trial, _ in made:
             (tmp_path / trial.file).touch()
         verdicts = {trial.file: verdict for trial, verdict in made if verdict is not None}
-        journal = Journal(setup, tuple(trial for trial, _ in made), verdicts, donnings=donnings or {})
+        journal = replace(Journal(setup, tuple(trial for trial, _ in made), verdicts), **changes)
         return plan_status(setup, journal, tmp_path)
 
     return stand
 
 
-def names(plan: PlanStatus) -> list[str]:
-    return [f"{trial.cuff} {trial.test} {trial.repeat}" for trial in plan.trials]
-
-
-def test_the_plan_is_in_the_order_of_the_cuffs_static_before_dynamic(session) -> None:
-    plan = session()
-    assert names(plan)[:4] == ["hand static 1", "hand dynamic 1", "hand static 2", "hand dynamic 2"]
-    assert len(plan.trials) == 8 and plan.done == frozenset()
-    assert plan.spec == plan.trials[0]
-    assert plan.is_new_cuff and not plan.has_pause
-
-
-def test_a_bounce_comes_first_and_needs_no_donning(session) -> None:
-    plan = session(setup=replace(SETUP, has_bounce=True))
-    assert plan.spec is not None and plan.spec.test == "bounce" and plan.spec.cuff is None
-    assert not plan.is_new_cuff and not plan.has_pause
+@pytest.mark.parametrize(
+    ("setup", "done", "title", "prepared"),
+    [
+        (
+            replace(SETUP, has_bounce=True),
+            0,
+            "bounce calibration",
+            "Hang the calibration weight on its spring under the load cell",
+        ),
+        (SETUP, 0, "hand, static, repeat 1", "Don the hand cuff, rope slack"),
+        (ONE_CUFF, 0, "hand, static, repeat 1", "Don the hand cuff, rope slack"),
+        (SETUP, 1, "hand, dynamic, repeat 1", "Rope slack, wearer at ease"),
+        (SETUP, 2, "hand, static, repeat 2", "Let the wearer rest for 60 s"),
+        (SETUP, 3, "hand, dynamic, repeat 2", "Rope slack, wearer at ease"),
+        (SETUP, 4, "elbow, static, repeat 1", "Don the elbow cuff, rope slack"),
+        (SETUP, 8, None, "The plan is complete"),
+        (WEARER, 0, "pose", "Wearer without the suit, all markers on: stand upright, arm hanging"),
+        (WEARER, 1, "motion, without the suit", "Wearer without the suit, all markers on; wearer at ease, arm hanging"),
+        (
+            WEARER,
+            2,
+            "motion, maximal contraction",
+            "Fix the arm for a maximal voluntary contraction; wearer at ease, arm hanging",
+        ),
+        (WEARER, 5, "motion, suit, cord slack", "Don the suit, cord slack; wearer at ease, arm hanging"),
+        (WEARER, 6, "motion, suit, cord tight", "Tighten the cord of the suit; wearer at ease, arm hanging"),
+    ],
+)
+def test_the_next_trial_and_its_preparation_follow_the_order_of_the_plan(
+    session, setup: Setup, done: int, title: str | None, prepared: str
+) -> None:
+    plan = session(*accepted(setup, done), setup=setup)
+    assert plan.done == frozenset(plan.trials[:done]) and plan.undecided is None
+    assert plan.spec == (plan.trials[done] if title else None)
+    assert (plan.spec and plan.spec.title) == title
+    assert preparation(plan, 60.0) == prepared
+    assert plan.is_new_cuff is prepared.endswith("rope slack") and plan.has_pause is prepared.startswith("Let ")
 
 
 def test_a_recording_waits_for_its_decision(session) -> None:
-    trial = recorded("hand", "static", 1)
+    trial = recorded("hand", "static")
     plan = session((trial, None))
     assert plan.undecided == trial
     assert plan.done == frozenset()
 
 
-def test_accepted_trials_are_done_and_the_wearer_rests_between_repeats(session) -> None:
-    made = [(recorded("hand", test, 1), ACCEPT) for test in ("static", "dynamic")]
-    plan = session(*made)
-    assert plan.undecided is None and len(plan.done) == 2
-    assert plan.spec == plan.trials[2]
-    assert plan.has_pause and not plan.is_new_cuff
-
-
 def test_a_redone_trial_is_next_until_it_is_accepted(session) -> None:
-    first = (recorded("hand", "static", 1), REDO)
+    first = (recorded("hand", "static"), REDO)
     assert session(first).spec == session(first).trials[0]
-    assert session(first, (recorded("hand", "static", 1, run=2), ACCEPT)).spec == session().trials[1]
+    assert session(first, (recorded("hand", "static", run=2), ACCEPT)).spec == session().trials[1]
+
+
+def test_a_skipped_trial_is_not_next_and_counts_as_skipped_until_it_is_recorded(session) -> None:
+    first, second, *_ = session().trials
+    skipped = frozenset({first, TrialSpec("forearm", "static", 1, donning="1")})
+    plan = session(skipped=skipped)
+    assert (plan.skipped, plan.spec) == ({first}, second)
+    plan = session((recorded("hand", "static"), ACCEPT), skipped=skipped)
+    assert (plan.skipped, plan.done) == (frozenset(), {first})
 
 
 def test_a_cuff_donned_anew_starts_its_repeats_anew(session) -> None:
-    plan = session((recorded("hand", "static", 1), ACCEPT), donnings={"hand": 1})
+    plan = session((recorded("hand", "static"), ACCEPT), donnings={"hand": 1})
     assert plan.done == frozenset()
     assert plan.spec is not None and (plan.spec.donning, plan.spec.test) == ("2", "static")
     assert plan.is_new_cuff
@@ -80,61 +118,61 @@ def test_a_cuff_donned_anew_starts_its_repeats_anew(session) -> None:
 
 
 def test_a_recording_whose_file_is_missing_does_not_count(session, tmp_path: Path) -> None:
-    trial = recorded("hand", "static", 1)
+    trial = recorded("hand", "static")
     session((trial, ACCEPT))
     (tmp_path / trial.file).unlink()
     journal = Journal(SETUP, (trial,), {trial.file: ACCEPT})
     assert plan_status(SETUP, journal, tmp_path).done == frozenset()
 
 
-def test_the_next_cuff_is_a_new_one(session) -> None:
-    made = [(recorded("hand", test, repeat), ACCEPT) for repeat in (1, 2) for test in ("static", "dynamic")]
-    plan = session(*made)
-    assert plan.spec is not None and plan.spec.cuff == "elbow"
-    assert plan.is_new_cuff and not plan.has_pause
-
-
-def test_after_the_last_trial_there_is_no_next_one(session) -> None:
-    setup = replace(SETUP, cuffs=("hand",), repeats=1)
-    made = [(recorded("hand", test, 1), ACCEPT) for test in ("static", "dynamic")]
-    plan = session(*made, setup=setup)
-    assert plan.spec is None and len(plan.done) == 2
+def test_a_motion_is_done_in_its_condition_only(session) -> None:
+    setup = replace(WEARER, cuffs=(), conditions=("unsuited", "slack"))
+    pose, _, slack = accepted(setup, 3)
+    plan = session(pose, slack, setup=setup)
+    assert {(trial.test, trial.condition) for trial in plan.done} == {("pose", None), ("motion", "slack")}
+    assert plan.spec is not None and plan.spec.condition == "unsuited"
 
 
 def test_only_a_redo_of_the_first_static_trial_of_a_donning_loses_migration() -> None:
-    first, dynamic, second = (
-        recorded("hand", "static", 1),
-        recorded("hand", "dynamic", 1),
+    trials = (
+        recorded("hand", "static"),
+        recorded("hand", "dynamic"),
         recorded("hand", "static", 2),
+        recorded("hand", "static", donning="2"),
+        recorded(None, "static"),
     )
-    other = recorded("hand", "static", 1, donning="2")
-    journal = Journal(SETUP, (first, dynamic, second, other))
-    assert [redo_loses_migration(trial, journal) for trial in journal.recorded] == [True, False, False, True]
-    assert not redo_loses_migration(recorded("hand", "static", 1, run=2), journal), "lost already"
+    journal = Journal(SETUP, trials)
+    assert [redo_loses_migration(trial, journal) for trial in trials] == [True, False, False, True, False]
+    assert not redo_loses_migration(recorded("hand", "static", run=2), journal), "lost already"
 
 
-def test_the_wearers_trials_are_planned_around_the_cuffs(session) -> None:
-    setup = replace(SETUP, cuffs=("hand",), repeats=1, conditions=("unsuited", "slack", "tight"))
-    plan = session(setup=setup)
-    assert [trial.title for trial in plan.trials] == [
-        "pose",
-        "motion, without the suit",
-        "hand, static, repeat 1",
-        "hand, dynamic, repeat 1",
-        "motion, suit, cord slack",
-        "motion, suit, cord tight",
-    ]
-    assert not plan.is_new_cuff and preparation(plan, 60.0).startswith("Wearer without the suit")
-
-
-def test_a_motion_is_done_in_its_condition_only(session) -> None:
-    setup = replace(SETUP, cuffs=(), conditions=("unsuited", "slack", "tight"))
-    pose = Recorded("pose.mcap", None, "pose", 1, "1", True, 0, "")
-    slack = Recorded("slack.mcap", None, "motion", 1, "1", True, 0, "", condition="slack")
-    plan = session((pose, ACCEPT), (slack, ACCEPT), setup=setup)
-    assert {(trial.test, trial.condition) for trial in plan.done} == {("pose", None), ("motion", "slack")}
-    assert plan.spec is not None and plan.spec.condition == "unsuited" and not plan.has_pause
-    assert preparation(plan, 60.0).startswith("Wearer without the suit")
-    plan = session((pose, ACCEPT), (replace(slack, file="unsuited.mcap", condition="unsuited"), ACCEPT), setup=setup)
-    assert plan.spec is not None and plan.spec.condition == "slack"
-    assert preparation(plan, 60.0) == "Don the suit, cord slack; wearer at ease, arm hanging"
+@pytest.mark.parametrize(
+    ("decision", "donnings", "trial", "later", "is_donned"),
+    [
+        (REDO, 1, recorded("hand", "static"), None, True),
+        (REDO, 2, recorded("hand", "static", donning="2"), recorded("hand", "static"), True),
+        (REDO, 1, recorded("hand", "static"), recorded("elbow", "static", donning="2"), True),
+        (REDO, 1, recorded("hand", "static"), recorded("hand", "static", donning="2"), False),
+        (REDO, 0, recorded("hand", "static"), None, False),
+        (REDO, 2, recorded("hand", "static"), None, False),
+        (ACCEPT, 1, recorded("hand", "static"), None, False),
+        (REDO, 1, recorded(None, "bounce"), None, False),
+    ],
+    ids=[
+        "donned anew",
+        "donned anew twice",
+        "another cuff recorded since",
+        "recorded since",
+        "not donned anew",
+        "donned anew later",
+        "accepted",
+        "no cuff",
+    ],
+)
+def test_a_cuff_is_donned_without_a_trial_from_its_redo_to_its_next_recording(
+    decision: Decision, donnings: int, trial: Recorded, later: Recorded | None, is_donned: bool
+) -> None:
+    """An undo of the redo then undoes the donning, too; else later trials would be filed under another donning."""
+    trials = (trial,) if later is None else (trial, later)
+    journal = Journal(SETUP, trials, {trial.file: decision}, donnings={"hand": donnings} if donnings else {})
+    assert is_donned_without_trial(trial, journal) is is_donned
