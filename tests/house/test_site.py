@@ -10,11 +10,11 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from docs.reference import pages
-from station.cli import VERBS, app
+from station.cli import VERBS
 from station.config import StationConfig, keys_of
+from tests.station.command import help_of
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
@@ -94,7 +94,7 @@ def test_decisions_are_numbered_without_gap_or_double_and_their_titles_repeat_th
 def test_the_command_line_page_has_every_option_that_help_has(verb: str) -> None:
     section = re.split(r"^##+ ", pages.command_line(), flags=re.M)
     (mine,) = [part for part in section if part.startswith(f"station {verb}\n")]
-    options = set(re.findall(r"(?<![\w-])--[a-z][\w-]+", _help_of(verb)))
+    options = set(re.findall(r"(?<![\w-])--[a-z][\w-]+", help_of(verb, 300)))
     shown = set(re.findall(r"`(--[^`]+)`", mine))
     assert {option for option in options if option != "--help" and not option.startswith("--no-")} <= {
         spelling for text in shown for spelling in re.split(r"[,/] ?", text)
@@ -169,9 +169,3 @@ class _Assets(HTMLParser):
         given = dict(attrs)
         if tag in LOADED and given.get("rel") != "canonical":
             self.found.append(given.get(LOADED[tag]) or "")
-
-
-def _help_of(verb: str) -> str:
-    ran = CliRunner().invoke(app, [verb, "--help"], terminal_width=300, env={"COLUMNS": "300", "TERM": "dumb"})
-    assert ran.exit_code == 0
-    return ran.stdout

@@ -1,9 +1,18 @@
-"""Result of a run of the command line: exit code, both streams, and the code of its error."""
+"""The command line in this process: exit code, both streams, the code of an error; and the help of a verb."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+from station.cli import app
+
+command_of = cache(typer.main.get_command)  # typer builds the commands of all verbs anew at every call
 
 
 @dataclass(frozen=True)
@@ -30,3 +39,12 @@ def assert_one_sentence(ran: Ran, code: int, *words: str) -> None:
     assert ran.err.count("\n") == 1
     for word in words:
         assert word in ran.err
+
+
+def help_of(verb: str, columns: int) -> str:
+    """What --help prints on a terminal of so many columns."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("typer.testing._get_command", command_of)
+        ran = CliRunner().invoke(app, [verb, "--help"], env={"COLUMNS": str(columns), "TERM": "dumb"})
+    assert ran.exit_code == 0
+    return ran.stdout

@@ -12,7 +12,7 @@ from fitting.errors import CodedError
 from solver.errors import SolverError
 from station import cli
 from station.errors import StationError
-from tests.station.command import Ran
+from tests.station.command import Ran, command_of
 from tests.station.wearer import WearerSession, record_wearer
 
 
@@ -40,6 +40,7 @@ def station(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         with monkeypatch.context() as patch:
             patch.setattr(sys, "argv", ["station", *map(str, arguments)])
             patch.setattr(cli, "app", app_with_code)
+            patch.setattr("typer.main.get_command", command_of)
             with pytest.raises(SystemExit) as caught:
                 cli.main()
         captured = capsys.readouterr()

@@ -10,16 +10,14 @@ from typing import get_type_hints
 
 import pytest
 from typer.models import ParameterInfo
-from typer.testing import CliRunner
 
-from station.cli import VERBS, app
-
-WIDE = {"COLUMNS": "400", "TERM": "dumb"}
+from station.cli import VERBS
+from tests.station.command import help_of
 
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_help_text_is_shown_as_it_is_written(verb: str) -> None:
-    shown = _compact(CliRunner().invoke(app, [verb, "--help"], terminal_width=400, env=WIDE).stdout)
+    shown = _compact(help_of(verb, 400))
     for text in _help_texts(verb):
         assert _compact(text) in shown
 
@@ -27,7 +25,7 @@ def test_a_help_text_is_shown_as_it_is_written(verb: str) -> None:
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_paragraph_of_a_help_text_breaks_only_where_the_line_is_full(verb: str) -> None:
     width = 100
-    shown = CliRunner().invoke(app, [verb, "--help"], env={"COLUMNS": str(width), "TERM": "dumb"}).stdout
+    shown = help_of(verb, width)
     text = shown.partition("╭")[0].partition("Usage:")[2].partition("\n")[2]
     lines = [line.strip() for line in text.splitlines()]
     for line, following in pairwise(lines):
