@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.validation import describe_error, faulty_key
@@ -97,10 +97,33 @@ def _validated(path: Path, data: Mapping[str, Any]) -> CuffsDocument:
         named: Figures = {"file": str(path), "cuff": shortened(unnamed[0])}
         raise CuffsFileError(FitErrorCode.CUFFS_NAME, named)
     try:
-        return CuffsDocument.model_validate({"format": FORMAT, **data})
+        document = CuffsDocument.model_validate({"format": FORMAT, **data})
     except ValidationError as error:
         fault: Figures = {"file": str(path), "key": faulty_key(error), "problem": describe_error(error)}
         raise CuffsFileError(FitErrorCode.CUFFS_INVALID, fault) from error
+    if "recordings" not in data:
+        _ensure_known_keys(path, data["cuffs"])
+    return document
+
+
+def _ensure_known_keys(path: Path, cuffs: Mapping[str, Any]) -> None:
+    """Raise CuffsFileError for an unknown key of a cuff that no station wrote; later stations may add keys."""
+    for name, entry in cuffs.items():
+        figures = {f"cuffs.{name}.{key}": entry[key] for key in QUANTITIES.values() if isinstance(entry.get(key), dict)}
+        tables: list[tuple[str, Any, type[BaseModel], tuple[str, ...]]]
+        tables = [(f"cuffs.{name}", entry, CuffEntry, tuple(QUANTITIES.values()))]
+        tables += [
+            (place, figure, FigureEntry, ("value", "standard_error", "ci95")) for place, figure in figures.items()
+        ]
+        for place, table, model, expected in tables:
+            if unknown := [key for key in table if key not in model.model_fields]:
+                problem = f"{place} has the unknown key {shortened(unknown[0])}, expected {', '.join(expected)}"
+                fault: Figures = {
+                    "file": str(path),
+                    "key": f"{place}.{shortened(unknown[0])[1:-1]}",
+                    "problem": problem,
+                }
+                raise CuffsFileError(FitErrorCode.CUFFS_INVALID, fault)
 
 
 def _wearable(name: str, entry: CuffEntry, plain: Mapping[str, Any], seals: Any) -> WearableCuff:

@@ -249,6 +249,14 @@ class TrialEntry(_Entry):
     dynamic: SwingEntry | None = None
 
 
+POSSIBLE = {
+    "stiffness_n_per_m": (1.0, 1e6, "N/m"),
+    "damping_n_s_per_m": (0.0, 1e5, "N s/m"),
+    "migration_m": (-0.5, 0.5, "m"),
+}
+"""Lowest and highest value of an identified cuff on a body, and its unit. Another value is in another unit."""
+
+
 class CuffEntry(_Entry):
     """A cuff as last donned, or in one donning. What is not identified is null, and under not_identified."""
 
@@ -277,6 +285,14 @@ class CuffEntry(_Entry):
     sources: dict[str, str] = Field(default_factory=dict, description="file → SHA-256")
     trials: list[TrialEntry] = Field(default_factory=list)
     donnings: dict[str, CuffEntry] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _ensure_possible(self) -> Self:
+        for key, (low, high, unit) in POSSIBLE.items():
+            value = getattr(self, key).value
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"{key} is {value:g} {unit}, expected {low:g} to {high:g} {unit}")
+        return self
 
     @model_validator(mode="after")
     def _ensure_covariance(self) -> Self:

@@ -128,6 +128,14 @@ def test_a_file_written_by_hand_needs_only_values(tmp_path: Path) -> None:
     assert parameters.source == sentence_of(Verdict.GIVEN)
 
 
+def test_a_key_that_a_later_station_adds_is_ignored(tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    plain = json.loads(cuffs_json(_session(_fit())))
+    plain["cuffs"]["hand"]["colour"] = "blue"
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    assert read_cuffs(path)["hand"].stiffness == K
+
+
 def test_a_file_of_a_later_format_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     path.write_text('{"format": 2, "cuffs": {}}', encoding="utf-8")
@@ -173,6 +181,12 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
         ('{"migration_m": {"value": true}}', "cuffs.hand.migration_m.value"),
         ('{"migration_m": {"value": 1, "ci95": [1]}}', "cuffs.hand.migration_m.ci95"),
         ('{"migration_m": {"value": 1, "ci95": [2, 1]}}', "cuffs.hand.migration_m"),
+        ('{"stiffness_n_per_m": -1}', "cuffs.hand"),
+        ('{"stiffness_n_per_m": 0.852}', "cuffs.hand"),
+        ('{"damping_n_s_per_m": -3}', "cuffs.hand"),
+        ('{"migration_m": 12}', "cuffs.hand"),
+        ('{"stiffness": 8520}', "cuffs.hand.stiffness"),
+        ('{"stiffness_n_per_m": {"value": 8520, "sd": 10}}', "cuffs.hand.stiffness_n_per_m.sd"),
         ('{"covariance": [[1, 2], [3, 4]]}', "cuffs.hand.covariance.0"),
         ('{"covariance": "none"}', "cuffs.hand.covariance"),
     ],

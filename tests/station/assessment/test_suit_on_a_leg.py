@@ -14,8 +14,8 @@ import pandas as pd
 import pytest
 
 import cuffstation as cs
+from fitting.results.codes import FitErrorCode
 from solver.cuff import CuffParameters
-from solver.errors import SolverCode
 from solver.model import Model
 from solver.motion import decimate, differentiate, read_motion
 from solver.multibody.postures import Postures, jacobians, postures
@@ -30,8 +30,8 @@ from solver.suit.suit import Suit, SuitError, read_suit, suit_toml
 from solver.suit.uncertainty import DrawSettings
 from solver.time_series_table import read_table, write_table
 from station.exit_code import FAILED
+from tests.fitting.refusals import raises_refusal
 from tests.solver.legs import PELVIS, step_in
-from tests.solver.refusals import raises_refusal
 from tests.station.command import assert_refused
 
 LEG = Path(__file__).parents[3] / "examples" / "leg"
@@ -108,10 +108,10 @@ def test_all_say_that_a_cuff_migrated_against_the_pull_and_refuse_one_that_gives
         for verb in ("assess", "optimise"):
             ran = station(verb, *FILES, "--suit", suit, *options)
             if is_refused:
-                assert_refused(ran, FAILED, SolverCode.WRONG_CUFF)
+                assert_refused(ran, FAILED, FitErrorCode.CUFFS_INVALID)
             else:
                 assert "The migration of shank is −12.0 mm" in ran.err
-        with raises_refusal(SolverCode.WRONG_CUFF) if is_refused else nullcontext():
+        with raises_refusal(FitErrorCode.CUFFS_INVALID) if is_refused else nullcontext():
             motion = cs.load_motion(leg, LEG / "stride.mot", every=20)
             found = cs.assess(cs.read_cuffs(cuffs), leg, motion, suit, draws=0, external_loads=LEG / "ground.xml")
             assert "cuffs.negative_migration" in [finding.code for finding in found.findings]

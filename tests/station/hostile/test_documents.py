@@ -149,6 +149,7 @@ def _assessment() -> dict[str, Any]:
     optimum = dict.fromkeys(("rest_length_m", "normalised_cost", "permissible_error_m"), known)
     by_cuff = {"rigid": known, "hand": {"both": known}}
     return {
+        "format": 1,
         **dict.fromkeys(("reference_rest_length_m", "bare_body_cost", "longest_cord_m", "frames", "scenarios"), known),
         "rest_lengths_m": {"value": [0.5, 0.6], "ci95": None},
         "waist_cuff": None,
