@@ -93,6 +93,15 @@ class UncertaintySummary:
     sources: tuple[DrawnSource, ...]
 
 
+TABLE = {
+    "effort_at_reference": "at_reference",
+    "least_effort": "lowest_cost",
+    "rest_length_m": "rest_length",
+    "permissible_error_m": "permissible_error",
+}
+"""Column of Assessment.to_dataframe → field of CurveReadouts."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Assessment:
     """Effort saved by the suit in one motion; costs are relative to the suit with a slack cord, which is 1.
@@ -130,23 +139,21 @@ class Assessment:
     findings: tuple[CodedFinding, ...] = ()
 
     def __repr__(self) -> str:
-        rows = self.to_dataframe().to_string(index=False, float_format="{:.4g}".format)
+        columns = ["condition", "cuff", *TABLE]
+        rows = self.to_dataframe()[columns].to_string(index=False, float_format="{:.4g}".format)
         title = f"Assessment: {self.scenarios} scenarios, {self.unsolved} frames not solved; effort over a slack cord"
         return f"{title}{describe_codes(self.findings)}\n{rows}"
 
     def to_dataframe(self) -> pd.DataFrame:
-        """A row per curve: condition, cuff, least_effort over that with a slack cord, and rest_length_m where it is."""
+        """A row per curve: condition, cuff, and the four figures of TABLE with the ends of their 95 % intervals.
+
+        least_effort and rest_length_m are those of the curve between the lengths tried (find_minimum), as in the
+        report; NaN where the best length tried is the first or the last, or for a missing interval.
+        """
         import pandas as pd
 
-        best = [int(np.argmin(np.where(np.isfinite(curve.cost), curve.cost, np.inf))) for curve in self.curves]
-        return pd.DataFrame(
-            {
-                "condition": [curve.condition for curve in self.curves],
-                "cuff": [curve.cuff or "" for curve in self.curves],
-                "least_effort": [curve.cost[k] for curve, k in zip(self.curves, best, strict=True)],
-                "rest_length_m": [self.rest_lengths[k] for k in best],
-            }
-        )
+        rows = [{"condition": curve.condition, "cuff": curve.cuff or "", **_row(curve)} for curve in self.curves]
+        return pd.DataFrame(rows)
 
     @property
     def unsolved(self) -> int:
@@ -212,6 +219,17 @@ def assess(
         muscle_outcomes=_muscle_outcomes(suited),
         has_glenoid_cone=suited.motion.options.has_glenoid_cone,
     )
+
+
+def _row(curve: EffortCurve) -> dict[str, float]:
+    """Figures of a curve by column, each followed by the ends of its interval."""
+    row: dict[str, float] = {}
+    for column, field in TABLE.items():
+        figure = curve.figures[field]
+        ends = figure.ci95 or (np.nan, np.nan)
+        row |= {column: np.nan if figure.value is None else figure.value}
+        row |= {f"{column}_ci95_low": ends[0], f"{column}_ci95_high": ends[1]}
+    return row
 
 
 def _arms_and_waist(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameters], CuffParameters | None]:

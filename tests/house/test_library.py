@@ -119,7 +119,15 @@ def test_every_result_prints_a_few_lines_and_is_drawn(session: Path, tmp_path: P
     assert max(len(repr(each)) for each in (model, motion, recording.load("/force"))) < 200
     assert isinstance(solution.to_dataframe(), pd.DataFrame)
     assert solution.to_dataframe()[solution.muscles[3]].tolist() == solution.activations[:, 3].tolist()
-    assert assessment.to_dataframe()["least_effort"].min() == min(np.nanmin(each.cost) for each in assessment.curves)
+    for (_, row), curve in zip(assessment.to_dataframe().iterrows(), assessment.curves, strict=True):
+        best, step = int(np.nanargmin(curve.cost)), np.diff(assessment.rest_lengths).max()
+        assert row["least_effort"] == pytest.approx(curve.cost[best], abs=2e-3)
+        assert row["least_effort"] < curve.cost[best] + 1e-12, "the curve is lowest between the lengths tried"
+        assert row["rest_length_m"] == pytest.approx(assessment.rest_lengths[best], abs=step)
+        assert (row["rest_length_m"], row["effort_at_reference"]) == (
+            curve.figures["rest_length"].value,
+            curve.figures["at_reference"].value,
+        )
 
 
 def test_what_no_result_is_is_not_drawn() -> None:
