@@ -81,4 +81,7 @@ def test_all_packages_of_the_picture_are_installed_with_the_distribution() -> No
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     included = project["tool"]["setuptools"]["packages"]["find"]["include"]
     assert included == [f"{package}*" for package in ("cuffstation", *PACKAGES)]
+    assert "py.typed" in project["tool"]["setuptools"]["package-data"]["*"]
+    assert all((ROOT / package / "py.typed").is_file() for package in ("cuffstation", *PACKAGES)), "types for users"
+    assert f"version: {project['project']['version']}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert project["project"]["scripts"] == {"station": "station.__main__:main"}
