@@ -1,20 +1,16 @@
 """Compile the kernels of an assessment before it needs them: `python -m solver.compile_ahead`.
 
 The machine code is kept on disk (compiled.py), so this can be done once after an installation, or in a second process
-while trials are recorded. If a process needs the kernels now, others compile with it, each beginning with another share
-(--begin-with). They import little before they compile. stdout has one line of JSON per kernel: how many are ready, and
-how many there are.
+while trials are recorded. If a process needs the kernels now, others compile with it, each beginning with another
+share. stdout has one line of JSON per kernel: how many are ready, and how many there are.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
 import os
-import signal
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -37,10 +33,6 @@ KERNELS = (
 one."""
 
 COMPILER = logging.getLogger("solver.compiled")
-WITH_PARENT = "--with-parent"
-BEGIN_WITH = "--begin-with"
-NICENESS = 2
-"""The parent has priority, but finally waits for this process: with 5 on a busy machine, for minutes."""
 
 
 def is_first_use() -> bool:
@@ -58,11 +50,18 @@ def is_first_use() -> bool:
     return os.access(package, os.W_OK) and not any(package.glob(f"__pycache__/{files}"))
 
 
-def compile_ahead() -> None:
-    """Compile what is not on disk yet, and load the rest."""
-    from solver.kernel_calls import call_every_kernel  # imports as much as an assessment does
+def compile_ahead(report: Callable[[int, int], None], begin_with: str = "") -> None:
+    """Compile what is not on disk yet, and load the rest; report(ready, all) before and after each kernel.
 
-    call_every_kernel()
+    begin_with: one of SHARES, which imports little before it compiles.
+    """
+    with CompilationCount(report):
+        if begin_with:
+            SHARES[begin_with]()
+        from solver.kernel_calls import call_every_kernel  # imports as much as an assessment does
+
+        call_every_kernel()
+    report(count_ready(), len(KERNELS))
 
 
 def shares(processors: int) -> tuple[str, ...]:
@@ -144,41 +143,14 @@ class CompilationCount(logging.Handler):
         COMPILER.removeHandler(self)
 
 
-def main() -> None:
-    """With --with-parent this process yields to others, and ends when its standard input does."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    options.add_argument(WITH_PARENT, action="store_true", help="end with the standard input")
-    options.add_argument(BEGIN_WITH, choices=SHARES, help="the kernels to begin with")
-    chosen = options.parse_args()
-    if chosen.with_parent:
-        _follow_parent()
-    with CompilationCount(_report_count):
-        if chosen.begin_with is not None:
-            SHARES[chosen.begin_with]()
-        compile_ahead()
-    _report_count(count_ready(), len(KERNELS))
-
-
-def _follow_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to both; the parent decides
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    sys.stdin.buffer.read()
-    os._exit(1)  # at once: what is on disk is whole, since numba renames its files into place
-
-
-def _report_count(ready: int, total: int) -> None:
+def print_count(ready: int, total: int) -> None:
     """Print the count, or end where kernels cannot be kept: no other process would have them."""
     from solver.compiled import keeps_code
 
     if not keeps_code():
-        os._exit(1)
+        sys.exit(1)
     print(json.dumps({"ready": ready, "kernels": total}), flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    compile_ahead(print_count)

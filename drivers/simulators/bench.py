@@ -5,15 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from dataclasses import asdict
 from types import TracebackType
-from typing import Protocol
+from typing import Any, Protocol
 
 from drivers.simulators.control import ControlServer
-from drivers.simulators.faults import Fault
+from drivers.simulators.faults import Fault, fault_from_dict
 from drivers.simulators.operator import Operator
 from drivers.simulators.qtm_discovery import QtmDiscovery
 from drivers.simulators.qualisys import QualisysSimulator
-from drivers.simulators.settings import Settings
+from drivers.simulators.requests import speed_from
+from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.world import World
 from drivers.simulators.world_clock import Follower
 
@@ -112,6 +114,23 @@ class Bench:
     def _follow(self, follower: Follower) -> None:
         self.clock.follow(follower)
         self._running.callback(self.clock.unfollow, follower)
+
+
+def bench_from_options(options: dict[str, Any]) -> Bench:
+    """A bench from its settings (settings.py) with "speed", "seed" and "faults" (a list, faults.py) beside them.
+
+    Raises ValueError or TypeError if they cannot be used.
+    """
+    settings = dict(options)
+    speed, seed = speed_from(settings.pop("speed", None)), int(settings.pop("seed", 0))
+    plan = [fault_from_dict(entry) for entry in settings.pop("faults", [])]
+    return Bench(settings_from_dict(settings), speed, seed, plan)
+
+
+def describe_bench(bench: Bench) -> dict[str, Any]:
+    """Ports, labels, the trial that is set up, and the true parameters of every cuff, as plain data."""
+    world = bench.world
+    return {"ports": bench.ports, "labels": world.labels, "trial": asdict(world.trial), "truth": world.truth()}
 
 
 class _Simulator(Follower, Protocol):

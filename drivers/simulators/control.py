@@ -26,7 +26,7 @@ from typing import Any
 from weakref import WeakSet
 
 from drivers.simulators.errors import SimulatorCode, SimulatorError, refusal
-from drivers.simulators.requests import ServedBench, answer, seconds_from, speed_from
+from drivers.simulators.requests import ServedBench, answer, request_from_json, seconds_from, speed_from
 from drivers.simulators.world_clock import Attachment, ClockStopped
 
 CONNECTION_KNOWN_S = 60.0  # wall; longest time from the acceptance of a connection by the kernel to the device's server
@@ -89,10 +89,7 @@ class _ClockConnection:
 
     def answer(self, line: bytes) -> dict[str, Any]:
         try:
-            request = json.loads(line)
-            if not isinstance(request, dict):
-                raise SimulatorError(f"expected a JSON object, found {request!r}", SimulatorCode.WRONG_REQUEST)
-            match request:
+            match request := request_from_json(line):
                 case {"attach": str(name)}:
                     return self._attach(name, request)
                 case {"advance_to": until}:

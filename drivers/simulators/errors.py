@@ -32,5 +32,5 @@ class SimulatorError(DeviceError, ValueError):
 
 
 def refusal(error: Exception) -> dict[str, str]:
-    """The answer to a refused request; a line that is not JSON is a wrong request."""
+    """The answer to a refused request."""
     return {"error": str(error), "code": getattr(error, "code", SimulatorCode.WRONG_REQUEST)}

@@ -1,4 +1,4 @@
-"""Requests to the simulated bench as plain data, received by its process or over its clock's port.
+"""Requests to the simulated bench as plain data, from the process that started it or over its clock's port.
 
     {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
     {"trial": {"cuff": null, "test": "bounce"}}     the weight on its spring, where the settings have one
@@ -24,13 +24,13 @@ import math
 from dataclasses import asdict
 from typing import Any, Protocol, cast, get_args
 
-from drivers.simulators.errors import SimulatorCode, SimulatorError
+from drivers.simulators.errors import SimulatorCode, SimulatorError, refusal
 from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.person import Worn
 from drivers.simulators.world import SimulatedTrial, TestKind, World
-from drivers.simulators.world_clock import WorldClock
+from drivers.simulators.world_clock import ClockStopped, WorldClock
 
-KNOWN = ("trial", "don", "hang_kg", "capture", "step", "fault", "pause_s", "truth", "ports", "speed", "pace", "quit")
+KNOWN = ("trial", "don", "hang_kg", "capture", "step", "fault", "pause_s", "truth", "ports", "speed", "pace")
 
 
 class ServedBench(Protocol):
@@ -50,6 +50,25 @@ def answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
     """Answer to one request. Raises SimulatorError for a refusal, ClockStopped once the world has ended."""
     content = _answer(bench, request)
     return {**content, "now": bench.clock.now()}
+
+
+def answer_or_refusal(bench: ServedBench, request: dict[str, Any] | str) -> dict[str, Any]:
+    """Answer to one request or line of JSON, or "error" and "code" of its refusal."""
+    try:
+        return answer(bench, request_from_json(request) if isinstance(request, str) else request)
+    except (ValueError, RecursionError, ClockStopped) as error:
+        return dict(refusal(error))
+
+
+def request_from_json(line: str | bytes) -> dict[str, Any]:
+    """Raises SimulatorError or RecursionError if the line is not a JSON object."""
+    try:
+        request = json.loads(line)
+    except ValueError:
+        request = None
+    if not isinstance(request, dict):
+        raise SimulatorError(f"expected a JSON object on one line, found {line!r}", SimulatorCode.WRONG_REQUEST)
+    return request
 
 
 def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
@@ -73,8 +92,6 @@ def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
             content = {"fault": world.faults.inject(fault_from_dict(fault))}
         case {"truth": True}:
             content = {"truth": world.truth()}
-        case {"quit": True}:
-            content = {"quit": True}
         case _:
             content = _answer_of_clock(bench.clock, request)
     return content

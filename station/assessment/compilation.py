@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import TracebackType
 
 import typer
 
-from solver.compile_ahead import BEGIN_WITH, KERNELS, CompilationCount, is_first_use, shares
+from solver.compile_ahead import KERNELS, CompilationCount, is_first_use, shares
+from station.child import Child
 from station.progress import Progress
 
 STAGE = "compiling the solver"
 FIRST_USE = "The solver is compiled, once on this machine; this takes 10 to 15 s on an idle machine."
-COMMAND = (sys.executable, "-m", "solver.compile_ahead", "--with-parent")
 
 
 def compilation_beside(context: typer.Context) -> CompilationAhead:
@@ -26,11 +25,15 @@ def compilation_beside(context: typer.Context) -> CompilationAhead:
 
     They take as long as its own. It ends with the verb. compilation_shown starts it if something is compiled later.
     """
-    commands = [(*COMMAND, BEGIN_WITH, share) for share in shares(os.cpu_count() or 1)]
-    beside = context.with_resource(CompilationAhead(*commands))
+    beside = context.with_resource(CompilationAhead(*shares(os.cpu_count() or 1)))
     if is_first_use():
         beside.ensure_started()
     return beside
+
+
+def _start(share: str) -> Child:
+    priority = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)  # Windows; elsewhere it is nice
+    return Child("station.assessment.compiling_process", share, stderr=subprocess.DEVNULL, creationflags=priority)
 
 
 class CompilationAhead:
@@ -40,10 +43,10 @@ class CompilationAhead:
     kernel that is not compiled is compiled at its first use.
     """
 
-    def __init__(self, *commands: Sequence[str]) -> None:
-        self._commands = commands or (COMMAND,)
+    def __init__(self, *shares: str, start: Callable[[str], Child] = _start) -> None:
+        self._shares, self._start = shares or ("",), start
         self._is_started = False
-        self._children: list[subprocess.Popen[str]] = []
+        self._children: list[Child] = []
         self._readers: list[threading.Thread] = []
         self._is_complete = False
 
@@ -56,62 +59,41 @@ class CompilationAhead:
             return
         self._is_started = True
         with suppress(OSError):
-            for command in self._commands:
-                self._children.append(_start(command))
+            for share in self._shares:
+                self._children.append(self._start(share))
 
     def show(self, progress: Progress) -> None:
         """Report every kernel from now on, in threads, until the children end."""
         for child in self._children:
-            assert child.stdout is not None  # noqa: S101 (a pipe)
-            self._readers.append(threading.Thread(target=self._report, args=(child.stdout, progress), daemon=True))
+            self._readers.append(threading.Thread(target=self._report, args=(child, progress), daemon=True))
             self._readers[-1].start()
 
     def wait(self) -> bool:
         """Wait until the children that are shown have ended. Returns whether every kernel is compiled."""
         for reader in self._readers:
             reader.join()
-        return self._is_complete and all(child.wait() == 0 for child in self._children)
+        return self._is_complete and all(child.process.wait() == 0 for child in self._children)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for child in self._children:
-            child.kill()  # kernels on the disk are complete
-        for child in self._children:
-            child.wait()
+            child.process.kill()  # kernels on the disk are complete
         for reader in self._readers:
             reader.join()
         for child in self._children:
-            for pipe in (child.stdin, child.stdout):
-                if pipe is not None:
-                    pipe.close()
+            child.ensure_ended()
         self._children.clear()
 
-    def _report(self, counts: Iterable[str], progress: Progress) -> None:
+    def _report(self, child: Child, progress: Progress) -> None:
         """Show progress unless all kernels are on the disk already."""
         is_shown = False
-        for line in counts:
-            try:
-                count = json.loads(line)
-                ready, total = int(count["ready"]), int(count["kernels"])
-            except (ValueError, TypeError, KeyError):
-                continue
+        for count in child:
+            ready, total = count["ready"], count["kernels"]
             self._is_complete = ready == total
             is_shown = is_shown or not self._is_complete
             if is_shown:
                 progress(STAGE, ready, total)
-
-
-def _start(command: Sequence[str]) -> subprocess.Popen[str]:
-    return subprocess.Popen(  # noqa: S603 (our own module)
-        command,
-        stdin=subprocess.PIPE,  # the child ends when it closes, so it never outlives this process
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        encoding="utf-8",
-        creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),  # Windows; elsewhere it is nice
-    )
 
 
 @contextmanager

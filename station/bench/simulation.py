@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import signal
 import socket
-import subprocess
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from station.bench.typed_commands import execute_commands_in_thread
+from station.child import Child
 from station.config import StationConfig, parse_config
 from station.end_signals import end_signals
 from station.errors import StationError
@@ -20,6 +21,7 @@ from station.exit_code import WRONG_USAGE
 from station.messages.message import Message
 from station.messages.setup_codes import SimulationCode
 from station.protocol import CUFF_TESTS, TrialSpec
+from station.standard_input import read_lines
 
 if TYPE_CHECKING:
     from drivers.simulators.world import World
@@ -29,7 +31,7 @@ NI_PORT = 31763
 QTM_PORT, DISCOVERY_PORT = 22223, 22226
 """Default ports of QTM, TCP and UDP."""
 LOOPBACK = ("127.0.0.1", "localhost")
-PROBE_TIMEOUT_S = 2.0
+PROBE_TIMEOUT_S, END_TIMEOUT_S = 2.0, 5.0
 SWING_MARGIN_S = 6.0
 """Seconds beyond a swing for the guide to detect its begin and its end."""
 
@@ -45,7 +47,7 @@ class WrongTrial(SimulationError):
 
 
 class SimulatedBench:
-    """A context manager; the child ends with its standard input, so it never outlives this process.
+    """A context manager; the child (simulator_process.py) ends with this process.
 
     speed None: the simulated world advances as fast as an attached station handles it, and only then.
     """
@@ -53,16 +55,10 @@ class SimulatedBench:
     def __init__(self, settings: dict[str, Any], speed: float | None, seed: int) -> None:
         self.ready: dict[str, Any] = {}
         self._settings = {**settings, "speed": speed, "seed": seed}
-        self._child: subprocess.Popen[str] | None = None
+        self._child: Child | None = None
 
     def __enter__(self) -> SimulatedBench:
-        self._child = subprocess.Popen(
-            [sys.executable, "-m", "drivers.simulators"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            encoding="utf-8",
-        )
+        self._child = Child("station.bench.simulator_process")
         try:
             self.ready = self.request(self._settings)
         except BaseException:
@@ -73,17 +69,14 @@ class SimulatedBench:
     def request(self, request: dict[str, Any]) -> dict[str, Any]:
         """Send one request and return the answer. Raises SimulationError if it is refused or not answered."""
         child = self._child
-        if child is None or child.stdin is None or child.stdout is None:
+        if child is None:
             raise SimulationError(Message(SimulationCode.NOT_RUNNING))
-        try:
-            child.stdin.write(json.dumps(request) + "\n")
-            child.stdin.flush()
-        except OSError as error:
-            raise _ended(child.poll()) from error
-        line = child.stdout.readline()
-        if not line:
-            raise _ended(child.wait(5))
-        answer: dict[str, Any] = json.loads(line)
+        with suppress(OSError):  # it has ended, and answers nothing
+            child.send(request)
+        answer = child.receive()
+        if answer is None:
+            code = child.ensure_ended(END_TIMEOUT_S)
+            raise SimulationError(Message(SimulationCode.ENDED, {"exit_code": str(code)}))
         if "error" in answer:
             raise SimulationError(Message(SimulationCode.REFUSED, {"reason": str(answer["error"])}))
         return answer
@@ -94,19 +87,12 @@ class SimulatedBench:
         self.close()
 
     def close(self) -> None:
-        """End the child by closing its standard input; kill it if it has not ended within 5 s."""
+        """End the child, by force if it has not ended within END_TIMEOUT_S."""
         child, self._child = self._child, None
-        if child is None:
-            return
-        if child.stdin is not None:
-            child.stdin.close()
-        try:
-            child.wait(5)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()
-        if child.stdout is not None:
-            child.stdout.close()
+        if child is not None:
+            with suppress(OSError):
+                child.send({"quit": True})
+            child.ensure_ended(END_TIMEOUT_S)
 
     @property
     def clock_port(self) -> int:
@@ -195,14 +181,10 @@ def serve_until_stopped(
             _log(
                 "stop with Ctrl-C; `hang 2` hangs 2 kg on the load cell, a line such as `ni unplug for_s=2` is a fault"
             )
-            execute_commands_in_thread(sys.stdin, world, _log)
+            execute_commands_in_thread(read_lines(sys.stdin), world, _log)
             _report_captures(world, stopped, in_turn=in_turn and trial is not None)
     except (ValueError, OSError, RuntimeError) as error:
         raise SimulationError(Message(SimulationCode.NOT_POSSIBLE, {"reason": str(error)})) from error
-
-
-def _ended(exit_code: int | None) -> SimulationError:
-    return SimulationError(Message(SimulationCode.ENDED, {"exit_code": str(exit_code)}))
 
 
 def _select(world: World, trial: TrialSpec) -> None:

@@ -69,20 +69,9 @@ def _execute(line: str, world: World) -> str:
     return f"{fault.fault} of {fault.device} in {fault.at_s:g} s, for {fault.for_s:g} s"
 
 
-def execute_commands_in_thread(
-    lines: Iterable[str] | None, world: World, reply: Callable[[str], None]
-) -> threading.Thread:
-    """A thread that ends with the lines, or if they cannot be read."""
-
-    def run() -> None:
-        try:
-            execute_commands(lines or (), world, reply)
-        except (OSError, ValueError):  # the terminal belongs to another job, or standard input is closed
-            return
-
+def execute_commands_in_thread(lines: Iterable[str], world: World, reply: Callable[[str], None]) -> None:
+    """Execute lines until they end, in a thread."""
     # In the background of a terminal the first read would stop the devices; with the signal ignored it fails instead.
     if hasattr(signal, "SIGTTIN"):
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
-    thread = threading.Thread(target=run, name="typed commands", daemon=True)
-    thread.start()
-    return thread
+    threading.Thread(target=execute_commands, args=(lines, world, reply), name="typed commands", daemon=True).start()

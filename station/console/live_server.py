@@ -1,23 +1,26 @@
-"""The live page alone, on this computer: `python -m station.console.live_server FOLDER PORT`.
-
-For a replay, or beside a recording that the terminal runs.
-"""
+"""The live page alone, on this computer: for a replay, or beside a recording that the terminal runs."""
 
 from __future__ import annotations
 
-import sys
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
 from nicegui import app, ui
 
+from station.child import ProcessLink, exit_with_parent
 from station.console.compression import CompressionMiddleware
 from station.console.live_feed import LiveFeed
 from station.console.live_page import show_live_page
 from station.console.server import LIVE_POLL_S, AccessMiddleware, answer_beat, ensure_free, print_address
 
 HOST = "127.0.0.1"
+
+
+def main(parent: ProcessLink, folder: str, port: str) -> None:
+    """Serve in a process of its own until Ctrl-C or the end of the parent."""
+    exit_with_parent(parent)
+    serve_live(Path(folder), port=int(port))
 
 
 def serve_live(folder: Path, *, port: int = 8422, is_opened: bool = False) -> None:
@@ -44,7 +47,3 @@ def serve_live(folder: Path, *, port: int = 8422, is_opened: bool = False) -> No
             show_welcome_message=False,
             gzip_middleware_factory=CompressionMiddleware,
         )
-
-
-if __name__ == "__main__":
-    serve_live(Path(sys.argv[1]), port=int(sys.argv[2]))

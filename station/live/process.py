@@ -1,27 +1,27 @@
-"""The live process of a trial; `python -m station.live.process`, started by the recorder's LiveTap.
+"""The live process of a trial, started by the recorder's LiveTap.
 
-The first line on standard input is the request (LiveRequest); then come the messages of feed_wire.py. Views connect to
-the address in the session's folder. The process ends with its input; nothing that happens here reaches the recorder.
+The first message is the request (LiveRequest); then come those of feed_wire.py. Views connect to the address in the
+session's folder. The process ends with the recorder; nothing that happens here reaches it.
 """
 
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from recordings.samples import Samples, Stream
 from recordings.topics import MARKERS
+from station.child import ProcessLink
 from station.config import parse_config
 from station.live.engine import LiveEngine, LiveSink, Publish
-from station.live.feed_wire import FedMessage, read_messages
+from station.live.feed_wire import FedMessage, decode
 from station.live.outlet import LslOutlet
 from station.live.plan import PreparedTrial, prepare_trial
 from station.live.published import LiveSetup
@@ -36,13 +36,14 @@ NICENESS = 5
 """The recorder has priority."""
 
 
-def main() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the trial; this process ends with its input
+def main(recorder: ProcessLink) -> None:
     if hasattr(os, "nice"):
         os.nice(NICENESS)
-    request = REQUEST.validate_json(sys.stdin.buffer.readline())
-    inbox = FedMessages()
-    threading.Thread(target=inbox.fill, args=(sys.stdin.buffer,), name="feed", daemon=True).start()
+    first = recorder.receive_bytes()
+    if first is None:
+        return
+    request, inbox = REQUEST.validate_json(first), FedMessages()
+    threading.Thread(target=inbox.fill, args=(iter(recorder.receive_bytes, None),), name="feed", daemon=True).start()
     config, folder = parse_config(request.config, "the recorder"), Path(request.folder)
     prepared = prepare_trial(config, folder, request.spec, request.before_utc_ns)
     warm_up(prepared.plan)
@@ -72,13 +73,14 @@ class FedMessages:
     waiting: int = 0
     """Blocks of frames among the messages."""
 
-    def fill(self, stream: Any) -> None:
-        with suppress(OSError, ValueError):
-            for message in read_messages(stream):
-                self.put(message)
-        with self._has_more:
-            self._is_over = True
-            self._has_more.notify()
+    def fill(self, messages: Iterable[bytes]) -> None:
+        try:
+            for message in messages:
+                self.put(decode(message))
+        finally:
+            with self._has_more:
+                self._is_over = True
+                self._has_more.notify()
 
     def put(self, message: FedMessage) -> None:
         samples = message.content if isinstance(message.content, Samples) else None
@@ -123,7 +125,7 @@ def make_engine(
 
 
 def run(engine: LiveEngine, inbox: FedMessages) -> bool:
-    """Handle messages until the end; returns whether the recorder has ended the trial, and not just the pipe."""
+    """Handle messages until the end; returns whether the recorder has ended the trial before its own end."""
     has_ended = False
     while (message := inbox.get()) is not None:
         match message.content:
@@ -143,7 +145,3 @@ def run(engine: LiveEngine, inbox: FedMessages) -> bool:
                 engine.dropped_before = count
     engine.finish()
     return has_ended
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""What the recorder asks of the live process: the first line of its input."""
+"""What the recorder asks of the live process: the first message."""
 
 from __future__ import annotations
 

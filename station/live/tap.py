@@ -7,8 +7,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,6 +17,7 @@ from recordings.topics import EMG, FORCE, MARKERS
 from station.bench.background_view import JOIN_TIMEOUT_S, BackgroundView
 from station.bench.snapshot import Snapshot, TrialState
 from station.bench.states.recording import CAPTURE_ENDS
+from station.child import Child
 from station.clock import Clock
 from station.config import StationConfig
 from station.live.feed_wire import encode_message, encode_request
@@ -30,7 +30,6 @@ BACKLOG = 500
 """Blocks that may wait for the live process before the oldest is dropped: a few seconds."""
 WAKE_S = 0.1
 TAPPED = (MARKERS, FORCE, EMG)
-COMMAND = (sys.executable, "-m", "station.live.process")
 
 
 def live_views(config: StationConfig, folder: Path, spec: TrialSpec, clock: Clock) -> list[LiveTap]:
@@ -41,16 +40,20 @@ def live_views(config: StationConfig, folder: Path, spec: TrialSpec, clock: Cloc
     return [LiveTap(request)]
 
 
+def _start_process() -> Child:
+    return Child("station.live.process")
+
+
 class LiveTap(BackgroundView):
     """offer() and show() return at once: what the live process does not read is dropped and counted."""
 
-    def __init__(self, request: LiveRequest, command: Sequence[str] = COMMAND) -> None:
+    def __init__(self, request: LiveRequest, start: Callable[[], Child] = _start_process) -> None:
         super().__init__("live tap", WAKE_S, BACKLOG)
-        self._request, self._command = request, command
+        self._request, self._start = request, start
         self._waiting: deque[tuple[Item | Stream | dict[str, Any], float]] = deque()
         self._lock = threading.Lock()
         self._has_more = threading.Event()
-        self._child: subprocess.Popen[bytes] | None = None
+        self._child: Child | None = None
         self._streams: tuple[Stream, ...] = ()
         self._has_begun = self._takes_no_frames = False
         self._told = 0  # of the dropped frames
@@ -79,7 +82,7 @@ class LiveTap(BackgroundView):
 
     def __enter__(self) -> LiveTap:
         try:
-            self._child = subprocess.Popen(self._command, stdin=subprocess.PIPE)  # noqa: S603
+            self._child = self._start()
         except OSError as error:
             print(Message(LiveCode.NOT_STARTED, {"reason": error.strerror or str(error)}), file=sys.stderr, flush=True)
         super().__enter__()
@@ -91,13 +94,13 @@ class LiveTap(BackgroundView):
         self._put({"ends": True})
         super().__exit__(kind, error, trace)
         if self._child is not None and self._thread.is_alive():
-            self._child.kill()  # it has not read for JOIN_TIMEOUT_S, and would be waited for at the exit
+            self._child.process.kill()  # it has not received for JOIN_TIMEOUT_S
             self._thread.join(JOIN_TIMEOUT_S)
 
     def wait(self, timeout_s: float) -> bool:
         """Whether the live process ends within so many wall seconds; it closes its file after the trial has ended."""
         try:
-            self.exit_code = None if self._child is None else self._child.wait(timeout_s)
+            self.exit_code = None if self._child is None else self._child.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             return False
         return True
@@ -122,35 +125,32 @@ class LiveTap(BackgroundView):
 
     def _run(self) -> None:
         child = self._child
-        if child is None or child.stdin is None:
+        if child is None:
             return
         try:
-            child.stdin.write(REQUEST.dump_json(self._request) + b"\n")
+            child.send_bytes(REQUEST.dump_json(self._request))
             while not self._stop.is_set():
                 self._has_more.wait(WAKE_S)
                 self._has_more.clear()
                 self._send(child)
             self._send(child)
-        except (OSError, ValueError):
-            self.exit_code = child.wait()
+        except OSError:
+            self.exit_code = child.process.wait()
             print(Message(LiveCode.ENDED, {"exit_code": str(self.exit_code)}), file=sys.stderr, flush=True)
         finally:
-            with suppress(OSError):
-                child.stdin.close()
+            child.close()
 
-    def _send(self, child: subprocess.Popen[bytes]) -> None:
-        assert child.stdin is not None  # noqa: S101  (it was requested in __enter__)
+    def _send(self, child: Child) -> None:
         while True:
             with self._lock:
                 if not self._waiting:
                     break
                 content, arrival_s = self._waiting.popleft()
             if isinstance(content, dict):
-                child.stdin.write(encode_request(content))
+                child.send_bytes(encode_request(content))
             else:
                 host_ns = 0 if isinstance(content, Stream) else content.host_time_ns
-                child.stdin.write(encode_message(content, host_ns, arrival_s))
+                child.send_bytes(encode_message(content, host_ns, arrival_s))
         if self.dropped != self._told:
             self._told = self.dropped
-            child.stdin.write(encode_request({"dropped": self._told}))
-        child.stdin.flush()
+            child.send_bytes(encode_request({"dropped": self._told}))

@@ -1,20 +1,20 @@
-"""Telemetry of a running trial: lines of JSON, twenty a second, from the recorder process to the console.
+"""Telemetry of a running trial: messages, twenty a second, from the recorder process to the console.
 
-A line holds its time (at, Unix seconds), the state of the trial with its codes, the rate of every stream, the position
-of every marker (points, mm, null if hidden, in the order of seen), the RMS of the last EMG (emg_uv, microvolts), and
-force, displacement of the cuff or elevation of the wearer's arm, and events since the last line. If the console does
-not read, items are dropped and counted; the recording is not affected.
+A message holds its time (at, Unix seconds), the state of the trial with its codes, the rate of every stream, the
+position of every marker (points, mm, null if hidden, in the order of seen), the RMS of the last EMG (emg_uv,
+microvolts), and force, displacement of the cuff or elevation of the wearer's arm, and events since the last one. If the
+console does not receive, items are dropped and counted; the recording is not affected.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ DISK_INTERVAL_S = 2.0
 
 @dataclass
 class _NewData:
-    """Data since the last line."""
+    """Data since the last message."""
 
     force: list[tuple[float, float]] = field(default_factory=list)  # s, N
     displacement: list[tuple[float, float]] = field(default_factory=list)  # s, mm
@@ -59,7 +59,7 @@ class Telemetry(BackgroundView):
 
     def __init__(
         self,
-        out: TextIO,
+        send: Callable[[dict[str, Any]], None],
         markers: CuffSite | BodyMarkers | None,
         load_cell: LoadCell,
         folder: Path,
@@ -67,7 +67,7 @@ class Telemetry(BackgroundView):
         emg: EmgAmplifier | None = None,
     ) -> None:
         super().__init__("telemetry", REFRESH_S, BACKLOG)
-        self._out, self._load_cell = out, load_cell
+        self._send, self._load_cell = send, load_cell
         self._cuff = markers if isinstance(markers, CuffSite) else None
         self._body = markers if isinstance(markers, BodyMarkers) else None
         self._disk = _DiskTime(folder)
@@ -89,15 +89,12 @@ class Telemetry(BackgroundView):
 
     def _refresh(self) -> None:
         super()._refresh()
-        line = json.dumps(self._line(), allow_nan=False)
+        message = self._message()
         self._new = _NewData()
-        try:
-            self._out.write(line + "\n")
-            self._out.flush()
-        except (OSError, ValueError):  # the console has ended; the trial continues
-            return
+        with suppress(OSError):  # the console has ended; the trial continues
+            self._send(message)
 
-    def _line(self) -> dict[str, Any]:
+    def _message(self) -> dict[str, Any]:
         snapshot, nominal = self._snapshot, {stream.name: stream.rate_hz for stream in self._snapshot.streams}
         return {
             "at": time.time(),

@@ -1,19 +1,15 @@
-"""Record one trial in a process of its own, controlled by lines of JSON; `python -m station.session.trial_daemon`.
+"""Record one trial in a process of its own, started by TrialProcess.
 
-The first line on standard input is the request: {"config": {…}, "folder": "…", "spec": {…}, "clock_port": null,
-"speed": 1}; the port is that of a simulated bench's clock, the speed the pace of its world. Every further line is a
-command: {"stop": true} (the first ends the trial cleanly, the second at once) or {"mark": true}. Standard output
-carries telemetry (twenty lines a second) and, last, {"result": {…}} or {"refused": "a sentence", "code": "…"}. If the
-console ends, freezes or stops reading, the trial continues to the end of its capture, its result is written to the
-session's journal, and the process ends.
+The first message is the request: {"config": {…}, "folder": "…", "spec": {…}, "clock_port": null, "speed": 1}; the port
+is that of a simulated bench's clock, the speed the pace of its world. Every further one is a command: {"stop": true}
+(the first ends the trial cleanly, the second at once) or {"mark": true}. The recorder sends telemetry (telemetry.py)
+and, last, {"result": {…}} or {"refused": "a sentence", "code": "…"}. If the console ends, freezes or stops
+receiving, the trial continues to the end of its capture, its result is written to the session's journal, and the
+process ends.
 """
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import sys
 import threading
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
@@ -25,8 +21,9 @@ from recordings.manifest import BodyMarkers, CuffSite
 from station.bench.bench_clock import BenchClock
 from station.bench.session_folder import check_folder
 from station.bench.trial_recorder import TrialRecorder, TrialResult
+from station.child import ProcessLink, exit_at_once
 from station.clock import Clock, RealClock
-from station.config import StationConfig, parse_config
+from station.config import parse_config
 from station.errors import StationError
 from station.journal import Recorded, write_recorded
 from station.live.tap import live_views
@@ -34,40 +31,40 @@ from station.protocol import TrialSpec
 from station.session.telemetry import Telemetry
 
 RESULT_TIMEOUT_S = 2.0
-"""Wall seconds for a console that does not read to take the result."""
+"""Wall seconds for a console that does not receive to take the result."""
 
 
-def main() -> NoReturn:
-    # Ctrl-C in a terminal reaches the whole group; a trial is ended by its operator, not by the end of the console.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    request = json.loads(sys.stdin.readline())
+def main(console: ProcessLink) -> NoReturn:
+    request = console.receive()
+    if request is not None:
+        writer = threading.Thread(target=_send, args=(console, _outcome(console, request)), name="result", daemon=True)
+        writer.start()
+        writer.join(RESULT_TIMEOUT_S)
+    exit_at_once(0)  # a frozen device, or a console that does not receive, would block a normal exit
+
+
+def _outcome(console: ProcessLink, request: dict[str, Any]) -> dict[str, Any]:
     try:
-        config, spec = parse_config(request["config"], "the console"), TrialSpec(**request["spec"])
-        recorded = _record(config, Path(request["folder"]), spec, request["clock_port"], request["speed"])
-        result: dict[str, Any] = {"result": asdict(recorded)}
+        return {"result": asdict(_record(console, request))}
     except Exception as error:  # every error must reach the operator
         sentence = " ".join(str(error).split()) or type(error).__name__
-        result = {"refused": sentence, "code": error.code if isinstance(error, StationError | DeviceError) else ""}
-    writer = threading.Thread(target=_write, args=(result,), name="result", daemon=True)
-    writer.start()
-    writer.join(RESULT_TIMEOUT_S)
-    os._exit(0)  # a frozen device, or a console that does not read, would block a normal exit
+        return {"refused": sentence, "code": error.code if isinstance(error, StationError | DeviceError) else ""}
 
 
-def _record(
-    config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None, speed: float | None
-) -> Recorded:
+def _record(console: ProcessLink, request: dict[str, Any]) -> Recorded:
+    config, spec = parse_config(request["config"], "the console"), TrialSpec(**request["spec"])
+    folder, clock_port = Path(request["folder"]), request["clock_port"]
     subject = config.subject(spec)
     markers = subject if isinstance(subject, CuffSite | BodyMarkers) else None
     with ExitStack() as stack:
-        bench_clock = None if clock_port is None else stack.enter_context(BenchClock(clock_port, speed))
+        bench_clock = None if clock_port is None else stack.enter_context(BenchClock(clock_port, request["speed"]))
         clock: Clock = bench_clock or RealClock()
         emg = config.emg.amplifier() if config.emg is not None else None
-        view = Telemetry(sys.stdout, markers, config.calibration(), folder, bench_clock, emg)
+        view = Telemetry(console.send, markers, config.calibration(), folder, bench_clock, emg)
         telemetry = stack.enter_context(view)
         taps = [stack.enter_context(tap) for tap in live_views(config, folder, spec, clock)]
         recorder = TrialRecorder(config, clock, [telemetry, *taps], check_folder=check_folder)
-        threading.Thread(target=_execute_commands, args=(recorder,), name="commands", daemon=True).start()
+        threading.Thread(target=_execute_commands, args=(console, recorder), name="commands", daemon=True).start()
         result = recorder.record(folder, spec)
     recorded = _recorded(spec, result)
     if result.path is not None:
@@ -91,19 +88,14 @@ def _recorded(spec: TrialSpec, result: TrialResult) -> Recorded:
     )
 
 
-def _execute_commands(recorder: TrialRecorder) -> None:
-    for line in sys.stdin:
-        command = json.loads(line)
+def _execute_commands(console: ProcessLink, recorder: TrialRecorder) -> None:
+    for command in console:
         if command.get("stop"):
             recorder.stop()
         elif command.get("mark"):
             recorder.mark()
 
 
-def _write(result: dict[str, Any]) -> None:
+def _send(console: ProcessLink, result: dict[str, Any]) -> None:
     with suppress(OSError):  # the console has ended; the journal has the result
-        print(json.dumps(result), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+        console.send(result)

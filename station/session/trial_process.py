@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import sys
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from pydantic import TypeAdapter
 
+from station.child import Child
 from station.config import StationConfig
 from station.journal import Recorded
 from station.messages.codes import RefusalCode
@@ -24,16 +27,17 @@ DETACHED: dict[str, Any] = (
     else {"start_new_session": True}
 )
 """Closing the terminal, Ctrl-C or Ctrl-Break in it end the session, and not the trial that is being recorded."""
-LONGEST_LINE = 4 * 2**20
-"""Bytes; a line is long if the console did not read for minutes."""
+END_TIMEOUT_S = 10.0
+"""Wall seconds for a recorder to end after it has closed its link."""
 _RECORDED = TypeAdapter(Recorded)
 
 
 class TrialProcess:
     """One running trial. Its telemetry goes to on_telemetry as plain data, in the thread of the event loop."""
 
-    def __init__(self, child: asyncio.subprocess.Process) -> None:
+    def __init__(self, child: Child) -> None:
         self._child = child
+        self._commands: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
         self.recorded: Recorded | None = None
         self.refusal: str | None = None
         self.refusal_code = ""
@@ -46,49 +50,45 @@ class TrialProcess:
 
         clock_port is that of a simulated bench's clock, None for a real bench; speed is the pace of its world.
         """
-        child = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "station.session.trial_daemon",
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            limit=LONGEST_LINE,
-            **DETACHED,
-        )
-        trial = cls(child)
+        trial = cls(await asyncio.to_thread(Child, "station.session.trial_daemon", **DETACHED))
         request = {"config": config.model_dump(mode="json"), "folder": str(folder), "spec": asdict(spec)}
-        await trial._send({**request, "clock_port": clock_port, "speed": speed})
+        trial._commands.put({**request, "clock_port": clock_port, "speed": speed})
+        threading.Thread(target=trial._send_commands, name="commands to the recorder", daemon=True).start()
         return trial
 
     async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None:
         """Return when the recorder has ended: `recorded` holds the result, or `refusal` and its code the reason."""
-        assert self._child.stdout is not None  # noqa: S101  (it was requested in start())
-        async for line in self._child.stdout:
-            if not line.endswith(b"\n"):  # the recorder was killed while writing
-                break
-            message = json.loads(line)
+        loop = asyncio.get_running_loop()
+        messages: asyncio.Queue[dict[str, Any] | None] = asyncio.Queue()
+
+        def receive() -> None:
+            with suppress(RuntimeError):  # the loop is closed; the recorder continues
+                for message in self._child:
+                    loop.call_soon_threadsafe(messages.put_nowait, message)
+                loop.call_soon_threadsafe(messages.put_nowait, None)
+
+        threading.Thread(target=receive, name="messages of the recorder", daemon=True).start()
+        while (message := await messages.get()) is not None:
             if "result" in message:
                 self.recorded = _RECORDED.validate_python(message["result"])
             elif "refused" in message:
                 self.refusal, self.refusal_code = message["refused"], message["code"]
             else:
                 on_telemetry(message)
-        code = await self._child.wait()
+        self._commands.put(None)
+        code = await asyncio.to_thread(self._child.ensure_ended, END_TIMEOUT_S)
         if self.recorded is None and self.refusal is None:
             self.refusal = str(Message(RefusalCode.RECORDER_ENDED, {"exit_code": str(code)}))
 
-    async def stop(self) -> None:
+    def stop(self) -> None:
         """End the trial: cleanly at the first call, at once at the second."""
-        await self._send({"stop": True})
+        self._commands.put({"stop": True})
 
-    async def mark(self) -> None:
-        await self._send({"mark": True})
+    def mark(self) -> None:
+        self._commands.put({"mark": True})
 
-    async def _send(self, command: dict[str, Any]) -> None:
-        if self._child.stdin is None or self._child.returncode is not None:
-            return
-        try:
-            self._child.stdin.write(json.dumps(command).encode() + b"\n")
-            await self._child.stdin.drain()
-        except (BrokenPipeError, ConnectionResetError):  # it ended meanwhile, and follow() returns its result
-            return
+    def _send_commands(self) -> None:
+        """In a thread, because a recorder that still starts does not receive yet."""
+        with suppress(OSError):  # it has ended, and follow() returns its result
+            for command in iter(self._commands.get, None):
+                self._child.send(command)

@@ -59,7 +59,7 @@ class TrialRunner:
         """End the trial: cleanly at the first call, at once at the second. An armed trial is cancelled."""
         if self._trial is None:
             raise CommandRefused.of(CommandCode.NO_TRIAL)
-        await self._trial.stop()
+        self._trial.stop()
 
     async def end_early(self) -> None:
         """End the session with the trials so far; a running trial is ended cleanly first, and its recording counts."""
@@ -67,7 +67,7 @@ class TrialRunner:
             raise CommandRefused.of(CommandCode.NO_SESSION)
         self._session.is_ending = True
         if self._trial is not None:
-            await self._trial.stop()
+            self._trial.stop()
 
     async def mark(self) -> int:
         """Mark this moment in the recording; returns the number of the mark, by which it is named later."""
@@ -76,7 +76,7 @@ class TrialRunner:
         if not self.live.takes_marks:
             raise CommandRefused.of(CommandCode.NO_MARK_YET)
         number = self.live.add_mark()
-        await self._trial.mark()
+        self._trial.mark()
         return number
 
     def name_mark(self, number: int, name: str) -> None:
@@ -113,7 +113,7 @@ class TrialRunner:
         """Take a line of telemetry. An alarm marks its moment in the recording."""
         if live.update(telemetry, self.limits) and live.takes_marks and self._trial is not None:
             live.add_mark(str(live.alarm))
-            self._spawn(self._trial.mark())
+            self._trial.mark()
         if self._operator is not None and telemetry["state"] == "recording" and self._operator.is_behind(live.cue):
             self._spawn(asyncio.to_thread(self._operator.follow, live.cue))
 

@@ -1,7 +1,6 @@
 """Sources of commands: keys on a terminal, lines on a pipe.
 
-A thread reads, because no asynchronous read of a terminal works on all systems; it reads the file descriptor, so that
-it holds no lock of the interpreter's streams when the process ends.
+A thread reads, because no asynchronous read of a terminal works on all systems.
 """
 
 from __future__ import annotations
@@ -14,11 +13,10 @@ from contextlib import contextmanager
 
 from station.messages.codes import CommandCode
 from station.messages.message import Message
+from station.standard_input import READ_SIZE, read_lines
 from station.terminal.commands import KEYS, TAKES_A_REASON, Action, Command, UnknownCommand, parse_command
 
 Post = Callable[[Command | UnknownCommand], None]
-READ_SIZE = 4096
-LONGEST_LINE = 10_000
 ENTER, ESCAPE, BACKSPACE = "\r\n", "\x1b", "\x7f\b"
 
 
@@ -72,37 +70,22 @@ class KeyParser:
         self._show_typed(text)
 
 
-class LineParser:
-    """Parse the bytes of a pipe into commands, one per line."""
+def listen_to_lines(post: Post) -> None:
+    """Read commands from standard input until it ends; the session continues without them."""
 
-    def __init__(self) -> None:
-        self._rest = b""
+    def read() -> None:
+        for line in read_lines(sys.stdin):
+            if line.strip():
+                post(_parse_line(line))
 
-    def feed(self, data: bytes) -> list[Command | UnknownCommand]:
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        self._rest = self._rest[-LONGEST_LINE:]
-        return [_parse_line(line.decode("utf-8", errors="replace")) for line in lines if line.strip()]
+    threading.Thread(target=read, name="commands", daemon=True).start()
 
 
 def _parse_line(line: str) -> Command | UnknownCommand:
     try:
-        return parse_command(line.lstrip("\ufeff"))  # PowerShell sends a byte order mark
+        return parse_command(line)
     except UnknownCommand as unknown:
         return unknown
-
-
-def listen_to_lines(post: Post) -> None:
-    """Read commands from standard input until it ends; the session continues without them."""
-    if sys.stdin is None:  # a service without one
-        return
-    descriptor, parser = sys.stdin.fileno(), LineParser()
-
-    def read() -> None:
-        while data := _read(descriptor):
-            for command in parser.feed(data):
-                post(command)
-
-    threading.Thread(target=read, name="commands", daemon=True).start()
 
 
 @contextmanager

@@ -7,11 +7,11 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from subprocess import Popen
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from station.child import Child
 from station.exit_code import DONE, LOSSY
 from station.verbs.options import FormatOption, Rerun, Rrd, print_message
 
@@ -54,15 +54,14 @@ def live(
         served = _serve_page(stack, source.parent, port) if page else None
         code = _replay(source, config, (speed or 1.0) if page else speed, output, scenes, as_json=format == "json")
         if served is not None:
-            served.wait()
+            served.process.wait()
         raise typer.Exit(code)
 
 
-def _serve_page(stack: ExitStack, folder: Path, port: int) -> Popen[bytes]:
+def _serve_page(stack: ExitStack, folder: Path, port: int) -> Child:
     """In a process of its own, which does not slow the replay."""
-    child = Popen([sys.executable, "-m", "station.console.live_server", str(folder), str(port)])  # noqa: S603  (ours)
-    stack.callback(child.wait)
-    stack.callback(child.terminate)
+    child = Child("station.console.live_server", str(folder), str(port), stdout=None)
+    stack.callback(child.ensure_ended)
     return child
 
 

@@ -38,6 +38,21 @@ def test_a_file_is_short_and_named_by_its_noun() -> None:
     assert long == []
 
 
+def test_no_child_reads_standard_input_and_no_thread_waits_in_a_read_of_it() -> None:
+    """On Windows a pending read of a pipe blocks libraries that load (docs/decisions/0060)."""
+    starting = {name_of(path) for path in SOURCES if re.search(r"Popen\(|create_subprocess|\bos\.spawn", text_of(path))}
+    assert starting == {"station/child.py", "station/viewer/viewer.py"}, "children are started with a Child"
+    assert all("stdin=subprocess.DEVNULL" in text_of(ROOT / name) for name in starting)
+    reading = {name_of(path) for path in SOURCES if "sys.stdin" in text_of(path)}
+    assert reading == {
+        "drivers/simulators/__main__.py",  # no thread
+        "station/bench/simulation.py",  # passes it to standard_input.py
+        "station/standard_input.py",  # asks for data before it reads
+        "station/terminal/keyboard.py",  # also; keys of a terminal are read on POSIX only
+    }
+    assert "Thread" not in text_of(ROOT / "drivers/simulators/__main__.py")
+
+
 def test_standard_gravity_is_typed_once_and_scipy_s() -> None:
     typed = {
         name_of(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -29,7 +28,7 @@ ASSESS_AFTERWARDS = """
 import sys
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from solver.compile_ahead import KERNELS, SHARES, count_ready, main
+from solver.compile_ahead import KERNELS, SHARES, compile_ahead, count_ready, print_count
 
 def signatures():
     return {
@@ -41,7 +40,7 @@ def signatures():
 file = Path(sys.argv.pop())
 for compile_share in SHARES.values():
     compile_share()
-main()
+compile_ahead(print_count)
 before = signatures()
 assert count_ready() == len(KERNELS) == 13, before
 assert all(before[f"{module}.{name}"] == 1 for module, name in KERNELS), before
@@ -145,28 +144,7 @@ def test_a_first_use_is_told_by_the_files_of_a_kernel(tmp_path: Path, monkeypatc
 
 
 def test_it_ends_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    class EndedError(Exception):
-        pass
-
-    def end(code: int) -> None:
-        assert code == 1
-        raise EndedError
-
     monkeypatch.setattr(compiled._NoCache, "is_reported", True)
-    monkeypatch.setattr(os, "_exit", end)
-    monkeypatch.setattr(sys, "argv", ["compile_ahead"])
-    monkeypatch.setattr(
-        compile_ahead, "compile_ahead", lambda: compile_ahead.COMPILER.warning("compiling %s", "a kernel")
-    )
-    with pytest.raises(EndedError):
-        compile_ahead.main()
-
-
-def test_it_ends_when_its_parent_does(tmp_path: Path) -> None:
-    """A killed parent closes the pipe."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # cold, so that it would take long
-    with subprocess.Popen(  # noqa: S603
-        [*COMMAND, "--with-parent"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
-    ) as child:
-        child.communicate()
-    assert child.returncode == 1
+    with pytest.raises(SystemExit) as ended, compile_ahead.CompilationCount(compile_ahead.print_count):
+        compile_ahead.COMPILER.warning("compiling %s", "a kernel")
+    assert ended.value.code == 1

@@ -48,7 +48,7 @@ GUARDED = {
     "station/live/process.py": {"nice"},
     "station/session/worker.py": {"nice"},
     "station/bench/typed_commands.py": {"SIGTTIN"},
-    "solver/compile_ahead.py": {"nice"},
+    "station/assessment/compiling_process.py": {"nice"},
 }
 """Names that only POSIX has, by file; docs/windows.md describes the guards."""
 pytestmark = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="reads the open files from /proc")

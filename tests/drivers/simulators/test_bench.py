@@ -216,13 +216,6 @@ def is_event(item: Item, kind: str) -> bool:
     return isinstance(item, Event) and item.kind == kind
 
 
-def test_an_endless_pause_ends_with_the_parent(child: Child) -> None:
-    child.ask({"ports": {"ni": None, "serial": None}})
-    assert child.process.stdin is not None
-    child.process.stdin.write('{"pause_s": 1e9}\n')
-    assert child.end() == 0
-
-
 def test_settings_that_cannot_be_used_end_it_with_a_sentence(child: Child) -> None:
     refused = child.ask({"sped": 3})
     assert (refused["error"], refused["code"]) == ("simulated bench: unknown key sped", SimulatorCode.WRONG_SETTING)

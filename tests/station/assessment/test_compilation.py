@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
+import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import typer
@@ -14,53 +15,58 @@ import typer
 from solver import compiled
 from solver.compile_ahead import KERNELS
 from station.assessment.compilation import FIRST_USE, CompilationAhead, compilation_beside, compilation_shown
+from station.child import Child
 from station.progress import silent
+from tests.station.children import start
+from tests.timeout import scaled_timeout
 
 Shown = list[tuple[str, int, int]]
 COMMAND = typer.main.get_command(typer.Typer(callback=lambda: None))
 
 
 @contextmanager
-def _ahead(program: str, shown: Shown) -> Iterator[CompilationAhead]:
-    with CompilationAhead((sys.executable, "-c", program)) as ahead:
+def _ahead(shown: Shown, *numbers: int) -> Iterator[CompilationAhead]:
+    """A child that reports these numbers of ready kernels, and ends with the last one as its exit code."""
+    with CompilationAhead(start=lambda _: start("report_kernels", *(str(number) for number in numbers))) as ahead:
         ahead.ensure_started()
         ahead.show(lambda *count: shown.append(count))
         yield ahead
 
 
-def _printing(*ready: int) -> str:
-    lines = [f'{{"ready": {count}, "kernels": 8}}' for count in ready]
-    return "\n".join(f"print('{line}', flush=True)" for line in lines)
-
-
 def test_every_kernel_that_is_ready_is_shown_and_waited_for() -> None:
     shown: Shown = []
-    with _ahead(_printing(0, 3, 8), shown) as ahead:
+    with _ahead(shown, 0, 3, 8, 0) as ahead:
         assert ahead.wait()
     assert shown == [("compiling the solver", ready, 8) for ready in (0, 3, 8)]
 
 
 def test_where_all_is_on_disk_there_is_nothing_to_show() -> None:
     shown: Shown = []
-    with _ahead(_printing(8), shown) as ahead:
+    with _ahead(shown, 8, 0) as ahead:
         assert ahead.wait()
     assert shown == []
 
 
 def test_a_compilation_that_fails_is_not_complete_and_no_error() -> None:
-    with _ahead(_printing(3) + "\nraise SystemExit(1)", []) as ahead:
+    def cannot_start(_: str) -> Child:
+        raise FileNotFoundError("no-such-program")
+
+    with _ahead([], 3, 1) as ahead:
         assert not ahead.wait()
-    with _ahead(_printing(3), []) as ahead:
+    with _ahead([], 3, 0) as ahead:
         assert not ahead.wait()
-    with CompilationAhead(("a-program-that-there-is-not",)) as ahead:
+    with CompilationAhead(start=cannot_start) as ahead:
         ahead.ensure_started()
         ahead.show(silent)
         assert not ahead.wait()
 
 
-def test_a_line_that_is_not_a_count_is_ignored() -> None:
-    with _ahead("print('hello')", []) as ahead:
-        assert not ahead.wait()
+def test_the_process_that_compiles_ends_with_its_parent(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # nothing is compiled, so that it would take long
+    child = Child("station.assessment.compiling_process", env=environment)
+    assert child.receive() == {"ready": 0, "kernels": len(KERNELS)}
+    child.close()
+    assert child.process.wait(scaled_timeout(60.0)) == 1
 
 
 @pytest.fixture
@@ -78,7 +84,8 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[str]]:
 
 
 def test_the_second_process_ends_with_the_station(started: list[subprocess.Popen[str]]) -> None:
-    with _ahead("import sys; sys.stdin.read()", []):
+    with CompilationAhead(start=lambda _: start("freeze")) as ahead:
+        ahead.ensure_started()
         (child,) = started
         assert child.poll() is None
     assert child.returncode is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import logging
 import socket
 import struct
@@ -113,8 +112,8 @@ def test_the_telemetry_has_the_rate_of_a_bench_that_is_too_slow(
         for _ in range(8):
             clock.step()
             wall_s[0] += clock._step_s / 0.6
-        telemetry = Telemetry(io.StringIO(), None, config_for(bench.ports).calibration(), tmp_path, clock)
-        line = telemetry._line()
+        telemetry = Telemetry(lambda _: None, None, config_for(bench.ports).calibration(), tmp_path, clock)
+        line = telemetry._message()
     assert streams_of(line).startswith("simulated bench runs at 0.60 of real time")
     assert "real time" not in streams_of({**line, "slow_rate": None})
 
@@ -124,7 +123,7 @@ def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_pat
         child = bench._child
         assert child is not None
         with BenchClock(bench.clock_port) as clock:
-            daemon = TrialRecorder(config_for(bench.ready["ports"]), clock, [Looks(child.kill)])
+            daemon = TrialRecorder(config_for(bench.ready["ports"]), clock, [Looks(child.process.kill)])
             result = daemon.record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
     assert [message.code for message in result.messages] == [TrialCode.DEVICE_LOST]

@@ -19,8 +19,8 @@ def test_the_trial_after_a_killed_recorder_saves_the_capture_that_it_left(tmp_pa
     with simulated_bench(tmp_path / "bench", swing_s=swing_s) as (bench, config):
         with Recorder(config, folder, bench.clock_port) as killed:
             killed.until(has_recorded(2.0))
-            killed.child.kill()
-            killed.child.wait()
+            killed.child.process.kill()
+            killed.child.process.wait()
         with Recorder(config, folder, bench.clock_port) as recorder:
             recorder.let_go()
             result = recorder.end()["result"]
@@ -35,8 +35,8 @@ def test_a_capture_of_another_session_is_reported_and_not_stopped(tmp_path: Path
     with simulated_bench(tmp_path / "bench", swing_s=200.0) as (bench, config):
         with Recorder(config, folder / "theirs", bench.clock_port) as theirs:
             theirs.until(has_recorded(2.0))
-            theirs.child.kill()
-            theirs.child.wait()
+            theirs.child.process.kill()
+            theirs.child.process.wait()
         with Recorder(config, folder / "ours", bench.clock_port) as recorder:
             code = recorder.end()["code"]
     assert code == DeviceCode.CAPTURE_NOT_OURS

@@ -27,8 +27,8 @@ def test_the_trial_after_a_killed_recorder_is_recorded(tmp_path: Path, kills: in
             with Recorder(config, tmp_path / "simulated" / "monday", bench.clock_port) as killed:
                 killed.let_go()
                 killed.until(has_recorded(0.1 * kill))
-                killed.child.kill()
-                killed.child.wait()
+                killed.child.process.kill()
+                killed.child.process.wait()
         with Recorder(config, tmp_path / "simulated" / "monday", bench.clock_port) as recorder:
             recorder.let_go()
             result = recorder.end()["result"]

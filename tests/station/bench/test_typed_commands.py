@@ -5,7 +5,6 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,7 @@ import pytest
 
 from drivers.simulators.settings import Settings
 from drivers.simulators.world import World
-from station.bench.typed_commands import execute_commands, execute_commands_in_thread, parse_fault
-from tests.timeout import scaled_timeout
+from station.bench.typed_commands import execute_commands, parse_fault
 
 
 def test_a_line_is_a_fault_at_the_present_time() -> None:
@@ -56,18 +54,6 @@ def test_a_known_mass_is_hung_from_the_cell_until_the_next_capture_begins() -> N
     world.clock.advance(1.0)
     world.hang(3)
     assert world.capture.end <= world.now() + 0.01, "a mass ends the capture"
-
-
-def test_an_unreadable_standard_input_is_ignored() -> None:
-    def unreadable() -> Iterator[str]:
-        raise OSError(5, "Input/output error")
-        yield ""
-
-    replies: list[str] = []
-    for lines in (None, unreadable()):
-        thread = execute_commands_in_thread(lines, World(Settings(), None), replies.append)
-        thread.join(scaled_timeout(10.0))
-        assert not thread.is_alive() and replies == []
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes cannot be waited for there")

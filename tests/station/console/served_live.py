@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from station.child import Child
 
 
 @contextmanager
@@ -17,18 +18,19 @@ def served_live_page(folder: Path) -> Iterator[str]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    child = subprocess.Popen(  # noqa: S603  (our own words)
-        [sys.executable, "-m", "station.console.live_server", str(folder), str(port)],
+    child = Child(
+        "station.console.live_server",
+        str(folder),
+        str(port),
         stdout=subprocess.PIPE,
         text=True,
         env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
     )
-    assert child.stdout is not None
+    assert child.process.stdout is not None
     try:
-        address = child.stdout.readline().strip()
+        address = child.process.stdout.readline().strip()
         assert address == f"http://127.0.0.1:{port}/"
         yield address
     finally:
-        child.terminate()
-        child.wait(60)
-        child.stdout.close()
+        child.ensure_ended()
+        child.process.stdout.close()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.simulation import simulator_settings
 from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder
+from station.child import Child
 from station.clock import ManualClock
 from station.config import parse_config
 from station.live import tap as tap_module
@@ -25,14 +26,12 @@ from station.live.tap import BACKLOG, LiveTap, live_views
 from station.messages.codes import TrialCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
+from tests.station.children import start
 from tests.station.live.trials import TIGHT
 from tests.station.wearer import wearer_config
 
 POSE = TrialSpec(None, "pose", 1)
 REQUEST = LiveRequest({}, "", POSE, 0)
-CRASHES = (sys.executable, "-c", "raise SystemExit(3)")
-NEVER_READS = (sys.executable, "-c", "import threading; threading.Event().wait()")
-MISSING = ("no-such-program",)
 
 
 def frame(number: int) -> Samples:
@@ -40,9 +39,17 @@ def frame(number: int) -> Samples:
     return Samples("/markers", np.array([number], np.uint64), np.array([number], np.int64), number, values)
 
 
-@pytest.mark.parametrize("command", [CRASHES, MISSING])
+def crashes() -> Child:
+    return start("crash")
+
+
+def cannot_start() -> Child:
+    raise FileNotFoundError("no-such-program")
+
+
+@pytest.mark.parametrize("command", [crashes, cannot_start])
 def test_a_recording_is_whole_although_the_live_process_ends(
-    command: tuple[str, ...], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    command: Callable[[], Child], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     config = wearer_config()
     with Bench(settings_from_dict(simulator_settings(config)), speed=None, seed=5) as bench:
@@ -56,7 +63,7 @@ def test_a_recording_is_whole_although_the_live_process_ends(
     assert result.accepted and result.lost_samples == 0 and result.path is not None
     assert contents_of(result.path).complete
     assert "recording is not affected" in capfd.readouterr().err
-    assert tap.exit_code == (3 if command is CRASHES else None)
+    assert tap.exit_code == (3 if command is crashes else None)
 
 
 def test_what_a_frozen_live_process_does_not_read_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,7 +71,7 @@ def test_what_a_frozen_live_process_does_not_read_is_dropped_and_counted(monkeyp
     monkeypatch.setattr("station.bench.background_view.JOIN_TIMEOUT_S", 0.05)
     monkeypatch.setattr(tap_module, "JOIN_TIMEOUT_S", 5.0)
     count = 4 * BACKLOG
-    with LiveTap(REQUEST, NEVER_READS) as tap:
+    with LiveTap(REQUEST, lambda: start("freeze")) as tap:
         for number in range(count):
             tap.offer(frame(number))
         dropped = tap.dropped
@@ -73,7 +80,7 @@ def test_what_a_frozen_live_process_does_not_read_is_dropped_and_counted(monkeyp
 
 
 def test_requests_are_kept_where_frames_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    tap = LiveTap(REQUEST, MISSING)
+    tap = LiveTap(REQUEST, cannot_start)
     markers = Stream("/markers", "mm", tuple(f"M{k}" for k in range(400)), 100.0, "test")
     recording = Snapshot(TrialState.RECORDING, streams=(markers,), recording=Path("a.mcap"))
     tap.show(recording)
@@ -86,7 +93,7 @@ def test_requests_are_kept_where_frames_are_dropped(monkeypatch: pytest.MonkeyPa
 
 def test_frames_after_the_end_of_the_capture_are_of_a_preview() -> None:
     """The recorder does not store them (states/closing.py), so a replay would not have them."""
-    tap = LiveTap(REQUEST, MISSING)
+    tap = LiveTap(REQUEST, cannot_start)
     tap.offer(frame(1))
     tap.show(Snapshot(TrialState.CLOSING, (Message(TrialCode.CAPTURE_ENDED),)))
     tap.offer(frame(2))

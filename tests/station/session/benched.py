@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
@@ -15,9 +13,9 @@ from typing import Any
 from recordings.manifest import TestKind
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench, simulator_settings
+from station.child import Child
 from station.config import StationConfig, load_config
 from station.protocol import TrialSpec
-from tests.station.child_process import end_process
 from tests.station.console.served import write_config
 
 DYNAMIC = TrialSpec("hand", "dynamic", 1)
@@ -69,10 +67,8 @@ class Recorder:
         self._home = str(folder.parent)  # what a recorder that is killed leaves there is the next one's
 
     def __enter__(self) -> Recorder:
-        self.child = subprocess.Popen(
-            [sys.executable, "-m", "station.session.trial_daemon"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+        self.child = Child(
+            "station.session.trial_daemon",
             stderr=subprocess.PIPE,
             env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
             | {"HOME": self._home, "USERPROFILE": self._home},
@@ -90,32 +86,30 @@ class Recorder:
 
     def __exit__(self, *_: object) -> None:
         self.let_go()
-        end_process(self.child)
+        self.child.ensure_ended()
+        if self.child.process.stderr is not None:
+            self.child.process.stderr.close()
 
     def send(self, command: dict[str, Any]) -> None:
-        assert self.child.stdin is not None
-        self.child.stdin.write(json.dumps(command).encode() + b"\n")
-        self.child.stdin.flush()
+        self.child.send(command)
 
     def until(self, is_met: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """Read the output up to the first line that meets the condition."""
-        assert self.child.stdout is not None
-        line = b""
-        for line in self.child.stdout:
-            message: dict[str, Any] = json.loads(line)
+        """Receive messages up to the first one that meets the condition."""
+        message: dict[str, Any] = {}
+        for message in self.child:
             if is_met(message):
                 return message
             if self._clock is not None and message.get("state") != "idle":
                 self._clock.step()
-        raise AssertionError(f"the recorder ended without that: {line.decode()} {self.errors()}")
+        raise AssertionError(f"the recorder ended without that: {message} {self.errors()}")
 
     def end(self) -> dict[str, Any]:
         """The result or the refusal."""
         return self.until(lambda message: "result" in message or "refused" in message)
 
     def errors(self) -> str:
-        assert self.child.stderr is not None
-        return self.child.stderr.read().decode()
+        assert self.child.process.stderr is not None
+        return self.child.process.stderr.read().decode()
 
 
 def has_recorded(seconds: float) -> Callable[[dict[str, Any]], bool]:

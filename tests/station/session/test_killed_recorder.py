@@ -42,7 +42,7 @@ def test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_record
             controller.session.begin(SETUP)
             await controller.runner.arm()
             await until(is_recording)
-            recorders[0]._child.kill()
+            recorders[0]._child.process.kill()
             await until(lambda: not controller.session.has_running_trial)
             await controller.runner.arm()
             await until(lambda: is_recording() or controller.runner.live is None)

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import io
-import json
 import time
 from pathlib import Path
 from typing import Any
@@ -71,21 +69,20 @@ def test_an_anchor_of_two_markers_gives_no_displacement() -> None:
 
 
 class TelemetryByHand:
-    """A telemetry view driven by hand, and the lines it wrote."""
+    """A telemetry view driven by hand, and the messages it sent."""
 
     def __init__(
         self, folder: Path, marked: CuffSite | BodyMarkers = CUFF, streams: tuple[Stream, ...] = STREAMS
     ) -> None:
-        self.out = io.StringIO()
-        self.view = Telemetry(self.out, marked, CELL, folder, emg=EmgAmplifier("daq", {"deltoid": 500.0}))
+        self.sent: list[dict[str, Any]] = []
+        self.view = Telemetry(self.sent.append, marked, CELL, folder, emg=EmgAmplifier("daq", {"deltoid": 500.0}))
         self.view.show(Snapshot(TrialState.RECORDING, RECORDING, 4.9, 0.0, 3.0, 2, 1, streams))
 
     def line(self, *items: Item) -> dict[str, Any]:
         for item in items:
             self.view.offer(item)
         self.view._refresh()
-        telemetry: dict[str, Any] = json.loads(self.out.getvalue().splitlines()[-1])
-        return telemetry
+        return self.sent[-1]
 
 
 def force(start_s: float, seconds: float, volts: float) -> Samples:
@@ -151,12 +148,15 @@ def test_the_remaining_time_of_the_disk_is_free_space_over_the_measured_rate(
 
 
 def test_a_closed_console_is_not_an_error(tmp_path: Path) -> None:
+    def refuse(_: dict[str, Any]) -> None:
+        raise BrokenPipeError
+
     view = TelemetryByHand(tmp_path)
-    view.out.close()
+    view.view._send = refuse
     for block in range(3):
         view.view.offer(force(0.1 * block, 0.1, -0.25))
         view.view._refresh()
-    view.view._out = view.out = io.StringIO()
+    view.view._send = view.sent.append
     telemetry = view.line(force(0.3, 0.1, -0.25))
     assert telemetry["streams"]["/force"]["samples"] == 400 and telemetry["dropped"] == 0, "it looked on all the while"
 

@@ -6,7 +6,7 @@ import pytest
 
 from station.messages.codes import CommandCode
 from station.terminal.commands import KEYS, MEANINGS, Action, Command, UnknownCommand, parse_command
-from station.terminal.keyboard import KeyParser, LineParser
+from station.terminal.keyboard import KeyParser
 from tests.station.refusals import raises_refusal
 
 
@@ -55,12 +55,3 @@ def test_arrows_are_ignored_enter_arms_and_an_unknown_key_is_refused() -> None:
     (unknown,) = keys.feed("z")
     assert isinstance(unknown, UnknownCommand) and unknown.code == CommandCode.UNKNOWN_KEY
     assert keys.feed("\x00") == []
-
-
-def test_lines_arrive_in_any_pieces_and_bytes_that_are_not_utf_8_are_refused() -> None:
-    lines = LineParser()
-    assert lines.feed(b"ke") == []
-    assert lines.feed(b"ep\n\nskip\nre") == [Command(Action.KEEP), Command(Action.SKIP)]
-    assert lines.feed(b"do it \xc3\xbc\n") == [Command(Action.REDO, "it ü")]
-    (unknown,) = lines.feed(b"\xff\xfe\n")
-    assert isinstance(unknown, UnknownCommand)
