@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -38,6 +39,7 @@ Array = NDArray[np.float64]
 Table = dict[str, Any]
 
 
+@cache  # a model is frozen
 def bundled_model() -> Model:
     """The thoracoscapular model: 7 bodies, 17 coordinates, 33 muscles, 17 actuators; the table names the sources."""
     table = tomllib.loads(files("solver").joinpath("thoracoscapular.toml").read_text(encoding="utf-8"))

@@ -191,7 +191,8 @@ def test_a_second_reader_finds_markers_and_a_single_channel(tmp_path: Path, fram
     found = np.array(points)
     missing = found[..., 3] < 0
     assert (missing == table.missing).all()
-    assert found[~missing][:, :3] == pytest.approx(positions[~missing], abs=1e-3)
-    assert found[~missing][:, 3] == pytest.approx(residuals[~missing], abs=0.5 * abs(float(reader.point_scale)))
-    assert np.concatenate(channels) == pytest.approx(force, abs=1e-6)
+    np.testing.assert_allclose(found[~missing][:, :3], positions[~missing], rtol=0, atol=1e-3)
+    half_a_unit = 0.5 * abs(float(reader.point_scale))
+    np.testing.assert_allclose(found[~missing][:, 3], residuals[~missing], rtol=0, atol=half_a_unit)
+    np.testing.assert_allclose(np.concatenate(channels), force, rtol=0, atol=1e-6)
     assert [label.strip() for label in reader.point_labels] == list(table.labels)

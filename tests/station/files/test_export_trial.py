@@ -11,6 +11,7 @@ import ezc3d
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from numpy.testing import assert_allclose
 from pyarrow import parquet
 
 from fitting.trial.reader import read_trial
@@ -68,12 +69,12 @@ def again(force: Path, mocap: Path, session: Path, test: str = "static") -> Path
 def assert_same_trial(found: Trial, expected: Trial, newtons: float, metres: float) -> None:
     """But for the last frame, which may stand after the last sample of the force that went out."""
     assert found.labels == expected.labels
-    assert found.force_time == pytest.approx(expected.force_time[: len(found.force_time)], abs=2e-9)
-    assert found.force == pytest.approx(expected.force[: len(found.force)], abs=newtons)
+    assert_allclose(found.force_time, expected.force_time[: len(found.force_time)], rtol=0, atol=2e-9)
+    assert_allclose(found.force, expected.force[: len(found.force)], rtol=0, atol=newtons)
     frames = len(found.marker_time)
     assert frames >= len(expected.marker_time) - 1 and len(found.force) >= len(expected.force) - 1
-    assert found.marker_time == pytest.approx(expected.marker_time[:frames], abs=2e-9)
-    assert found.markers == pytest.approx(expected.markers[:frames], abs=metres, nan_ok=True)
+    assert_allclose(found.marker_time, expected.marker_time[:frames], rtol=0, atol=2e-9)
+    assert_allclose(found.markers, expected.markers[:frames], rtol=0, atol=metres)
 
 
 @pytest.mark.parametrize(("force", "markers"), [("csv", "tsv"), ("tsv", "tsv"), ("csv", "trc"), ("tsv", "c3d")])
@@ -120,11 +121,11 @@ def test_c3d_has_the_force_at_a_multiple_of_the_frame_rate_within_the_noise(
     read = c3d["data"]["analogs"][0, 0]
     assert len(read) == 10 * c3d["data"]["points"].shape[2]
     time = trial.marker_time[0] + np.arange(len(read)) / 1000
-    assert read == pytest.approx(np.interp(time, trial.force_time, trial.force), abs=1e-3)
+    assert_allclose(read, np.interp(time, trial.force_time, trial.force), rtol=0, atol=1e-3)
     assert np.isnan(c3d["data"]["points"][0, -1]).sum() == 50
     points = dict(zip(c3d["parameters"]["POINT"]["LABELS"]["value"], c3d["data"]["points"].swapaxes(0, 1), strict=True))
     for label, axis, found in coordinates_of(trial):
-        assert points[label]["xyz".index(axis)] == pytest.approx(1e3 * found, abs=1e-4, nan_ok=True)
+        assert_allclose(points[label]["xyz".index(axis)], 1e3 * found, rtol=0, atol=1e-4)
 
 
 def coordinates_of(trial: Trial) -> Iterator[tuple[str, str, np.ndarray]]:
@@ -157,12 +158,12 @@ def test_parquet_has_units_in_its_fields_and_null_where_a_marker_is_missing(
     assert markers.schema.field("cuff_1_x_m").metadata == {b"unit": b"m"}
     assert force.schema.field("force_n").metadata == {b"unit": b"N"}
     assert markers["cuff_1_x_m"].null_count == 50
-    assert force["force_n"].to_numpy() == pytest.approx(trial.force)
-    assert force["time_s"].to_numpy() == pytest.approx(trial.force_time)
-    assert markers["time_s"].to_numpy() == pytest.approx(trial.marker_time)
+    assert_allclose(force["force_n"], trial.force, rtol=1e-6, atol=1e-12)
+    assert_allclose(force["time_s"], trial.force_time, rtol=1e-6, atol=1e-12)
+    assert_allclose(markers["time_s"], trial.marker_time, rtol=1e-6, atol=1e-12)
     for label, axis, found in coordinates_of(trial):
         column = markers[f"{label}_{axis}_m"].to_numpy(zero_copy_only=False)
-        assert column == pytest.approx(found, nan_ok=True)
+        assert_allclose(column, found, rtol=1e-6, atol=1e-12)
     assert json.loads(force.schema.metadata[b"station"])["test"] == "static"
 
 
@@ -187,7 +188,7 @@ def test_motion_bids_is_a_data_set_whose_columns_are_its_channels(session: Path,
     names = [channel[0] for channel in channels[1:]]
     columns = {name: [float(row[at].replace("n/a", "nan")) for row in rows] for at, name in enumerate(names)}
     for label, axis, found in coordinates_of(trial):
-        assert columns[f"{label}_{axis}"] == pytest.approx(found, abs=1e-7, nan_ok=True)
+        assert_allclose(columns[f"{label}_{axis}"], found, rtol=0, atol=1e-7)
     sidecar = json.loads((folder / f"{name}_motion.json").read_text())
     assert (sidecar["SamplingFrequency"], sidecar["TaskName"], sidecar["POSChannelCount"]) == (100.0, "static", 15)
     assert (folder / f"{name}_events.tsv").read_text() == "onset\tduration\ttrial_type\n0.0\t0\tsync_edge\n"
@@ -195,7 +196,7 @@ def test_motion_bids_is_a_data_set_whose_columns_are_its_channels(session: Path,
     force = gzip.decompress((folder / f"{name}_recording-loadcell_physio.tsv.gz").read_bytes()).decode().split()
     assert len(force) == len(trial.force) and physio["Columns"] == ["force"] and physio["force"]["Units"] == "N"
     assert physio["StartTime"] == pytest.approx(trial.force_time[0])
-    assert [float(word) for word in force] == pytest.approx(trial.force)
+    assert_allclose([float(word) for word in force], trial.force, rtol=1e-6, atol=1e-12)
 
 
 def test_names_of_the_console_become_entities(static: Path, tmp_path: Path) -> None:
