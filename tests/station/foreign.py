@@ -79,9 +79,9 @@ class Truth:
         streams = [track.stream for track in self.tracks.values()]
         writer = RecordingWriter(path, self.manifest, streams, sync=lambda _: None)
         for name, track in self.tracks.items():
-            for host in np.unique(track.host_time_ns):
-                part = track.host_time_ns == host
-                numbers, device, values = track.sample_numbers[part], track.device_time_ns[part], track.values[part]
+            hosts, starts = np.unique(track.host_time_ns, return_index=True)
+            parts = (np.split(of_all, starts[1:]) for of_all in (track.sample_numbers, track.device_time_ns, track.values))
+            for host, numbers, device, values in zip(hosts, *parts, strict=True):
                 writer.write(Samples(name, numbers, device, int(host), values))
         for event in events:
             writer.write(event)
