@@ -41,14 +41,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--pictures", metavar="DIR", help="where the tests in a browser leave their screenshots")
 
 
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """No test processes with --hardware, since there is one bench; one more than cores for the default suite.
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """No test processes with --hardware, since there is one bench; else one more than cores.
 
-    A third of its time is spent waiting for a simulated bench. The slow tests keep xdist's own number, one per core.
+    A third of the time is spent waiting: for a simulated bench, a browser, another process.
     """
-    if config.getoption("--hardware"):
-        return 0
-    return count_cores() + 1 if config.option.markexpr == "not slow" else None
+    return 0 if config.getoption("--hardware") else count_cores() + 1
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

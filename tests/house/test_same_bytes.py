@@ -14,29 +14,16 @@ from tests.house.sameness import differences
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
-LOOPS = 4
+LOOPS = 2
 PATIENCE_S = 200.0
 
 
-def made(folder: Path, *options: str, loops: int = 0) -> Path:
-    """The folder, with the session of one cuff in it."""
-    with busy_loops(loops, PATIENCE_S):
-        command = [sys.executable, "-m", "tests.house.one_cuff", str(folder), *options]
+@pytest.mark.slow
+def test_busy_loops_and_a_single_core_change_nothing(recorded_session: Path, tmp_path: Path) -> None:
+    """The session of tests/house/one_cuff.py, made on all cores, and on one that it shares with busy loops."""
+    is_pinned = ["--pinned"] if hasattr(os, "sched_setaffinity") else []
+    command = [sys.executable, "-m", "tests.house.one_cuff", str(tmp_path), *is_pinned]
+    with busy_loops(LOOPS, PATIENCE_S):
         subprocess.run(command, check=True, cwd=ROOT, timeout=scaled_timeout(PATIENCE_S))  # noqa: S603
-    return folder
-
-
-def assert_same(one: Path, other: Path) -> None:
-    assert len(list(one.glob("*.mcap"))) == 6
-    assert differences(one, other) == []
-
-
-@pytest.mark.slow
-def test_busy_loops_beside_it_change_nothing(recorded_session: Path, tmp_path: Path) -> None:
-    assert_same(recorded_session, made(tmp_path, loops=LOOPS))
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not pin a process to a core")
-def test_a_single_core_changes_nothing(recorded_session: Path, tmp_path: Path) -> None:
-    assert_same(recorded_session, made(tmp_path, "--pinned"))
+    assert len(list(tmp_path.glob("*.mcap"))) == 6
+    assert differences(recorded_session, tmp_path) == []

@@ -80,7 +80,8 @@ class Truth:
         writer = RecordingWriter(path, self.manifest, streams, sync=lambda _: None)
         for name, track in self.tracks.items():
             hosts, starts = np.unique(track.host_time_ns, return_index=True)
-            parts = (np.split(of_all, starts[1:]) for of_all in (track.sample_numbers, track.device_time_ns, track.values))
+            columns = (track.sample_numbers, track.device_time_ns, track.values)
+            parts = (np.split(column, starts[1:]) for column in columns)
             for host, numbers, device, values in zip(hosts, *parts, strict=True):
                 writer.write(Samples(name, numbers, device, int(host), values))
         for event in events:
