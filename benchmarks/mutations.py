@@ -44,7 +44,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "fitting.static.migration": (),
     "fitting.static.stiffness": (),
     "fitting.study.power": (),
-    "fitting.study.reml": ("tests/fitting/study/test_variance_components.py",),
+    "fitting.study.reml": (),
     "fitting.trial.calibration": (),
     "fitting.trial.sync_line": (),
     "fitting.trial.timeline": ("tests/fitting/trial/test_trial.py", "tests/fitting/trial/test_stop_edge.py"),

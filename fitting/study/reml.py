@@ -79,7 +79,7 @@ def contrast(values: Array, fixed: Array, known: Array, incidences: Sequence[Arr
     """Error contrasts of y (n,), X (n, p), R (n, n) and Z_i (n, levels). X has full column rank."""
     basis = linalg.null_space(fixed.T)
     contrasts = basis.T @ values
-    scale = float(np.sqrt(np.mean(contrasts**2))) if contrasts.size else 0.0
+    scale = float(np.linalg.norm(contrasts) / np.sqrt(max(1, contrasts.size)))
     scale = scale or float(np.sqrt(np.trace(known) / len(known))) or 1.0
     roots = tuple(_root(basis, incidence) for incidence in incidences)
     return ErrorContrasts(contrasts / scale, basis.T @ known @ basis / scale**2, roots, scale)
@@ -111,7 +111,7 @@ def dependencies(contrasts: ErrorContrasts) -> list[tuple[int, ...] | None]:
 
 def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
     """Raises LinAlgError where V(θ) is singular."""
-    factor = linalg.cho_factor(contrasts.covariance(theta), lower=True)
+    factor = linalg.cho_factor(contrasts.covariance(theta))
     solved = linalg.cho_solve(factor, contrasts.values)
     solved_roots = [linalg.cho_solve(factor, root) for root in contrasts.roots]
     count = contrasts.count
@@ -133,7 +133,7 @@ def maximise(contrasts: ErrorContrasts, start: Array | None = None) -> RemlSolut
 
     Raises LinAlgError where V is singular at the start, as for values without any variance.
     """
-    theta = np.full(contrasts.count, 1.0 / max(1, contrasts.count)) if start is None else start
+    theta = np.ones(contrasts.count) if start is None else start
     here = evaluate(contrasts, theta)
     for _ in range(ROUNDS):
         free = (theta > 0) | (here.gradient < 0)
@@ -181,4 +181,4 @@ def _root(basis: Array, incidence: Array) -> Array:
 
 
 def _is_identity(root: Array) -> bool:
-    return root.shape[0] == root.shape[1] and np.array_equal(root, np.eye(len(root)))
+    return np.array_equal(root, np.eye(len(root)))

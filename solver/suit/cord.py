@@ -47,7 +47,7 @@ class CordLine:
     @property
     def length(self) -> Array:
         """Length (frames,) [m] with the cuffs in place."""
-        length: Array = np.linalg.norm(self.shoulder[:, None] - self.anchors, axis=-1).sum(axis=-1)
+        length: Array = np.linalg.norm(self.shoulder[:, None] - self.anchors, axis=-1).sum(axis=1)
         return length
 
 
@@ -155,12 +155,12 @@ def suit_forces(
         for i, cuff in enumerate(cuffs):
             if cuff:
                 held[i] = cuff_force(cuff.stiffness, cuff.damping, displacement[..., i, :], velocity[..., i, :])
-    shoulder = np.broadcast_to(line.shoulder[chosen], held[0].shape)
+    shoulder = np.broadcast_to(line.shoulder[chosen], (*tension[:, chosen].shape, 3))
     return SuitForces(
         tension=tension,
         displacement=displacement,
-        points=np.stack([*np.moveaxis(rest.anchors[chosen] + displacement, -2, 0), shoulder], axis=-2),
-        forces=np.stack([*held, -pull.sum(axis=-2)], axis=-2),
+        points=np.stack([*np.moveaxis(rest.anchors[chosen] + displacement, 2, 0), shoulder], axis=2),
+        forces=np.stack([*held, -pull.sum(axis=2)], axis=2),
     )
 
 
@@ -169,7 +169,7 @@ def _velocity(suit: Suit, line: CordLine, travel: Array, direction: Array, chose
     frames = np.arange(len(line.shoulder))
     before = np.maximum(frames - 1, 0)[chosen]
     after = frames[chosen] if suit.rate == "backward" else np.minimum(frames + 1, frames[-1])[chosen]
-    in_body = rotate(np.swapaxes(line.anchors_to_ground, -1, -2), direction)
+    in_body = rotate(np.swapaxes(line.anchors_to_ground, 2, 3), direction)
     moved = travel[:, after, :, None] * in_body[after] - travel[:, before, :, None] * in_body[before]
     seconds = line.interval * np.maximum(after - before, 1)
     return rotate(line.anchors_to_ground[chosen], moved / seconds[:, None, None])
@@ -196,13 +196,13 @@ def _equilibrium(reach: Array, cord_stiffness: float, rest_length: Array, cuff_s
     none where a cuff would be pulled beyond the shoulder point.
     """
     compliance = 1 / cuff_stiffness
-    stretch = np.maximum(reach.sum(axis=-1) - rest_length, 0.0)
+    stretch = np.maximum(reach.sum(axis=1) - rest_length, 0.0)
     tension = cord_stiffness * stretch / (1 + cord_stiffness * compliance.sum())
     travel: Array = tension[..., None] * compliance
     left = reach - travel
     pull = cord_stiffness * np.maximum(np.abs(left).sum(axis=-1) - rest_length, 0.0)
     yielding = np.isfinite(cuff_stiffness)
-    residual = pull[..., None] * np.sign(left[..., yielding]) - cuff_stiffness[yielding] * travel[..., yielding]
+    residual = np.copysign(pull[..., None], left[..., yielding]) - cuff_stiffness[yielding] * travel[..., yielding]
     largest = float(np.abs(residual).max(initial=0.0))
     if not largest < EQUILIBRIUM_RESIDUAL:
         softest = float(cuff_stiffness.min())

@@ -81,6 +81,29 @@ def test_the_power_is_the_part_of_simulated_studies_that_find_the_difference() -
     assert float(found.mean()) == pytest.approx(paired_power(difference, error, volunteers, 0.05), abs=0.03)
 
 
+@pytest.mark.parametrize(
+    ("volunteers", "donnings", "repeats", "expected"),
+    [(1, 1, 1, 2 * (4 + 9 + 16 + 25)), (5, 2, 4, 2 * (4 + 38 / 2) / 5)],
+)
+def test_the_error_of_a_mean_difference_averages_each_variance_over_what_repeats_it(
+    volunteers: int, donnings: int, repeats: int, expected: float
+) -> None:
+    spread = ExpectedSpread(volunteer_by_cuff=2.0, donning=3.0, repeat=4.0)
+    assert difference_error(spread, 5.0, volunteers, donnings, repeats) == pytest.approx(np.sqrt(expected))
+
+
+@pytest.mark.parametrize("difference", [0.0, 0.4, -2.0])
+@pytest.mark.parametrize("volunteers", [3, 12])
+@pytest.mark.parametrize("significance", [0.05, 0.5])
+def test_the_power_is_that_of_statsmodels(difference: float, volunteers: int, significance: float) -> None:
+    """Both tails count: at a significance of 50 %, the difference is often found with the wrong sign."""
+    power = pytest.importorskip("statsmodels.stats.power").TTestPower()
+    effect = abs(difference) / 1.5 / np.sqrt(volunteers)
+    assert paired_power(difference, 1.5, volunteers, significance) == pytest.approx(
+        power.power(effect, volunteers, significance, alternative="two-sided")
+    )
+
+
 @pytest.mark.slow
 def test_the_power_is_the_part_of_studies_in_which_the_interval_of_the_study_leaves_zero_out() -> None:
     """The same with the mixed model of `station study` in place of the paired test."""

@@ -81,7 +81,7 @@ def test_along_the_bone_a_cuff_slips_in_its_body_and_the_line_changes(line):
 
 
 def test_a_cuff_does_not_slip_over_the_shoulder_point(line):
-    with raises_refusal(SolverCode.CUFF_BEYOND_SHOULDER, naming="0.178 m"):
+    with raises_refusal(SolverCode.CUFF_BEYOND_SHOULDER, naming="0.178 m, its distance to the shoulder point"):
         with_migration(SUIT, line, (WAIST, replace(ARM, migration=1.0)))
 
 
@@ -170,9 +170,10 @@ def test_the_central_difference_looks_both_ways(line):
     still = [replace(cuff, damping=0.0) for cuff in CUFFS]
     extra = worn.forces - suit_forces(central, line, REST_LENGTHS[:1], still, yields=True).forces
     in_body = np.einsum("fcij,rfci->rfcj", line.anchors_to_ground, worn.displacement)
-    rate = (in_body[:, 4] - in_body[:, 2]) / (2 * line.interval)
-    expected = np.einsum("cij,rcj->rci", line.anchors_to_ground[3], rate) * [[WAIST.damping], [ARM.damping]]
-    np.testing.assert_allclose(extra[:, 3, :2], expected, atol=1e-9)
+    for frame, before, after in ((0, 0, 1), (3, 2, 4), (6, 5, 6)):
+        rate = (in_body[:, after] - in_body[:, before]) / ((after - before) * line.interval)
+        expected = np.einsum("cij,rcj->rci", line.anchors_to_ground[frame], rate) * [[WAIST.damping], [ARM.damping]]
+        np.testing.assert_allclose(extra[:, frame, :2], expected, atol=1e-9)
 
 
 def test_a_damped_cord_pulls_more_while_it_lengthens_and_never_pushes(line):
@@ -196,14 +197,79 @@ def test_the_cords_points_ride_on_their_bodies():
     np.testing.assert_allclose(np.linalg.norm(line.anchors[:, 0] - line.shoulder, axis=1), apart)
 
 
-@pytest.mark.parametrize("broken", [{"stiffness": -3.0}, {"stiffness": 0.0}, {"damping": np.nan}])
+LENGTHS = np.array([0.5, 0.53125, 0.625, 0.5])  # m, exact in binary
+STRAIGHT = replace(SUIT, stiffness=1000.0, is_straight=True)
+
+
+@pytest.fixture
+def straight():
+    """A straight cord along x from the waist at the origin; the cuff at the arm moves along it, 0.125 s a frame."""
+    anchors = np.zeros((len(LENGTHS), 2, 3))
+    anchors[:, 1, 0] = LENGTHS
+    return CordLine(anchors, anchors.mean(axis=1), np.broadcast_to(np.eye(3), (len(LENGTHS), 2, 3, 3)), 0.125)
+
+
+@pytest.mark.parametrize("rest_length", [0.5, 0.3])
+def test_a_straight_cord_pulls_its_cuffs_together_as_three_springs_in_series(straight, rest_length):
+    """Cord 1000 N/m, waist 2000 N/m, arm 4000 N/m: 4000/7 N/m together."""
+    soft = replace(WAIST, stiffness=2000.0, damping=0.0), replace(ARM, stiffness=4000.0, damping=0.0)
+    worn = suit_forces(STRAIGHT, straight, np.array([rest_length]), soft, yields=True)
+    tension = 4000 / 7 * (LENGTHS - rest_length)
+    np.testing.assert_allclose(worn.tension[0], tension, atol=1e-9)
+    along_x = np.stack([tension, -tension, 0 * tension], axis=1)
+    np.testing.assert_allclose(worn.forces[0], along_x[..., None] * [1.0, 0.0, 0.0], atol=1e-9)
+    travel = np.stack([tension / 2000, -tension / 4000], axis=1)
+    np.testing.assert_allclose(worn.displacement[0, ..., 0], travel, atol=1e-12)
+    x = [travel[:, 0], LENGTHS + travel[:, 1], LENGTHS / 2]
+    np.testing.assert_allclose(worn.points[0, ..., 0], np.transpose(x), atol=1e-12)
+    assert not worn.points[..., 1:].any() and not worn.displacement[..., 1:].any()
+
+
+@pytest.mark.parametrize(("arm", "total"), [(ARM, 0.024), (None, 0.012)])
+def test_migration_shortens_a_straight_cord_and_keeps_its_middle_between_the_cuffs(straight, arm, total):
+    moved = with_migration(STRAIGHT, straight, (WAIST, arm))
+    np.testing.assert_allclose(moved.length, LENGTHS - total, atol=1e-12)
+    np.testing.assert_allclose(moved.anchors[:, 0], [[0.012, 0.0, 0.0]] * len(LENGTHS), atol=1e-15)
+    np.testing.assert_allclose(moved.shoulder, moved.anchors.sum(axis=1) / 2)
+    along_bone = with_migration(replace(STRAIGHT, migration_direction="bone"), straight, (None, ARM))
+    np.testing.assert_allclose(along_bone.length, np.hypot(LENGTHS, 0.012))
+
+
+def test_a_cuff_on_a_straight_cord_does_not_slip_over_its_middle(straight):
+    with raises_refusal(SolverCode.CUFF_BEYOND_SHOULDER, naming="the middle of the cord"):
+        with_migration(STRAIGHT, straight, (None, replace(ARM, migration=0.25)))
+    with_migration(STRAIGHT, straight, (None, replace(ARM, migration=0.2499)))
+
+
+@pytest.mark.parametrize(
+    ("rate", "tension"),
+    [("backward", [0.0, 31.25 + 30 * 0.25, 125 + 30 * 0.75, 0.0]), ("central", [0.0, 31.25 + 30 * 0.5, 121.25, 0.0])],
+)
+def test_spring_and_damper_of_a_cord_are_parallel_while_it_is_taut(straight, rate, tension):
+    """1000 N/m and 30 N s/m, rest length 0.5 m; without stretch there is no force, although the cord lengthens."""
+    damped = replace(STRAIGHT, damping=30.0, rate=rate)
+    np.testing.assert_allclose(suit_forces(damped, straight, np.array([0.5])).tension[0], tension, atol=1e-9)
+
+
+def test_the_middle_of_a_straight_cord_lies_between_its_two_points():
+    q = MODEL.default_coordinates[None]
+    line = cord_line(STRAIGHT, MODEL, postures(MODEL, q, np.zeros_like(q)), interval=0.1)
+    apart = np.linalg.norm(line.anchors[0, 0] - line.anchors[0, 1])
+    np.testing.assert_allclose(line.length, apart)
+    np.testing.assert_allclose(np.linalg.norm(line.shoulder[0] - line.anchors[0], axis=1), apart / 2)
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [{"stiffness": -3.0}, {"stiffness": 0.0}, {"stiffness": np.inf}, {"damping": np.nan}, {"migration": np.nan}],
+)
 def test_a_cuff_that_is_no_spring_is_refused(line, broken):
     with raises_refusal(SolverCode.WRONG_CUFF, naming="hand"):
         suit_forces(SUIT, line, REST_LENGTHS, (WAIST, replace(ARM, **broken)), yields=True)
 
 
 def test_a_cuff_that_gives_energy_is_refused_but_draws_about_a_small_damping_are_not(line):
-    ensure_possible(replace(ARM, damping=0.0, migration=-0.01))
+    ensure_possible(replace(ARM, stiffness=0.5, damping=0.0, migration=-0.01))
     giving = replace(ARM, damping=-1.0)
     with raises_refusal(SolverCode.WRONG_CUFF, naming="-1 N s/m"):
         ensure_possible(giving)
