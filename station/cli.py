@@ -172,7 +172,7 @@ def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and type(error).__module__ == "builtins" and error.strerror:
         name = error.filename2 or error.filename
         return f"{os.fsdecode(name)} cannot be used: {error.strerror}" if name else error.strerror
-    return re.sub(r"\[Errno -?\d+\] ", "", " ".join(str(error).split())) or type(error).__name__
+    return re.sub(r"\[(Errno|WinError) -?\d+\] ", "", " ".join(str(error).split())) or type(error).__name__
 
 
 if __name__ == "__main__":

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
+
+CLOSED = {errno.EPIPE, errno.EINVAL} if sys.platform == "win32" else {errno.EPIPE}
+"""What a write to a pipe without a reader fails with."""
 
 
 class ClosableOutput(io.FileIO):
@@ -15,7 +20,9 @@ class ClosableOutput(io.FileIO):
     def write(self, data: ReadableBuffer, /) -> int:
         try:
             return super().write(data)
-        except BrokenPipeError:
+        except OSError as error:
+            if error.errno not in CLOSED:
+                raise
             return memoryview(data).nbytes
 
 

@@ -17,6 +17,14 @@ def test_a_timeout_scales_with_the_load_per_core_and_is_never_shorter(
     assert scaled_timeout(60.0) == pytest.approx(seconds)
 
 
+def test_without_performance_counters_a_busy_machine_is_assumed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def getloadavg() -> None:
+        raise RuntimeError("Performance counters may be disabled.")
+
+    monkeypatch.setattr(psutil, "getloadavg", getloadavg)
+    assert scaled_timeout(60.0) == 240.0
+
+
 def test_the_timeout_of_a_test_is_scaled_whoever_sets_it(request: pytest.FixtureRequest) -> None:
     """What pytest-timeout reads: the closest marker."""
     item = request.node

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import errno
 import hmac
-import os
 import secrets
 import signal
 import socket
@@ -172,12 +171,13 @@ def ensure_free(host: str, port: int) -> None:
     """Raise ServeError for a host that is no address of this computer, and for a port that is in use."""
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        socket.create_server(address, family=family).close()
+        with socket.socket(family) as listener:
+            if sys.platform != "win32":  # there, it would share the port with its user
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(address)
     except OSError as error:
-        is_unknown = isinstance(error, socket.gaierror)
-        reason = error.strerror if is_unknown else os.strerror(error.errno or 0)
-        figures: Figures = {"host": host, "port": port, "reason": str(reason)}
-        is_of_host = is_unknown or error.errno == errno.EADDRNOTAVAIL
+        figures: Figures = {"host": host, "port": port, "reason": str(error.strerror)}
+        is_of_host = isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL
         raise ServeError(Message(ServeCode.WRONG_HOST if is_of_host else ServeCode.CANNOT_LISTEN, figures)) from error
 
 

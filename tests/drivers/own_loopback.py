@@ -7,7 +7,6 @@ with CANNOT where the system allows no such network (another system than Linux, 
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import os
 import socket
 import struct
@@ -22,13 +21,15 @@ _SIOCSIFFLAGS, _IFF_UP = 0x8914, 0x1
 def main() -> None:
     try:
         _enter()
-    except (OSError, AttributeError) as error:
+    except (OSError, AttributeError, ImportError) as error:
         print(error, file=sys.stderr)
         sys.exit(CANNOT)
     os.execvp(sys.argv[1], sys.argv[1:])  # noqa: S606
 
 
 def _enter() -> None:
+    import fcntl
+
     user, group = os.getuid(), os.getgid()
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET):

@@ -14,6 +14,7 @@ from drivers.simulators.qualisys import QualisysSimulator
 from tests.drivers.contract import raises_refusal
 from tests.drivers.other_qtm import COMMAND, EVENT, OtherQtm, packet, proper
 from tests.drivers.simulated_qtm import driver, hang_up_on_everyone, opened, received, simulator
+from tests.links import symlink
 
 
 def noted(path: Path, qtm: QualisysSimulator) -> CaptureNote:
@@ -90,7 +91,7 @@ def test_a_start_that_qtm_refuses_leaves_no_note(tmp_path: Path) -> None:
 def test_a_note_that_is_a_link_writes_to_no_other_file(tmp_path: Path) -> None:
     other = tmp_path / "letter.txt"
     other.write_text("kept")
-    (tmp_path / "note").symlink_to(other)
+    symlink(tmp_path / "note", other)
     note = CaptureNote(tmp_path / "note", lambda: 5)
     note.write()
     assert (other.read_text(), note.age_s) == ("kept", 0.0)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from pathlib import Path
 
@@ -50,9 +51,10 @@ def test_a_folder_that_cannot_be_synced_is_no_error(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(os, "fsync", refuse)
     sync_folder(tmp_path)
     sync_folder(tmp_path / "missing")
-    (opened,) = asked
-    with pytest.raises(OSError, match="Bad file descriptor"):
-        os.fstat(opened)
+    assert len(asked) == (sys.platform != "win32"), "Windows opens no folder"
+    for opened in asked:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(opened)
 
 
 @pytest.mark.parametrize("begun", [True, False], ids=["hangs before the end", "hangs at the end"])

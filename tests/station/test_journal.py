@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -33,6 +34,7 @@ from station.journal import (
 from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
+from tests.links import symlink
 from tests.station.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
@@ -206,12 +208,12 @@ def test_a_long_journal_is_read_in_one_pass(tmp_path: Path, monkeypatch: pytest.
     assert not copies
 
 
-@pytest.mark.parametrize("link", ["symlink_to", "hardlink_to"])
-def test_a_journal_that_is_a_link_is_not_written_to(tmp_path: Path, link: str) -> None:
+@pytest.mark.parametrize("link", [symlink, Path.hardlink_to])
+def test_a_journal_that_is_a_link_is_not_written_to(tmp_path: Path, link: Callable[[Path, Path], None]) -> None:
     """Its last line is taken away where no line break ends it, as a torn one: another file's must not be."""
     other = tmp_path / "letter.txt"
     other.write_text("first line\nlast line")
-    getattr(tmp_path / JOURNAL_FILE, link)(other)
+    link(tmp_path / JOURNAL_FILE, other)
     with raises_refusal(JournalError, JournalCode.NOT_WRITTEN):
         write_verdict(tmp_path, "a.mcap", "accept", "")
     assert other.read_text() == "first line\nlast line"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import socket
 import subprocess
 import sys
@@ -13,6 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from numpy.typing import NDArray
 
@@ -184,7 +183,6 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
     assert child.end() == 0
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot stop a process like this")
 def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(
     child: Child, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,12 +193,13 @@ def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(
     ports = child.ask({"speed": 10, "mocap": {"has_preview": True}, "operator": {"capture": "remote"}})["ports"]
     ni = make_device("nidaq", **WIRING, grpc_target=f"127.0.0.1:{ports['ni']}", host_clock=time.time_ns)
     qtm = make_device("qualisys", host="127.0.0.1", port=ports["qtm"], host_clock=time.time_ns)
+    stopped = psutil.Process(child.process.pid)
     for device, stream in ((ni, "/sync"), (qtm, "/markers")):
         device.open()
         read_until(device, lambda items, stream=stream: bool(blocks(items, stream)))  # type: ignore[misc]
-        os.kill(child.process.pid, signal.SIGSTOP)
+        stopped.suspend()
         items = read_until(device, lambda items: any(is_event(item, "connection_lost") for item in items))
-        os.kill(child.process.pid, signal.SIGCONT)
+        stopped.resume()
         items += read_until(device, lambda items, stream=stream: bool(blocks(items, stream)))  # type: ignore[misc]
         device.close()
         assert any(is_event(item, "connection_restored") for item in items)

@@ -117,9 +117,7 @@ def test_what_was_written_reads_the_same_to_the_last_bit(tmp_path: Path) -> None
 
 
 def test_a_name_that_occurs_twice_is_numbered(tmp_path: Path) -> None:
-    path = tmp_path / "twice.tsv"
-    path.write_text(HEADER + "MARKER_NAMES\ta\ta\n" + lines(ROWS))
-    read = read_qtm_tsv(path)
+    read = read_qtm_tsv(export(tmp_path, HEADER, "MARKER_NAMES\ta\ta\n", lines(ROWS)))
     assert read.labels == ("a#1", "a#2")
     assert "import it with --label a#1=a" in read.notes[0]
 

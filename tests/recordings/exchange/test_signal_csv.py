@@ -12,7 +12,7 @@ from tests.recordings.refusals import raises_refusal
 
 def table(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "daq.csv"
-    path.write_text(text, encoding="utf-8")
+    path.write_bytes(text.encode())
     return path
 
 

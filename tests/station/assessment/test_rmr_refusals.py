@@ -19,6 +19,7 @@ from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
 from station.assessment.rmr import solve_muscles
 from station.messages.codes import InputCode
+from tests.links import symlink
 from tests.solver.legs import step_in
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 
@@ -38,7 +39,7 @@ def test_a_result_does_not_replace_what_it_was_computed_from(
     station: Station, tmp_path: Path, verb: str, read: str
 ) -> None:
     step = step_in(tmp_path)
-    (tmp_path / "link.sto").symlink_to(step.motion)
+    symlink(tmp_path / "link.sto", step.motion)
     output = {"motion": step.motion, "data": step.loads.with_suffix(".sto"), "link": tmp_path / "link.sto"}[read]
     before = output.read_bytes()
     files = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)

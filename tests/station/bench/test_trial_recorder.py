@@ -203,7 +203,7 @@ def test_a_disk_that_fills_ends_the_trial_before_it_is_full(tmp_path: Path, monk
     assert recording.outcome.codes == (TrialCode.DISK_NEARLY_FULL,)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="this system sets no limit to the size of a file")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sets no limit to the size of a file")
 def test_a_file_that_may_not_grow_ends_the_trial_at_once_and_names_the_last_good_sample(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
 from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import pytest
 from playwright.sync_api import Browser, expect
 
@@ -48,7 +47,7 @@ def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects
         if death == "killed":
             console.kill()
         else:
-            os.kill(console.pid, signal.SIGSTOP)
+            psutil.Process(console.pid).suspend()
         for _ in range(20):
             page.clock.run_for(100)
             if death == "killed":
@@ -60,7 +59,7 @@ def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects
         page.keyboard.press("a")  # a key must not wait and act later
         page.clock.resume()
         if death == "frozen":
-            os.kill(console.pid, signal.SIGCONT)
+            psutil.Process(console.pid).resume()
             expect(lost).to_be_hidden()
             seen(page, "next: hand, static, repeat 1")
         else:
@@ -77,13 +76,13 @@ def test_old_data_are_marked_while_the_console_answers(browser: Browser, tmp_pat
         page.keyboard.press("a")
         runs(page)
         seen(page, re.compile(r"^data \d\.\d s old$"))
-        recorder = recorder_of(console.pid)
-        os.kill(recorder, signal.SIGSTOP)
+        recorder = psutil.Process(recorder_of(console.pid))
+        recorder.suspend()
         try:
             seen(page, re.compile(r"^DATA ARE \d+\.\d s OLD$"))
             expect(page.get_by_text("The console does not answer")).to_be_hidden()
         finally:
-            os.kill(recorder, signal.SIGCONT)
+            recorder.resume()
         seen(page, re.compile(r"^data \d\.\d s old$"))
         page.keyboard.press("s")
         seen(page, "Keep (k)")

@@ -233,7 +233,7 @@ def test_a_folder_with_nothing_to_verify_is_refused(tmp_path: Path, station: Sta
     assert_refused(station("verify", tmp_path / "nowhere"), 1, ChainCode.NOT_A_FOLDER)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows keeps its named pipes in no folder")
 @pytest.mark.parametrize("name", ["cuffs.json", "report.html", "assessment.json", CHECKSUMS_FILE, STATIC])
 def test_a_pipe_in_place_of_a_file_is_refused(session: Path, station: Station, name: str) -> None:
     (session / name).unlink()

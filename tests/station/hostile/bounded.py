@@ -13,6 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.station.command import Ran
 
 MOST_PROCESSOR_S = 10
@@ -33,6 +35,8 @@ def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
     """Run `station` with these arguments. It is killed at the limit of processor time, and allocations beyond the limit
     of the address space fail; the time-out of the test ends a run that waits.
     """
+    if not hasattr(os, "fork"):
+        pytest.skip("the limits are those of POSIX: fork and setrlimit")
     (folder / "memory").unlink(missing_ok=True)
     limits = {"processor_s": MOST_PROCESSOR_S, "address_space": 8 * MOST_MEMORY}  # so that the machine survives
     try:

@@ -20,6 +20,7 @@ DEEP_JSON = "[" * 100_000 + "]" * 100_000
 DEEP_TOML = f"a = {DEEP_JSON}\n"
 LONG = "7" * 400
 """An integer beyond the range of a double and of a clock."""
+needs_pipes = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows keeps its named pipes in no folder")
 GOOD = {"stiffness_n_per_m": 8000, "damping_n_s_per_m": 200, "migration_m": 0.01}
 
 
@@ -120,6 +121,7 @@ def _loads(folder: Path, data: str) -> Path:
     return path
 
 
+@needs_pipes
 @pytest.mark.parametrize("data", ["/dev/zero", "pipe.sto"])
 def test_external_loads_of_a_device_or_a_pipe_are_refused(tmp_path: Path, data: str) -> None:
     os.mkfifo(tmp_path / "pipe.sto")
@@ -129,6 +131,7 @@ def test_external_loads_of_a_device_or_a_pipe_are_refused(tmp_path: Path, data: 
     assert "regular file" in ran.err
 
 
+@needs_pipes
 @pytest.mark.parametrize("verb", ["info", "recover"])
 def test_a_pipe_is_not_read_as_a_recording(station: Station, tmp_path: Path, verb: str) -> None:
     os.mkfifo(tmp_path / "a.mcap")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -14,6 +13,7 @@ from urllib.request import urlopen
 
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
 from distributed import Client
 
@@ -35,9 +35,10 @@ from tests.timeout import scaled_timeout
 VARY = 'condition = ["rigid", "both"]\nrest_length_m = [0.7, 0.74]\nhand_mass_kg = [0, 0.5, 1, 1.5, 2]'
 
 KILLED_SWEEP = """
-import os, signal, sys
+import sys
 from functools import partial
 from pathlib import Path
+import psutil
 from station.dask_cluster import connected
 from station.sweep.cluster import solve_on
 from station.sweep.plan import read_plan
@@ -45,7 +46,7 @@ from station.sweep.run import run_sweep
 
 def kill_at_half(what, done, total):
     if 2 * done >= total:
-        os.kill(os.getpid(), signal.SIGKILL)
+        psutil.Process().kill()
 
 if __name__ == "__main__":
     plan, output = map(Path, sys.argv[1:])
@@ -87,7 +88,7 @@ def test_a_sweep_survives_a_killed_worker(client: Client, plan: SweepPlan, ran_t
     processes = client.run(os.getpid)
     victim = next(iter(processes.values()))
 
-    found = run_sweep(plan, tmp_path, partial(solve_on, client), at(1, lambda: os.kill(victim, signal.SIGKILL)))
+    found = run_sweep(plan, tmp_path, partial(solve_on, client), at(1, lambda: psutil.Process(victim).kill()))
     assert errors_in(found) == []
     assert found.table.read_bytes() == ran_through
     client.wait_for_workers(2, timeout=scaled_timeout(60))
@@ -104,7 +105,7 @@ def test_a_killed_sweep_is_continued_with_equal_results(
     command = [sys.executable, str(script), str(plan.folder / "plan.toml"), str(output)]
     with (tmp_path / "talk.txt").open("w") as talk:  # no pipe: orphaned workers would hold it open until they end
         killed = subprocess.run(command, cwd=Path(__file__).parents[3], stdout=talk, stderr=talk, check=False)  # noqa: S603
-    assert killed.returncode == -signal.SIGKILL, (tmp_path / "talk.txt").read_text()
+    assert killed.returncode not in (0, 1), (tmp_path / "talk.txt").read_text()
     assert not (output / "sweep.parquet").exists()
     found = run_sweep(plan, output, partial(solve_on, client))
     assert 0 < found.found_finished < found.cases
