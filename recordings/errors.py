@@ -46,7 +46,6 @@ class RecordingCode(StrEnum):
     FOREIGN_UNREADABLE = "foreign_file_unusable.unreadable"
     FOREIGN_EMPTY = "foreign_file_unusable.empty"
     FOREIGN_WRONG_TYPE = "foreign_file_unusable.wrong_file_type"
-    FOREIGN_NEEDS_PACKAGE = "foreign_file_unusable.needs_package"
     FOREIGN_DAMAGED = "foreign_file_unusable.damaged"
     FOREIGN_CUT = "foreign_file_unusable.cut"
     FOREIGN_CONTRADICTORY = "foreign_file_unusable.contradictory"

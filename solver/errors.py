@@ -52,6 +52,7 @@ class SolverCode(StrEnum):
     MISSING_COLUMN = "motion_unusable.missing_column"
     NOT_FINITE = "motion_unusable.not_finite"
     UNEVEN_TIME = "motion_unusable.uneven_time"
+    TIME_UNIT = "motion_unusable.time_unit"
     NO_FRAMES = "motion_unusable.no_frames"
     WRONG_CUTOFF = "motion_unusable.wrong_cutoff"
     NOT_COVERED = "motion_unusable.not_covered"

@@ -14,11 +14,13 @@ from solver.coded_finding import CodedFinding, describe_codes
 from solver.errors import MotionError, SolverCode
 from solver.model import Model
 from solver.option_values import ensure_at_least
-from solver.time_grid import even_grid, interpolated, is_even
-from solver.time_series_table import read_table
+from solver.time_grid import LONGEST_STEP, even_grid, interpolated, is_even
+from solver.time_series_table import ensure_seconds, read_table
 
 Array = NDArray[np.float64]
 Derivatives = Literal["differences", "splines"]
+SHORT_STEP_PERIODS = 0.1
+"""Longest step between samples, in periods of the cut-off, that a spline bridges."""
 LARGEST_COORDINATE = 1e6
 """[rad or m] Beyond any motion, also one in degrees or millimetres; a filter would spread it over all frames."""
 
@@ -34,6 +36,7 @@ class Motion:
     steps        shortest and longest step of the recorded times [s], if they were uneven; None if they were even
     largest_degrees  largest angle [°] of a file in degrees; None of one in radians
     row_counts  rows by the header of the file and rows that it has, if they differ; all of them are used
+    repeated_rows  rows that are left out because they are those before them
     """
 
     names: tuple[str, ...]
@@ -43,6 +46,7 @@ class Motion:
     steps: tuple[float, float] | None = None
     largest_degrees: float | None = None
     row_counts: tuple[int, int] | None = None
+    repeated_rows: int = 0
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,7 +58,7 @@ class Kinematics:
     speeds        u [rad/s or m/s];  accelerations [rad/s² or m/s²]
     cutoff        of the low-pass filter [Hz], None where none was used
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
-    steps, missing, largest_degrees, row_counts  of the recorded motion, as in Motion
+    steps, missing, largest_degrees, row_counts, repeated_rows  of the recorded motion, as in Motion
     findings      of cuffstation.load_motion: what is unusual in the motion
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
@@ -72,6 +76,7 @@ class Kinematics:
     missing: tuple[str, ...] = ()
     largest_degrees: float | None = None
     row_counts: tuple[int, int] | None = None
+    repeated_rows: int = 0
     findings: tuple[CodedFinding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -116,8 +121,9 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
     (/jointset/hip_r/hip_flexion_r/value).
     Angles are converted to radians if the header has inDegrees=yes. Columns without a coordinate are ignored. A
     coordinate without a column is refused; with_defaults it keeps its default value, as in OpenSim, unless all are
-    missing. A motion with uneven steps, as OpenSim's RRA and CMC write it, is interpolated to an even grid; one with a
-    gap is refused. Raises MotionError, which names the file and the missing or malformed part.
+    missing. A motion with uneven steps, as OpenSim's RRA and CMC write it, is interpolated to an even grid, and a row
+    that repeats the one before is left out; a motion with a gap, or with times in ms, is refused. Raises MotionError,
+    which names the file and the missing or malformed part.
     """
     columns, table, header = read_table(path)
     columns = [_coordinate_of(column) for column in columns]
@@ -134,8 +140,10 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
             coordinates[:, index] = values
     _ensure_possible(path, model, coordinates)
     counts = header.row_counts(len(time))
+    ensure_seconds(path, time)
     time, coordinates, steps = _on_even_grid(path, time, coordinates)
-    return Motion(model.coordinate_names, time, coordinates, missing, steps, largest_degrees, counts)
+    names = model.coordinate_names
+    return Motion(names, time, coordinates, missing, steps, largest_degrees, counts, header.repeated)
 
 
 def differentiate(
@@ -147,6 +155,7 @@ def differentiate(
     motion, both ends extended by odd reflection over 12 samples (MATLAB's filtfilt; SciPy alone would take 15).
     """
     interval = float(motion.time[-1] - motion.time[0]) / (len(motion.time) - 1)
+    ensure_steps(motion, cutoff)
     positions = motion.coordinates if cutoff is None else _smooth(motion.coordinates, cutoff, 1 / interval)
     speeds = np.gradient(positions, interval, axis=0)
     accelerations = np.gradient(speeds, interval, axis=0)
@@ -162,7 +171,21 @@ def differentiate(
         missing=motion.missing,
         largest_degrees=motion.largest_degrees,
         row_counts=motion.row_counts,
+        repeated_rows=motion.repeated_rows,
     )
+
+
+def ensure_steps(motion: Motion, cutoff: float | None) -> None:
+    """Raise MotionError where the longest step of an interpolated motion is long for the cut-off [Hz]."""
+    if motion.steps is None or cutoff is None or len(motion.time) < 2:
+        return
+    longest, interval = motion.steps[1], float(motion.time[1] - motion.time[0])
+    if longest > LONGEST_STEP * interval and longest * cutoff > SHORT_STEP_PERIODS:
+        raise MotionError(
+            f"the motion should have steps of at most {1e3 * SHORT_STEP_PERIODS / cutoff:.3g} ms for a cut-off of "
+            f"{cutoff:g} Hz and has {1e3 * longest:.3g} ms; lower the cut-off, or fill the gap",
+            SolverCode.UNEVEN_TIME,
+        )
 
 
 def frames_between(time: Array, start: float | None, end: float | None) -> NDArray[np.bool_]:

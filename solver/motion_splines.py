@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.errors import MotionError, SolverCode
 from solver.model import Model
-from solver.motion import Kinematics, Motion, frames_between
+from solver.motion import Kinematics, Motion, ensure_steps, frames_between
 
 Array = NDArray[np.float64]
 Accelerations = Literal["curvatures", "slopes_of_speeds"]
@@ -42,6 +42,7 @@ def differentiate_by_splines(
     if frames < LEAST_FRAMES:
         sentence = f"splines need at least {LEAST_FRAMES} frames and the motion has {frames}; give a longer motion"
         raise MotionError(sentence, SolverCode.NO_FRAMES)
+    ensure_steps(motion, cutoff)
     interval = float(motion.time[-1] - motion.time[0]) / (frames - 1)
     at, time, positions = motion.time, motion.time, motion.coordinates
     if cutoff is not None:  # it takes samples as even; so times that were rounded must not make its result uneven
@@ -65,6 +66,7 @@ def differentiate_by_splines(
         missing=motion.missing,
         largest_degrees=motion.largest_degrees,
         row_counts=motion.row_counts,
+        repeated_rows=motion.repeated_rows,
     )
 
 

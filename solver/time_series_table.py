@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,8 @@ from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
 from solver.errors import MotionError, SolverCode
 
 Array = NDArray[np.float64]
+FEWEST_SAMPLED, LONGEST_STEP_S = 20, 0.5
+"""Rows and median step [s] of a table that was sampled, not written by hand; a longer step is one in ms."""
 _FILLING = " \t,;"
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
@@ -24,13 +26,16 @@ class TableHeader:
 
     in_degrees  whether angles are in degrees
     rows        number of rows, nRows or SIMM's datarows; None where it is not stated
+    repeated    rows that are left out because they are those before them, as OpenSim's RRA writes its last one
     """
 
     in_degrees: bool = False
     rows: int | None = None
+    repeated: int = 0
 
     def row_counts(self, found: int) -> tuple[int, int] | None:
-        """Rows that are stated and rows that were found, if they differ; None if they do not."""
+        """Rows that are stated and rows of the file, found and repeated, if they differ; None if they do not."""
+        found += self.repeated
         return None if self.rows in (None, found) else (self.rows, found)
 
 
@@ -59,7 +64,8 @@ def write_table(
 
 
 def read_table(path: Path) -> tuple[list[str], Array, TableHeader]:
-    """Names of the columns, their values (frames, columns), and the header; all rows are read, whatever it states.
+    """Names of the columns, their values (frames, columns), and the header; all rows are read, whatever it states, but
+    none that repeats the row before it.
 
     Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. Raises MotionError.
     """
@@ -105,7 +111,22 @@ def read_table(path: Path) -> tuple[list[str], Array, TableHeader]:
         frame, column = np.argwhere(~np.isfinite(table))[0]
         sentence = f"{path.name} should hold finite numbers and has {names[column]} {table[frame, column]}"
         raise MotionError(f"{sentence} in frame {frame + 1}; fill or cut the gap", SolverCode.NOT_FINITE)
-    return names, table, header
+    is_new = np.append(True, (np.diff(table, axis=0) != 0).any(axis=1))
+    if is_new.sum() < 2:
+        raise MotionError(
+            f"{path.name} should have times that increase and has one row again and again", SolverCode.UNEVEN_TIME
+        )
+    return names, table[is_new], replace(header, repeated=int(np.sum(~is_new)))
+
+
+def ensure_seconds(path: Path, time: Array) -> None:
+    """Raise MotionError for times (frames,) whose steps are those of milliseconds."""
+    step = float(np.median(np.diff(time))) if len(time) >= FEWEST_SAMPLED else 0.0
+    if step >= LONGEST_STEP_S:
+        raise MotionError(
+            f"{path.name} should have times in s and has steps of {step:g}, as of times in ms; divide them by 1000",
+            SolverCode.TIME_UNIT,
+        )
 
 
 def _names_with_spaces(row: str) -> list[str]:

@@ -22,7 +22,7 @@ PACKAGES = {
     "viewer": ("rerun",),
     "cluster": ("distributed", "pyarrow"),
     "sensitivity": ("SALib",),
-    "formats": ("ezc3d", "foxglove_schemas_protobuf", "mcap_protobuf", "pyarrow"),
+    "formats": ("foxglove_schemas_protobuf", "mcap_protobuf", "pyarrow"),
     "catalogue": ("duckdb",),
     "pdf": ("playwright",),
 }
@@ -36,7 +36,7 @@ EXTRAS_OF_VERB = {
     "sweep": ("cluster",),
     "catalogue": ("catalogue",),
 }
-"""A verb that is not listed needs no extra, or one for an option only (`replay --rerun`, `export --to c3d`)."""
+"""A verb that is not listed needs no extra, or one for an option only (`replay --rerun`, `export --to parquet`)."""
 
 
 class MissingExtra(StationError):

@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.exchange.c3d_layout import BLOCK, INTEL, MOST_COUNTED, SIGNATURE
+from recordings.exchange.c3d_file import BLOCK, MOST_COUNTED, SIGNATURE
+from recordings.exchange.c3d_parameters import CHARACTER, INTEGER, INTEL, REAL
 from recordings.exchange.tables import MarkerTable
 
 Array = NDArray[np.float64]
 
 MOST_ENTRIES = 255  # of a parameter's dimension, which is one byte
 RESIDUAL_STEPS, INTEGER_STEPS = 255, 32000  # of a residual, which is one byte, and of a coordinate as an integer
-CHARACTER, INTEGER, REAL = -1, 2, 4
 
 
 def write_c3d(path: Path, markers: MarkerTable, signals: Mapping[str, Array], units: Mapping[str, str]) -> None:

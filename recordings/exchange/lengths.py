@@ -14,14 +14,18 @@ SPELLED_OUT = {
     "metre": "m",
 }
 
+FEWEST_LETTERS = 4
+"""Of a spelled unit; C3D cuts it to the width of its parameter."""
+
 
 def millimetres(unit: str, where: str) -> float:
     """How many millimetres one of a file's units is; 1 where it names none, as mocap systems export in millimetres.
 
     Raises ForeignFile for an unknown unit.
     """
-    told = unit.strip().lower() or "mm"
-    known = MILLIMETRES.get(SPELLED_OUT.get(told.removesuffix("s"), told))
+    told = unit.strip().lower().removesuffix("s") or "mm"
+    cut = (short for spelled, short in SPELLED_OUT.items() if len(told) >= FEWEST_LETTERS and spelled.startswith(told))
+    known = MILLIMETRES.get(next(cut, told))
     if known is None:
         raise ForeignFile(
             f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; export it in one of them, "

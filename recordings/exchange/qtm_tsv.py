@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.lengths import millimetres
 from recordings.exchange.tables import MarkerTable, distinct_labels, settle_times, without_origin
-from recordings.exchange.text import read_lines, read_numbers, write_row
+from recordings.exchange.text import MISSING, read_lines, read_numbers, without_blank_end, write_row
 
 KEY = re.compile(r"[A-Z][A-Z0-9_]+$")
 
@@ -34,13 +34,16 @@ def read_qtm_tsv(path: Path, unit: str = "mm") -> MarkerTable:
         )
     labels, notes = distinct_labels(header["MARKER_NAMES"], f"{path}, MARKER_NAMES,")
     _require_count(header, "NO_OF_MARKERS", len(labels), "names", path)
-    rows, widest = lines[first:], max((line.count("\t") + 1 for line in lines[first:]), default=0)
+    rows = lines[first:]
+    if len(rows) > _announced(header, "NO_OF_FRAMES", len(rows)):
+        rows = rows[: max(len(without_blank_end(rows)), _announced(header, "NO_OF_FRAMES", 0))]
+    widest = max((row.count("\t") + 1 for row in rows), default=0)
     _require_count(header, "NO_OF_FRAMES", len(rows), "holds", path)
     extra = _leading_columns(lines[first - 1], rows, widest, len(labels), path)
     values = read_numbers(rows, "\t", range(extra + 3 * len(labels)), path, first + 1)
     positions = without_origin(millimetres(unit, str(path)) * values[:, extra:].reshape(len(rows), len(labels), 3))
-    rate, time = _time(values[:, :extra], header, str(path), first + 1)
-    return MarkerTable(labels, rate, time, positions, np.zeros(positions.shape[:2]), notes)
+    rate, time, on_rate = _time(values[:, :extra], header, str(path), first + 1)
+    return MarkerTable(labels, rate, time, positions, np.zeros(positions.shape[:2]), notes + on_rate)
 
 
 def write_qtm_tsv(table: MarkerTable, captured: datetime | None = None) -> str:
@@ -63,7 +66,7 @@ def write_qtm_tsv(table: MarkerTable, captured: datetime | None = None) -> str:
         "\t".join(("TRAJECTORY_TYPES", *("Measured" for _ in table.labels))),
         "\t".join(("Frame", "Time", *(f"{label} {axis}" for label in table.labels for axis in "XYZ"))),
     ]
-    numbers = np.rint(table.time_s * table.rate_hz).astype(np.int64) + 1
+    numbers = table.frame_numbers
     flat = table.positions.reshape(len(table.time_s), -1)
     rows = [
         f"{number}\t" + write_row((time, *row), "\t")
@@ -73,13 +76,16 @@ def write_qtm_tsv(table: MarkerTable, captured: datetime | None = None) -> str:
 
 
 def _header(lines: Sequence[str]) -> tuple[dict[str, list[str]], int]:
-    """The header's values by key, and the index of the first row of numbers."""
+    """The header's values by key, and the index of the first row: of numbers, or of tabs if it shows no marker."""
     header: dict[str, list[str]] = {}
     for i, line in enumerate(lines):
         key, *values = line.split("\t")
         if KEY.match(key.strip()):
             header[key.strip()] = [value.strip() for value in values if value.strip()]
-        elif _is_number(line.replace("\t", " ").split()[0] if line.strip() else ""):
+            continue
+        first = next(iter(line.split()), "")
+        is_hidden = line and first.lower() in MISSING and "MARKER_NAMES" in header
+        if is_hidden or _is_number(first):
             return header, i
     return header, len(lines)
 
@@ -92,11 +98,16 @@ def _is_number(field: str) -> bool:
     return True
 
 
-def _require_count(header: dict[str, list[str]], key: str, found: int, verb: str, path: Path) -> None:
+def _announced(header: dict[str, list[str]], key: str, otherwise: int) -> int:
     announced = header.get(key)
-    if announced and announced[0].isdigit() and int(announced[0]) != found:
+    return int(announced[0]) if announced and announced[0].isdigit() else otherwise
+
+
+def _require_count(header: dict[str, list[str]], key: str, found: int, verb: str, path: Path) -> None:
+    announced = _announced(header, key, found)
+    if announced != found:
         raise ForeignFile(
-            f"{path} announces {key} {announced[0]} and {verb} {found}; export it again, whole",
+            f"{path} announces {key} {announced} and {verb} {found}; export it again, whole",
             RecordingCode.FOREIGN_CUT,
         )
 
@@ -125,8 +136,8 @@ def _counts_up(rows: Sequence[str]) -> bool:
 
 def _time(
     leading: NDArray[np.float64], header: dict[str, list[str]], where: str, first_line: int
-) -> tuple[float, NDArray[np.float64]]:
-    """The frame rate [Hz] and the times (frames,) [s] from the columns Frame and Time and from FREQUENCY."""
+) -> tuple[float, NDArray[np.float64], tuple[str, ...]]:
+    """As settle_times, from the columns Frame and Time and from FREQUENCY."""
     announced = (header.get("FREQUENCY") or [""])[0]  # "EXT" where another device gave the beat
     rate = float(announced.replace(",", ".")) if _is_number(announced) else 0.0
     numbers, time = np.arange(1, len(leading) + 1, dtype=np.float64), None

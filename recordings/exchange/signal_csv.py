@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.tables import SignalTable, require_rising, require_single_channels
-from recordings.exchange.text import read_lines, read_numbers, write_table
+from recordings.exchange.text import (
+    read_lines,
+    read_numbers,
+    require_fields,
+    split_fields,
+    without_blank_end,
+    write_table,
+)
 
 SEPARATORS = (",", ";", "\t")
 
@@ -18,9 +25,10 @@ SEPARATORS = (",", ";", "\t")
 def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalTable:
     """Those of the wanted columns that are there; lines before the header are empty or begin with #.
 
-    Raises ForeignFile where there is no time, a wanted column twice, a number is none, or the times do not rise.
+    Raises ForeignFile where there is no time, a wanted column twice, a number is none, a line has fewer or more fields
+    than titles, or the times do not rise.
     """
-    lines = read_lines(path)
+    lines = without_blank_end(read_lines(path))
     start = next(
         i for i, line in enumerate(lines) if line.strip() and (not line.startswith("#") or i == len(lines) - 1)
     )
@@ -33,6 +41,7 @@ def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalT
     require_single_channels([title for title in titles if title in (time_column, *wanted)], str(path))
     chosen = [time_column, *(name for name in wanted if name in titles)]
     values = read_numbers(lines[start + 1 :], separator, [titles.index(name) for name in chosen], path, start + 2)
+    require_fields(lines[start + 1 :], separator, titles, path, start + 2)
     require_rising(values[:, 0], f"{path}, {time_column},", start + 2)
     signals = {name: values[:, i + 1] for i, name in enumerate(chosen[1:])}
     return SignalTable(values[:, 0], signals, dict.fromkeys(signals, ""), tuple(titles))
@@ -45,9 +54,13 @@ def write_columns(columns: Mapping[str, NDArray[np.float64]], separator: str) ->
 
 def _header(line: str, time_column: str) -> tuple[str, list[str]]:
     """The separator under which the time column appears, or else the commonest, and the titles."""
-    for separator in sorted(SEPARATORS, key=line.count, reverse=True):
-        titles = [title.strip().strip('"') for title in line.split(separator)]
-        if time_column in titles:
-            return separator, titles
-    separator = max(SEPARATORS, key=line.count)
-    return separator, [title.strip().strip('"') for title in line.split(separator)]
+    found = {separator: _titles(line, separator) for separator in sorted(SEPARATORS, key=line.count, reverse=True)}
+    return next(((mark, titles) for mark, titles in found.items() if time_column in titles), next(iter(found.items())))
+
+
+def _titles(line: str, separator: str) -> list[str]:
+    """The titles, without the empty ones at the end of the line."""
+    titles = [title.strip().strip('"') for title in split_fields(line, separator)]
+    while len(titles) > 1 and not titles[-1]:
+        titles.pop()
+    return titles

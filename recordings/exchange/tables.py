@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
 
+RATE_TOLERANCE, SLIGHT = 0.01, 1e-4
+"""Relative differences of two rates: of one that is meant to be the same, and of one that is not worth a note."""
+
 
 @dataclass(frozen=True)
 class MarkerTable:
     """Marker trajectories.
 
     labels     of the markers, each once
-    rate_hz    nominal frame rate
+    rate_hz    frame rate: nominal, or that of the times where these differ from it by more than their last digit
     time_s     (frames,) strictly rising; without times in the file frame n is at (n − 1)/rate_hz
     positions  (frames, markers, 3) float64 mm in the mocap frame, NaN where a marker was missing
     residuals  (frames, markers) mm, 0 if the file has none
@@ -34,6 +37,11 @@ class MarkerTable:
     def missing(self) -> NDArray[np.bool_]:
         """(frames, markers) where a marker was not seen."""
         return np.isnan(self.positions[..., 0])
+
+    @property
+    def frame_numbers(self) -> NDArray[np.int64]:
+        """(frames,) from 1 for time 0, counted from the times as samples are: a gap is a jump."""
+        return count_samples(self.time_s)[0] + round(float(self.time_s[0]) * self.rate_hz) + 1
 
 
 @dataclass(frozen=True)
@@ -132,11 +140,11 @@ def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def settle_times(
     numbers: NDArray[np.float64], time: NDArray[np.float64] | None, rate: float, where: str, first_line: int
-) -> tuple[float, NDArray[np.float64]]:
-    """Frame rate [Hz] and times (frames,) [s] of a file; the column of times has priority.
+) -> tuple[float, NDArray[np.float64], tuple[str, ...]]:
+    """Frame rate [Hz] and times (frames,) [s] of a file, and a note where its rate is not that of its times.
 
-    numbers (frames,) count the frames, the first of the capture is 1; time (frames,) [s] or None; rate [Hz], 0 where
-    the file has none. Raises ForeignFile where they contradict each other or do not rise.
+    numbers (frames,) count the frames, the first of the capture is 1; time (frames,) [s] or None, which decides; rate
+    [Hz], 0 where the file has none. Raises ForeignFile where times do not rise, or are in ms by the rate.
     """
     if time is None:
         if rate <= 0:
@@ -145,15 +153,29 @@ def settle_times(
                 RecordingCode.FOREIGN_NO_RATE,
             )
         require_rising(numbers, f"{where}, frame numbers,", first_line)
-        return rate, (numbers - 1) / rate
+        return rate, (numbers - 1) / rate, ()
     require_rising(time, f"{where}, times,", first_line)
-    counted = count_samples(time)[1]
-    if rate > 0 and abs(counted / rate - 1) > 0.01:
+    counted, measured = count_samples(time)
+    if rate > 0 and abs(counted[-1] / rate - np.ptp(time)) <= last_digit(time):
+        return rate, time, ()
+    measured = float(f"{measured:.9g}")
+    if rate > 0 and abs(1000 * measured / rate - 1) < RATE_TOLERANCE:
         raise ForeignFile(
-            f"{where} states {rate:g} frames a second, and its times give {counted:.6g}; check that they are in s",
+            f"{where} states {rate:g} frames a second and has its times in ms; export them in s",
             RecordingCode.FOREIGN_CONTRADICTORY,
         )
-    return rate or counted, time
+    if rate <= 0 or abs(measured / rate - 1) < SLIGHT:
+        return measured, time, ()
+    note = f"{where} states {rate:g} frames a second, and its times give {measured:.6g}: the times are used"
+    return measured, time, (note,)
+
+
+def last_digit(time_s: NDArray[np.float64]) -> float:
+    """[s] Unit of the last decimal of the times, not below 1 ns."""
+    for decimals in range(9):
+        if np.allclose(time_s, np.round(time_s, decimals), rtol=0, atol=1e-10):
+            return float(10.0**-decimals)
+    return 1e-9
 
 
 def count_samples(time_s: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:

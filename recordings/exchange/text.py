@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,12 @@ MISSING = frozenset({"", "nan", "null", "n/a", "na", "-"})
 PRINTED_BY_C = re.compile(r"[+-]?(?:nan\(\w+\)|1\.#(?:ind|qnan|snan|inf)0*)", re.IGNORECASE)
 """How Microsoft's C library has printed numbers that are none: -nan(ind), 1.#QNAN, -1.#IND0."""
 
+BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")
+"""Of UTF-16, in which spreadsheets save "Unicode text"."""
+
+_LINE_END = re.compile(r"\r*\n|\r")
+_BLANK = ' \t,;"'
+
 
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file. Raises ForeignFile where it cannot be read, is empty or is no text."""
@@ -29,17 +37,31 @@ def read_lines(path: Path) -> list[str]:
         raise ForeignFile(
             f"{path} cannot be read: {error.strerror or error}", RecordingCode.FOREIGN_UNREADABLE
         ) from error
-    if b"\0" in raw[:4096]:
+    is_utf16 = raw.startswith(BYTE_ORDER_MARKS)
+    if b"\0" in raw[:4096] and not is_utf16:
         raise ForeignFile(
             f"{path} is no text file, expected a table in text; was it renamed?", RecordingCode.FOREIGN_WRONG_TYPE
         )
     try:
-        text = raw.decode("utf-8-sig")
+        text = raw.decode("utf-16" if is_utf16 else "utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
     if not text.strip():
         raise ForeignFile(f"{path} is empty; export it again", RecordingCode.FOREIGN_EMPTY)
-    return text.rstrip("\r\n \x1a").splitlines()
+    return _LINE_END.split(text.rstrip("\r\n \x1a"))
+
+
+def split_fields(line: str, separator: str) -> list[str]:
+    """The fields of a line; a quoted one may hold the separator."""
+    return next(csv.reader([line], delimiter=separator), []) if '"' in line else line.split(separator)
+
+
+def without_blank_end(lines: Sequence[str]) -> Sequence[str]:
+    """The lines up to the last one with a field that is not empty."""
+    count = len(lines)
+    while count and not lines[count - 1].strip(_BLANK):
+        count -= 1
+    return lines[:count]
 
 
 def read_numbers(
@@ -47,28 +69,53 @@ def read_numbers(
 ) -> NDArray[np.float64]:
     """The chosen columns (from 0) of lines of fields → (lines, columns), NaN where a field is empty or not there.
 
-    A comma inside a field is a decimal mark. Raises ForeignFile naming the line, counted from first_line.
+    A comma inside a field is a decimal mark, unless the separator is a comma, or the columns have decimal points too.
+    Raises ForeignFile naming the line, counted from first_line.
     """
     with suppress(ValueError):  # a table without holes, of a country with decimal points: much faster
-        whole = np.loadtxt(lines, delimiter=separator, usecols=columns, comments=None, ndmin=2) if lines else None
-        if whole is not None and len(whole) == len(lines):
+        options: dict[str, Any] = {"delimiter": separator, "usecols": columns, "quotechar": '"'}
+        whole = np.loadtxt(lines, comments=None, ndmin=2, **options) if lines else np.zeros((0, len(columns)))
+        if len(whole) == len(lines):
             return whole
-    is_decimal_comma = separator != ","
-    values = np.full((len(lines), len(columns)), np.nan)
+    values, marks = np.full((len(lines), len(columns)), np.nan), set()
     for i, line in enumerate(lines):
-        fields = (line.replace(",", ".") if is_decimal_comma else line).split(separator)
+        fields = split_fields(line, separator)
         for j, column in enumerate(columns):
             field = fields[column].strip().strip('"') if column < len(fields) else ""
             if field.lower() in MISSING or PRINTED_BY_C.fullmatch(field):
                 continue
+            marks |= {",", "."}.intersection(field)
+            is_decimal_comma = marks == {","} and separator != ","
             try:
-                values[i, j] = float(field)
+                values[i, j] = float(field.replace(",", ".") if is_decimal_comma else field)
             except ValueError:
-                raise ForeignFile(
-                    f"{path}, line {first_line + i}, has {field!r} in column {column + 1}, expected a number",
-                    RecordingCode.FOREIGN_NOT_A_NUMBER,
-                ) from None
+                raise _no_number(path, first_line + i, field, column) from None
     return values
+
+
+def require_fields(lines: Sequence[str], separator: str, titles: Sequence[str], path: Path, first_line: int) -> None:
+    """Raises ForeignFile at the first line that has not a field for each title, without the empty ones at its end."""
+    count = len(titles)
+    for i, line in enumerate(lines):
+        if '"' not in line and line.count(separator) == count - 1:
+            continue
+        fields = split_fields(line, separator)
+        if len(fields) < count or any(field.strip() for field in fields[count:]):
+            is_comma = separator == "," and len(fields) > count
+            remedy = "are decimals written with commas? Export points, or semicolons between columns"
+            raise ForeignFile(
+                f"{path}, line {first_line + i}, has {len(fields)} fields, expected {count} ({', '.join(titles)}); "
+                f"{remedy if is_comma else 'repair the line, or export it again'}",
+                RecordingCode.FOREIGN_TITLES,
+            )
+
+
+def _no_number(path: Path, line: int, field: str, column: int) -> ForeignFile:
+    remedy = "; write decimals with a point, and no mark of thousands" if re.fullmatch(r"[-+\d.,]+", field) else ""
+    return ForeignFile(
+        f"{path}, line {line}, has {field!r} in column {column + 1}, expected a number{remedy}",
+        RecordingCode.FOREIGN_NOT_A_NUMBER,
+    )
 
 
 def printed_by_c(lines: Sequence[str]) -> tuple[str, ...]:

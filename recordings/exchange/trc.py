@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.lengths import millimetres
 from recordings.exchange.tables import MarkerTable, distinct_labels, settle_times, without_origin
-from recordings.exchange.text import printed_by_c, read_lines, read_numbers, write_row
+from recordings.exchange.text import printed_by_c, read_lines, read_numbers, without_blank_end, write_row
+
+SEPARATORS = ("\t", ";", ",")
+COLUMNS_BEFORE = 2
+"""Frame number and time."""
 
 
 def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> MarkerTable:
@@ -20,16 +24,19 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
     A marker that is (0, 0, 0) in every frame was never seen, unless it is one of the tracked and the only such marker:
     then the file's origin was put there. Frames that show no marker do not count.
     """
-    lines = read_lines(path)
-    if len(lines) < 5 or not lines[0].startswith("PathFileType"):
+    lines = without_blank_end(read_lines(path))
+    if len(lines) < 5 or not lines[0].strip('" ').startswith("PathFileType"):
         raise ForeignFile(
             f"{path} does not begin with PathFileType and five lines of header, expected a TRC file",
             RecordingCode.FOREIGN_WRONG_TYPE,
         )
+    are_blanks = not any(mark in lines[-1] for mark in SEPARATORS)
+    lines = [lines[0], *(_tabbed(line) for line in lines[1:])]
     header = dict(zip(_fields(lines[1]), _fields(lines[2]), strict=False))
-    labels, notes = distinct_labels(_fields(lines[3])[2:], str(path))
-    first = next((i for i in range(4, len(lines)) if lines[i].split("\t", 1)[0].strip().isdigit()), len(lines))
-    _require_markers(header, len(labels), path)
+    columns, names = _named_columns(lines[3])
+    labels, notes = distinct_labels(names, str(path))
+    first = next((i for i in range(4, len(lines)) if _is_number(lines[i].split("\t", 1)[0])), len(lines))
+    notes += _note_on_markers(header, len(labels), path)
     if first == len(lines):
         raise ForeignFile(
             f"{path} has a header and no row of numbers below it; export it again, whole",
@@ -37,7 +44,9 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
         )
     rows, stale = _whole_rows(header, lines[first:], path)
     notes += stale + _notes_on_missing(rows, path)
-    values = read_numbers(rows, "\t", range(2 + 3 * len(labels)), path, first + 1)
+    _require_columns(rows, columns[-1] + 3, path, first + 1, are_blanks=are_blanks)
+    read = [0, 1, *(column + axis for column in columns for axis in range(3))]
+    values = read_numbers(rows, "\t", read, path, first + 1)
     scale = millimetres(unit or header.get("Units", ""), str(path))
     positions = scale * values[:, 2:].reshape(len(rows), len(labels), 3)
     found = without_origin(positions)
@@ -49,8 +58,8 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
             f"{path} has {labels[origin]}, and no other marker, at (0, 0, 0) in every frame that shows markers: it is "
             "taken for the origin, not for missing",
         )
-    rate, time = settle_times(values[:, 0], values[:, 1], _rate(header, path), str(path), first + 1)
-    return MarkerTable(labels, rate, time, found, np.zeros(found.shape[:2]), notes)
+    rate, time, on_rate = settle_times(values[:, 0], values[:, 1], _rate(header, path), str(path), first + 1)
+    return MarkerTable(labels, rate, time, found, np.zeros(found.shape[:2]), notes + on_rate)
 
 
 def write_trc(table: MarkerTable, name: str) -> str:
@@ -75,17 +84,60 @@ def write_trc(table: MarkerTable, name: str) -> str:
     return "\n".join(header + rows) + "\n"
 
 
+def _tabbed(line: str) -> str:
+    """A line with tabs between its fields, which other programs separate by semicolons, commas or blanks."""
+    separator = next((mark for mark in SEPARATORS if mark in line), None)
+    return line if separator == "\t" else "\t".join(field.strip() for field in line.split(separator))
+
+
 def _fields(line: str) -> Sequence[str]:
     return [field.strip() for field in line.split("\t") if field.strip()]
 
 
-def _require_markers(header: dict[str, str], found: int, path: Path) -> None:
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True
+
+
+def _named_columns(line: str) -> tuple[list[int], list[str]]:
+    """The first column of each marker, and its name, of the line of names: a name stands above the first of three
+    columns, or else the names stand side by side.
+    """
+    fields = [field.strip() for field in line.split("\t")][COLUMNS_BEFORE:]
+    columns = [i for i, field in enumerate(fields) if field]
+    if any(column % 3 for column in columns):
+        columns = [3 * i for i in range(len(columns))]
+    return [COLUMNS_BEFORE + column for column in columns], [field for field in fields if field]
+
+
+def _note_on_markers(header: dict[str, str], found: int, path: Path) -> tuple[str, ...]:
+    """A note where more markers are named than announced: Cortex adds virtual ones. Raises ForeignFile for fewer."""
     announced = header.get("NumMarkers", str(found)).removesuffix(".0")
-    if announced != str(found):
-        raise ForeignFile(
-            f"{path} announces NumMarkers {announced} and names {found}; export it again, whole",
-            RecordingCode.FOREIGN_CUT,
-        )
+    if announced == str(found):
+        return ()
+    if announced.isdigit() and int(announced) < found:
+        return (f"{path} announces NumMarkers {announced} and names {found}: all of these are read",)
+    raise ForeignFile(
+        f"{path} announces NumMarkers {announced} and names {found}; export it again, whole",
+        RecordingCode.FOREIGN_CUT,
+    )
+
+
+def _require_columns(rows: Sequence[str], count: int, path: Path, first_line: int, *, are_blanks: bool) -> None:
+    """Raises ForeignFile where rows have numbers of no marker, or too few of them with blanks between the columns: then
+    the names may not be those of the columns.
+    """
+    for i, row in enumerate(rows):
+        found = len(row.rstrip().split("\t"))
+        if found > count or (are_blanks and found < count):
+            raise ForeignFile(
+                f"{path}, line {first_line + i}, has {found} columns, expected {count} of the markers that line 4 "
+                "names; export it again, with a point in decimals and tabs between the columns",
+                RecordingCode.FOREIGN_TITLES,
+            )
 
 
 def _whole_rows(header: dict[str, str], rows: list[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
@@ -116,7 +168,7 @@ def _origin(positions: NDArray[np.float64], labels: Sequence[str], tracked: Coll
 
 def _rate(header: dict[str, str], path: Path) -> float:
     try:
-        return float(header.get("DataRate", "0"))
+        return float(header.get("DataRate", "0").replace(",", "."))
     except ValueError:
         raise ForeignFile(
             f"{path} has DataRate {header['DataRate']!r}, expected a number of frames a second",

@@ -43,7 +43,7 @@ def complete_trial(path: Path, source: MarkerSource) -> Imported:
     subject = recording.manifest.subject
     export = read_markers(source, subject.labels if subject else ())
     live = _captured(recording)
-    numbers = np.rint(export.time_s * export.rate_hz).astype(np.int64) + 1
+    numbers = export.frame_numbers
     _require_same_trial(path, source.path, live, export, numbers)
     merged_numbers, values = _merged(live, export, numbers)
     stream = replace(live.stream, labels=_labels(live, export), source=f"{live.stream.source}; {source.path.name}")

@@ -81,13 +81,17 @@ class MarkerSource:
 
 @dataclass(frozen=True)
 class Force:
-    """Force at time (n,) [s] on the clock of the file: values (n,) in the unit, sync (n,) [V] or None."""
+    """Force at time (n,) [s] on the clock of the file: values (n,) in the unit, sync (n,) [V] or None.
+
+    others: names of the other signals in the file
+    """
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]
     unit: ForceUnit
     column: str
     sync: NDArray[np.float64] | None
+    others: tuple[str, ...] = ()
 
 
 def parse_names(pairs: Sequence[str]) -> dict[str, str]:
@@ -115,7 +119,8 @@ def read_force(source: ForceSource, *, has_own_clock: bool = True) -> Force:
     column = _column(source, table, candidates)
     _require_rate(table.time_s, SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ, f"times in {source.path}, {source.time_column},")
     sync = table.signals.get(source.sync_column) if has_own_clock else None
-    return Force(table.time_s, table.signals[column], _unit(source, table, column), column, sync)
+    others = tuple(name for name in table.names if name not in (source.time_column, column, source.sync_column))
+    return Force(table.time_s, table.signals[column], _unit(source, table, column), column, sync, others)
 
 
 def read_markers(source: MarkerSource, needed: Sequence[str]) -> MarkerTable:

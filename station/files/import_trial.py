@@ -95,12 +95,26 @@ def import_trial(
     items = [origin, *_items(aligned, force, markers, start_utc_ns)]
     outcome = TrialOutcome(accepted=True, state="closed", sentence=f"imported from {files}")
     write_recording(path, manifest, streams, items, outcome, files)
-    return Imported(path, (*notes_of(markers), *aligned.notes))
+    return Imported(path, (*_force_notes(force, force_source), *notes_of(markers), *aligned.notes))
 
 
 def notes_of(markers: MarkerTable) -> tuple[Message[ImportCode], ...]:
     """The notes of the reader of the file."""
     return tuple(Message(ImportCode.MARKER_FILE, {"text": note}) for note in markers.notes)
+
+
+def _force_notes(force: Force, source: ForceSource) -> tuple[Message[ImportCode], ...]:
+    """Where the force is from, and its range, if the file has other signals and no option names the column."""
+    if source.column or not force.others:
+        return ()
+    figures: Figures = {
+        "column": force.column,
+        "file": source.path.name,
+        "least": float(np.min(force.values)),
+        "most": float(np.max(force.values)),
+        "unit": force.unit,
+    }
+    return (Message(ImportCode.FORCE_COLUMN, figures),)
 
 
 def with_lag(config: StationConfig, lag_s: float | None, lag_sd_s: float | None) -> StationConfig:
@@ -161,7 +175,7 @@ def _align_by_edge(force: Force, markers: MarkerTable, config: StationConfig, fi
         edge = find_edges(numbers / rate, force.sync, config.sync.threshold_v).rising
     except UnusableTrial as error:
         raise ImportRefused(Message(ImportCode.NOT_USABLE, {"files": files, "reason": str(error)})) from error
-    frames = np.rint(markers.time_s * markers.rate_hz).astype(np.int64) + 1
+    frames = markers.frame_numbers
     if frames[0] < 1:
         figures: Figures = {"files": files, "before_s": -float(markers.time_s[0])}
         raise ImportRefused(Message(ImportCode.BEFORE_CAPTURE, figures))
@@ -177,7 +191,7 @@ def _align_by_times(
 ) -> _AlignedFiles:
     numbers, rate = _counted(force.time)
     origin = float(markers.time_s[0])
-    frames = np.rint((markers.time_s - origin) * markers.rate_hz).astype(np.int64) + 1
+    frames = markers.frame_numbers - markers.frame_numbers[0] + 1
     force_at, frames_at = force.time - origin, markers.time_s - origin
     longer = max(float(np.ptp(force_at)), float(np.ptp(frames_at)))
     notes = _require_common_time(force_at + lag_s, frames_at, longer, files)

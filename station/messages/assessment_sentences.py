@@ -140,6 +140,9 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "The motion does not have as many rows as its header states: {rows}. All rows of the file are used. If the "
         "file was cut, export it again; otherwise correct nRows, because OpenSim's tools read no more rows than that."
     ),
+    AssessmentCode.REPEATED_ROWS: (
+        "Rows of the motion that repeat the time and the values of the row before are left out: {count}."
+    ),
     AssessmentCode.VIOLATES_CONSTRAINT: (
         "Coordinates whose data differ from what their coupler, lock or prescription gives, with the largest "
         "difference: {coordinates}. Leave their columns out of the motion, and the constraint gives their values."

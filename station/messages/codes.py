@@ -308,6 +308,7 @@ class AssessmentCode(StrEnum):
     WITHOUT_DATA = "motion.without_data"
     RANGE_NOT_COVERED = "motion.range_not_covered"
     ROW_COUNTS = "motion.row_counts"
+    REPEATED_ROWS = "motion.repeated_rows"
     VIOLATES_CONSTRAINT = "motion.violates_constraint"
     BEYOND_RANGE = "motion.beyond_range"
     TRANSLATION_BEYOND_RANGE = "motion.translation_beyond_range"

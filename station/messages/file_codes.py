@@ -30,6 +30,7 @@ class ImportCode(StrEnum):
     PARTIAL_OVERLAP = "import.partial_overlap"
     LAG_ASSUMED = "import.lag_assumed"
     MARKER_FILE = "import.marker_file"
+    FORCE_COLUMN = "import.force_column"
 
     CUT_RECORDING = "completion.cut_recording"
     NO_LIVE_FRAMES = "completion.no_live_frames"

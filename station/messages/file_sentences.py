@@ -64,6 +64,7 @@ _IMPORT: Mapping[StrEnum, str] = {
         "bounce"
     ),
     ImportCode.MARKER_FILE: "{text}",
+    ImportCode.FORCE_COLUMN: "force from the column {column} of {file}: {least:.4g} to {most:.4g} {unit}",
     ImportCode.CUT_RECORDING: "{path} was cut and its end is unknown; only a complete recording can be completed",
     ImportCode.NO_LIVE_FRAMES: "{path} has no live frame to align the export with; import force and markers instead",
     ImportCode.NO_EDGE: "{path} cannot be completed: {reason}",

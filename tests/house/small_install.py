@@ -18,7 +18,7 @@ from types import ModuleType
 from station.extras import PACKAGES
 
 BLOCKED = {package for packages in PACKAGES.values() for package in packages}
-OF_FORMATS = {f"recordings.exchange.{name}" for name in ("c3d", "foxglove", "parquet")}
+OF_FORMATS = {f"recordings.exchange.{name}" for name in ("foxglove", "parquet")}
 
 
 class Blocker(MetaPathFinder):

@@ -5,11 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
-from packaging.requirements import Requirement
 
 from benchmarks.wheels import ROOT, refused, resolve
 
@@ -40,14 +38,3 @@ def test_a_project_that_needs_nothing_is_resolved_offline(tmp_path: Path, monkey
     )
     found = resolve("x86_64-pc-windows-msvc", tmp_path / "pyproject.toml")
     assert (found.count, found.is_offline, found.why) == (0, False, "")
-
-
-@pytest.mark.parametrize(
-    ("system", "machine", "is_needed"),
-    [("linux", "x86_64", True), ("linux", "aarch64", False), ("darwin", "arm64", True), ("win32", "AMD64", True)],
-)
-def test_c3d_is_left_out_where_it_has_no_wheel(system: str, machine: str, is_needed: bool) -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    (needed,) = [Requirement(text) for text in project["optional-dependencies"]["formats"] if text.startswith("ezc3d")]
-    assert needed.marker is not None
-    assert needed.marker.evaluate({"sys_platform": system, "platform_machine": machine}) is is_needed

@@ -155,7 +155,7 @@ def test_the_name_of_a_coordinate_may_contain_spaces(tmp_path, name, separator, 
         ("time\ta\n0\t1\n", SolverCode.MALFORMED_TABLE, "endheader"),
         ("endheader\ntime\ta\n0\t1\n0.01\t2\n0.02\n", SolverCode.MALFORMED_TABLE, "frame 3"),
         ("endheader\ntime\ta\n0\t1\n0.01\tnan\n0.02\t1\n", SolverCode.NOT_FINITE, "a nan in frame 2"),
-        ("endheader\ntime\ta\n0\t1\n0.01\t1\n0.01\t1\n0.02\t1\n", SolverCode.UNEVEN_TIME, "has 0.01 s after"),
+        ("endheader\ntime\ta\n0\t1\n0.01\t1\n0.01\t2\n0.02\t1\n", SolverCode.UNEVEN_TIME, "has 0.01 s after"),
         ("endheader\ntime\ta\n0.02\t1\n0.01\t1\n0\t1\n", SolverCode.UNEVEN_TIME, "times that increase"),
         ("endheader\ntime\ta\n0\t1\n0.01\tone\n", SolverCode.MALFORMED_TABLE, "one"),
         ("endheader\ntime\ta\n0\t1\n0.01\t1\n0.03\t1\n0.04\t1\n", SolverCode.UNEVEN_TIME, "0.01 to 0.02 s"),
@@ -170,8 +170,10 @@ def test_a_malformed_file_gives_one_sentence(tmp_path, text, code, naming):
         read_motion(path, model("a"))
 
 
-def printed(path, time, digits):
-    rows = "\n".join(f"{t:.{digits}f}\t0.5" for t in time)
+def printed(path, time, digits, decimals=None):
+    """A constant, or sin(9 t) with these decimals."""
+    values = ["0.5" if decimals is None else f"{np.sin(9 * t):.{decimals}f}" for t in time]
+    rows = "\n".join(f"{t:.{digits}f}\t{value}" for t, value in zip(time, values, strict=True))
     path.write_text(f"motion\nendheader\ntime\ta\n{rows}\n")
     return path
 
@@ -236,6 +238,49 @@ def test_a_motion_with_steps_of_an_integrator_is_interpolated(tmp_path):
 def test_a_motion_with_a_gap_is_not_interpolated(tmp_path, time):
     with raises_refusal(SolverCode.UNEVEN_TIME):
         read_motion(printed(tmp_path / "m.mot", time, 6), ONE)
+
+
+def integrator_steps(longest):
+    """Times of a variable-step integrator: from 1e-7 s to the longest [s]."""
+    steps = np.random.default_rng(4).uniform(0.0, 1.0, round(8 / longest)) ** 3 * longest
+    return np.append(0.0, np.cumsum(np.maximum(steps, 1e-7)))
+
+
+@pytest.mark.parametrize(("longest", "decimals"), [(0.0012, 9), (0.0099, 9), (0.0099, 7)])
+def test_steps_of_an_integrator_give_the_acceleration_of_the_motion(tmp_path, longest, decimals):
+    motion = read_motion(printed(tmp_path / "cmc.sto", integrator_steps(longest), 9, decimals), ONE)
+    kinematics = differentiate_by_splines(motion, 6.0)
+    middle = slice(len(kinematics.time) // 4, -len(kinematics.time) // 4)
+    expected = -81 * np.sin(9 * kinematics.time)
+    np.testing.assert_allclose(kinematics.accelerations[middle, 0], expected[middle], atol=1.0)
+
+
+def test_a_step_is_a_gap_by_its_length_over_the_period_of_the_cut_off(tmp_path):
+    motion = read_motion(printed(tmp_path / "cmc.sto", integrator_steps(0.0099), 9), ONE)
+    with raises_refusal(SolverCode.UNEVEN_TIME, naming="cut-off of 20 Hz"):
+        differentiate_by_splines(motion, 20.0)
+    with raises_refusal(SolverCode.UNEVEN_TIME):
+        read_motion(printed(tmp_path / "cmc.sto", integrator_steps(0.02), 9), ONE)
+
+
+def test_a_row_that_repeats_the_one_before_is_left_out(tmp_path):
+    path = printed(tmp_path / "rra.sto", np.arange(40) / 100, 6)
+    lines = path.read_text().splitlines()
+    at = lines.index(next(line for line in lines if line.startswith("time"))) + 1
+    path.write_text("\n".join([*lines[: at + 9], lines[at + 8], *lines[at + 9 :], lines[-1]]) + "\n")
+    motion = read_motion(path, ONE)
+    np.testing.assert_allclose(motion.time, np.arange(40) / 100)
+    assert differentiate(motion).repeated_rows == motion.repeated_rows == 2
+    time, value = lines[-1].split()
+    path.write_text("\n".join([*lines, f"{time}\t{float(value) + 1e-6}"]) + "\n")
+    with raises_refusal(SolverCode.UNEVEN_TIME, naming="0.39 s after an equal"):
+        read_motion(path, ONE)
+
+
+@pytest.mark.parametrize("rate", [1000, 500, 100, 60])
+def test_a_motion_in_milliseconds_is_refused(tmp_path, rate):
+    with raises_refusal(SolverCode.TIME_UNIT, naming="in ms"):
+        read_motion(printed(tmp_path / "m.mot", 1000 * np.arange(60) / rate, 6), ONE)
 
 
 def test_the_filter_has_the_published_gains():

@@ -14,8 +14,6 @@ import pytest
 
 import station.bench.trial_recorder
 from drivers.capture_note import CaptureNote
-from recordings.errors import RecordingCode
-from recordings.exchange.c3d import read_c3d_markers
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from station import end_signals
@@ -27,7 +25,6 @@ from station.messages.setup_codes import ConfigCode
 from station.session import trial_process
 from station.whole_file import write_whole
 from station.windows_names import windows_name_fault
-from tests.recordings.refusals import raises_refusal as raises_foreign
 from tests.station.bench.test_trial_recorder import SPEC, Rig
 from tests.station.refusals import raises_refusal
 from tests.windows_files import behave_as_windows
@@ -201,13 +198,3 @@ def _posix_names(path: Path) -> set[str]:
         elif isinstance(node, ast.Attribute) and ast.unparse(node.value) in OWNERS:
             names |= {node.attr} & POSIX_CALLS
     return names
-
-
-def test_c3d_without_its_package_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on Linux on arm64, for which ezc3d has no wheel."""
-    path = tmp_path / "trial.c3d"
-    path.write_bytes(b"")
-    monkeypatch.setattr("recordings.exchange.c3d.read_c3d_layout", lambda _: None)
-    monkeypatch.setitem(sys.modules, "ezc3d", None)
-    with raises_foreign(RecordingCode.FOREIGN_NEEDS_PACKAGE, naming="ezc3d"):
-        read_c3d_markers(path)

@@ -140,3 +140,18 @@ def test_the_header_is_qtm_s_line_by_line(tmp_path: Path) -> None:
         "Frame",
     ]
     assert "TIME_STAMP\t2025-03-04, 12:30:01\n" in write_qtm_tsv(walk(), CAPTURED)
+
+
+@pytest.mark.parametrize("hidden", ["\t\t\t\t\t", "nan\tnan\tnan\tnan\tnan\tnan", "null\tnull\tnull\tnull\tnull\tnull"])
+@pytest.mark.parametrize("titles", ["", "a X\ta Y\ta Z\tb X\tb Y\tb Z\n"])
+def test_frames_without_a_marker_are_frames_at_either_end(tmp_path: Path, hidden: str, titles: str) -> None:
+    header = HEADER.replace("NO_OF_FRAMES\t3", "NO_OF_FRAMES\t7")
+    read = read_qtm_tsv(export(tmp_path, header, NAMES, titles, lines([hidden, hidden, *ROWS, hidden, hidden])))
+    assert read.missing[:, 0].tolist() == [True, True, False, False, False, True, True]
+    assert read.positions[2:5, 0, 0].tolist() == EXPECTED_A
+    assert read.time_s == pytest.approx(np.arange(7) / 100)
+
+
+def test_lines_of_tabs_beyond_the_announced_frames_are_no_frames(tmp_path: Path) -> None:
+    read = read_qtm_tsv(export(tmp_path, HEADER, NAMES, lines([*ROWS, "\t\t", "\t\t\t\t\t"])))
+    assert read.positions[:, 0, 0].tolist() == EXPECTED_A

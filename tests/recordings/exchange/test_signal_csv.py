@@ -23,8 +23,19 @@ def table(tmp_path: Path, text: str) -> Path:
         "\ufefftime_s,force_v\r\n0.0,1.5\r\n0.1,1.25\r\n\r\n",
         "# made by hand\n\ntime_s;note;force_v\n0,0;a;1,5\n0,1;b;1,25\n",
         '"time_s"\t"force_v"\n0\t1.5\n1e-1\t1.25\n',
+        'time_s,"a, ""b"", c",force_v\n0.0,"1,5",1.5\n0.1,"x, y",1.25\n',
+        '"time_s","force_v"\n"0.0","1.5"\n"0.1","1.25"\n',
+        "time_s,force_v,\n0.0,1.5,\n0.1,1.25,\n,,\n,,\n",
     ],
-    ids=["plain", "with a byte order mark and CR", "of a country with decimal commas", "quoted, with tabs"],
+    ids=[
+        "plain",
+        "with a byte order mark and CR",
+        "of a country with decimal commas",
+        "quoted, with tabs",
+        "a title and fields that hold commas",
+        "quoted numbers",
+        "an empty column and rows",
+    ],
 )
 def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) -> None:
     read = read_signals(table(tmp_path, text), "time_s", ["force_v", "sync_v"])
@@ -47,6 +58,12 @@ def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) ->
         ("time_s,force_v,force_v\n0,1,2\n0.1,1,2\n", RecordingCode.FOREIGN_REPEATED_NAME, "'force_v' twice"),
         ("time_s,force_v,time_s\n0,1,0\n0.1,1,2\n", RecordingCode.FOREIGN_REPEATED_NAME, "'time_s' twice"),
         ("PK\0\0", RecordingCode.FOREIGN_WRONG_TYPE, ""),
+        ("time_s,a,force_v\n0,1,2\n0.1,2\n", RecordingCode.FOREIGN_TITLES, "line 3, has 2 fields, expected 3"),
+        ("time_s,force_v\n0,1\n0.1,2,3\n", RecordingCode.FOREIGN_TITLES, "line 3, has 3 fields"),
+        ("time_s,force_v\n0,000,1,5\n0,100,1,25\n", RecordingCode.FOREIGN_TITLES, "decimals written with commas"),
+        ('time_s,force_v\n"0,000","1,5"\n', RecordingCode.FOREIGN_NOT_A_NUMBER, "'0,000' in column 1"),
+        ("time_s\tforce_v\n0.0\t1,250\n0.1\t1,251\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "'1,250' in column 2"),
+        ("time_s;force_v\n0,0;1.250,5\n0,1;1.251,5\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "mark of thousands"),
     ],
 )
 def test_a_table_that_is_none_is_refused_in_a_sentence(
@@ -67,7 +84,7 @@ def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:
 
 
 def test_an_empty_field_is_no_number_and_zero_is_one(tmp_path: Path) -> None:
-    read = read_signals(table(tmp_path, "time_s,force_v\n0,\n1,0\n2\n"), "time_s", ["force_v"])
+    read = read_signals(table(tmp_path, "time_s,force_v\n0,\n1,0\n2,n/a\n"), "time_s", ["force_v"])
     assert np.isnan(read.signals["force_v"]).tolist() == [True, False, True]
 
 

@@ -137,3 +137,62 @@ def test_opensim_reads_it_and_sees_the_same_gaps(tmp_path: Path) -> None:
     for label, marker in zip(walk().labels, walk().positions.transpose(1, 0, 2), strict=True):
         column = read.getDependentColumn(label)
         assert [column[i][0] for i in range(FRAMES)] == pytest.approx(marker[:, 0].tolist(), nan_ok=True)
+
+
+def retabbed(text: str, separator: str) -> str:
+    """The lines below the first with another separator."""
+    return text.replace("\t", separator).replace(separator, "\t", 3)
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_columns_may_be_separated_by_commas_or_semicolons(tmp_path: Path, separator: str) -> None:
+    assert same(read_trc(file(tmp_path, retabbed(write_trc(walk(), "t"), separator))), walk())
+
+
+def test_blanks_separate_columns_where_no_marker_is_missing(tmp_path: Path) -> None:
+    whole = replace(walk(), positions=np.nan_to_num(walk().positions, nan=7.0))
+    text = "\n".join(" ".join(line.split()) for line in write_trc(whole, "t").split("\n"))
+    read = read_trc(file(tmp_path, text))
+    assert read.labels == whole.labels and np.array_equal(read.positions, whole.positions)
+    with raises_refusal(RecordingCode.FOREIGN_TITLES, "expected 11"):
+        read_trc(file(tmp_path, text.replace(" 7.0 7.0 7.0", "", 1)))
+
+
+@pytest.mark.parametrize("change", ["1.0", "tabs", "cr", "crcrlf", "utf-16", "latin-1"])
+def test_other_programs_write_the_same_rows_otherwise(tmp_path: Path, change: str) -> None:
+    text, path = write_trc(walk(), "t"), tmp_path / "trial.trc"
+    if change == "1.0":
+        text = re.sub(r"^(\d+)\t(?=[\d.]+\t[-\d.]+\t)", r"\1.0\t", text, flags=re.MULTILINE)
+        text = text.replace(f"\n100\t100\t{FRAMES}.0", f"\n100\t100\t{FRAMES}")
+    text = text + "\t\t\n" * 3 if change == "tabs" else text
+    text = text.replace("\n", {"cr": "\r", "crcrlf": "\r\r\n"}.get(change, "\n"))
+    label = "LElb\x85w" if change == "latin-1" else "LElbowOut"
+    path.write_bytes(text.replace("LElbowOut", label).encode(change if "-" in change else "utf-8"))
+    read = read_trc(path)
+    assert read.labels[1] == label
+    assert same(replace(read, labels=walk().labels), walk())
+
+
+def test_markers_beyond_the_announced_number_are_read_with_a_note(tmp_path: Path) -> None:
+    read = read_trc(file(tmp_path, write_trc(walk(), "t").replace(f"\t{FRAMES}\t3\tmm", f"\t{FRAMES}\t2\tmm", 1)))
+    assert same(read, walk())
+    assert "announces NumMarkers 2 and names 3" in read.notes[0]
+
+
+def test_a_marker_without_a_name_does_not_shift_those_behind_it(tmp_path: Path) -> None:
+    text = write_trc(walk(), "t").replace("LElbowOut", "", 1).replace("\t3\tmm", "\t2\tmm", 1)
+    read = read_trc(file(tmp_path, text))
+    assert read.labels == ("LShoulderTop", "cuff_1")
+    assert np.array_equal(read.positions, walk().positions[:, [0, 2]], equal_nan=True)
+
+
+def test_numbers_of_no_marker_are_refused(tmp_path: Path) -> None:
+    text = write_trc(walk(), "t").replace("\tcuff_1\t", "\t\t", 1).replace("\t3\tmm", "\t2\tmm", 1)
+    with raises_refusal(RecordingCode.FOREIGN_TITLES, "expected 8"):
+        read_trc(file(tmp_path, text))
+
+
+def test_a_stale_rate_is_a_note_and_the_times_decide(tmp_path: Path) -> None:
+    read = read_trc(file(tmp_path, write_trc(walk(), "t").replace("\n100\t100\t", "\n250\t250\t", 1)))
+    assert same(read, walk())
+    assert "states 250 frames a second" in read.notes[0]

@@ -15,6 +15,8 @@ from recordings.contents import contents_of
 from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
+from recordings.exchange.tables import MarkerTable
+from recordings.exchange.trc import write_trc
 from recordings.reader import open_recording, read_manifest
 from station.checksums import read_checksums
 from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource, read_force
@@ -280,7 +282,6 @@ def test_markers_are_renamed_by_label(station, static: tuple[Path, Path], tmp_pa
         (0, "\n0.007,", "\n0.007,,", ("force",)),
         (1, "cuff_1\n", "hand_1\n", ("cuff_1", "hand_1")),
         (1, "MARKER_NAMES", "NAMES", ("MARKER_NAMES",)),
-        (1, "FREQUENCY\t100", "FREQUENCY\t200", ("200", "100")),
         (1, "\n8\t0.07\t", "\n8\t0.06\t", ("0.06 s", "line 20")),
     ],
 )
@@ -294,14 +295,49 @@ def test_a_bad_line_is_refused_with_its_place_and_writes_nothing(
 
 @pytest.mark.parametrize(
     ("column", "code"),
-    [("kraft", ImportCode.NO_FORCE_COLUMN), ("force_v,force_n", ImportCode.SEVERAL_FORCE_COLUMNS)],
+    [("kraft", ImportCode.NO_FORCE_COLUMN), ("force_n", ImportCode.SEVERAL_FORCE_COLUMNS)],
 )
 def test_a_force_column_that_is_missing_or_ambiguous_is_refused(
     static: tuple[Path, Path], column: str, code: ImportCode
 ) -> None:
-    edit(static[0], "force_v", column)
+    titles, *rows = static[0].read_text().splitlines()
+    if code is ImportCode.SEVERAL_FORCE_COLUMNS:
+        static[0].write_text("\n".join([f"{titles},{column}", *(f"{row},1" for row in rows)]))
+    else:
+        edit(static[0], "force_v", column)
     with raises_refusal(ImportRefused, code):
         read_force(ForceSource(static[0]))
+
+
+def test_the_force_is_the_column_of_its_title_whatever_commas_others_hold(
+    static: tuple[Path, Path], tmp_path: Path
+) -> None:
+    titles, *rows = static[0].read_text().splitlines()
+    others = '"Torque, request",' + titles + ',"a ""b"", c"'
+    static[0].write_text("\n".join([others, *(f'"1,5 N, ?",{row},23.1' for row in rows)]))
+    volts = [float(row.split(",")[1]) for row in rows]
+    done = run(tmp_path / "s", *static)
+    assert open_recording(done.path).load("/force").values[:, 0] == pytest.approx(volts)
+    (note,) = [note for note in done.notes if note.code is ImportCode.FORCE_COLUMN]
+    assert note.figures["column"] == "force_v"
+    assert (note.figures["least"], note.figures["most"]) == pytest.approx((min(volts), max(volts)))
+
+
+@pytest.mark.parametrize(("suffix", "nominal"), [(".trc", 30), (".tsv", 30), (".trc", 250)])
+def test_a_stale_frame_rate_invents_no_loss(
+    pair: tuple[Truth, Truth], tmp_path: Path, suffix: str, nominal: float
+) -> None:
+    truth, measured = pair[0].markers, 29.97
+    frames = len(truth.time_s) * 29 // 100
+    at = np.arange(frames) / measured
+    positions = truth.positions[np.minimum(np.rint(100 * at).astype(int), len(truth.time_s) - 1)]
+    table = MarkerTable(truth.labels, nominal, at.round(5), positions, np.zeros(positions.shape[:2]))
+    mocap = tmp_path / f"video{suffix}"
+    mocap.write_text(write_trc(table, "video") if suffix == ".trc" else write_qtm_tsv(table), encoding="utf-8")
+    done = run(tmp_path / "s", pair[0].write_csv(tmp_path / "daq.csv", has_sync=suffix == ".tsv"), mocap)
+    assert not contents_of(done.path).gaps
+    found = read_trial(done.path).marker_time
+    assert found - found[0] == pytest.approx(at[: len(found)], abs=2e-5)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,239 @@
+"""A C3D file as arrays, after the C3D User Guide (c3d.org): header, parameters and frames of all three processors.
+
+The numbers of points and analog values are in a file twice, in the header and in the parameters. Where they differ,
+one of the two shifts every frame after the first, and only the size of the file shows which. Nothing is read that the
+size of the file does not cover.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from documents.regular_file import describe_failure, open_regular
+from recordings.errors import ForeignFile, RecordingCode
+from recordings.exchange.c3d_parameters import DEC, INTEL, MIPS, C3dParameters, DamagedParameters, Processor
+
+BLOCK = 512
+SIGNATURE = 0x50
+MOST_COUNTED = 0xFFFF
+LARGEST, LARGEST_PARAMETERS = 2 * 2**30, 2**20
+"""Bytes; an hour of 100 markers at 200 Hz has 1.2 GB, and parameters are counted in at most 255 blocks."""
+RATE_TOLERANCE = 0.01
+EXPORT_AGAIN = "open it in the program that wrote it, and export it again"
+
+
+@dataclass(frozen=True)
+class C3dHeader:
+    """What the first block states.
+
+    parameters_start, start       of the parameters and of the first frame [bytes]
+    points, analog_values, per_frame  of a frame; analog values are those of all channels and samples together
+    first, last  frames, counted from any number; a last one of 65535 means this one or any later one
+    scale        of integer coordinates; negative if the numbers are floating point
+    """
+
+    parameters_start: int
+    start: int
+    points: int
+    analog_values: int
+    per_frame: int
+    first: int
+    last: int
+    scale: float
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class C3dLayout:
+    """Points, analog channels and samples of each channel in a frame; frames; bytes of a number, 4 if it is real."""
+
+    points: int
+    channels: int
+    per_frame: int
+    frames: int
+    number_size: int
+
+    @property
+    def analog_values(self) -> int:
+        return self.channels * self.per_frame
+
+    def size(self, points: int, analog_values: int) -> int:
+        """Bytes of the frames, with these numbers of a frame."""
+        return self.frames * (4 * points + analog_values) * self.number_size
+
+
+@dataclass(frozen=True, eq=False)
+class C3dFile:
+    """A file whose parts agree.
+
+    values  (frames, 4 × points + channels × per_frame) as they are stored: 32-bit floats, or 16-bit signed integers
+    """
+
+    path: Path
+    header: C3dHeader
+    parameters: C3dParameters
+    layout: C3dLayout
+    values: NDArray[Any]
+
+    @property
+    def is_real(self) -> bool:
+        return self.layout.number_size == 4
+
+    @property
+    def rate_hz(self) -> float:
+        """Frame rate. Raises ForeignFile where there is none."""
+        rate = self.parameters.number("POINT", "RATE") or self.header.rate_hz
+        if not 0 < rate < np.inf:
+            _refuse(self.path, RecordingCode.FOREIGN_NO_RATE, "has no sampling rate; export it again with its rates")
+        return rate
+
+    @property
+    def first_frame(self) -> int:
+        """Index from 0 of the first frame in the capture."""
+        return max(0, self.header.first - 1)
+
+
+def read_c3d_file(path: Path) -> C3dFile:
+    """Raises ForeignFile where it is no C3D file, is cut, or its parts contradict each other."""
+    try:
+        with open_regular(path) as file:
+            size = file.seek(0, 2)
+            return _read(path, file, size)
+    except OSError as error:
+        raise ForeignFile(
+            f"{path} cannot be read: {describe_failure(error)}", RecordingCode.FOREIGN_UNREADABLE
+        ) from error
+
+
+def _read(path: Path, file: BinaryIO, size: int) -> C3dFile:
+    header, processor, blocks = _header(path, file)
+    if size > LARGEST:
+        _refuse(path, RecordingCode.FOREIGN_WRONG_TYPE, f"is larger than {LARGEST >> 30} GiB; export a part of it")
+    parameters = _parameters(path, file, size, header, processor, blocks)
+    if header.start <= header.parameters_start:
+        header = replace(header, start=BLOCK * (int(parameters.number("POINT", "DATA_START") or 1) - 1))
+    layout = _layout(path, size, header, parameters)
+    file.seek(header.start)
+    data = file.read(layout.size(layout.points, layout.analog_values))
+    values = processor.reals(data) if layout.number_size == 4 else processor.integers(data, is_signed=True)
+    table = values.reshape(layout.frames, 4 * layout.points + layout.analog_values)
+    return C3dFile(path, header, parameters, layout, table)
+
+
+def _refuse(path: Path, code: RecordingCode, complaint: str) -> NoReturn:
+    raise ForeignFile(f"{path} {complaint}", code)
+
+
+def _header(path: Path, file: BinaryIO) -> tuple[C3dHeader, Processor, int]:
+    """The header, the processor and the number of blocks of the parameters."""
+    file.seek(0)
+    block = file.read(BLOCK)
+    is_c3d = len(block) == BLOCK and block[1] == SIGNATURE and block[0] > 1
+    file.seek(BLOCK * (block[0] - 1) if is_c3d else 0)
+    preamble = file.read(4)
+    if not is_c3d or len(preamble) < 4 or preamble[3] not in (INTEL, DEC, MIPS):
+        complaint = "does not begin as a C3D file does; was it renamed, or cut?"
+        _refuse(path, RecordingCode.FOREIGN_WRONG_TYPE, complaint)
+    processor = Processor(preamble[3])
+    points, analog, first, last = struct.unpack(f"{processor.order}4H", block[2:10])
+    start, per_frame = struct.unpack(f"{processor.order}2H", block[16:20])
+    scale, rate = (float(processor.reals(block[at : at + 4])[0]) for at in (12, 20))
+    parameters_start = BLOCK * (block[0] - 1)
+    made = C3dHeader(parameters_start, BLOCK * (start - 1), points, analog, per_frame, first, last, scale, rate)
+    return made, processor, preamble[2]
+
+
+def _parameters(
+    path: Path, file: BinaryIO, size: int, header: C3dHeader, processor: Processor, blocks: int
+) -> C3dParameters:
+    """The parameters, which end where the frames begin, or else after so many blocks."""
+    start = header.parameters_start
+    end = header.start if header.start > start else start + BLOCK * blocks
+    if end > size:
+        complaint = f"is cut: its parameters end at byte {end}, and it has {size}; {EXPORT_AGAIN}"
+        _refuse(path, RecordingCode.FOREIGN_CUT, complaint)
+    file.seek(start)
+    try:
+        return C3dParameters(file.read(min(end - start, LARGEST_PARAMETERS)), processor)
+    except DamagedParameters as error:
+        raise ForeignFile(
+            f"{path} cannot be read as C3D: {error}; {EXPORT_AGAIN}", RecordingCode.FOREIGN_DAMAGED
+        ) from error
+
+
+def _layout(path: Path, size: int, header: C3dHeader, parameters: C3dParameters) -> C3dLayout:
+    """Raises ForeignFile where header and parameters contradict each other and the size does not back the parameters.
+
+    A header that counts channels instead of values is a case that it backs.
+    """
+    number = partial(parameters.number, "POINT")
+    used, channels = number("USED"), parameters.number("ANALOG", "USED")
+    points = header.points if used is None else int(used)
+    per_frame = _samples_per_frame(header, parameters, int(channels or 0))
+    if channels is None:
+        channels = header.analog_values // max(1, per_frame)
+    frames = _frames(header, parameters)
+    real, integer = (C3dLayout(points, int(channels), per_frame, frames, size) for size in (4, 2))
+    told, scale = (header.points, header.analog_values), number("SCALE") or header.scale
+    room = size - header.start
+
+    def fits(layout: C3dLayout, counts: tuple[int, int]) -> bool:
+        """Whether the frames end with the file, whose last block is filled up."""
+        return 0 <= room - layout.size(*counts) < BLOCK
+
+    layout, other = (real, integer) if header.scale < 0 else (integer, real)
+    if (scale < 0) != (header.scale < 0) and fits(other, told) and not fits(layout, told):
+        layout = other
+    counts = layout.points, layout.analog_values
+    missing = layout.size(*counts) - room
+    if missing > 0 and not (told != counts and fits(layout, told)):
+        frame = max(1, layout.size(*counts) // max(1, frames))
+        complaint = f"announces {frames} frames and holds {max(0, room // frame)}; {EXPORT_AGAIN}"
+        _refuse(path, RecordingCode.FOREIGN_CUT, complaint)
+    if told != counts and fits(layout, told):
+        complaint = (
+            f"contradicts itself: its header counts {_listed(*told)}, its parameters {_listed(*counts)} a frame; "
+            f"{EXPORT_AGAIN}"
+        )
+        _refuse(path, RecordingCode.FOREIGN_CONTRADICTORY, complaint)
+    if header.last == MOST_COUNTED and missing <= -BLOCK:
+        complaint = f"counts {frames} frames and holds more; {EXPORT_AGAIN}, in parts of fewer than {MOST_COUNTED}"
+        _refuse(path, RecordingCode.FOREIGN_CONTRADICTORY, complaint)
+    return layout
+
+
+def _samples_per_frame(header: C3dHeader, parameters: C3dParameters, channels: int) -> int:
+    """By the two rates, of which the quotient is rounded, where the header does not confirm another number."""
+    rates = parameters.number("ANALOG", "RATE"), parameters.number("POINT", "RATE") or header.rate_hz
+    if not rates[0] or not rates[1]:
+        return header.per_frame
+    quotient = rates[0] / rates[1]
+    nearest = round(quotient) if 0.5 <= quotient < MOST_COUNTED else 0
+    if nearest and channels * nearest == header.analog_values:
+        return nearest
+    is_confirmed = channels * header.per_frame == header.analog_values
+    is_whole = nearest > 0 and abs(quotient / nearest - 1) <= RATE_TOLERANCE
+    return header.per_frame if is_confirmed or not is_whole else nearest
+
+
+def _frames(header: C3dHeader, parameters: C3dParameters) -> int:
+    """By the header, whose 16 bits may be too few: then by the parameters that programs have added for that."""
+    counted = header.last - header.first + 1
+    if counted > 0 and header.last < MOST_COUNTED:
+        return counted
+    first, last = (parameters.numbers("TRIAL", f"ACTUAL_{end}_FIELD", is_signed=False)[:2] for end in ("START", "END"))
+    found = [counted, parameters.number("POINT", "LONG_FRAMES"), parameters.number("POINT", "FRAMES")]
+    if len(first) == len(last) == 2:
+        found.append(float((last - first) @ (1, MOST_COUNTED + 1)) + 1)
+    return max(0, *(int(count) for count in found if count is not None and abs(count) < 2**31))
+
+
+def _listed(points: int, analog_values: int) -> str:
+    return f"{points} points and {analog_values} analog values"
