@@ -1,4 +1,4 @@
-"""Read and append to regular files only: a pipe would block, a device has no end, a link may lead elsewhere.
+"""Read, append to and replace regular files only: a pipe would block, a device has no end, a link may lead elsewhere.
 
 Errors are OSError; errno is their code.
 """
@@ -8,11 +8,16 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import sys
+import time
 from pathlib import Path
 from typing import BinaryIO
 
 LARGEST_TABLE, LARGEST_MODEL, LARGEST_SUIT = 128 * 2**20, 64 * 2**20, 32 * 2**10
 """Largest sizes [bytes]: a motion or other table, an OpenSim document, a suit in TOML."""
+
+REPLACE_TIMEOUT_S, REPLACE_PAUSE_S = 3.0, 0.1
+"""Wall seconds: a virus scanner holds a new file for about one."""
 
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # opening a pipe would wait for its writer
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
@@ -52,6 +57,26 @@ def append_to_regular(path: Path) -> BinaryIO:
         os.close(descriptor)
         raise OSError(errno.EMLINK, "a file with a second hard link, expected one without; copy it", str(path))
     return os.fdopen(descriptor, "a+b")
+
+
+def replace_file(draft: Path, path: Path) -> None:
+    """Rename draft to path, in place of a file of that name.
+
+    Windows refuses this while another program has one of the files open: it is tried for REPLACE_TIMEOUT_S.
+    """
+    give_up_s = time.monotonic() + REPLACE_TIMEOUT_S
+    while True:
+        try:
+            draft.replace(path)
+        except PermissionError as error:
+            if sys.platform != "win32":
+                raise
+            if time.monotonic() > give_up_s:
+                in_use = "open in another program, or read-only; close it there and run the command again"
+                raise PermissionError(errno.EACCES, in_use, str(path)) from error
+            time.sleep(REPLACE_PAUSE_S)
+        else:
+            return
 
 
 def _checked(descriptor: int, path: Path) -> int:

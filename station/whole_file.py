@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from documents.regular_file import replace_file
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -23,10 +24,11 @@ def drafted(path: Path) -> Iterator[Path]:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".draft-", dir=path.parent) as folder:
+        # a virus scanner may still read the draft when its folder is removed
+        with tempfile.TemporaryDirectory(prefix=".draft-", dir=path.parent, ignore_cleanup_errors=True) as folder:
             draft = Path(folder) / path.name
             yield draft
-            os.replace(draft, path)  # noqa: PTH105  (the clearer name)
+            replace_file(draft, path)
     except OSError as error:
         if error.errno is None:
             raise

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
+from documents.regular_file import replace_file
 from documents.validation import describe_error, faulty_key
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_json import cuffs_json
@@ -62,7 +63,7 @@ def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
         drafted.unlink(missing_ok=True)  # a symbolic link of this name is removed, its target is not
         with drafted.open("x", encoding="utf-8") as file:
             file.write(text)
-        drafted.replace(path)
+        replace_file(drafted, path)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
