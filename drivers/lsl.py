@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import time
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.device import HostClock
+from drivers.device_clock import DeviceClock
 from drivers.errors import DeviceCode, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
@@ -26,6 +27,7 @@ CONNECT_TIMEOUT_S = 3.0  # for the description, the stream and the first clock o
 READS_PER_S = 20.0  # wall
 WAKE_S = 0.01
 GAP_S = 0.1  # outlets stamp by the chunk, with a jitter of tens of milliseconds; a longer jump of the stamps is a loss
+FURTHEST_S = 4e9  # of a stamp from 0: a time in UTC until 2096, and in nanoseconds within 64 bits
 CLOCK_INTERVAL_S = 2.0  # LSL's own between two measurements of the offset
 MOST_SAMPLES = 4096  # of one call
 UNITS = {
@@ -41,7 +43,9 @@ class LslEmg:
 
     channels maps the names in the recording to the labels of the outlet; empty: all but sync_channel, as labelled.
     Sample numbers count from 0 in the order of arrival; device time is the stamp. If the stamps jump forward by more
-    than GAP_S, the numbers jump by the samples that are missing at the nominal rate, and a Loss reports them. After a
+    than GAP_S, the numbers jump by the samples that are missing at the nominal rate, and a Loss reports them. If they
+    jump ahead of this computer's clock, or back, the event "emg_clock_reset" reports a jump of the sender's clock, and
+    the numbers continue. A stamp that is no time is interpolated ("emg_clock_unreadable"). After a
     lost connection the numbers jump without a Loss. /emg_clock has one sample every CLOCK_INTERVAL_S; its device time
     is the reading of the sender's clock at its host time.
     """
@@ -83,6 +87,7 @@ class LslEmg:
         self._next_number = self._next_clock_number = 0
         self._last: tuple[float, int] | None = None  # stamp and host time of the last sample
         self._was_away = False
+        self._clock = DeviceClock()
         with contextlib.ExitStack() as undo:
             undo.callback(self.close)
             info = self._connect()
@@ -215,42 +220,85 @@ class LslEmg:
         return found.pop()
 
     def _items(self, values: NDArray[np.float64], stamps: NDArray[np.float64]) -> list[Item]:
-        """Blocks of consecutive samples, and a Loss for each gap between them."""
+        """Blocks of consecutive samples, a Loss for each gap between them, and an Event if the sender's clock jumps."""
         if not len(stamps):
             return []
         host_time_ns = self._host_clock()
+        stamps, items = self._sound_stamps(stamps, host_time_ns)
         before = stamps[0] - 1 / self._rate_hz if self._last is None else self._last[0]
         steps = np.diff(stamps, prepend=before)
-        starts = [0, *(int(start) for start in np.flatnonzero(np.abs(steps) > GAP_S) if start)]
-        items: list[Item] = []
-        for first, last in pairwise([*starts, len(stamps)]):
-            items += self._jump(float(steps[first]), float(stamps[first]), host_time_ns)
-            items += self._block(values[first:last], stamps[first:last], host_time_ns)
-        return items
+        first, clock_steps = 0, list[float]()
+        for place in np.flatnonzero(
+            (np.abs(steps) > GAP_S) | (self._was_away & (np.arange(len(stamps)) == 0))
+        ).tolist():
+            self._follow(stamps[first:place], host_time_ns)
+            is_of_clock = steps[place] <= 0 or not self._clock.is_possible(float(stamps[place]), host_time_ns)
+            if is_of_clock:
+                self._clock.restart()
+            if is_of_clock and not self._was_away:
+                clock_steps.append(float(steps[place]))
+                continue
+            items += self._block(values[first:place], stamps[first:place], host_time_ns)
+            items += self._gap(float(steps[place]), float(stamps[place]), host_time_ns, is_of_clock=is_of_clock)
+            first = place
+        items += self._block(values[first:], stamps[first:], host_time_ns)
+        self._follow(stamps, host_time_ns)
+        self._last = float(stamps[-1]), host_time_ns
+        return [*self._clock_event(clock_steps, host_time_ns), *items]
 
-    def _jump(self, step_s: float, stamp: float, host_time_ns: int) -> list[Item]:
-        """Advance the sample numbers if the stamps jump; returns the Loss or event that reports the jump."""
+    def _sound_stamps(self, stamps: NDArray[np.float64], host_time_ns: int) -> tuple[NDArray[np.float64], list[Item]]:
+        """The stamps, interpolated where they are not times, and the Event that reports it."""
+        is_sound = np.isfinite(stamps) & (np.abs(stamps) < FURTHEST_S)
+        if is_sound.all():
+            return stamps, []
+        place, first = np.arange(len(stamps)), int(is_sound.argmax())
+        start_s = stamps[first] - (first + 1) / self._rate_hz if is_sound.any() else host_time_ns * 1e-9
+        start_s = start_s if self._last is None else self._last[0]
+        latest = np.maximum.accumulate(np.where(is_sound, place, -1))
+        filled = np.where(latest < 0, start_s, stamps[latest]) + (place - latest) / self._rate_hz
+        wrong = stamps[~is_sound]
+        text = f"{self.name} stamped {len(wrong)} samples with {wrong[0]:g} s, which is no time; theirs is interpolated"
+        return filled, [Event("emg_clock_unreadable", text, host_time_ns, self.name)]
+
+    def _follow(self, stamps: NDArray[np.float64], host_time_ns: int) -> None:
+        if len(stamps):
+            self._clock.add(float(stamps[-1]), host_time_ns)
+
+    def _gap(self, step_s: float, stamp: float, host_time_ns: int, *, is_of_clock: bool) -> list[Item]:
+        """Advance the sample numbers by those that are missing, and return a Loss of every stream.
+
+        After an outage there is no Loss; the clock of a restarted sender may start again, and the host's clock counts.
+        """
         was_away, self._was_away = self._was_away, False
         if was_away and self._last is not None:
-            # The clock of a restarted sender may start again.
-            away_s = step_s if step_s > 0 else (host_time_ns - self._last[1]) * 1e-9
+            away_s = (host_time_ns - self._last[1]) * 1e-9 if is_of_clock else step_s
             self._next_number += max(1, round(away_s * self._rate_hz) - 1)
             return []
-        if step_s < -GAP_S:
-            text = f"{self.name} set its clock back by {-step_s:.1f} s; later stamps are by the new clock"
-            return [Event("emg_clock_reset", text, host_time_ns, self.name)]
         missing = round(step_s * self._rate_hz) - 1
-        if step_s <= GAP_S or missing < 1:
+        if missing < 1:
             return []
         first, self._next_number = self._next_number, self._next_number + missing
         last_ns = round(1e9 * (stamp - step_s))
         names = [stream.name for stream in self._streams if stream.name != "/emg_clock"]
         return [Loss(name, "skipped", first, missing, last_ns, host_time_ns) for name in names]
 
+    def _clock_event(self, steps: Sequence[float], host_time_ns: int) -> list[Item]:
+        """The Event of jumps of the sender's clock."""
+        if not steps:
+            return []
+        largest = max(steps, key=abs)
+        count = f"{len(steps)} times, at most " if len(steps) > 1 else ""
+        direction = "ahead" if largest > 0 else "back"
+        text = (
+            f"{self.name} set its clock {count}{direction} by {abs(largest):.1f} s; later stamps are by the new clock"
+        )
+        return [Event("emg_clock_reset", text, host_time_ns, self.name)]
+
     def _block(self, values: NDArray[np.float64], stamps: NDArray[np.float64], host_time_ns: int) -> list[Item]:
+        if not len(stamps):
+            return []
         numbers = self._next_number + np.arange(len(stamps), dtype=np.uint64)
         self._next_number += len(stamps)
-        self._last = float(stamps[-1]), host_time_ns
         times_ns = np.rint(1e9 * stamps).astype(np.int64)
         items: list[Item] = [Samples("/emg", numbers, times_ns, host_time_ns, values[:, self._columns].copy())]
         if self._sync_channel:
@@ -265,6 +313,8 @@ class LslEmg:
         self._next_clock_s = time.monotonic() + CLOCK_INTERVAL_S
         offset_s, uncertainty_s = _time_correction(inlet, CONNECT_TIMEOUT_S)
         here_s, host_time_ns = self._pylsl.local_clock(), self._host_clock()
+        if not (math.isfinite(uncertainty_s) and abs(here_s - offset_s) < FURTHEST_S):
+            return []
         number = np.array([self._next_clock_number], np.uint64)
         self._next_clock_number += 1
         there_ns = np.array([round(1e9 * (here_s - offset_s))], np.int64)

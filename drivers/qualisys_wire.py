@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.device import Received
+from drivers.device_clock import DeviceClock
 from recordings.samples import Event, Item, Loss, Samples
 
 HEADER = struct.Struct("<II")  # size with header, type
@@ -166,6 +167,7 @@ class MarkerBlocks:
         self._is_after_capture = False
         self._fits = True
         self._worst_rates = (0, 0)
+        self._clock = DeviceClock()  # of the frame numbers
 
     @property
     def has_frames(self) -> bool:
@@ -209,6 +211,7 @@ class MarkerBlocks:
                 block = []
             block.append(frame)
             self._last = frame
+            self._clock.add(1e-6 * self._frame_us * frame.number, self._arrived_ns)
         return [*items, *self._block(block)]
 
     def _rates(self, frame: MarkerFrame) -> list[Item]:
@@ -238,7 +241,9 @@ class MarkerBlocks:
             return None
         elapsed = (frame.timestamp_us - last.timestamp_us) / self._frame_us
         jumped = frame.number - last.number
-        if is_after_capture or jumped <= 0 or elapsed < jumped / 2:  # too little time passed for so many frames
+        has_passed = self._clock.is_possible(1e-6 * self._frame_us * frame.number, self._arrived_ns)
+        if is_after_capture or jumped <= 0 or elapsed < jumped / 2 or not has_passed:  # no time for so many frames
+            self._clock.restart()
             text = f"{self._source} restarted its frame numbers: {frame.number} follows {last.number}"
             return Event("numbering_restarted", text, self._arrived_ns, self._source)
         return Loss(

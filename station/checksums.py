@@ -1,27 +1,35 @@
-"""SHA256SUMS: the hash of every recording and result in a session folder at the time the station wrote it.
+"""SHA256SUMS: the hash of every file in a session folder and its subfolders at the time the station wrote it.
 
-The format is that of sha256sum, so that `sha256sum -c SHA256SUMS` checks a folder without the station.
+The format is that of sha256sum, so that `sha256sum -c SHA256SUMS` checks a folder without the station. Hidden files are
+not listed: no command reads them. Lines of a journal (.jsonl) contain the hash of the lines before them, so that a
+journal may grow after its hash was recorded.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
 import re
-from collections.abc import Iterable
-from pathlib import Path
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePosixPath
 
-from documents.regular_file import read_regular
-from fitting.results.seal import Standing
+from documents.plain_data import PlainDataError, parse_json
+from documents.regular_file import read_regular, replaced
+from fitting.results.standing import Standing
 from station.file_lock import locked
+from station.journal_lines import JOURNAL_FILE, LARGEST_JOURNAL
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
-from station.whole_file import write_whole
+from station.recordings_of_session import RECORDINGS
 
 CHECKSUMS_FILE = "SHA256SUMS"
-LINE = re.compile(r"([0-9a-f]{64}) [ *]([^/\\\n]+)")
+SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"
+LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)", re.DOTALL)
 LARGEST = 1 << 24
 """Bytes: a hundred thousand files."""
 LOCK_WAIT_S = 10.0
+ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
+"""Of sha256sum, in a line that begins with a backslash."""
 
 
 def sha256_of(path: Path) -> str:
@@ -30,36 +38,160 @@ def sha256_of(path: Path) -> str:
 
 
 def read_checksums(folder: Path) -> dict[str, str]:
-    """File name → SHA-256; empty if there is no SHA256SUMS. Malformed lines are ignored."""
-    try:
-        text = read_regular(folder / CHECKSUMS_FILE, LARGEST).decode("utf-8", "replace")
-    except OSError:
-        return {}
-    return {found[2]: found[1] for line in text.splitlines() if (found := LINE.fullmatch(line))}
+    """Relative name, with slashes → SHA-256; empty if there is no SHA256SUMS."""
+    return _parsed(folder)[0]
+
+
+def malformed_lines(folder: Path) -> list[int]:
+    """Numbers of the lines of SHA256SUMS that are not of the format, name a file elsewhere, or contradict another."""
+    return _parsed(folder)[1]
 
 
 def write_checksums(*paths: Path) -> None:
-    """Record the current hash of every file in the SHA256SUMS of its folder."""
-    for folder in {path.parent for path in paths}:
+    """Record the current hash of every file in the list of its folder.
+
+    The first list of a session has every file of the folder; later, a file is listed by the command that writes it, so
+    that a file that another program adds is found.
+    """
+    for folder in {list_folder(path) for path in paths}:
         with locked(folder / f".{CHECKSUMS_FILE}.lock", LOCK_WAIT_S):
-            sums = read_checksums(folder) | {path.name: sha256_of(path) for path in paths if path.parent == folder}
-            write_whole(folder / CHECKSUMS_FILE, "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)))
+            is_first = is_session(folder) and not (folder / CHECKSUMS_FILE).exists()
+            written = {name_in(folder, path) for path in paths if list_folder(path) == folder}
+            listed = {*written, *files_below(folder)} if is_first else written
+            sums = read_checksums(folder) | {
+                name: sha256_of(folder / name) for name in listed if name in written or (folder / name).is_file()
+            }
+            with replaced(folder / CHECKSUMS_FILE) as draft:
+                draft.write_bytes(b"".join(_line(name, sums[name]) for name in sorted(sums)))
+
+
+def list_in_session(path: Path) -> None:
+    """Record the hash of a file that was written below a session folder; no effect elsewhere."""
+    folder = list_folder(path)
+    is_of_session = is_session(folder) and (folder / CHECKSUMS_FILE).exists()
+    if is_of_session and path.is_file() and _is_listed(name_in(folder, path)):
+        write_checksums(path)
+
+
+def list_folder(path: Path) -> Path:
+    """The folder whose list has the file: the session that contains it, else its own folder."""
+    folders = path.absolute().parents
+    return next((folder for folder in folders if (folder / CHECKSUMS_FILE).exists() and is_session(folder)), folders[0])
+
+
+def is_session(folder: Path) -> bool:
+    """Whether the folder has a journal or recordings. Its list then has all of its files."""
+    return (folder / JOURNAL_FILE).exists() or any(folder.glob(RECORDINGS))
+
+
+def name_in(folder: Path, path: Path) -> str:
+    return path.absolute().relative_to(folder.absolute()).as_posix()
+
+
+def is_below(name: str) -> bool:
+    """Whether a relative name stays in its folder."""
+    path = PurePosixPath(name)
+    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts
+
+
+def files_below(folder: Path) -> Iterator[str]:
+    """Names of all files of a folder and its subfolders that belong into its list."""
+    for place, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        links = [name for name in folders if (Path(place) / name).is_symlink()]
+        yield from filter(_is_listed, (name_in(folder, Path(place) / name) for name in (*files, *links)))
 
 
 def standing_of(path: Path, sha256: str | None = None) -> Standing:
     """Compare a file with its recorded hash; sha256, if it is known, saves reading the file again."""
-    recorded = read_checksums(path.parent).get(path.name)
+    folder = list_folder(path)
+    recorded = read_checksums(folder).get(name_in(folder, path))
     if not path.is_file():
         return Standing.MISSING
     if recorded is None:
-        return Standing.UNRECORDED
-    return Standing.AS_RECORDED if (sha256 or sha256_of(path)) == recorded else Standing.CHANGED
+        is_listed = (folder / CHECKSUMS_FILE).exists() and is_session(folder)
+        return Standing.ADDED if is_listed else Standing.UNRECORDED
+    if (sha256 or sha256_of(path)) == recorded:
+        return Standing.AS_RECORDED
+    return Standing.CHANGED if path.suffix != ".jsonl" or journal_fault(path, recorded) else Standing.AS_RECORDED
 
 
 def changed_files(paths: Iterable[Path]) -> list[Message[ChainCode]]:
-    """A message for every file whose hash differs from the recorded one."""
+    """A message for every file whose hash differs from the recorded one, or that is not in the list of its folder."""
+    codes = {Standing.CHANGED: ChainCode.CHANGED, Standing.ADDED: ChainCode.ADDED}
+    standings = [(path, standing_of(path)) for path in paths]
     return [
-        Message(ChainCode.CHANGED, {"file": path.name, "sums": CHECKSUMS_FILE})
-        for path in paths
-        if standing_of(path) is Standing.CHANGED
+        Message(codes[standing], {"file": path.name, "sums": CHECKSUMS_FILE})
+        for path, standing in standings
+        if standing in codes
     ]
+
+
+def journal_fault(path: Path, recorded: str | None) -> Message[ChainCode] | None:
+    """Why the lines of a journal are not those that were written; None for whole lines that continue them.
+
+    recorded: hash in the list, of the journal or of its first lines. Lines of older stations have no hash.
+    """
+    content = read_regular(path, LARGEST_JOURNAL)
+    lines = content[: content.rfind(b"\n") + 1].splitlines(keepends=True)
+    above, known, is_chained = hashlib.sha256(), set(), False
+    for number, line in enumerate(lines, 1):
+        known.add(above.hexdigest())
+        previous = _previous(line)
+        if previous != (above.hexdigest() if previous or is_chained else None):
+            return Message(ChainCode.JOURNAL_ORDER, {"line": number, "above": number - 1})
+        is_chained = previous is not None
+        above.update(line)
+    if recorded in (None, above.hexdigest()) or (is_chained and recorded in known):
+        return None
+    return Message(ChainCode.JOURNAL_CHANGED, {"lines": len(lines), "sums": CHECKSUMS_FILE})
+
+
+def _parsed(folder: Path) -> tuple[dict[str, str], list[int]]:
+    try:
+        content = read_regular(folder / CHECKSUMS_FILE, LARGEST)
+    except OSError:
+        return {}, []
+    sums: dict[str, str] = {}
+    malformed = []
+    for number, line in enumerate(os.fsdecode(content).split("\n"), 1):
+        found = LINE.fullmatch(line.removesuffix("\r"))
+        name = "" if found is None else _unescaped(found[3]) if found[1] else found[3]
+        if line and not (found and is_below(name) and sums.setdefault(name, found[2]) == found[2]):
+            malformed.append(number)
+    return sums, malformed
+
+
+def _is_listed(name: str) -> bool:
+    """Neither hidden nor the list itself."""
+    is_hidden = any(part.startswith(".") for part in PurePosixPath(name).parts)
+    return not is_hidden and name not in (CHECKSUMS_FILE, SIGNATURE_FILE)
+
+
+def has_chained_lines(path: Path) -> bool:
+    """Whether the last line of a journal contains the hash of those above it."""
+    if not path.is_file():
+        return False
+    lines = read_regular(path, LARGEST_JOURNAL).splitlines()
+    return bool(lines) and _previous(lines[-1]) is not None
+
+
+def _previous(line: bytes) -> str | None:
+    """The hash of the lines before it that a line contains; None without one."""
+    try:
+        entry = parse_json(line)
+    except PlainDataError:
+        return None
+    found = entry.get("previous") if isinstance(entry, dict) else None
+    return None if found is None else str(found)
+
+
+def _line(name: str, sha256: str) -> bytes:
+    escaped = name
+    for text, sign in ESCAPES.items():
+        escaped = escaped.replace(sign, text)
+    return os.fsencode(f"{'' if escaped == name else chr(92)}{sha256}  {escaped}\n")
+
+
+def _unescaped(name: str) -> str:
+    return re.sub(r"\\.", lambda found: ESCAPES.get(found[0], found[0]), name)

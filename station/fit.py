@@ -12,7 +12,7 @@ from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.cuffs.wearable_cuff import bushing_force
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
-from fitting.results.seal import CheckedFile
+from fitting.results.standing import CheckedFile
 from fitting.session import fit_session
 from fitting.trial.mass_checks import check_notes, read_checks, with_mass_checks
 from fitting.trial.protocol_file import read_protocol

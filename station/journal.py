@@ -7,9 +7,11 @@ failure cut is ignored.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,10 +20,13 @@ from typing import Any, Literal
 from documents.plain_data import parse_json
 from documents.regular_file import append_to_regular, read_regular
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition
+from station.checksums import write_checksums
 from station.errors import StationError
 from station.file_lock import locked
 from station.journal_lines import (
     FORMAT,
+    JOURNAL_FILE,
+    LARGEST_JOURNAL,
     AssignedEntry,
     Choice,
     DonnedEntry,
@@ -39,11 +44,8 @@ from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 
-JOURNAL_FILE = "session.jsonl"
 LOCK_WAIT_S = 10.0
 """Writing a line takes a millisecond, or as long as the disk needs for an fsync."""
-LARGEST_JOURNAL = 16 * 2**20
-"""Bytes; the journal of a long day has a hundred thousand."""
 
 
 class JournalError(StationError):
@@ -263,19 +265,19 @@ def _as_assigned(trial: Recorded, assignment: Assignment) -> Recorded:
 
 def _append(folder: Path, kind: type[JournalEntry], **values: Any) -> None:
     entry = kind(at=_now(), format=FORMAT, **values)
-    _append_text(folder / JOURNAL_FILE, json.dumps(entry.model_dump(mode="json")))
+    _append_line(folder / JOURNAL_FILE, entry.model_dump(mode="json"))
 
 
 def append_line(path: Path, kind: str, **values: Any) -> None:
     """Append a line with the time, its kind and the values to a file of JSON lines. Raises JournalError."""
-    _append_text(path, json.dumps({"at": _now(), "kind": kind, **values}))
+    _append_line(path, {"at": _now(), "kind": kind, **values})
 
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def _append_text(path: Path, line: str) -> None:
+def _append_line(path: Path, entry: dict[str, Any]) -> None:
     """The line is on the disk before this returns. An incomplete last line is removed first.
 
     Console and terminal may write at the same time; without the lock, one would remove an unfinished line of the other.
@@ -284,10 +286,14 @@ def _append_text(path: Path, line: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_name(f".{path.name}.lock"), LOCK_WAIT_S), append_to_regular(path) as file:
             file.seek(0)
-            file.truncate(file.read().rfind(b"\n") + 1)
-            file.write(line.encode() + b"\n")
+            above = file.read()
+            above = above[: above.rfind(b"\n") + 1]
+            file.truncate(len(above))
+            file.write(json.dumps(entry | {"previous": hashlib.sha256(above).hexdigest()}).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
+            with suppress(OSError):  # the line itself contains the hash of those above
+                write_checksums(path)
     except OSError as error:
         raise _error(JournalCode.NOT_WRITTEN, path, reason=str(error.strerror)) from error
 

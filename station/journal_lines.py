@@ -16,6 +16,9 @@ from station.messages.message import Message
 FORMAT: Literal[1] = 1
 """Format of a line. It increases if a key changes its meaning, not if one is added."""
 MOST_REPEATS = 1000
+JOURNAL_FILE = "session.jsonl"
+LARGEST_JOURNAL = 16 * 2**20
+"""Bytes; the journal of a long day has a hundred thousand."""
 
 Choice = Literal["accept", "redo"]
 
@@ -37,17 +40,24 @@ FileName = Annotated[str, AfterValidator(_ensure_file_name)]
 Repeats = Annotated[int, Field(ge=1, le=MOST_REPEATS)]
 
 
+_SHARED = ("at", "format", "previous", "kind")
+
+
 class JournalEntry(BaseModel):
-    """What all lines share: time of writing (UTC, ISO 8601) and format."""
+    """What all lines share: time of writing (UTC, ISO 8601), format, and the SHA-256 of all lines above, in hex.
+
+    The journal adds previous when it writes the line; lines of older stations have none.
+    """
 
     model_config = ConfigDict(frozen=True)
 
     at: str
     format: Literal[1]
+    previous: str | None = None
 
     def values(self) -> dict[str, Any]:
         """The keys of this kind of line."""
-        return {name: getattr(self, name) for name in type(self).model_fields if name not in ("at", "format", "kind")}
+        return {name: getattr(self, name) for name in type(self).model_fields if name not in _SHARED}
 
 
 class SetupEntry(JournalEntry):

@@ -8,10 +8,13 @@ from pathlib import Path
 from recordings.errors import RecordingError
 from recordings.reader import read_manifest
 
+RECORDINGS = "[!.]*.mcap"
+"""Hidden files are not in the list of hashes, so they are not read."""
+
 
 def recordings_in(folder: Path) -> list[Path]:
     """The recordings of a session; a recovered or completed file replaces its original."""
-    files = sorted(folder.glob("*.mcap"))
+    files = sorted(folder.glob(RECORDINGS))
     replaced = {_original_of(path) for path in files if _is(path, "recovered") or _is(path, "completed")}
     return [path for path in files if path not in replaced]
 
@@ -23,9 +26,9 @@ def pulls_in(folder: Path) -> list[Path]:
 
 def originals_in(folder: Path) -> list[Path]:
     """As recordings_in, without recovered copies whose original exists: they contain no other data."""
-    files = {path for path in folder.glob("*.mcap") if not _is(path, "completed")}
+    files = {path for path in folder.glob(RECORDINGS) if not _is(path, "completed")}
     kept = [path for path in files if not (_is(path, "recovered") and _original_of(path) in files)]
-    completed = {_original_of(path): path for path in folder.glob("*.mcap") if _is(path, "completed")}
+    completed = {_original_of(path): path for path in folder.glob(RECORDINGS) if _is(path, "completed")}
     return sorted({completed.get(path, path) for path in kept} | set(completed.values()))
 
 

@@ -1,13 +1,13 @@
-"""Write files atomically."""
+"""Write files atomically, and list their hashes where they belong to a session."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from documents.regular_file import replace_file
+from documents.regular_file import replaced
+from station.checksums import list_in_session
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -20,16 +20,8 @@ def write_whole(path: Path, content: str | bytes) -> None:
 def drafted(path: Path) -> Iterator[Path]:
     """A temporary path of the same name; its file replaces `path` when the block ends without an error.
 
-    An OSError names the path, not the temporary one.
+    An OSError names the path, not the temporary one. A file below a session folder is entered into its list of hashes.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # a virus scanner may still read the draft when its folder is removed
-        with tempfile.TemporaryDirectory(prefix=".draft-", dir=path.parent, ignore_cleanup_errors=True) as folder:
-            draft = Path(folder) / path.name
-            yield draft
-            replace_file(draft, path)
-    except OSError as error:
-        if error.errno is None:
-            raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
+    with replaced(path) as draft:
+        yield draft
+    list_in_session(path)

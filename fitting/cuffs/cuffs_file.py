@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
-from documents.regular_file import replace_file
+from documents.regular_file import replaced
 from documents.validation import describe_error, faulty_key
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_json import cuffs_json
@@ -21,7 +21,6 @@ from fitting.laws.model_class import KELVIN_VOIGT
 from fitting.results.codes import UNIDENTIFIED_BY, FitErrorCode, Verdict
 from fitting.results.cuffs_schema import FORMAT, CuffEntry, CuffsDocument, FigureEntry
 from fitting.results.rendering import Figures
-from fitting.results.seal import SEAL, check_cuff
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import is_file_name
 
@@ -36,10 +35,7 @@ class CuffsFileError(CodedError):
 def read_cuffs(path: Path | str) -> dict[str, WearableCuff]:
     """Read the cuffs of a cuffs.json by name, also of one written by hand. Raises CuffsFileError."""
     path = Path(path)
-    data = _read_document(path)
-    document = _validated(path, data)
-    seals = data[SEAL].get("cuffs") if isinstance(data.get(SEAL), dict) else None
-    return {name: _wearable(name, entry, data["cuffs"][name], seals) for name, entry in document.cuffs.items()}
+    return {name: _wearable(name, entry) for name, entry in _validated(path, _read_document(path)).cuffs.items()}
 
 
 def read_cuffs_document(path: Path) -> CuffsDocument:
@@ -56,16 +52,9 @@ def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
     ensure_by_name(cuffs)
     if others := [type(fit).__name__ for fit in cuffs.values() if not isinstance(fit, CuffFit)]:
         raise TypeError(f"cuffs should be results of a fit, and one is a {others[0]}; copy the file it was read from")
-    path = Path(path)
     text = cuffs_json(SessionFit({name: {fit.donning: fit} for name, fit in cuffs.items()}, ()))
-    drafted = path.with_name(f".{path.name}.draft")
-    try:
-        drafted.unlink(missing_ok=True)  # a symbolic link of this name is removed, its target is not
-        with drafted.open("x", encoding="utf-8") as file:
-            file.write(text)
-        replace_file(drafted, path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error
+    with replaced(Path(path), with_folder=False) as draft:
+        draft.write_text(text, encoding="utf-8")
 
 
 def ensure_by_name(cuffs: object) -> None:
@@ -127,8 +116,11 @@ def _ensure_known_keys(path: Path, cuffs: Mapping[str, Any]) -> None:
                 raise CuffsFileError(FitErrorCode.CUFFS_INVALID, fault)
 
 
-def _wearable(name: str, entry: CuffEntry, plain: Mapping[str, Any], seals: Any) -> WearableCuff:
-    """The cuff of an entry. Figures under not_identified are kept, and their quantities are listed as missing."""
+def _wearable(name: str, entry: CuffEntry) -> WearableCuff:
+    """The cuff of an entry. Figures under not_identified are kept, and their quantities are listed as missing.
+
+    A fit writes a standard error with each figure, and its recordings; a figure without them is given by hand.
+    """
     worn = [_estimate(getattr(entry, key)) for key in QUANTITIES.values()]
     doubtful = {key: _estimate(figure) for key, figure in (entry.not_identified or {}).items()}
     estimates = [
@@ -136,7 +128,6 @@ def _wearable(name: str, entry: CuffEntry, plain: Mapping[str, Any], seals: Any)
         for estimate, key in zip(worn, QUANTITIES.values(), strict=True)
     ]
     missing = tuple(quantity for quantity, estimate in zip(QUANTITIES, worn, strict=True) if estimate is None)
-    standing, given = check_cuff(name, plain, seals, QUANTITIES)
     return WearableCuff(
         name=name,
         site=entry.site or ("waist" if name == "waist" else "arm"),
@@ -150,10 +141,14 @@ def _wearable(name: str, entry: CuffEntry, plain: Mapping[str, Any], seals: Any)
         law=_law(entry),
         sources=entry.sources,
         origin=entry.origin,
-        given=tuple(quantity for quantity in QUANTITIES if quantity in given),
-        standing=standing,
+        given=tuple(quantity for quantity, key in QUANTITIES.items() if _is_given(getattr(entry, key), entry)),
         notes=tuple(entry.notes),
     )
+
+
+def _is_given(figure: FigureEntry, entry: CuffEntry) -> bool:
+    """Whether a figure with a value was entered by hand."""
+    return figure.value is not None and (not entry.sources or figure.standard_error is None)
 
 
 def _verdicts(entry: CuffEntry, missing: tuple[str, ...]) -> tuple[Verdict, ...]:

@@ -17,7 +17,6 @@ from fitting.dynamic.weak_form import ComplexStiffness
 from fitting.laws.model_class import ModelComparison
 from fitting.results.cuffs_schema import FORMAT, CuffEntry, CuffsDocument
 from fitting.results.rendering import Note
-from fitting.results.seal import SEAL, digest, seal_cuff
 from fitting.spatial.tensor import Tensor, entry_errors
 from fitting.spatial.tensors import Tensors
 from fitting.static.held_loads import HeldLoads
@@ -27,12 +26,11 @@ from fitting.uncertainty import Estimate
 
 
 def cuffs_json(session: SessionFit) -> str:
-    """The fit as a CuffsDocument, with hashes of its figures (SEAL)."""
-    cuffs = {name: _written(session, name) for name in session.cuffs}
+    """The fit as a CuffsDocument."""
     plain: dict[str, Any] = {
         "format": FORMAT,
         "origin": session.origin,
-        "cuffs": cuffs,
+        "cuffs": {name: _written(session, name) for name in session.cuffs},
         "rejected": [
             {
                 "file": trial.file,
@@ -44,10 +42,6 @@ def cuffs_json(session: SessionFit) -> str:
         ],
         "calibration": plain_calibration(session.calibration),
         "recordings": {file: asdict(checked) for file, checked in session.recordings.items()},
-    }
-    plain[SEAL] = {
-        "cuffs": {name: seal_cuff(cuff, QUANTITIES) for name, cuff in cuffs.items()},
-        "session": digest({key: value for key, value in plain.items() if key != "cuffs"}),
     }
     document = CuffsDocument.model_validate(plain).model_dump(mode="json", by_alias=True, exclude_unset=True)
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, NoteCode, Verdict
 from fitting.results.rendering import Note, sentence_of, verdict_text
-from fitting.results.seal import Standing
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin
 from solver.cuff import PARAMETER_ORDER, CuffParameters
@@ -41,7 +40,7 @@ class WearableCuff:
     law         extensions of the law F = k x + c ẋ that its trials or its file state, none for that law alone
     sources     file → SHA-256 of every recording that the figures are from
     origin      of those recordings: simulated if any of them is, unknown where the figures were given
-    given       figures that were entered by hand;  standing  comparison with the hashes of its file, None for a fit
+    given       figures that were entered by hand
     assumed     assumptions that make it usable;  notes  remarks as sentences
     """
 
@@ -58,7 +57,6 @@ class WearableCuff:
     sources: Mapping[str, str] = field(default_factory=dict)
     origin: DataOrigin = DataOrigin.UNKNOWN
     given: tuple[str, ...] = ()
-    standing: Standing | None = None
     assumed: tuple[Note, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -76,8 +74,7 @@ class WearableCuff:
             for name, estimate in self._estimates().items()
             if name in self.given and estimate
         )
-        changed = ("changed since it was fitted",) if self.standing is Standing.CHANGED else ()
-        return simulated + by_hand + changed
+        return simulated + by_hand
 
     def __repr__(self) -> str:
         rows = (

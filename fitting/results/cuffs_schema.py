@@ -12,7 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from fitting.results.codes import CauseCode, FindingCode, NoteCode, RejectionCode, TensorCode, TrialNoteCode, Verdict
 from fitting.results.outcome import FitOutcome
-from fitting.results.seal import Standing
+from fitting.results.standing import Standing
 from recordings.manifest import DataOrigin
 
 FORMAT = 1
@@ -326,13 +326,6 @@ class RecordingEntry(_Entry):
     standing: Annotated[Standing, Field(strict=False)]
 
 
-class SealEntry(_Entry):
-    """Hashes of the figures as fitted (docs/decisions/0021-hashes-of-recordings-and-results.md)."""
-
-    cuffs: dict[str, dict[str, str]]
-    session: str
-
-
 class CuffsDocument(_Entry):
     """cuffs.json: the cuffs of a session, with what they were fitted from."""
 
@@ -342,4 +335,3 @@ class CuffsDocument(_Entry):
     rejected: list[RejectedEntry] = Field(default_factory=list)
     calibration: CalibrationEntry | None = None
     recordings: dict[str, RecordingEntry] = Field(default_factory=dict)
-    seal: SealEntry | None = None

@@ -26,6 +26,9 @@ from recordings.topics import ANALOG, EMG, EMG_CLOCK, EMG_SYNC
 
 Floats = NDArray[np.float64]
 
+CLOCK_JUMP = 0.1
+"""Seconds between two samples; the stamps of an amplifier jitter by tens of milliseconds."""
+RATE_TOLERANCE = 0.01
 VOLTS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 
 
@@ -137,7 +140,10 @@ def _times_by_offsets(tracks: Mapping[str, Track], timeline: Timeline, seconds: 
     if EMG_CLOCK not in tracks or not len(tracks[EMG_CLOCK].values):
         raise UnusableTrial(RejectionCode.EMG_NO_CLOCK, {"reason": str(reason), "reason_code": reason.code})
     offsets, sync = tracks[EMG_CLOCK], tracks["/sync"]
-    best = int(np.argmin(offsets.values[:, offsets.stream.labels.index("uncertainty")]))
+    jumped = np.flatnonzero(_clock_jumps(tracks[EMG]))
+    before = offsets.host_time_ns <= tracks[EMG].host_time_ns[jumped[0]] if len(jumped) else np.array([False])
+    usable = np.flatnonzero(before) if before.any() else np.arange(len(offsets.values))
+    best = int(usable[np.argmin(offsets.values[usable, offsets.stream.labels.index("uncertainty")])])
     to_host = 1e-9 * float(offsets.host_time_ns[best] - offsets.device_time_ns[best])
     daq_seconds = sync.sample_numbers.astype(np.float64) / sync.stream.rate_hz
     edge = timeline.clock.start + arrival_offset(1e-9 * sync.host_time_ns.astype(np.float64), daq_seconds)
@@ -146,12 +152,21 @@ def _times_by_offsets(tracks: Mapping[str, Track], timeline: Timeline, seconds: 
     return _Times(seconds + (to_host - edge), HOST_ALIGNMENT_SD, (note,))
 
 
+def _clock_jumps(track: Track) -> Floats:
+    """Jumps of the device's clock (n - 1,) [s]: steps of the stamps that contradict those of the numbers; else 0."""
+    passed = np.diff(track.sample_numbers.astype(np.float64)) / track.stream.rate_hz
+    jumps: Floats = 1e-9 * np.diff(track.device_time_ns.astype(np.float64)) - passed
+    jumps[np.abs(jumps) <= CLOCK_JUMP + RATE_TOLERANCE * passed] = 0.0
+    return jumps
+
+
 def _even_seconds(track: Track) -> Floats:
     """Times (n,) [s] on the device's clock without jitter: a line through the time stamps of every run of numbers.
 
-    A jump of the numbers begins a new run.
+    A jump of the numbers begins a new run. Times after a jump of the clock are on the clock of the first sample.
     """
     numbers, stamps = track.sample_numbers.astype(np.int64), 1e-9 * track.device_time_ns.astype(np.float64)
+    stamps = stamps - np.append(0.0, np.cumsum(_clock_jumps(track)))
     bounds = [0, *(np.flatnonzero(np.diff(numbers) != 1) + 1).tolist(), len(numbers)]
     seconds = stamps.copy()
     for first, last in pairwise(bounds):

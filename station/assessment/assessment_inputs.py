@@ -11,7 +11,7 @@ import numpy as np
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, NotIdentified, WearableCuff, with_interval_covariance
 from fitting.laws.model_class import SLIP
-from fitting.results.seal import Standing
+from fitting.results.standing import Standing
 from solver.cuff import CuffParameters, by_site
 from solver.errors import MotionError
 from solver.model import Model, ModelError
@@ -24,7 +24,7 @@ from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.effort import read_effort
 from station.assessment.emg import MeasuredReduction, read_emg
-from station.checksums import standing_of
+from station.checksums import changed_files, standing_of
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.codes import AssessmentCode, InputCode
@@ -131,20 +131,17 @@ class AssessmentInputs:
 
 
 def standing_of_cuffs(path: Path, cuffs: Iterable[WearableCuff]) -> Standing:
-    """Check of the file against its recorded hash; figures given by hand in these cuffs explain a change."""
-    standings = {cuff.standing for cuff in cuffs}
-    if Standing.CHANGED in standings:
-        return Standing.CHANGED
-    return Standing.BY_HAND if Standing.BY_HAND in standings else standing_of(path)
+    """Check of the file against its recorded hash; of a file without one, whether figures are given by hand."""
+    standing = standing_of(path)
+    is_by_hand = standing is Standing.UNRECORDED and any(cuff.given for cuff in cuffs)
+    return Standing.BY_HAND if is_by_hand else standing
 
 
 def cuff_remarks(path: Path, cuffs: Iterable[WearableCuff]) -> list[str]:
     """Remarks on the cuffs that a reader of the result must know."""
     cuffs = tuple(cuffs)
     remarks = [f"cuff {cuff.name}: {remark}" for cuff in cuffs for remark in cuff.remarks]
-    if standing_of_cuffs(path, cuffs) is Standing.CHANGED:
-        remarks.append(f"{path} has changed since it was recorded; fit the session again, or see `station verify`")
-    return remarks
+    return [*remarks, *map(str, changed_files([path]))]
 
 
 def cuff_findings(cuffs: Iterable[WearableCuff]) -> list[Message[AssessmentCode]]:

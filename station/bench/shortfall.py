@@ -21,11 +21,11 @@ class Shortfall:
     def __init__(self, streams: Sequence[Stream], watchdog: StreamWatchdog) -> None:
         self._streams, self._watchdog = tuple(streams), watchdog
         self._clocks = {name: StreamClock() for name in ("/force", "/sync")}
-        self._last_device_ns: dict[str, int] = {}
+        self._last: dict[str, tuple[int, int]] = {}  # number and device time of the last sample
 
     def update(self, samples: Samples) -> None:
         """Take a block with at least one sample."""
-        self._last_device_ns[samples.stream] = int(samples.device_time_ns[-1])
+        self._last[samples.stream] = int(samples.sample_numbers[-1]), int(samples.device_time_ns[-1])
         if samples.stream in self._clocks:
             self._clocks[samples.stream].update(samples)
 
@@ -55,6 +55,6 @@ class Shortfall:
             if cause and stream.name not in self._clocks:
                 missing_s = end_s - max(self._watchdog.last_arrival_s(stream.name) or 0.0, since_s)
             if count := round(missing_s * stream.rate_hz):
-                last_ns = self._last_device_ns.get(stream.name, 0)
-                losses.append(Loss(stream.name, cause or "silent", 0, count, last_ns, end_ns))
+                number, last_ns = self._last.get(stream.name, (-1, 0))
+                losses.append(Loss(stream.name, cause or "silent", number + 1, count, last_ns, end_ns))
         return losses

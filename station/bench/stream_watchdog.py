@@ -61,6 +61,11 @@ class StreamWatchdog:
     def device_of(self, stream: str) -> str:
         return self._device_by_stream.get(stream, "")
 
+    def is_needed(self, device: str, needed: Sequence[str]) -> bool:
+        """Whether the device is unknown or has one of the needed streams."""
+        streams = [stream for stream, owner in self._device_by_stream.items() if owner == device]
+        return not streams or any(stream in needed for stream in streams)
+
     def absence(self, stream: str) -> str:
         """Cause of the disconnection of the stream's device, as in Loss; "" while it is connected."""
         return self._absences.get(self.device_of(stream), "")

@@ -21,6 +21,7 @@ from recordings.writer import RecordingWriter
 from station.bench.devices import devices_for
 from station.bench.disk import DiskMonitor, bytes_free, bytes_needed
 from station.bench.feed import DeviceFailed, DeviceOpened, Feeds, ItemsReceived
+from station.bench.recorded_items import RecordedItems, RepeatedEvents
 from station.bench.session_folder import check_origin
 from station.bench.snapshot import Snapshot, TrialState
 from station.bench.stepped_feed import SteppedFeeds
@@ -107,6 +108,7 @@ class TrialRecorder:
         self._path: Path | None = None
         self._origin = DataOrigin.UNKNOWN
         self._shown = TrialState.IDLE
+        self._shown_events = RepeatedEvents()
 
     def stop(self) -> None:
         """End the trial: cleanly at the first call, at once at the second."""
@@ -199,12 +201,17 @@ class TrialRecorder:
             duration_s,
             self._post_roll_s,
         )
-        trial = TrialStateMachine(rules, writer, self._clock)
+        items = RecordedItems(writer, manifest, streams)
+        trial = TrialStateMachine(rules, items, self._clock)
         try:
             trial.arm(streams, device_by_stream)
             if set_back is not None:
                 trial.note(set_back)
             self._run(trial, feeds, DiskMonitor(folder, self._clock))
+            if trial.state is TrialState.CLOSED and (fault := items.misalignment()):
+                trial.refuse(fault)
+            if trial.has_edge:
+                items.write_summary()
         except RecordingError as error:
             trial.abandon(str(error))
         self._show(trial)
@@ -249,7 +256,7 @@ class TrialRecorder:
                     trial.handle(item)
                     if trial.state is not self._shown:  # a view knows the state in which an item was recorded
                         self._show(trial)
-                    for view in self._views:
+                    for view in () if self._shown_events.is_repeat(item) else self._views:
                         view.offer(item)
         return None
 

@@ -118,6 +118,11 @@ class TrialStateMachine:
         """End a trial that cannot continue: what was recorded is kept, and not accepted."""
         self._state = self._state.cut_short(message)
 
+    def refuse(self, message: Message[TrialCode]) -> None:
+        """The trial is over, and the message says why it cannot be used."""
+        self._context.write_message(message)
+        self._state = Ended(*self._state.messages, message, edge=self._state.edge)
+
     def abandon(self, text: str) -> None:
         """End the trial because nothing more can be written. text is the writer's error."""
         self._state = Ended(Message(TrialCode.WRITE_FAILED, {"text": text}), edge=self._state.edge)

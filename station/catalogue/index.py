@@ -19,7 +19,7 @@ from station.catalogue.errors import CatalogueError
 from station.catalogue.participants import PARTICIPANTS_FILE, Participants, read_participants
 from station.catalogue.session_rows import Row, SessionRows, SessionState, read_rows, stamp_of
 from station.catalogue.tables import FORMAT, TABLES, creation
-from station.journal import JOURNAL_FILE
+from station.journal_lines import JOURNAL_FILE
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode
 from station.progress import Progress, silent

@@ -14,7 +14,8 @@ from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_docu
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TrialEntry
 from station.checksums import sha256_of
-from station.journal import JOURNAL_FILE, Journal, JournalError, read_journal
+from station.journal import Journal, JournalError, read_journal
+from station.journal_lines import JOURNAL_FILE
 
 Row = dict[str, Any]
 

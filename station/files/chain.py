@@ -1,24 +1,36 @@
-"""Verify the chain from the report to the recordings: the hashes of its inputs in every file against the files."""
+"""Verify the files of a session by its list of hashes, and every result by the hashes of its inputs."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from documents.plain_data import PlainDataError, parse_json, read_json
-from documents.regular_file import read_regular
+from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
-from fitting.results.seal import SEAL, Standing, digest
+from fitting.results.standing import Standing
 from recordings.errors import RecordingError
 from recordings.reader import survey_file
 from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_json import ASSESSMENT_FILE
-from station.checksums import CHECKSUMS_FILE, read_checksums, sha256_of
+from station.checksums import (
+    CHECKSUMS_FILE,
+    files_below,
+    has_chained_lines,
+    is_below,
+    is_session,
+    journal_fault,
+    list_folder,
+    malformed_lines,
+    read_checksums,
+    sha256_of,
+    standing_of,
+    write_checksums,
+)
 from station.errors import StationError
+from station.journal_lines import JOURNAL_FILE
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import recordings_in
@@ -26,7 +38,6 @@ from station.recordings_of_session import recordings_in
 REPORT_FILE, NUMBERS_FILE = "report.html", "report.json"
 LARGEST_REPORT = 1 << 28
 """Bytes; the figures are in it."""
-INPUTS = re.compile(r'<script type="application/json" id="inputs">(.*?)</script>', re.DOTALL)
 
 
 class ChainError(StationError):
@@ -65,15 +76,22 @@ def verify_folder(folder: Path) -> list[Link]:
     return links
 
 
+def add_files(folder: Path, paths: Sequence[Path]) -> None:
+    """List files that another program added. Raises ChainError for a file that is not below the folder, or listed."""
+    for path in paths:
+        if list_folder(path) != folder.absolute() or standing_of(path) is not Standing.ADDED:
+            raise ChainError(Message(ChainCode.NOT_ADDED, {"file": str(path), "folder": str(folder)}))
+    write_checksums(*paths)
+
+
 def chain_of(folder: Path, *, is_report_included: bool = True) -> list[Link]:
-    """Every link from report.html to the recordings, by hash."""
+    """Every file of the folder by hash, and the inputs of its results."""
     files = _Files(folder)
-    links = [*_report_links(files)] if is_report_included else []
+    left_out = () if is_report_included else (REPORT_FILE, NUMBERS_FILE)
     return [
-        *links,
+        *(link for link in _file_links(files) if link.what not in left_out),
         *_assessment_links(files),
         *_cuffs_links(files),
-        *_checksum_links(files, is_report_included=is_report_included),
     ]
 
 
@@ -95,7 +113,7 @@ def damage_of(folder: Path) -> list[Link]:
 
 def _require_regular_files(folder: Path) -> None:
     """Reading a pipe would wait for its writer, and a device has no end."""
-    for name in (CHECKSUMS_FILE, REPORT_FILE, ASSESSMENT_FILE, CUFFS_FILE, *read_checksums(folder)):
+    for name in (CHECKSUMS_FILE, REPORT_FILE, ASSESSMENT_FILE, CUFFS_FILE, JOURNAL_FILE, *read_checksums(folder)):
         path = folder / name
         if path.exists() and not path.is_file():
             raise ChainError(Message(ChainCode.NOT_REGULAR, {"path": str(path)}))
@@ -106,16 +124,12 @@ class _Files:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.recorded = folder, read_checksums(folder)
+        self.is_listed = (folder / CHECKSUMS_FILE).is_file()
         self.sha256 = cache(self._sha256)
 
     def link(self, reader: str, name: str, expected: str) -> Link:
         """Link of a file that was read by another one (reader), which recorded the expected hash."""
-        return Link(f"{reader} ← {name}", self._compare(name, expected))
-
-    def link_to_checksums(self, name: str) -> Link:
-        """Link of a file to its hash in SHA256SUMS."""
-        recorded = self.recorded.get(name)
-        return Link(name, Standing.UNRECORDED if recorded is None else self._compare(name, recorded))
+        return Link(f"{reader} ← {name}", self.compare(name, expected))
 
     def json(self, name: str) -> dict[str, Any]:
         """Content of a JSON object; empty for a file that is missing or not an object."""
@@ -125,7 +139,7 @@ class _Files:
             return {}
         return found if isinstance(found, dict) else {}
 
-    def _compare(self, name: str, expected: str) -> Standing:
+    def compare(self, name: str, expected: str) -> Standing:
         found = self.sha256(name)
         if found is None:
             return Standing.MISSING
@@ -133,27 +147,52 @@ class _Files:
 
     def _sha256(self, name: str) -> str | None:
         path = self.folder / name
-        return sha256_of(path) if path.name == name and path.is_file() else None
+        return sha256_of(path) if is_below(name) and path.is_file() else None
 
 
-def _report_links(files: _Files) -> Iterator[Link]:
-    path = files.folder / REPORT_FILE
-    if not path.is_file():
-        return
-    yield files.link_to_checksums(REPORT_FILE)
-    try:
-        found = INPUTS.search(read_regular(path, LARGEST_REPORT).decode("utf-8", "replace"))
-        inputs = parse_json(found[1]) if found else {}
-    except (OSError, PlainDataError):
-        inputs = {}
-    for name, sha256 in _texts(inputs):
-        yield files.link(REPORT_FILE, name, sha256)
+def _file_links(files: _Files) -> Iterator[Link]:
+    """A link for every file that is in the list or in the folder, and for what is wrong in the list itself."""
+    for line in malformed_lines(files.folder):
+        yield _broken(f"{CHECKSUMS_FILE}, line {line}", Standing.CHANGED, ChainCode.LIST_LINE, line=line)
+    if not files.is_listed and has_chained_lines(files.folder / JOURNAL_FILE):
+        yield _broken(CHECKSUMS_FILE, Standing.MISSING, ChainCode.LIST_MISSING, file=JOURNAL_FILE)
+    of_session = is_session(files.folder)
+    present = set(files_below(files.folder) if of_session else _RESULTS)
+    first = [name for name in _RESULTS if name in files.recorded or name in present]
+    for name in dict.fromkeys((*first, *sorted(present | set(files.recorded)))):
+        recorded = files.recorded.get(name)
+        if name.endswith(".jsonl") and (files.folder / name).is_file():
+            yield _journal_link(files, name, recorded)
+        elif recorded is not None:
+            yield Link(name, files.compare(name, recorded))
+        elif of_session and files.is_listed:
+            yield _broken(name, Standing.ADDED, ChainCode.ADDED, file=name, sums=CHECKSUMS_FILE)
+        elif (files.folder / name).is_file():
+            yield Link(name, Standing.UNRECORDED)
+
+
+def _journal_link(files: _Files, name: str, recorded: str | None) -> Link:
+    """Link of a journal. It may have lines that its hash in the list does not include, if they continue the others."""
+    fault = journal_fault(files.folder / name, recorded)
+    if fault is not None:
+        return Link(name, Standing.CHANGED, str(fault), fault.code)
+    if recorded is not None:
+        return Link(name, Standing.AS_RECORDED)
+    if files.is_listed:
+        return _broken(name, Standing.ADDED, ChainCode.ADDED, file=name, sums=CHECKSUMS_FILE)
+    return Link(name, Standing.UNRECORDED)
+
+
+def _broken(what: str, standing: Standing, code: ChainCode, **figures: float | str) -> Link:
+    return Link(what, standing, str(Message(code, figures)), code)
+
+
+_RESULTS = (REPORT_FILE, NUMBERS_FILE, ASSESSMENT_FILE, CUFFS_FILE)
 
 
 def _assessment_links(files: _Files) -> Iterator[Link]:
     if not (files.folder / ASSESSMENT_FILE).is_file():
         return
-    yield files.link_to_checksums(ASSESSMENT_FILE)
     plain = files.json(ASSESSMENT_FILE)
     for role, named in _texts(plain.get("inputs")):
         name, _, sha256 = named.rpartition(" ")
@@ -181,22 +220,15 @@ def _cuffs_links(files: _Files) -> Iterator[Link]:
     path = files.folder / CUFFS_FILE
     if not path.is_file():
         return
-    yield files.link_to_checksums(CUFFS_FILE)
     try:
         fits = read_cuffs(path)
     except CuffsFileError as error:
         yield Link(f"{CUFFS_FILE}, its content", Standing.CHANGED, str(error))
         return
     for name, fit in fits.items():
-        remark = ", ".join(fit.remarks)
-        yield Link(f"{CUFFS_FILE}, cuff {name}", fit.standing or Standing.UNRECORDED, remark)
-    plain = files.json(CUFFS_FILE)
-    seal = plain.get(SEAL)
-    if isinstance(seal, dict):
-        found = digest({key: value for key, value in plain.items() if key not in ("cuffs", SEAL)})
-        is_kept = found == seal.get("session")
-        yield Link(f"{CUFFS_FILE}, the session", Standing.AS_RECORDED if is_kept else Standing.CHANGED)
-    yield from (files.link(CUFFS_FILE, name, sha256) for name, sha256 in _recordings(plain).items())
+        if fit.given:
+            yield Link(f"{CUFFS_FILE}, cuff {name}", Standing.BY_HAND, ", ".join(fit.remarks))
+    yield from (files.link(CUFFS_FILE, name, sha256) for name, sha256 in _recordings(files.json(CUFFS_FILE)).items())
 
 
 def _recordings(plain: Mapping[str, Any]) -> dict[str, str]:
@@ -207,18 +239,6 @@ def _recordings(plain: Mapping[str, Any]) -> dict[str, str]:
     cuffs = plain.get("cuffs")
     used = [cuff.get("sources") for cuff in cuffs.values() if isinstance(cuff, dict)] if isinstance(cuffs, dict) else []
     return {name: sha256 for sources in used for name, sha256 in _texts(sources)}
-
-
-def _checksum_links(files: _Files, *, is_report_included: bool) -> Iterator[Link]:
-    """Links of the recordings, and of other files that the station wrote."""
-    above = {REPORT_FILE, ASSESSMENT_FILE, CUFFS_FILE}
-    names = {*files.recorded, *(path.name for path in files.folder.glob("*.mcap"))} - above
-    for name in sorted(names if is_report_included else names - {NUMBERS_FILE}):
-        yield files.link_to_checksums(name)
-    absent = [name for name in sorted(above & set(files.recorded)) if not (files.folder / name).is_file()]
-    for name in absent:
-        if is_report_included or name != REPORT_FILE:
-            yield Link(name, Standing.MISSING, f"recorded in {CHECKSUMS_FILE}")
 
 
 def _texts(entries: Any) -> Iterator[tuple[str, str]]:

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from fitting.cuffs.cuffs_json import plain_sync
 from fitting.errors import UnusableTrial
+from fitting.results.standing import Standing
 from fitting.trial.decimation import Decimator
 from fitting.trial.sync_certificate import SyncCertificate, certify
 from recordings.contents import Contents, summarise
@@ -72,7 +73,8 @@ def recover_recording(path: Path, output: Path | None, *, as_json: bool) -> int:
         size = path.stat().st_size if path.is_file() else 0
         progress("recovering, kB", 0, size // 1000)
         report = recover(path, output, lambda done: progress("recovering, kB", done // 1000, size // 1000))
-    write_checksums(report.output)
+    left = [path] if standing_of(path) is Standing.ADDED else []  # by a recorder that was killed
+    write_checksums(*left, report.output)
     for message in (*changed_files([path]), *report.sentences()):
         print(message, file=sys.stderr)
     if as_json:

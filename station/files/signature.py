@@ -8,17 +8,15 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from fitting.results.seal import Standing
-from station.checksums import CHECKSUMS_FILE, write_checksums
+from fitting.results.standing import Standing
+from station.checksums import CHECKSUMS_FILE, SIGNATURE_FILE, files_below, write_checksums
 from station.errors import StationError
 from station.files.chain import Link
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
 
-SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"
 NAMESPACE = "cuffstation"
 TIMEOUT_S = 60.0
-NOT_SIGNED = (CHECKSUMS_FILE, SIGNATURE_FILE)
 
 
 class SignatureError(StationError):
@@ -26,16 +24,14 @@ class SignatureError(StationError):
 
 
 def sign(folder: Path, key: Path, links: Sequence[Link]) -> Path:
-    """Record every file of the folder in SHA256SUMS, and sign that file. Returns the path of the signature.
+    """Sign the list of hashes of a folder without a broken link. Returns the path of the signature.
 
     key: a private key, or a public one whose private key is in an agent. A passphrase is read from the terminal.
     links: the verification of the folder
     """
-    breaks = [link for link in links if link.standing.is_break]
-    if broken := [str(link) for link in breaks if not link.what.endswith(".jsonl")]:  # a journal grows after its hash
+    if broken := [str(link) for link in links if link.standing.is_break]:
         raise SignatureError(Message(ChainCode.BROKEN, {"folder": str(folder), "link": broken[0]}))
-    files = [path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
-    write_checksums(*(path for path in files if path.name not in NOT_SIGNED))
+    write_checksums(*(folder / name for name in files_below(folder)))  # without a list, or with a longer journal
     signature = folder / SIGNATURE_FILE
     signature.unlink(missing_ok=True)
     answer = _ssh_keygen("-Y", "sign", "-f", str(key), "-n", NAMESPACE, str(folder / CHECKSUMS_FILE))

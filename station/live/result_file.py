@@ -9,6 +9,7 @@ import numpy as np
 
 from recordings.live_result import LiveFrame, LiveManifest, LiveOutcome, LiveResultWriter
 from recordings.samples import Event
+from station.checksums import list_in_session
 from station.live.columns import live_columns, live_row
 from station.live.published import LiveDelivery, LiveSetup, LiveValues
 from station.live_config import LiveSection
@@ -97,6 +98,7 @@ class ResultFile:
             dropped_frames=self._dropped,
         )
         writer.close(outcome, self._latest_ns)
+        list_in_session(writer.path)
 
     def _manifest(self, setup: LiveSetup, recording: Path) -> LiveManifest:
         return LiveManifest(

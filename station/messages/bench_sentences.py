@@ -54,6 +54,11 @@ _TRIAL: Mapping[StrEnum, str] = {
     TrialCode.NOT_STARTED: "{text}",
     TrialCode.RECORDER_KILLED: "the recorder was killed during the trial; {text}",
     TrialCode.UNREADABLE: "{text}",
+    TrialCode.NOT_ALIGNED: "force and markers have no common time: {reason}; record the trial again",
+    TrialCode.FRAMES_RENUMBERED: (
+        "the mocap system restarted its frame numbers {after_s:.2f} s after the start of the capture, so frames cannot "
+        "be counted; check that it streams one capture with numbered frames, and record again"
+    ),
     TrialCode.SECOND_START: (
         "the sync line rose a second time {after_s:.2f} s after the first, so the start of the capture is ambiguous; "
         "set the output of the mocap system to one pulse for the whole capture and record again"

@@ -37,6 +37,8 @@ class TrialCode(StrEnum):
     RECORDER_KILLED = "recorder_killed"
     UNREADABLE = "unreadable"
 
+    NOT_ALIGNED = "not_aligned"
+    FRAMES_RENUMBERED = "frames_renumbered"
     SECOND_START = "sync_double_edge"
     EMPTY_CAPTURE = "empty_capture"
     END_MISSING = "end_missing"

@@ -92,6 +92,12 @@ class ChainCode(StrEnum):
     """Reason why a folder is not verified or signed, and remarks on its files."""
 
     CHANGED = "chain.changed"
+    ADDED = "chain.added"
+    JOURNAL_ORDER = "chain.journal_order"
+    JOURNAL_CHANGED = "chain.journal_changed"
+    LIST_LINE = "chain.list_line"
+    LIST_MISSING = "chain.list_missing"
+    NOT_ADDED = "chain.not_added"
     NOT_A_FOLDER = "chain.not_a_folder"
     NOTHING_TO_VERIFY = "chain.nothing_to_verify"
     NOT_REGULAR = "chain.not_regular"

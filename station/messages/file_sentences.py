@@ -138,6 +138,17 @@ _CHAIN: Mapping[StrEnum, str] = {
     NumberCode.INPUT: "{numbers} numbers depend on it, the first: {id}",
     NumberCode.RECOMPUTED: "{id} is {found}, and a new fit of the recordings gives {expected}",
     ChainCode.CHANGED: "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}",
+    ChainCode.ADDED: "{file} is not in {sums}: another program added it after the session was recorded",
+    ChainCode.JOURNAL_ORDER: (
+        "line {line} does not continue the lines above it: line {above} was changed, or lines were removed, "
+        "inserted or reordered"
+    ),
+    ChainCode.JOURNAL_CHANGED: "its {lines} lines are not those in {sums}: the last line was changed or removed",
+    ChainCode.LIST_LINE: "line {line} does not name a file of this folder with its SHA-256",
+    ChainCode.LIST_MISSING: "{file} has hashes of its lines, and the list of all hashes of the folder is missing",
+    ChainCode.NOT_ADDED: (
+        "{file} was not added to {folder}: it is in the list of hashes, or not a file of a folder that has such a list"
+    ),
     ChainCode.NOT_A_FOLDER: "{folder} is not a folder; give a session folder",
     ChainCode.NOTHING_TO_VERIFY: "{folder} contains no recording, no {cuffs} and no {report} to verify",
     ChainCode.NOT_REGULAR: "{path} is a pipe or a device, expected a regular file; replace it",

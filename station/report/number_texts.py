@@ -7,7 +7,7 @@ from typing import Any
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.wearable_cuff import WearableCuff
-from fitting.results.seal import Standing
+from fitting.results.standing import Standing
 from fitting.uncertainty import Estimate
 from station.interval import bracketed, digits_of, of_cuff
 from station.report.located import Derivation, LocatedFloat, LocatedList

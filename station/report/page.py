@@ -23,7 +23,7 @@ from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, WearableCuff
-from fitting.results.seal import Standing
+from fitting.results.standing import Standing
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
@@ -119,7 +119,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
         section: register.add_figures(section, found, _series(section, results)) for section, found in drawn.items()
     }
     inputs = _inputs(folder)
-    page = _environment(register).get_template("page.html").render(_context(results, pictures), inputs=_script(inputs))
+    page = _environment(register).get_template("page.html").render(_context(results, pictures))
     path, beside = folder / REPORT_FILE, folder / NUMBERS_FILE
     write_whole(path, page)
     listed = ReportDocument(
@@ -222,11 +222,6 @@ def _inputs(folder: Path) -> dict[str, str]:
     results = (CUFFS_FILE, ASSESSMENT_FILE, ACTIVATIONS_FILE, EMG_FILE, NORMATIVE_FILE)
     made_of = [*recordings_in(folder), *(folder / name for name in results)]
     return {path.name: sha256_of(path) for path in made_of if path.is_file()}
-
-
-def _script(inputs: Mapping[str, str]) -> str:
-    """JSON within a script element."""
-    return json.dumps(inputs, indent=1).replace("<", "\\u003c")
 
 
 def _contradictions(cuffs: Cuffs, assessment: Mapping[str, Any] | None) -> list[str]:

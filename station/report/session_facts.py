@@ -12,7 +12,8 @@ from typing import Any
 from recordings.errors import RecordingError
 from recordings.manifest import DataOrigin, Manifest, manifest_to_json
 from recordings.reader import read_manifest
-from station.journal import JOURNAL_FILE, JournalError, read_journal
+from station.journal import JournalError, read_journal
+from station.journal_lines import JOURNAL_FILE
 from station.report.located import Derivation, LocatedObject, Source, located, resolve
 from station.report.number_texts import Shown
 from station.report.sourced_number import Form, Rendering, SourcedNumber, sourced

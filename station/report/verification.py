@@ -10,7 +10,7 @@ from typing import Any
 from documents.regular_file import read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
 from fitting.cuffs.wearable_cuff import bushing_force
-from fitting.results.seal import Standing
+from fitting.results.standing import Standing
 from station.checksums import sha256_of
 from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link, verify_folder
 from station.messages.file_codes import NumberCode

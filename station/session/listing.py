@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from station.journal import JOURNAL_FILE, JournalError, Setup, read_journal
+from station.journal import JournalError, Setup, read_journal
+from station.journal_lines import JOURNAL_FILE
 from station.session.plan_status import plan_status
 
 

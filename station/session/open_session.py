@@ -11,7 +11,8 @@ from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.config import StationConfig
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.journal import JOURNAL_FILE, Journal, Setup, read_journal, write_setup, write_skipped
+from station.journal import Journal, Setup, read_journal, write_setup, write_skipped
+from station.journal_lines import JOURNAL_FILE
 from station.messages.codes import CommandCode
 from station.messages.message import Message
 from station.protocol import TrialSpec

@@ -15,7 +15,8 @@ from fitting.study.measurements import Observation
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of
 from station.errors import StationError
-from station.journal import JOURNAL_FILE, JournalError, read_journal
+from station.journal import JournalError, read_journal
+from station.journal_lines import JOURNAL_FILE
 from station.messages.message import Figures, Message, join_sentences
 from station.messages.study_codes import StudyCode
 from station.progress import Progress, silent

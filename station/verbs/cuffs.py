@@ -31,7 +31,9 @@ def fit(
     from rich.console import Console
 
     from fitting.cuffs.cuffs_json import cuffs_json
+    from station.checksums import changed_files
     from station.fit import fit_session_folder
+    from station.journal_lines import JOURNAL_FILE
     from station.progress import progress_bars
     from station.tables import print_cuffs
 
@@ -49,9 +51,10 @@ def fit(
     if not fitted.pulls:
         print_message("no trial could be used; the reasons are listed above and in cuffs.json")
         raise typer.Exit(LOSSY if fitted.damage else FAILED)
-    changed = [file for file, checked in fitted.recordings.items() if checked.standing.is_break]
-    for file in changed:
-        print_message(f"{file} has changed since it was recorded: its SHA-256 is not the one in SHA256SUMS")
+    broken = [session / file for file, checked in fitted.recordings.items() if checked.standing.is_break]
+    changed = changed_files([*broken, session / JOURNAL_FILE])
+    for message in changed:
+        print_message(str(message))
     is_whole = not changed and all(curves.pull.trial.is_whole for curves in fitted.pulls.values())
     raise typer.Exit(DONE if is_whole and not fitted.damage else LOSSY)
 

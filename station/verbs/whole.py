@@ -96,6 +96,9 @@ def verify(
     signers: Annotated[
         Path | None, typer.Option(help="OpenSSH's file of allowed signers, to verify the signature.")
     ] = None,
+    add: Annotated[
+        list[Path] | None, typer.Option(help="List a file that another program added; may be repeated.")
+    ] = None,
     number: Annotated[
         str | None, typer.Option(help="Follow this number of the report to its samples; the page shows its id.")
     ] = None,
@@ -104,16 +107,17 @@ def verify(
     ] = False,
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
-    """Compare every file of a session with its recorded hash, from the report to the recordings.
+    """Compare every file of a session with its recorded hash, and every result with the hashes of its inputs.
 
     Every number of the report is compared with the result it is from. Prints one line per link; exit code 1 if a file
-    has changed or is missing, or a number does not agree with its source.
+    has changed, is missing or was added, or a number does not agree with its source.
     """
     import json
     from dataclasses import asdict
 
     from rich.console import Console
 
+    from station.files.chain import add_files
     from station.files.signature import sign as sign_folder
     from station.files.signature import signature_of
     from station.progress import progress_bars
@@ -122,6 +126,8 @@ def verify(
 
     if number is not None:
         raise typer.Exit(_trace(folder, number, format))
+    if add:
+        add_files(folder, add)
     links = verify_session(folder)
     if sign is not None:
         print_message(f"signed: {sign_folder(folder, sign, links)}")
@@ -168,7 +174,7 @@ def report(
 
     from rich.console import Console
 
-    from fitting.results.seal import Standing
+    from fitting.results.standing import Standing
     from station.files.chain import chain_of
     from station.messages.message import Message
     from station.messages.setup_codes import FolderCode
@@ -186,9 +192,7 @@ def report(
     with progress_bars(Console(stderr=True)) as progress:
         written = write_report(folder, progress=progress)
     print(write_pdf(written) if format == "pdf" else written)
-    links = [
-        link for link in chain_of(folder) if link.standing in (Standing.CHANGED, Standing.MISSING, Standing.BY_HAND)
-    ]
+    links = [link for link in chain_of(folder) if link.standing.is_break or link.standing is Standing.BY_HAND]
     for link in links:
         print_message(str(link))
     raise typer.Exit(LOSSY if any(link.standing.is_break for link in links) else DONE)

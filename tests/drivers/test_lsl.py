@@ -81,6 +81,59 @@ def test_a_sender_s_clock_that_is_set_back_is_an_event_and_no_loss(outlet: FakeO
     assert int(blocks(items, "/emg")[-1].sample_numbers[-1]) == 99
 
 
+@pytest.mark.parametrize("wrong", [np.inf, -np.inf, np.nan, 1e300, -1e300, 5e9])
+@pytest.mark.parametrize("place", [0, 7, 9])
+@pytest.mark.parametrize("chunk", [0, 1])
+def test_a_stamp_that_is_no_time_is_interpolated_and_reported(
+    outlet: FakeOutlet, wrong: float, place: int, chunk: int
+) -> None:
+    device = opened()
+    for first_s in (100.0, 100.01, 100.02):
+        outlet.send(first_s, 10)
+    outlet.chunks[chunk][1][place] = wrong  # type: ignore[index]
+    items = [item for _ in range(3) for item in device.read(0.0)]
+    assert [item.kind for item in items if isinstance(item, Event)] == ["emg_clock_unreadable"]
+    assert not any(isinstance(item, Loss) for item in items)
+    times_ns = np.concatenate([block.device_time_ns for block in blocks(items, "/emg")])
+    assert times_ns == pytest.approx(100e9 + 1e6 * np.arange(30), abs=1e3)
+
+
+def test_a_chunk_without_a_time_is_recorded(outlet: FakeOutlet) -> None:
+    device = opened()
+    outlet.chunks.append((np.zeros((10, 2), np.float32), np.full(10, np.nan)))
+    (block,) = blocks(device.read(0.0), "/emg")
+    assert len(block.sample_numbers) == 10
+
+
+@pytest.mark.parametrize("step_s", [1e9, 2e5, 30.0, -1e9, -2e5])
+@pytest.mark.parametrize("is_within_chunk", [True, False])
+def test_stamps_that_jump_by_more_than_the_station_s_clock_are_a_clock_event_and_no_loss(
+    outlet: FakeOutlet, step_s: float, is_within_chunk: bool
+) -> None:
+    device = opened()
+    for first_s in (100.0, 100.1):
+        outlet.send(first_s, 100)
+    if is_within_chunk:
+        outlet.chunks[1][1][50:] += step_s  # type: ignore[index,operator]
+    outlet.send(100.2 + step_s, 100)
+    items = [item for _ in range(3) for item in device.read(0.0)]
+    assert [item.kind for item in items if isinstance(item, Event)] == ["emg_clock_reset"]
+    assert not any(isinstance(item, Loss) for item in items)
+    numbers = np.concatenate([block.sample_numbers for block in blocks(items, "/emg")])
+    assert numbers.tolist() == list(range(300))
+
+
+def test_stamps_that_alternate_between_two_clocks_are_one_event_a_chunk(outlet: FakeOutlet) -> None:
+    device = opened()
+    for chunk in range(3):
+        outlet.send(100.0 + 0.1 * chunk, 100)
+        outlet.chunks[-1][1][1::2] += 2e5  # type: ignore[index,operator]
+    items = [item for _ in range(3) for item in device.read(0.0)]
+    assert sum(isinstance(item, Event) for item in items) == 3
+    assert not any(isinstance(item, Loss) for item in items)
+    assert [len(block.sample_numbers) for block in blocks(items, "/emg")] == [100, 100, 100]
+
+
 def test_a_clock_offset_is_the_sender_s_time_at_the_station_s(outlet: FakeOutlet) -> None:
     device = opened()
     outlet.send(100.0, 50)

@@ -21,9 +21,9 @@ def report_session(folder: Path, draws: int = 0) -> None:
     folder.mkdir()
     for truth, file in zip(static_and_dynamic(), (STATIC, DYNAMIC), strict=True):
         truth.record(folder / file)
-    write_checksums(folder / STATIC, folder / DYNAMIC)  # as the recorder does when a trial ends
     true = {"hand": {"stiffness_n_per_m": 4000.0, "damping_n_s_per_m": 100.0, "migration_m": 0.01}}
     (folder / "simulated_truth.json").write_text(json.dumps(true))
+    write_checksums(folder / STATIC, folder / DYNAMIC)  # as the recorder does when a trial ends
     fitted = fit_session_folder(folder, folder / "cuffs.json")
     inputs = AssessmentInputs(folder / "cuffs.json")
     worn = {name: fit.wearable() for name, fit in fitted.cuffs.items()}

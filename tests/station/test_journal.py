@@ -14,7 +14,6 @@ from recordings.manifest import CuffSite
 from station import journal
 from station.errors import StationError
 from station.journal import (
-    JOURNAL_FILE,
     Assignment,
     Decision,
     Journal,
@@ -31,6 +30,7 @@ from station.journal import (
     write_undone,
     write_verdict,
 )
+from station.journal_lines import JOURNAL_FILE
 from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec

@@ -7,7 +7,7 @@ from station.bench.falling_edges import FallingEdges
 from station.bench.pre_roll import PRE_ROLL_S, PreRoll
 from station.bench.snapshot import TrialState
 from station.bench.states.before_recording import BeforeRecording
-from station.bench.states.context import TrialContext
+from station.bench.states.context import DeviceFailure, TrialContext
 from station.bench.states.recording import RecordingState
 from station.bench.states.state import Ended, OpenState, StartEdge, State
 from station.bench.sync_line import Edge, wrong_polarity
@@ -51,6 +51,9 @@ class Armed(BeforeRecording, OpenState):
             else:
                 self._restart_wait(edge)
         return self
+
+    def fail(self, failure: DeviceFailure) -> State:
+        return self if self.context.can_continue_without(failure) else super().fail(failure)
 
     def tick(self) -> State:
         """Check for a silent sync line, wrong polarity, and the time-out."""

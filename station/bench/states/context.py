@@ -35,6 +35,10 @@ class DeviceFailure:
     cause: str = "disconnected"
 
 
+NEEDED = ("/force", "/sync", "/markers")
+"""Streams whose silence or loss ends a trial, where its devices have them."""
+
+
 class TrialContext:
     """Streams, counters and writer of one trial, from arming to its end.
 
@@ -88,6 +92,14 @@ class TrialContext:
         figures = {"to_v": glitch.to_v, "glitch_ms": GLITCH_NS * 1e-6, "sample": glitch.sample_number}
         message = Message(code, figures)
         return self.event(message.kind, str(message))
+
+    def can_continue_without(self, failure: DeviceFailure) -> bool:
+        """Whether no stream of the failed device is needed; the failure is then a note on the trial."""
+        if self.watchdog.is_needed(failure.device, NEEDED):
+            return False
+        self.watchdog.mark_lost(failure.device, failure.cause)
+        self.notes.append(failure.message)
+        return True
 
     def silence(self, expected: Sequence[str], since_s: float) -> DeviceFailure | None:
         """The first expected stream that fell silent, as the failure of its device."""

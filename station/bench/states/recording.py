@@ -9,7 +9,7 @@ from recordings.samples import Event, Loss, Samples
 from station.bench.pre_roll import LATENESS_S
 from station.bench.snapshot import TrialState
 from station.bench.states.closing import QUIET_S, Closing, TrialEnd
-from station.bench.states.context import DeviceFailure, TrialContext
+from station.bench.states.context import NEEDED, DeviceFailure, TrialContext
 from station.bench.states.recorded import RecordedState
 from station.bench.states.state import StartEdge, State
 from station.bench.sync_line import Edge
@@ -20,8 +20,8 @@ RECORDING = Message(TrialCode.RECORDING)
 CAPTURE_ENDS = ("capture_ended", "capture_replaced")
 """Kinds of messages after which no frame belongs to the capture."""
 
-STREAMING = ("/force", "/sync", "/markers", "/emg", "/analog")
-"""Streams whose silence ends a trial, where its devices have them."""
+ADDITIONAL = ("/emg", "/analog")
+"""Streams without which a trial goes on; their silence is noted and counted."""
 
 
 class RecordingState(RecordedState):
@@ -31,6 +31,7 @@ class RecordingState(RecordedState):
         super().__init__(context, edge)
         self.messages = (RECORDING,)
         self._fall: Edge | None = None  # the latest fall of the sync line
+        self._renumbered_s: float | None = None  # station seconds of a restart of the frame numbers
         self._defects: tuple[Message[TrialCode], ...] = ()  # why the trial will not be accepted, although it continues
 
     def handle_event(self, event: Event) -> State:
@@ -40,8 +41,8 @@ class RecordingState(RecordedState):
             return self._close(Message(TrialCode.CAPTURE_ENDED))
         if event.kind == "capture_replaced":
             return self.cut_short(Message(TrialCode.CAPTURE_REPLACED, {"text": event.text}))
-        if event.kind == "numbering_restarted" and recorded_s > LATENESS_S:
-            return self._close(Message(TrialCode.CAPTURE_ENDED_RENUMBERED))
+        if event.kind == "numbering_restarted" and recorded_s > LATENESS_S and self._renumbered_s is None:
+            self._renumbered_s = self.context.clock.station_s()
         return self
 
     def handle_sync(self, samples: Samples) -> State:
@@ -63,16 +64,23 @@ class RecordingState(RecordedState):
         return self._close(Message(TrialCode.DURATION_REACHED, {"duration_s": duration_s}), end_ns)
 
     def tick(self) -> State:
-        if silence := self.context.silence(STREAMING, self.edge.station_s):
-            return self.fail(silence)
-        return self._check_quiet_capture_end()
+        for streams in (NEEDED, ADDITIONAL):
+            if silence := self.context.silence(streams, self.edge.station_s):
+                return self.fail(silence)
+        return self._check_renumbering() or self._check_quiet_capture_end()
 
     def stop(self, *, at_once: bool) -> State:
         closing = self._close(Message(TrialCode.OPERATOR_STOP))
         return closing.finish() if at_once else closing
 
     def fail(self, failure: DeviceFailure) -> State:
-        self.context.watchdog.mark_lost(failure.device, failure.cause)
+        """End the trial, or go on without a device that has no stream which the trial needs."""
+        context = self.context
+        if context.can_continue_without(failure):
+            context.write_message(failure.message)
+            self.messages = (RECORDING, *self._defects, *context.notes)
+            return self
+        context.watchdog.mark_lost(failure.device, failure.cause)
         return self._close(failure.message, is_accepted=False).finish()
 
     def cut_short(self, message: Message[TrialCode]) -> State:
@@ -88,7 +96,7 @@ class RecordingState(RecordedState):
     def _add_defect(self, message: Message[TrialCode]) -> None:
         """A later message of the same code replaces the earlier one."""
         self._defects = (*(defect for defect in self._defects if defect.code is not message.code), message)
-        self.messages = (RECORDING, *self._defects)
+        self.messages = (RECORDING, *self._defects, *self.context.notes)
 
     def _check_empty_capture(self, recorded_s: float) -> None:
         """A capture without a frame that ends before the silence time-out."""
@@ -99,6 +107,19 @@ class RecordingState(RecordedState):
             latest_ns, now_ns = context.latest_device_ns, context.clock.utc_ns()
             context.write_loss(Loss(markers.name, "silent", 0, missing, latest_ns, now_ns))
             self._add_defect(Message(TrialCode.EMPTY_CAPTURE, {"source": markers.source}))
+
+    def _check_renumbering(self) -> State | None:
+        """Frame numbers that restart are those of a preview if the capture has ended, and a defect if it continues."""
+        context, renumbered_s = self.context, self._renumbered_s
+        if renumbered_s is None or context.clock.station_s() - renumbered_s <= LATENESS_S:
+            return None
+        if context.rules.start == "sync_edge" and not context.sync.is_high:
+            return self._close(Message(TrialCode.CAPTURE_ENDED_RENUMBERED))
+        if not any(defect.code is TrialCode.FRAMES_RENUMBERED for defect in self._defects):
+            message = Message(TrialCode.FRAMES_RENUMBERED, {"after_s": renumbered_s - self.edge.station_s})
+            self._add_defect(message)
+            context.write_message(message)
+        return None
 
     def _check_quiet_capture_end(self) -> State:
         """A mocap system without events ends its capture by a low sync line and no more frames."""

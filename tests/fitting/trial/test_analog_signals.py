@@ -130,6 +130,22 @@ def test_a_sync_line_that_was_not_connected_falls_back_to_the_clock_offsets() ->
     np.testing.assert_allclose(off_the_second(emg), 0.0, atol=5e-3)
 
 
+@pytest.mark.parametrize("has_sync", [True, False])
+@pytest.mark.parametrize("jump_s", [1e9, 200_000.0, -200_000.0])
+def test_a_jump_of_the_amplifiers_clock_does_not_move_its_samples(jump_s: float, has_sync: bool) -> None:
+    """The clock offset that was measured after the jump is the most certain one, and of another clock."""
+    measured = offsets((0.0, 0.001), (0.0, 0.001), (jump_s, 1e-4))
+    tracks = recorded() | {"/emg_clock": measured}
+    at = int(6.0 * EMG_HZ)
+    for name in ("/emg", "/emg_sync"):
+        device = tracks[name].device_time_ns.copy()
+        device[at:] += round(1e9 * jump_s)
+        tracks[name] = replace(tracks[name], device_time_ns=device)
+    emg, _ = laid_out(tracks, MANIFEST if has_sync else replace(MANIFEST, emg=EmgAmplifier("lsl")))
+    assert len(off_the_second(emg)) >= 9
+    np.testing.assert_allclose(off_the_second(emg), 0.0, atol=5e-3)
+
+
 def test_an_amplifier_that_nothing_ties_is_refused() -> None:
     with raises_refusal(RejectionCode.EMG_NO_CLOCK):
         laid_out(recorded(), replace(MANIFEST, emg=EmgAmplifier("lsl")))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fitting.results.seal import Standing
+from fitting.results.standing import Standing
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.sources import BodySpread
 from station.assessment.assess import assess_cuffs, decision_sentences, write_assessment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 from drivers.lsl import LslEmg
 from drivers.nidaq import NiDaq
 from recordings.manifest import BodyMarkers, CuffSite
-from recordings.samples import Samples, Stream
+from recordings.samples import Loss, Samples, Stream
 from station.bench.devices import devices_for
 from station.bench.simulation import simulator_settings
+from station.bench.snapshot import TrialState
 from station.clock import ManualClock
 from station.config import parse_config
 from station.messages.codes import TrialCode
@@ -70,16 +72,42 @@ def test_the_end_of_an_earlier_capture_keeps_the_emg() -> None:
     assert int(bench.writer.samples("/emg")[0].sample_numbers[0]) == 0
 
 
-def test_an_amplifier_that_falls_silent_ends_the_trial() -> None:
+def silence(bench: BenchWithAmplifier) -> None:
+    bench.emg_sends = False
+
+
+def lose(bench: BenchWithAmplifier) -> None:
+    silence(bench)
+    bench.trial.fail("LSL amp is gone", "LSL amp")
+
+
+@pytest.mark.parametrize(("stop_emg", "code"), [(silence, TrialCode.DEVICE_SILENT), (lose, TrialCode.DEVICE_LOST)])
+def test_an_amplifier_that_falls_silent_or_is_lost_is_noted_and_counted_and_the_trial_goes_on(
+    stop_emg: Callable[[BenchWithAmplifier], None], code: TrialCode
+) -> None:
     bench = BenchWithAmplifier(10.0)
     bench.arm()
     bench.run(3.0)
     bench.start_capture()
     bench.run(2.0)
-    bench.emg_sends = False
+    stop_emg(bench)
     bench.run(4.0)
-    assert bench.codes[0] is TrialCode.DEVICE_SILENT
-    assert "LSL outlet amp at pc sent nothing on /emg" in bench.trial.sentence
+    assert bench.codes == [TrialCode.RECORDING, code]
+    bench.stop_capture()
+    bench.run(2.0)
+    assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED, code])
+    (loss,) = (item for item in bench.writer.items if isinstance(item, Loss))
+    assert (loss.stream, loss.first_missing) == ("/emg", 500) and loss.count == pytest.approx(400, abs=20)
+
+
+def test_an_amplifier_that_is_lost_before_the_capture_does_not_disarm_the_trial() -> None:
+    bench = BenchWithAmplifier(10.0)
+    bench.arm()
+    lose(bench)
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    assert bench.codes[0] is TrialCode.RECORDING
 
 
 def test_an_outlet_is_a_device_of_the_wearer_s_trials_only(tmp_path: Path) -> None:

@@ -6,19 +6,24 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceUnavailable
+from fitting.results.codes import RejectionCode
+from fitting.trial.reader import read_alone
+from fitting.trial.trial import RejectedTrial
 from recordings import writer
 from recordings.durability import BackgroundSync
 from recordings.manifest import CuffSite
-from recordings.reader import open_recording
-from recordings.samples import Event, Item
+from recordings.reader import TrackCollector, open_recording
+from recordings.samples import Event, Item, Samples
 from station.bench import disk, stepped_feed
 from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder, TrialRefused, TrialResult
@@ -295,3 +300,58 @@ def test_a_session_folder_removed_during_a_trial_is_reported_and_the_trial_not_a
     result = Rig().recorder(_Removes(folder)).record(folder, SPEC)
     assert not result.accepted
     assert codes(result) == [TrialCode.WRITE_FAILED]
+
+
+class TwoPulses(FakeCapture):
+    """The sync line is high once more after the capture."""
+
+    def is_on_at(self, times_s: np.ndarray) -> np.ndarray:
+        again_s = self._end_s + 0.1
+        return super().is_on_at(times_s) | ((times_s >= again_s) & (times_s < again_s + 0.1))
+
+
+def test_a_recording_that_the_fit_cannot_align_is_not_accepted(tmp_path: Path) -> None:
+    clock = ManualClock()
+    capture = TwoPulses(clock, 5.0, 2.0)
+    devices = [FakeDaq(clock, capture), FakeMocap(clock, capture)]
+    recorder = TrialRecorder(CONFIG, clock, make_devices=lambda *_: devices)  # type: ignore[arg-type,return-value]
+    result = recorder.record(tmp_path, SPEC)
+    assert not result.accepted and result.path is not None
+    assert [message.code for message in result.messages] == [TrialCode.CAPTURE_ENDED, TrialCode.NOT_ALIGNED]
+    assert result.messages[1].figures["reason_code"] == RejectionCode.SYNC_RISES_AGAIN
+    outcome = open_recording(result.path).outcome
+    assert outcome is not None and not outcome.accepted
+    reading = read_alone(result.path)
+    assert isinstance(reading, RejectedTrial)
+
+
+class Uncounted(FakeMocap):
+    """Every frame has the number 1, and the driver reports each."""
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        items: list[Item] = []
+        for item in super().read(timeout_s):
+            if isinstance(item, Samples):
+                for row in range(len(item.sample_numbers)):
+                    items.append(Event("numbering_restarted", f"1 follows 1 ({row})", item.host_time_ns, self.name))
+                items.append(replace(item, sample_numbers=np.ones_like(item.sample_numbers)))
+            else:
+                items.append(item)
+        return items
+
+
+def test_a_capture_without_frame_numbers_is_recorded_to_its_end_and_has_two_lines_on_them(tmp_path: Path) -> None:
+    clock = ManualClock()
+    capture = FakeCapture(clock, 5.0, 4.0)
+    devices = [FakeDaq(clock, capture), Uncounted(clock, capture)]
+    shown: list[Item] = []
+    view = SimpleNamespace(offer=shown.append, show=lambda _: None)
+    recorder = TrialRecorder(CONFIG, clock, [view], make_devices=lambda *_: devices)  # type: ignore[arg-type,return-value,list-item]
+    result = recorder.record(tmp_path, SPEC)
+    assert not result.accepted and result.path is not None
+    assert [message.code for message in result.messages] == [TrialCode.CAPTURE_ENDED, TrialCode.FRAMES_RENUMBERED]
+    collector = TrackCollector(result.path)
+    open_recording(result.path, collector.take)
+    events = [event.text for event in collector.events() if event.kind == "numbering_restarted"]
+    assert len(events) == 2 and events[1].startswith("400 times")
+    assert sum(isinstance(item, Event) and item.kind == "numbering_restarted" for item in shown) == 1

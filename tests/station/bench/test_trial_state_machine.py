@@ -115,6 +115,39 @@ def test_a_second_rise_is_reported_at_once_and_the_trial_is_recorded_to_its_end(
     assert sum(len(s.sample_numbers) for s in bench.writer.samples("/markers")) == 300, "nothing is thrown away"
 
 
+def renumbered(seconds_before_end: float, *, with_event: bool = True, level_after: float = 0.0) -> Bench:
+    """A capture of 4 s whose frame numbers restart before its end, and 3 s after its end."""
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(4.0 - seconds_before_end)
+    bench.event("numbering_restarted")
+    bench.frame = 1
+    bench.run(seconds_before_end)
+    bench.stop_capture(with_event)
+    bench.level = level_after
+    bench.capturing = not with_event
+    bench.run(3.0)
+    return bench
+
+
+def test_frame_numbers_that_restart_during_a_capture_do_not_end_it_and_the_trial_is_not_accepted() -> None:
+    bench = renumbered(2.0)
+    assert (bench.trial.state, bench.codes) == (
+        TrialState.FAILED,
+        [TrialCode.CAPTURE_ENDED, TrialCode.FRAMES_RENUMBERED],
+    )
+    assert sum(len(s.sample_numbers) for s in bench.writer.samples("/markers")) == 400
+    assert bench.writer.events().count("frames_renumbered") == 1
+
+
+def test_frame_numbers_that_restart_just_before_the_capture_ends_are_those_of_a_preview() -> None:
+    bench = renumbered(0.5)
+    assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])
+    bench = renumbered(0.5, with_event=False)
+    assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED_RENUMBERED])
+
+
 def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
     bench = Bench().arm()
     bench.run(1.0)
