@@ -8,7 +8,9 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +18,9 @@ from typing import BinaryIO
 
 LARGEST_TABLE, LARGEST_MODEL, LARGEST_SUIT = 128 * 2**20, 64 * 2**20, 32 * 2**10
 """Largest sizes [bytes]: a motion or other table, an OpenSim document, a suit in TOML."""
+
+REPLACE_TIMEOUT_S, REPLACE_PAUSE_S = 3.0, 0.1
+"""Wall seconds: a virus scanner holds a new file for about one."""
 
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # opening a pipe would wait for its writer
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
@@ -66,14 +71,35 @@ def replaced(path: Path, *, with_folder: bool = True) -> Iterator[Path]:
     try:
         if with_folder:
             path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".draft-", dir=path.parent) as folder:
+        # a virus scanner may still read the draft when its folder is removed
+        with tempfile.TemporaryDirectory(prefix=".draft-", dir=path.parent, ignore_cleanup_errors=True) as folder:
             draft = Path(folder) / path.name
             yield draft
-            os.replace(draft, path)  # noqa: PTH105  (the clearer name)
+            replace_file(draft, path)
     except OSError as error:
         if error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def replace_file(draft: Path, path: Path) -> None:
+    """Rename draft to path, in place of a file of that name.
+
+    Windows refuses this while another program has one of the files open: it is tried for REPLACE_TIMEOUT_S.
+    """
+    give_up_s = time.monotonic() + REPLACE_TIMEOUT_S
+    while True:
+        try:
+            draft.replace(path)
+        except PermissionError as error:
+            if sys.platform != "win32":
+                raise
+            if time.monotonic() > give_up_s:
+                in_use = "open in another program, or read-only; close it there and run the command again"
+                raise PermissionError(errno.EACCES, in_use, str(path)) from error
+            time.sleep(REPLACE_PAUSE_S)
+        else:
+            return
 
 
 def _checked(descriptor: int, path: Path) -> int:

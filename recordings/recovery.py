@@ -11,6 +11,7 @@ from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
 
+from documents.regular_file import replace_file
 from recordings import topics
 from recordings.chunk_index import keep_index_encoded
 from recordings.chunks import Damage, read_entries
@@ -121,7 +122,7 @@ def _copy(path: Path, file: BinaryIO, progress: Callable[[int], None]) -> tuple[
 
 def _give_name(part: Path, output: Path) -> None:
     if not output.exists():
-        part.replace(output)
+        replace_file(part, output)
     elif not filecmp.cmp(part, output, shallow=False):
         raise RecordingError(
             f"{output} exists and holds something else; name another output", RecordingCode.OUTPUT_EXISTS

@@ -166,7 +166,7 @@ def _even_seconds(track: Track) -> Floats:
     A jump of the numbers begins a new run. Times after a jump of the clock are on the clock of the first sample.
     """
     numbers, stamps = track.sample_numbers.astype(np.int64), 1e-9 * track.device_time_ns.astype(np.float64)
-    stamps = stamps - np.append(0.0, np.cumsum(_clock_jumps(track)))
+    stamps[1:] -= np.cumsum(_clock_jumps(track))
     bounds = [0, *(np.flatnonzero(np.diff(numbers) != 1) + 1).tolist(), len(numbers)]
     seconds = stamps.copy()
     for first, last in pairwise(bounds):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.regular_file import replace_file
 from fitting.trial.reader import read_trials
 from recordings.manifest import Manifest, TrialOutcome
 from recordings.samples import Item, Loss, Samples, Stream
@@ -65,7 +66,7 @@ def write_recording(
             raise ImportRefused(Message(ImportCode.NOT_USABLE, reason))
         if path.exists():
             raise ImportRefused(Message(ImportCode.FILE_EXISTS, {"path": str(path)}))
-        draft.replace(path)
+        replace_file(draft, path)
         write_checksums(path)
     finally:
         writer.discard()

@@ -1,0 +1,77 @@
+"""Replacement of a file that another program has open. On Linux the rule of Windows is imitated."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TextIO
+
+import pytest
+
+from documents import regular_file
+from documents.regular_file import REPLACE_PAUSE_S, REPLACE_TIMEOUT_S, replace_file
+from tests.windows_files import behave_as_windows
+
+
+class Wall:
+    """Clock of the retries; the file is closed while the given pause is slept."""
+
+    def __init__(self, held: TextIO, closes_at: int) -> None:
+        self._held, self._closes_at = held, closes_at
+        self.pauses = 0
+
+    def monotonic(self) -> float:
+        return self.pauses * REPLACE_PAUSE_S
+
+    def sleep(self, seconds: float) -> None:
+        assert seconds == REPLACE_PAUSE_S
+        self.pauses += 1
+        if self.pauses == self._closes_at:
+            self._held.close()
+
+
+@pytest.mark.parametrize("held", ["draft", "cuffs.json"])
+@pytest.mark.parametrize("closes_at", [1, 5, 10_000])
+def test_an_open_file_is_replaced_once_it_is_closed_within_the_time_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: str, closes_at: int
+) -> None:
+    draft, path = tmp_path / "draft", tmp_path / "cuffs.json"
+    draft.write_text("new")
+    path.write_text("old")
+    if sys.platform != "win32":
+        behave_as_windows(monkeypatch, tmp_path)
+        monkeypatch.setattr(regular_file.sys, "platform", "win32")
+    with (tmp_path / held).open() as holder:
+        wall = Wall(holder, closes_at)
+        monkeypatch.setattr(regular_file, "time", wall)
+        if closes_at * REPLACE_PAUSE_S < REPLACE_TIMEOUT_S:
+            replace_file(draft, path)
+            assert wall.pauses == closes_at
+        else:
+            with pytest.raises(PermissionError, match="another program") as caught:
+                replace_file(draft, path)
+            assert caught.value.filename == str(path)
+            assert REPLACE_TIMEOUT_S < wall.monotonic() <= REPLACE_TIMEOUT_S + 2 * REPLACE_PAUSE_S
+            assert draft.read_text() == "new" and path.read_text() == "old"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file is replaced there only after it is closed")
+def test_elsewhere_an_open_file_is_replaced_at_once_and_a_refusal_is_final(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draft, path = tmp_path / "draft", tmp_path / "cuffs.json"
+    draft.write_text("new")
+    path.write_text("old")
+    with path.open() as holder:
+        replace_file(draft, path)
+        assert (path.read_text(), holder.read()) == ("new", "old")
+    refusals: list[Path] = []
+
+    def refuse(_: Path, target: Path) -> None:
+        refusals.append(target)
+        raise PermissionError
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    with pytest.raises(PermissionError):
+        replace_file(draft, path)
+    assert refusals == [path]
