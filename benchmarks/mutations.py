@@ -55,7 +55,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "solver.suit.decision": (),
     "solver.suit.quantity": (),
     "station.bench.sync_line": (),
-    "station.bench.trial_state_machine": (),
+    "station.bench.trial_state_machine": ("tests/station/bench/test_silence.py",),
     "station.interval": (),
     "station.journal": (),
     "station.session.plan_status": (),

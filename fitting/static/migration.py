@@ -22,17 +22,17 @@ def fit_migration(trials: Sequence[Sequence[Plateau]], creep: Creep | None = Non
 
     creep is that of the same trials. None if the first trial does not start unloaded or the last does not end unloaded.
     """
-    held = [plateaus for plateaus in trials if plateaus]
+    held = [number for number, plateaus in enumerate(trials) if plateaus]
     if not held:
         return None
-    first, last = held[0][0], held[-1][-1]
-    all_loads = [plateau for plateaus in held for plateau in plateaus]
+    first, last = trials[held[0]][0], trials[held[-1]][-1]
+    all_loads = [plateau for plateaus in trials for plateau in plateaus]
     if first is last or not is_unloaded(first, all_loads) or not is_unloaded(last, all_loads):
         return None
     value, noise = last.displacement - first.displacement, math.hypot(first.displacement_sd, last.displacement_sd)
     if creep is None or not creep.is_measured:
         return _estimate(value, {"noise": noise})
-    recovery = creep.recovery(len(trials) - 1)
+    recovery = creep.recovery(held[-1])
     relative = math.hypot(RECOVERY_SD, creep.fraction.standard_error / creep.fraction.value)
     return _estimate(value + recovery, {"noise": noise, "creep": abs(recovery) * relative})
 

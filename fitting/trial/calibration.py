@@ -105,10 +105,8 @@ def code_width(raw: NDArray[np.float64]) -> float:
     0 if the values are too dense to show a step (a 24-bit indicator, a recording of floats).
     """
     levels = np.unique(raw)
-    if len(levels) < 2:
-        return 0.0
     gaps = np.diff(levels)
-    gaps = gaps[gaps > 1e-9 * np.abs(levels).max()]  # equal codes may differ by rounding of the volts
+    gaps = gaps[gaps > 1e-9 * np.abs(levels).max(initial=0.0)]  # equal codes may differ by rounding of the volts
     if not len(gaps):
         return 0.0
     step = float(gaps.min())

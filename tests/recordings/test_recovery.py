@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -174,6 +175,20 @@ def test_a_different_file_of_the_same_name_is_left_alone(whole: Path, tmp_path: 
     with raises_refusal(RecordingCode.OUTPUT_EXISTS):
         recover(cut, cut)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["b.mcap", "cut.mcap"]
+
+
+def test_a_different_file_of_the_same_size_and_time_is_left_alone(whole: Path, tmp_path: Path) -> None:
+    other = tmp_path / "b.mcap"
+    different = bytes([255 - whole.read_bytes()[0]]) + whole.read_bytes()[1:]
+    other.write_bytes(different)
+
+    def give_it_the_time_of_the_copy(_: int) -> None:
+        (part,) = tmp_path.glob("*.part")
+        os.utime(other, ns=(part.stat().st_mtime_ns,) * 2)
+
+    with raises_refusal(RecordingCode.OUTPUT_EXISTS):
+        recover(whole, other, give_it_the_time_of_the_copy)
+    assert other.read_bytes() == different
 
 
 def test_a_file_with_nothing_to_keep_leaves_no_output(tmp_path: Path) -> None:

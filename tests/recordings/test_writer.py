@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from recordings.errors import RecordingCode, WriteFailed
 from recordings.manifest import TrialOutcome
@@ -21,6 +22,7 @@ from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
+    START_NS,
     STREAMS,
     WallClock,
     bits,
@@ -48,6 +50,34 @@ def test_the_outcome_counts_what_came_before(tmp_path: Path) -> None:
     assert outcome.samples == {"/force": 1000, "/sync": 1000, "/markers": 100}
     assert outcome.messages["/events"] == 2
     assert outcome.messages["/manifest"] == 2
+
+
+def test_what_has_no_time_of_its_own_has_the_latest_of_the_items_before(tmp_path: Path) -> None:
+    times_ns = [START_NS + seconds * 10**9 for seconds in (2, 5, 3)]
+    path = record(tmp_path / "a.mcap", [Event("mark", "", time_ns, "operator") for time_ns in times_ns])
+    with path.open("rb") as file:
+        logged = [message.log_time for *_, message in make_reader(file).iter_messages(log_time_order=False)]
+    before, after = logged[: 1 + len(STREAMS)], logged[-2 - len(STREAMS) :]
+    assert (set(before), set(after)) == ({START_NS}, {times_ns[1]})
+
+
+@pytest.mark.parametrize(("waited_s", "is_synced"), [(0.799, False), (0.8, True)])
+def test_a_message_is_synced_to_the_disk_after_0_8_s(tmp_path: Path, waited_s: float, is_synced: bool) -> None:
+    wall, syncs = WallClock(), list[float]()
+    writer = RecordingWriter(
+        tmp_path / "a.mcap",
+        MANIFEST,
+        STREAMS,
+        clock=wall,
+        sync=lambda _: syncs.append(wall.now),
+        background=lambda work: work(),
+    )
+    wall.now = 0.0
+    writer.write(scalars("/force", 0, 10))
+    wall.now = waited_s
+    writer.flush_if_due()
+    assert (waited_s in syncs) is is_synced
+    writer.discard()
 
 
 def test_an_existing_file_is_refused_and_left_alone(tmp_path: Path) -> None:
@@ -170,7 +200,8 @@ def test_the_first_failed_write_is_final_and_names_the_last_stored_samples(tmp_p
         except WriteFailed as error:
             failures += 1
             stored = stored or dict(writer.stored)
-            assert f"the last stored samples are /force {stored['/force'].last_sample_number}" in str(error)
+            last = stored["/force"].last_sample_number
+            assert f"(no more room): the last stored samples are /force {last}" in str(error)
     assert failures > 1
     assert writer.stored == stored
     with pytest.raises(WriteFailed):
@@ -331,8 +362,10 @@ def test_an_empty_block_is_nothing_to_store(tmp_path: Path) -> None:
 
 def test_a_block_that_its_stream_did_not_announce_is_refused(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS)
-    with raises_refusal(RecordingCode.WRONG_BLOCK):
+    with raises_refusal(RecordingCode.WRONG_BLOCK, naming="4 columns"):
         writer.write(frames(0, 2, markers=7))
+    with raises_refusal(RecordingCode.WRONG_BLOCK, naming="announced was nothing"):
+        writer.write(scalars("/load_cell", 0, 2))
     writer.write(frames(0, 2))
     writer.close(ACCEPTED)
     assert len(open_recording(tmp_path / "a.mcap").load("/markers").values) == 2

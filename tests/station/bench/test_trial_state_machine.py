@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from recordings.samples import Event, Loss
-from station.bench.snapshot import TrialState
+from station.bench.snapshot import Snapshot, TrialState
+from station.bench.trial_state_machine import TrialStateMachine
 from station.messages.codes import TrialCode
 from station.messages.message import Message
-from tests.station.bench_by_hand import Bench
+from tests.station.bench_by_hand import STREAMS, Bench
 
 
 def test_a_trial_runs_from_the_edge_to_the_capture_s_end_and_is_accepted() -> None:
@@ -196,3 +199,59 @@ def test_a_mark_is_recorded_after_the_sync_edge() -> None:
     marks = [item.text for item in bench.writer.items if isinstance(item, Event) and item.kind == "mark"]
     assert marks == ["mark 1", "mark 2"]
     assert bench.trial.snapshot().marks == 2
+
+
+def test_a_snapshot_has_the_time_that_an_armed_trial_has_waited_and_what_is_left() -> None:
+    bench = Bench(timeout_s=10.0)
+    bench.clock.advance(100.0)
+    assert bench.trial.snapshot() == Snapshot(TrialState.IDLE, bench.trial.messages)
+    assert not bench.trial.wants_capture_start and not bench.trial.is_over
+    bench.arm()
+    bench.run(1.0)
+    assert not bench.trial.wants_capture_start
+    bench.run(2.0)
+    shot = bench.trial.snapshot()
+    assert (shot.waited_s, shot.left_s, shot.recorded_s) == (pytest.approx(3.0), pytest.approx(7.0), 0.0)
+    assert (shot.sync_level_v, shot.edge_device_ns, shot.streams) == (0.0, None, tuple(STREAMS))
+    assert bench.trial.wants_capture_start and not bench.trial.has_edge
+    bench.clock.advance(10.0)
+    assert bench.trial.snapshot().left_s == 0.0
+
+
+def test_a_snapshot_counts_the_recording_from_the_edge_on_the_daq_s_clock() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    edge_ns = bench.sample * 1_000_000
+    bench.start_capture()
+    bench.run(2.0)
+    bench.trial.handle(Loss("/force", "overrun", 10_000, 3, 0, bench.clock.utc_ns()))
+    shot = bench.trial.snapshot()
+    assert bench.trial.has_edge and shot.edge_device_ns == edge_ns
+    assert shot.recorded_s == pytest.approx((bench.sample * 1_000_000 - 1_000_000 - edge_ns) * 1e-9)
+    assert (shot.waited_s, shot.left_s, shot.lost_samples) == (0.0, 0.0, 3)
+    assert bench.trial.lost_samples == 3
+    bench.sample = 0  # a DAQ that was reconnected counts from 0 again
+    bench.send_daq(np.full(100, 5.0))
+    assert bench.trial.snapshot().recorded_s == 0.0
+
+
+@pytest.mark.parametrize(
+    ("end", "message"),
+    [
+        (
+            lambda trial: trial.fail("NI Dev1 is gone", "NI Dev1"),
+            Message(TrialCode.DEVICE_LOST, {"text": "NI Dev1 is gone"}),
+        ),
+        (lambda trial: trial.abandon("disk full"), Message(TrialCode.WRITE_FAILED, {"text": "disk full"})),
+    ],
+    ids=["device lost", "writing failed"],
+)
+def test_a_trial_that_cannot_go_on_is_over_with_the_cause(
+    end: Callable[[TrialStateMachine], None], message: Message[TrialCode]
+) -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    assert not bench.trial.is_over
+    end(bench.trial)
+    assert (bench.trial.is_over, bench.trial.state, bench.trial.messages) == (True, TrialState.FAILED, (message,))
+    assert bench.trial.sentence == str(message)
