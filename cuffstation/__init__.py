@@ -7,80 +7,105 @@
 
 The twelve functions below, the types of their results and the roots of their exceptions follow semantic versioning;
 everything else may change. Units are SI from a trial on; a recording keeps the unit of its device in Stream.unit.
+
+A name is imported at its first use (PEP 562), so that reading a recording loads neither SciPy nor the solver.
 """
 
 from __future__ import annotations
 
-from importlib.metadata import version
+from importlib import import_module
+from typing import TYPE_CHECKING
 
-from drivers.errors import DeviceError
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit
-from fitting.cuffs.cuffs_file import read_cuffs, write_cuffs
-from fitting.cuffs.wearable_cuff import WearableCuff
-from fitting.errors import FitError
-from fitting.uncertainty import Estimate
-from recordings.errors import RecordingError
-from recordings.reader import Recording, Track
-from solver.errors import SolverError
-from solver.model import Model
-from solver.motion import Kinematics
-from solver.multibody.joint_reactions import ReactionRequest
-from solver.redundancy.motion_solution import MotionSolution
-from solver.redundancy.options import RedundancyOptions
-from solver.redundancy.reserves import Reserve, with_reserves
-from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
-from solver.stream.stream_solver import StreamSolver
-from solver.suit.assessment import Assessment
-from station.errors import StationError
-from station.library import (
-    assess,
-    fit_donning,
-    fit_session,
-    load_model,
-    load_motion,
-    open_stream,
-    read_recording,
-    solve_motion,
-)
-from station.report.plot import plot
+if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
+    from drivers.errors import DeviceError as DeviceError
+    from fitting.cuffs.cuff_fit import CuffFit as CuffFit
+    from fitting.cuffs.cuff_fit import SessionFit as SessionFit
+    from fitting.cuffs.cuffs_file import read_cuffs as read_cuffs
+    from fitting.cuffs.cuffs_file import write_cuffs as write_cuffs
+    from fitting.cuffs.wearable_cuff import WearableCuff as WearableCuff
+    from fitting.errors import FitError as FitError
+    from fitting.uncertainty import Estimate as Estimate
+    from recordings.errors import RecordingError as RecordingError
+    from recordings.reader import Recording as Recording
+    from recordings.reader import Track as Track
+    from solver.errors import SolverError as SolverError
+    from solver.model import Model as Model
+    from solver.motion import Kinematics as Kinematics
+    from solver.multibody.joint_reactions import ReactionRequest as ReactionRequest
+    from solver.redundancy.motion_solution import MotionSolution as MotionSolution
+    from solver.redundancy.options import RedundancyOptions as RedundancyOptions
+    from solver.redundancy.reserves import Reserve as Reserve
+    from solver.redundancy.reserves import with_reserves as with_reserves
+    from solver.stream.stream_frame import StreamFrame as StreamFrame
+    from solver.stream.stream_frame import StreamSuitFrame as StreamSuitFrame
+    from solver.stream.stream_solver import StreamSolver as StreamSolver
+    from solver.suit.assessment import Assessment as Assessment
+    from station.errors import StationError as StationError
+    from station.library import fit_donning as fit_donning
+    from station.library import fit_session as fit_session
+    from station.library import read_recording as read_recording
+    from station.report.plot import plot as plot
+    from station.solver_library import assess as assess
+    from station.solver_library import load_model as load_model
+    from station.solver_library import load_motion as load_motion
+    from station.solver_library import open_stream as open_stream
+    from station.solver_library import solve_motion as solve_motion
 
-__version__ = version("cuffstation")
+    __version__: str
 
-__all__ = [
-    "Assessment",
-    "CuffFit",
-    "DeviceError",
-    "Estimate",
-    "FitError",
-    "Kinematics",
-    "Model",
-    "MotionSolution",
-    "ReactionRequest",
-    "Recording",
-    "RecordingError",
-    "RedundancyOptions",
-    "Reserve",
-    "SessionFit",
-    "SolverError",
-    "StationError",
-    "StreamFrame",
-    "StreamSolver",
-    "StreamSuitFrame",
-    "Track",
-    "WearableCuff",
-    "assess",
-    "fit_donning",
-    "fit_session",
-    "load_model",
-    "load_motion",
-    "open_stream",
-    "plot",
-    "read_cuffs",
-    "read_recording",
-    "solve_motion",
-    "with_reserves",
-    "write_cuffs",
-]
+_MODULES = {
+    "Assessment": "solver.suit.assessment",
+    "CuffFit": "fitting.cuffs.cuff_fit",
+    "DeviceError": "drivers.errors",
+    "Estimate": "fitting.uncertainty",
+    "FitError": "fitting.errors",
+    "Kinematics": "solver.motion",
+    "Model": "solver.model",
+    "MotionSolution": "solver.redundancy.motion_solution",
+    "ReactionRequest": "solver.multibody.joint_reactions",
+    "Recording": "recordings.reader",
+    "RecordingError": "recordings.errors",
+    "RedundancyOptions": "solver.redundancy.options",
+    "Reserve": "solver.redundancy.reserves",
+    "SessionFit": "fitting.cuffs.cuff_fit",
+    "SolverError": "solver.errors",
+    "StationError": "station.errors",
+    "StreamFrame": "solver.stream.stream_frame",
+    "StreamSolver": "solver.stream.stream_solver",
+    "StreamSuitFrame": "solver.stream.stream_frame",
+    "Track": "recordings.reader",
+    "WearableCuff": "fitting.cuffs.wearable_cuff",
+    "assess": "station.solver_library",
+    "fit_donning": "station.library",
+    "fit_session": "station.library",
+    "load_model": "station.solver_library",
+    "load_motion": "station.solver_library",
+    "open_stream": "station.solver_library",
+    "plot": "station.report.plot",
+    "read_cuffs": "fitting.cuffs.cuffs_file",
+    "read_recording": "station.library",
+    "solve_motion": "station.solver_library",
+    "with_reserves": "solver.redundancy.reserves",
+    "write_cuffs": "fitting.cuffs.cuffs_file",
+}
+"""Public name → the module that has it."""
+
+__all__ = list(_MODULES)
+
+
+if not TYPE_CHECKING:  # else a type checker accepts any name
+
+    def __getattr__(name: str) -> object:
+        if name == "__version__":
+            from importlib.metadata import version
+
+            value: object = version("cuffstation")
+        elif name in _MODULES:
+            value = getattr(import_module(_MODULES[name]), name)
+        else:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = value  # later uses do not come here
+        return value
 
 
 def __dir__() -> list[str]:

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, PPoly
-from scipy.linalg import solveh_banded
-from scipy.sparse import csr_array
 
 DEGREE = 4
 
@@ -27,7 +25,7 @@ class Spline:
     def size(self) -> int:
         return self._intervals + DEGREE
 
-    def design(self, time: NDArray[np.float64]) -> tuple[csr_array, ...]:
+    def design(self, time: NDArray[np.float64]) -> tuple[scipy.sparse.csr_array, ...]:
         """Matrices (len(time), size) that map coefficients to position and its first three derivatives.
 
         Times outside the spline are clipped to its ends.
@@ -38,7 +36,9 @@ class Spline:
         columns = (interval[:, None] + np.arange(DEGREE + 1)).ravel()
         rows = np.arange(0, columns.size + 1, DEGREE + 1)
         return tuple(
-            csr_array(((powers @ pieces).ravel() / self.step**order, columns, rows), shape=(len(time), self.size))
+            scipy.sparse.csr_array(
+                ((powers @ pieces).ravel() / self.step**order, columns, rows), shape=(len(time), self.size)
+            )
             for order, pieces in enumerate(_pieces())
         )
 
@@ -50,8 +50,8 @@ class Spline:
 @cache
 def _pieces() -> tuple[NDArray[np.float64], ...]:
     """(5, 5) per derivative: coefficients of u⁰ … u⁴ of the five B-splines that are non-zero on 0 ≤ u ≤ 1."""
-    bump = BSpline.basis_element(np.arange(DEGREE + 2), extrapolate=False)
-    whole = PPoly.from_spline((bump.t, bump.c, DEGREE))
+    bump = scipy.interpolate.BSpline.basis_element(np.arange(DEGREE + 2), extrapolate=False)
+    whole = scipy.interpolate.PPoly.from_spline((bump.t, bump.c, DEGREE))
     found = []
     for order in range(4):
         piece = whole.derivative(order) if order else whole
@@ -62,14 +62,14 @@ def _pieces() -> tuple[NDArray[np.float64], ...]:
     return tuple(found)
 
 
-def linear_combination(factors: Sequence[float], designs: Sequence[csr_array]) -> csr_array:
+def linear_combination(factors: Sequence[float], designs: Sequence[scipy.sparse.csr_array]) -> scipy.sparse.csr_array:
     """The sum of factor × design; the designs are for the same times and have the same sparsity pattern."""
     first = designs[0]
     entries = np.asarray(factors) @ np.stack([design.data for design in designs])
-    return csr_array((entries, first.indices, first.indptr), shape=(first.shape[0], first.shape[1]))
+    return scipy.sparse.csr_array((entries, first.indices, first.indptr), shape=(first.shape[0], first.shape[1]))
 
 
-def regularised(matrix: csr_array) -> csr_array:
+def regularised(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
     """The matrix plus 1e-9 of its largest diagonal entry: a coefficient without samples in its support stays at 0."""
     diagonal = matrix.diagonal()
     added = matrix.copy()
@@ -77,9 +77,9 @@ def regularised(matrix: csr_array) -> csr_array:
     return added
 
 
-def solve_banded(matrix: csr_array, right: NDArray[np.float64]) -> NDArray[np.float64]:
+def solve_banded(matrix: scipy.sparse.csr_array, right: NDArray[np.float64]) -> NDArray[np.float64]:
     """matrix⁻¹ right for a symmetric positive definite matrix with the bandwidth of the spline."""
     bands = np.zeros((DEGREE + 1, matrix.shape[0]))
     for offset in range(DEGREE + 1):
         bands[DEGREE - offset, offset:] = matrix.diagonal(offset)
-    return np.asarray(solveh_banded(bands, right))
+    return np.asarray(scipy.linalg.solveh_banded(bands, right))

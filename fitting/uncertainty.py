@@ -99,7 +99,7 @@ class Repeat:
 
 def student_half_width(dof: float) -> float:
     """Half width of a 95 % interval over its standard error, if that was computed from scatter: Student's t."""
-    from scipy.special import stdtrit  # as scipy.stats, which takes a second to import
+    from scipy.special import stdtrit  # the recorder imports this file, and starts without SciPy
 
     return float(stdtrit(dof, 0.975))
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.coded_finding import CodedFinding, describe_codes
@@ -306,8 +307,6 @@ def _coordinate_of(column: str) -> str:
 
 
 def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:
-    from scipy import signal  # half a second to import, which solving alone does not need
-
     padding = 12
     if len(coordinates) <= padding:
         sentence = f"the filter needs more than {padding} frames and the motion has {len(coordinates)}; turn it off"
@@ -317,6 +316,6 @@ def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:
             f"the cutoff should lie between 0 and {rate / 2:g} Hz, half the motion's rate, and is {cutoff:g} Hz",
             SolverCode.WRONG_CUTOFF,
         )
-    b, a = signal.butter(4, cutoff / (rate / 2))
-    smooth: Array = signal.filtfilt(b, a, coordinates, axis=0, padtype="odd", padlen=padding)
+    b, a = scipy.signal.butter(4, cutoff / (rate / 2))
+    smooth: Array = scipy.signal.filtfilt(b, a, coordinates, axis=0, padtype="odd", padlen=padding)
     return smooth

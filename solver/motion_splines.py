@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
@@ -113,25 +114,21 @@ def _padded(time: Array, coordinates: Array, count: int) -> tuple[Array, Array]:
 
 def _low_pass(positions: Array, cutoff: float, interval: float) -> Array:
     """Butterworth of order 3, forwards and backwards; each pass leaves its first three samples as they are."""
-    from scipy import signal  # half a second to import
-
     if not 0 < cutoff < 0.5 / interval:
         raise MotionError(
             f"the cutoff should lie between 0 and {0.5 / interval:g} Hz, half the motion's rate, and is {cutoff:g} Hz",
             SolverCode.WRONG_CUTOFF,
         )
-    b, a = signal.butter(FILTER_ORDER, 2 * cutoff * interval)
+    b, a = scipy.signal.butter(FILTER_ORDER, 2 * cutoff * interval)
     for _ in range(2):
         before, rest = positions[:FILTER_ORDER], positions[FILTER_ORDER:]
-        states = [signal.lfiltic(b, a, first[::-1], first[::-1]) for first in before.T]
-        filtered, _ = signal.lfilter(b, a, rest, axis=0, zi=np.column_stack(states))
+        states = [scipy.signal.lfiltic(b, a, first[::-1], first[::-1]) for first in before.T]
+        filtered, _ = scipy.signal.lfilter(b, a, rest, axis=0, zi=np.column_stack(states))
         positions = np.concatenate([before, filtered])[::-1]
     return positions
 
 
 def _natural_spline(time: Array, values: Array) -> Any:
-    from scipy.interpolate import make_interp_spline  # slow to import
-
     flat = [(order, np.zeros(values.shape[1])) for order in range(HALF_ORDER, 2 * HALF_ORDER - 1)]
     ends_are_flat: Any = (flat, flat)
-    return make_interp_spline(time, values, k=2 * HALF_ORDER - 1, bc_type=ends_are_flat)
+    return scipy.interpolate.make_interp_spline(time, values, k=2 * HALF_ORDER - 1, bc_type=ends_are_flat)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.model import GROUND, Model, PathPoint, PointConstraint, WrapSurface
@@ -85,8 +86,6 @@ def _rings(surface: WrapSurface) -> Iterator[Bone]:
 
 def _plate(model: Model, body: int) -> Array | None:
     """Convex outline of the attachments in their plane, closed; None if they are few or along a line."""
-    from scipy.spatial import ConvexHull
-
     places = [
         point.location
         for muscle in model.muscles
@@ -99,7 +98,7 @@ def _plate(model: Model, body: int) -> Array | None:
     _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     if spread[1] < FLATNESS * spread[0]:
         return None
-    corners = ConvexHull((points - points.mean(axis=0)) @ axes[:2].T).vertices
+    corners = scipy.spatial.ConvexHull((points - points.mean(axis=0)) @ axes[:2].T).vertices
     return np.asarray(points[np.append(corners, corners[0])])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -37,10 +38,8 @@ def even_grid(time: Array) -> Array | None:
 
 def interpolated(time: Array, values: Array, grid: Array) -> Array:
     """Values (frames, columns) at other times, by cubic splines through those that are LEAST_STEP apart."""
-    from scipy.interpolate import CubicSpline  # slow to import
-
     kept = _apart(time, LEAST_STEP * float(grid[1] - grid[0]))
-    return np.asarray(CubicSpline(time[kept], values[kept])(grid))
+    return np.asarray(scipy.interpolate.CubicSpline(time[kept], values[kept])(grid))
 
 
 def _apart(time: Array, least: float) -> list[int]:

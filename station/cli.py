@@ -11,7 +11,6 @@ import math
 import os
 import re
 import sys
-from importlib.metadata import version
 from typing import Annotated, Any, NoReturn, get_args, get_type_hints
 
 import typer
@@ -115,6 +114,8 @@ def _is_infinite(text: str) -> bool:
 
 def _show_version(is_requested: bool) -> None:
     if is_requested:
+        from importlib.metadata import version
+
         print(f"cuffstation {version('cuffstation')}")
         raise typer.Exit
 

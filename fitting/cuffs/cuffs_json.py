@@ -21,7 +21,6 @@ from fitting.spatial.tensor import Tensor, entry_errors
 from fitting.spatial.tensors import Tensors
 from fitting.static.held_loads import HeldLoads
 from fitting.trial.calibration import Calibration
-from fitting.trial.sync_certificate import SyncCertificate
 from fitting.uncertainty import Estimate
 
 
@@ -35,7 +34,7 @@ def cuffs_json(session: SessionFit) -> str:
             {
                 "file": trial.file,
                 "reason": str(trial.reason),
-                "reason_code": plain_note(trial.reason),
+                "reason_code": trial.reason.to_plain(),
                 "damage": list(trial.damage),
             }
             for trial in session.rejected
@@ -69,7 +68,7 @@ def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
         "donning": fit.donning,
         "covariance": fit.covariance.tolist(),
         "notes": list(map(str, fit.notes)),
-        "note_codes": [plain_note(note) for note in fit.notes],
+        "note_codes": [note.to_plain() for note in fit.notes],
         "diagnostics": dict(fit.diagnostics),
         **({"lag": _plain_lag(fit.lag)} if fit.lag else {}),
         **({"static": plain_held_loads(fit.held)} if fit.held and fit.held.has_loads else {}),
@@ -111,12 +110,12 @@ def _plain_trial(trial: TrialFit) -> dict[str, Any]:
         "run": trial.run,
         "state": trial.state,
         "reason": str(trial.reason) if trial.reason else "",
-        "reason_code": plain_note(trial.reason) if trial.reason else None,
+        "reason_code": trial.reason.to_plain() if trial.reason else None,
         "notes": list(map(str, trial.notes)),
-        "note_codes": [plain_note(note) for note in trial.notes],
+        "note_codes": [note.to_plain() for note in trial.notes],
         "origin": trial.origin,
         "damage": list(trial.damage),
-        "sync": plain_sync(trial.sync),
+        "sync": None if trial.sync is None else trial.sync.to_plain(),
         "zero_drift_n": trial.zero_drift,
         **_plain_estimates(trial),
         **({"dynamic": plain_swing(trial.swing)} if trial.swing else {}),
@@ -126,11 +125,6 @@ def _plain_trial(trial: TrialFit) -> dict[str, Any]:
 def _plain_estimates(fit: CuffFit | TrialFit) -> dict[str, Any]:
     """Stiffness, damping and migration, with null where the trials give no figure."""
     return {key: plain_estimate(getattr(fit, name)) for name, key in QUANTITIES.items()}
-
-
-def plain_note(note: Note) -> dict[str, Any]:
-    """A code with its figures."""
-    return {"code": note.code, "figures": dict(note.figures)}
 
 
 def plain_estimate(estimate: Estimate | None) -> dict[str, Any]:
@@ -155,7 +149,7 @@ def plain_tensor(tensor: Tensor | None, reason: Note | None) -> dict[str, Any]:
         return {
             "value": None,
             "reason": str(reason) if reason else "",
-            "reason_code": plain_note(reason) if reason else None,
+            "reason_code": reason.to_plain() if reason else None,
         }
     return {
         "value": tensor.value.tolist(),
@@ -225,29 +219,6 @@ def plain_swing(fit: DampingFit) -> dict[str, Any]:
     }
 
 
-def plain_sync(sync: SyncCertificate | None) -> dict[str, Any] | None:
-    """The trial's sync certificate; null without a sync line."""
-    if sync is None:
-        return None
-    return {
-        "has_both_edges": sync.has_both_edges,
-        "offset_s": sync.offset,
-        "offset_standard_error_s": sync.offset_sd,
-        "clock_ratio_ppm": 1e6 * sync.drift,
-        "clock_ratio_standard_error_ppm": 1e6 * sync.drift_sd,
-        "clock_ratio_ci95_ppm": None if sync.drift_ci95 is None else [1e6 * end for end in sync.drift_ci95],
-        "clock_ratio_is_identified": sync.is_identified,
-        "stop_edge_contradiction_s": sync.contradiction,
-        "peak_force_rate_n_per_s": sync.force_rate,
-        "peak_speed_m_per_s": sync.speed,
-        "time_standard_error_s": sync.errors.time,
-        "force_standard_error_n": sync.errors.force,
-        "displacement_standard_error_m": sync.errors.displacement,
-        "findings": list(map(str, sync.findings)),
-        "finding_codes": [plain_note(note) for note in sync.findings],
-    }
-
-
 def plain_calibration(calibration: Calibration | None) -> dict[str, Any] | None:
     """Calibration of the load cell by bounce trials, and when the newest was recorded; null without one."""
     if calibration is None:
@@ -261,7 +232,7 @@ def plain_calibration(calibration: Calibration | None) -> dict[str, Any] | None:
         "recorded_utc": recorded.isoformat(),
         "sources": dict(calibration.sources),
         "notes": list(map(str, calibration.notes)),
-        "note_codes": [plain_note(note) for note in calibration.notes],
+        "note_codes": [note.to_plain() for note in calibration.notes],
     }
 
 

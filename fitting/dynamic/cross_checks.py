@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import hilbert
 
 from fitting.dynamic.errors_in_variables import TAU, C, K, Solution
 from fitting.dynamic.output_error import output_error
@@ -137,7 +137,7 @@ def _neighbour_correlation(time: NDArray[np.float64], residual: NDArray[np.float
 def _residual_amplitudes(swing: Swing, solution: Solution, orders: Sequence[float], frequency: float) -> list[float]:
     """Amplitudes [N] of the residual at `orders` times the frequency of the swing."""
     straight = np.polyval(np.polyfit(swing.force_time, solution.x, 1), swing.force_time)
-    phase = np.unwrap(np.angle(hilbert(solution.x - straight)))
+    phase = np.unwrap(np.angle(scipy.signal.hilbert(solution.x - straight)))
     seen = np.isfinite(solution.marker_residual)
     at_markers = np.interp(swing.marker_time[seen], swing.force_time, phase)
     k, c = solution.parameters[[K, C]]

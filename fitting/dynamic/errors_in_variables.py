@@ -16,8 +16,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from fitting.dynamic.swing import Swing
 from fitting.errors import UnusableTrial
@@ -105,8 +105,8 @@ class _Step:
     noise: tuple[float, float]
     marker_residual: NDArray[np.float64]
     force_residual: NDArray[np.float64]
-    normal: csr_array
-    normal_of_force: csr_array
+    normal: scipy.sparse.csr_array
+    normal_of_force: scipy.sparse.csr_array
     jacobian: NDArray[np.float64]
     information: NDArray[np.float64]
     gradient: NDArray[np.float64]
@@ -156,8 +156,8 @@ def _is_negligible(change: NDArray[np.float64], information: NDArray[np.float64]
 
 def _linearise(
     swing: Swing,
-    markers: csr_array,
-    design: tuple[csr_array, ...],
+    markers: scipy.sparse.csr_array,
+    design: tuple[scipy.sparse.csr_array, ...],
     seen: NDArray[np.bool_],
     noise: tuple[float, float],
     parameters: NDArray[np.float64],
@@ -167,9 +167,11 @@ def _linearise(
     s_x, s_f = noise
     u = _ramp(swing)
     G = linear_combination((k, c, swing.mass), (position, velocity, acceleration))
-    normal_of_force = csr_array(csr_array(G.T @ G) / s_f**2)
-    seen_markers = csr_array(markers[seen])
-    normal = regularised(csr_array(normal_of_force + csr_array(seen_markers.T @ seen_markers) / s_x**2))
+    normal_of_force = scipy.sparse.csr_array(scipy.sparse.csr_array(G.T @ G) / s_f**2)
+    seen_markers = scipy.sparse.csr_array(markers[seen])
+    normal = regularised(
+        scipy.sparse.csr_array(normal_of_force + scipy.sparse.csr_array(seen_markers.T @ seen_markers) / s_x**2)
+    )
     load = swing.force - f0 - f1 * u
     theta = solve_banded(normal, seen_markers.T @ swing.displacement[seen] / s_x**2 + G.T @ load / s_f**2)
     x, v, a, j = (np.asarray(derivative @ theta) for derivative in design)
@@ -214,7 +216,7 @@ def _solution(step: _Step, seen: NDArray[np.bool_]) -> Solution:
 def _start(swing: Swing, spline: Spline) -> NDArray[np.float64]:
     """Start for Gauss-Newton: least squares of the force on a spline fitted to the markers alone."""
     markers = spline.design(swing.marker_time)[0]
-    theta = solve_banded(regularised(csr_array(markers.T @ markers)), markers.T @ swing.displacement)
+    theta = solve_banded(regularised(scipy.sparse.csr_array(markers.T @ markers)), markers.T @ swing.displacement)
     position, velocity, _, _ = spline.design(swing.force_time)
     columns = np.column_stack((position @ theta, velocity @ theta, np.ones(len(swing.force)), _ramp(swing)))
     after = np.clip(np.searchsorted(swing.marker_time, swing.force_time), 1, len(swing.marker_time) - 1)

@@ -10,10 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.linalg import solve_toeplitz
-from scipy.signal import butter, cont2discrete, fftconvolve, lfilter, sosfiltfilt
 
 from fitting.dynamic.swing import Swing
 from fitting.results.outcome import FitOutcome
@@ -57,7 +55,7 @@ def output_error(swing: Swing, stiffness: float, damping: float) -> OutputErrorF
     if stiffness <= 0:
         return NO_SOLUTION  # the simulation would diverge
     time = np.arange(swing.force_time[0], swing.force_time[-1], STEP)
-    force = _without_noise(CubicSpline(swing.force_time, swing.force)(time))
+    force = _without_noise(scipy.interpolate.CubicSpline(swing.force_time, swing.force)(time))
     u = (2 * time - time[0] - time[-1]) / (time[-1] - time[0])
     compared = (swing.marker_time >= time[0] + SETTLING) & (swing.marker_time <= time[-1])
     at, seen = swing.marker_time[compared], swing.displacement[compared]
@@ -93,8 +91,8 @@ def _without_noise(force: NDArray[np.float64]) -> NDArray[np.float64]:
     """The force (n,) at STEP, low-pass filtered above its swing."""
     power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(len(force)))) ** 2
     swing = float(np.fft.rfftfreq(len(force), STEP)[np.searchsorted(np.cumsum(power), SWING_POWER * power.sum())])
-    low_pass = butter(4, min(HIGHEST, max(CUTOFF_FACTOR * swing, 1.0)), fs=1 / STEP, output="sos")
-    return np.asarray(sosfiltfilt(low_pass, force))
+    low_pass = scipy.signal.butter(4, min(HIGHEST, max(CUTOFF_FACTOR * swing, 1.0)), fs=1 / STEP, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(low_pass, force))
 
 
 def _motion(
@@ -102,9 +100,9 @@ def _motion(
 ) -> NDArray[np.float64]:
     """x (n,) [m] under a force (n,) [N] that is linear between the samples."""
     continuous = np.array([mass, c, k] if mass > 0 else [c, k])
-    numerator, denominator, _ = cont2discrete((np.ones(1), continuous), float(time[1] - time[0]), "foh")
+    numerator, denominator, _ = scipy.signal.cont2discrete((np.ones(1), continuous), float(time[1] - time[0]), "foh")
     start = force[0]
-    return np.asarray(start / k + lfilter(np.ravel(numerator), denominator, force - start))
+    return np.asarray(start / k + scipy.signal.lfilter(np.ravel(numerator), denominator, force - start))
 
 
 def _covariance(design: NDArray[np.float64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -112,7 +110,9 @@ def _covariance(design: NDArray[np.float64], residual: NDArray[np.float64]) -> N
     inverse = np.linalg.inv(design.T @ design)
     correlation = _autocovariance(residual, design.shape[1])
     both = np.concatenate((correlation[:0:-1], correlation))
-    coloured = np.column_stack([fftconvolve(column, both, "valid") for column in _padded(design, len(correlation) - 1)])
+    coloured = np.column_stack(
+        [scipy.signal.fftconvolve(column, both, "valid") for column in _padded(design, len(correlation) - 1)]
+    )
     return np.asarray(inverse @ (design.T @ coloured) @ inverse)
 
 
@@ -124,9 +124,11 @@ def _autocovariance(residual: NDArray[np.float64], parameters: int) -> NDArray[n
     """(n,) autocovariance of the autoregressive model that has the residuals' first ORDER ones (Yule-Walker)."""
     n = len(residual)
     first = np.array([residual[lag:] @ residual[: n - lag] for lag in range(ORDER + 1)]) / (n - parameters)
-    weights = solve_toeplitz(first[:-1], first[1:])
+    weights = scipy.linalg.solve_toeplitz(first[:-1], first[1:])
     # Further autocovariances follow from the recursion of the model.
-    rest = lfilter([1.0], np.concatenate(([1.0], -weights)), np.zeros(n - ORDER - 1), zi=_memory(first, weights))[0]
+    rest = scipy.signal.lfilter(
+        [1.0], np.concatenate(([1.0], -weights)), np.zeros(n - ORDER - 1), zi=_memory(first, weights)
+    )[0]
     return np.concatenate((first, rest))
 
 

@@ -15,9 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import czt
 
 from fitting.dynamic.swing import Swing
 from fitting.uncertainty import Estimate, student_estimate
@@ -138,7 +137,7 @@ def _lines(swing: Swing, start: float, end: float, noise: float) -> Lines:
     frequency = np.arange(1, highest + 1) / length
 
     grid, even = np.arange(start, end, step), np.arange(start, end, force_step)
-    displacement = CubicSpline(swing.marker_time[seen], swing.displacement[seen])(grid)
+    displacement = scipy.interpolate.CubicSpline(swing.marker_time[seen], swing.displacement[seen])(grid)
     waves = [
         step * _waves(displacement, step, length, highest),
         force_step * _waves(np.interp(even, swing.force_time, swing.force), force_step, length, highest),
@@ -159,7 +158,7 @@ def _lines(swing: Swing, start: float, end: float, noise: float) -> Lines:
 
 def _waves(values: NDArray[np.float64], step: float, length: float, highest: int) -> NDArray[np.complex128]:
     """Σ values exp(−2πi j t/T) for j = 0 … highest + 1, by the chirp z-transform."""
-    return np.asarray(czt(values, highest + 2, w=np.exp(-2j * np.pi * step / length)))
+    return np.asarray(scipy.signal.czt(values, highest + 2, w=np.exp(-2j * np.pi * step / length)))
 
 
 def _tapered(waves: NDArray[np.complex128], length: float, order: int) -> NDArray[np.complex128]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fitting.errors import CodedError
@@ -141,9 +142,7 @@ def _is_rectified(channel: Array, rate: float) -> bool:
 
 def _spectrum(channel: Array, rate: float) -> tuple[Array, Array]:
     """Frequency [Hz] and power of a channel about its mean."""
-    from scipy import signal
-
-    return signal.welch(channel - channel.mean(), rate, nperseg=min(len(channel), round(rate)))
+    return scipy.signal.welch(channel - channel.mean(), rate, nperseg=min(len(channel), round(rate)))
 
 
 def _hum_share(channel: Array, rate: float) -> float:

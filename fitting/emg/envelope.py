@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fitting.emg.channels import UnusableEmg, bridge_gaps
@@ -59,16 +60,14 @@ def emg_envelope(values: Array, rate: float, settings: EnvelopeSettings = LINEAR
     Lost samples (NaN) are interpolated; `find_faults` finds gaps that are too long for it. Raises UnusableEmg for a
     band above half the rate.
     """
-    from scipy import signal  # half a second to import
-
     low, high = settings.band_hz
     top = low if high is None else high
     if top >= rate / 2:
         raise UnusableEmg(FitErrorCode.EMG_BAND, {"highest_hz": top, "rate_hz": rate})
     kind: Literal["highpass", "bandpass"] = "highpass" if high is None else "bandpass"
     cutoffs = low if high is None else (low, high)
-    band = signal.butter(settings.band_order, cutoffs, kind, fs=rate, output="sos")
-    pass_band = signal.sosfiltfilt if settings.is_band_zero_phase else signal.sosfilt
+    band = scipy.signal.butter(settings.band_order, cutoffs, kind, fs=rate, output="sos")
+    pass_band = scipy.signal.sosfiltfilt if settings.is_band_zero_phase else scipy.signal.sosfilt
     filtered = np.asarray(pass_band(band, bridge_gaps(values), axis=0), dtype=np.float64)
     if settings.smoothing == "rms":
         return _moving_rms(filtered, max(round(settings.window_s * rate), 1))
@@ -77,10 +76,8 @@ def emg_envelope(values: Array, rate: float, settings: EnvelopeSettings = LINEAR
 
 def smooth(values: Array, rate: float, cutoff: float, order: int = 2) -> Array:
     """Butterworth low-pass of values (n, …) forwards and backwards, as MATLAB's filtfilt: odd padding of 3 · order."""
-    from scipy import signal
-
-    b, a = signal.butter(order, cutoff, fs=rate)
-    found: Array = signal.filtfilt(b, a, values, axis=0, padtype="odd", padlen=3 * order)
+    b, a = scipy.signal.butter(order, cutoff, fs=rate)
+    found: Array = scipy.signal.filtfilt(b, a, values, axis=0, padtype="odd", padlen=3 * order)
     return found
 
 

@@ -25,6 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -86,13 +87,11 @@ def correlation_interval(measured: Array, activation: Array, weight: Array, seed
 
 def _moments(centred: Array, autocorrelation: float) -> tuple[float, float, float, float]:
     """tr MR, ν, aᵀR a / (aᵀa)² and 1 − mean of R; R is Toeplitz and never built."""
-    from scipy.linalg import matmul_toeplitz
-
     samples = len(centred)
     column = autocorrelation ** np.arange(samples)
     pairs = np.concatenate(([samples], 2.0 * np.arange(samples - 1, 0, -1)))
     basis = np.column_stack((np.full(samples, samples**-0.5), centred / np.linalg.norm(centred)))
-    product = matmul_toeplitz(column, basis)
+    product = scipy.linalg.matmul_toeplitz(column, basis)
     inner = basis.T @ product
     trace = samples - float(np.trace(inner))
     squared = float(pairs @ column**2) - 2.0 * float(np.sum(product**2)) + float(np.sum(inner**2))

@@ -24,8 +24,8 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from fitting.laws.sampled_pull import SampledPull
 
@@ -313,7 +313,7 @@ def _relax(pull: SampledPull, time: float) -> NDArray[np.float64]:
     step = pull.time[1] - pull.time[0]
     decay = math.exp(-step / time)
     moved = np.diff(pull.displacement, prepend=pull.displacement[0])
-    return np.asarray(lfilter([time / step * (1 - decay)], [1, -decay], moved))
+    return np.asarray(scipy.signal.lfilter([time / step * (1 - decay)], [1, -decay], moved))
 
 
 def _slips(pulls: Sequence[SampledPull]) -> Iterator[list[NDArray[np.float64]]]:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from fitting.pull.plateaus import Plateau, is_unloaded
 from fitting.pull.pull import Pull
@@ -59,15 +59,15 @@ def sample_pull(pull: Pull, held: Sequence[Plateau], swing: Oscillation | None) 
     is_held = swing is None
     longest = 2 * ((len(filled) - 1) // 2) + 1  # for a short record
     window = max(5, min(longest, 2 * round((HELD_WINDOW if is_held else SWING_WINDOW) / frame / 2) + 1))
-    smooth = savgol_filter(filled, window, 0 if is_held else 2)
-    speed = savgol_filter(filled, window, 2, deriv=1, delta=frame)
+    smooth = scipy.signal.savgol_filter(filled, window, 0 if is_held else 2)
+    speed = scipy.signal.savgol_filter(filled, window, 2, deriv=1, delta=frame)
     step = max(STEP, float(np.median(np.diff(pull.force_time))))
     first = max(pull.force_time[0], pull.marker_time[0])
     time = np.arange(first, min(pull.force_time[-1], pull.marker_time[-1]), step)
     drift = _zero_rate(pull, held)
     force = _averaged(pull.force_time, pull.force, time, step) - (drift or 0.0) * (time - first)
     if not is_held:
-        inertia = pull.trial.cuff_mass * savgol_filter(filled, window, 2, deriv=2, delta=frame)
+        inertia = pull.trial.cuff_mass * scipy.signal.savgol_filter(filled, window, 2, deriv=2, delta=frame)
         force = force - np.interp(time, pull.marker_time, inertia)
     return SampledPull(
         time=time,
@@ -120,6 +120,6 @@ def _kept(time: NDArray[np.float64], held: Sequence[Plateau], swing: Oscillation
 
 def _noise_left(residual: NDArray[np.float64], window: int, order: int) -> float:
     """Standard deviation of white noise in the smoothed displacement, from the residual of the smoothing."""
-    kept = float(savgol_coeffs(window, order)[window // 2])
+    kept = float(scipy.signal.savgol_coeffs(window, order)[window // 2])
     removed = 1.4826 * float(np.median(np.abs(residual)))
     return removed * math.sqrt(kept / (1 - kept))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode
@@ -43,7 +43,7 @@ def require_common_steps(
 def _steps(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) difference of the means after and before every instant."""
     half = round(SIDE / BIN) // 2
-    mean = uniform_filter1d(values, 2 * half)
+    mean = scipy.ndimage.uniform_filter1d(values, 2 * half)
     stepped = np.zeros_like(mean)
     stepped[half:-half] = mean[2 * half :] - mean[: -2 * half]
     return stepped

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from fitting.trial.calibration import level_bias
 
@@ -96,7 +96,9 @@ def find_steps(time: NDArray[np.float64], force: NDArray[np.float64]) -> list[St
     count = np.bincount(index)
     middle = time[0] + width * (np.arange(len(count)) + 0.5)
     binned = np.interp(middle, middle[count > 0], np.bincount(index, force)[count > 0] / count[count > 0])
-    change, roughness = _change_of_mean(median_filter(binned, 5, mode="nearest"), max(2, round(SIDE / width)))
+    change, roughness = _change_of_mean(
+        scipy.ndimage.median_filter(binned, 5, mode="nearest"), max(2, round(SIDE / width))
+    )
     noise = 1.4826 * float(np.median(np.abs(change - np.median(change))))
     low, high = np.percentile(binned, [0.5, 99.5])
     is_moving = np.abs(change) > np.maximum(min(MIN_STEP, STEP_PART * float(high - low)), 6 * noise * roughness)

@@ -35,6 +35,10 @@ class Note:
     def __str__(self) -> str:
         return sentence_of(self.code, self.figures)
 
+    def to_plain(self) -> dict[str, object]:
+        """The code and its figures, as JSON."""
+        return {"code": self.code, "figures": dict(self.figures)}
+
 
 _SCALES = {"mm": 1e3, "ms": 1e3, "percent": 100.0, "per_minute": 60.0, "ppm": 1e6}
 """Unit in which a template shows an SI figure (`{shift_m:mm .2f}`) → factor."""

@@ -13,9 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 
 from fitting.errors import UnusableTrial
 from fitting.pull.pull import Pull
@@ -91,8 +90,10 @@ def _cut(pull: Pull, rope: NDArray[np.float64], oscillation: Oscillation | None)
     if np.count_nonzero(known) < len(time) / 2:
         raise NoTensor(TensorCode.ROPE_HIDDEN, {"quantity": "damping", "file": trial.file})
     u = np.column_stack([np.interp(time, time[known], column[known]) for column in rope.T])
-    low_pass = butter(4, min(HIGHEST, 0.4 / step), fs=1 / step, output="sos")
-    force = np.asarray(sosfiltfilt(low_pass, _force_at(pull.force_time, pull.force, time, step)[:, None] * u, axis=0))
+    low_pass = scipy.signal.butter(4, min(HIGHEST, 0.4 / step), fs=1 / step, output="sos")
+    force = np.asarray(
+        scipy.signal.sosfiltfilt(low_pass, _force_at(pull.force_time, pull.force, time, step)[:, None] * u, axis=0)
+    )
     x = pull.motion.displacement[inside]
     is_compared = np.isfinite(x).all(axis=1) & (time >= time[0] + SETTLING) & (time <= time[-1] - SETTLING)
     return _Swing(
@@ -107,7 +108,7 @@ def _force_at(
     per_block = max(1, int(step / 2 / float(np.median(np.diff(force_time)))))
     whole = len(force) // per_block * per_block
     means = (values[:whole].reshape(-1, per_block).mean(axis=1) for values in (force_time, force))
-    return np.asarray(CubicSpline(*means)(time))
+    return np.asarray(scipy.interpolate.CubicSpline(*means)(time))
 
 
 def _start(swings: Sequence[_Swing]) -> NDArray[np.float64]:

@@ -91,7 +91,7 @@ class Tensor:
             pairs = [np.outer(axes[:, j], axes[:, i]) / (values[i] - values[j]) for j in others]
             slopes = np.array([entries_of((pair + pair.T) / 2) * _TWICE for pair in pairs])
             largest = float(np.linalg.eigvalsh(slopes @ self.covariance @ slopes.T)[-1])
-            cones.append(min(math.pi / 2, self.factor / NORMAL_95 * math.sqrt(_CONE_95 * largest)))
+            cones.append(min(math.pi / 2, self.factor / NORMAL_95 * math.sqrt(chi_square_limit(2, 0.95) * largest)))
         return tuple(cones)
 
     def scaled_error(self, relative: float) -> NDArray[np.float64]:
@@ -150,7 +150,6 @@ def entry_errors(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 _TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-_CONE_95 = chi_square_limit(2, 0.95)
 
 
 def _different_directions(directions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,9 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
 
 from fitting.pull.plateaus import Plateau
 from fitting.pull.pull import Pull
@@ -98,7 +97,7 @@ def fit_creep(pulls: Sequence[Pull], fits: Sequence[StaticFit]) -> Creep | None:
     if not math.isfinite(tried[best]):
         return None
     bounds = float(logs[max(best - 1, 0)]), float(logs[min(best + 1, len(logs) - 1)])
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda log: problem.solve(log)[1], bounds=bounds, method="bounded", options={"maxiter": MAX_ROUNDS}
     )
     log = float(found.x)
@@ -236,7 +235,7 @@ def _lagged(
     force = np.interp(grid, pull.force_time, pull.force)
     first = plateaus[0].force if plateaus else float(force[0])
     decay = math.exp(-STEP / time_constant)
-    y = first + lfilter([0.0, 1 - decay], [1.0, -decay], force - first)
+    y = first + scipy.signal.lfilter([0.0, 1 - decay], [1.0, -decay], force - first)
     if not plateaus:
         return np.interp(time, grid, y), 0.0
     last = plateaus[-1]

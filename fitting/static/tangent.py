@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from fitting.results.outcome import FitOutcome
 from fitting.uncertainty import Estimate, normal_estimate, student_estimate
@@ -93,7 +93,7 @@ def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
         slope = float(weight @ (bent * displacement)) / float(weight @ bent**2)
         return slope, float(weight @ (displacement - slope * bent) ** 2)
 
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda growth: slope_of(growth)[1],
         bounds=(SOFTEST / span, STIFFEST / span),
         method="bounded",

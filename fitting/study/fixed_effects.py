@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, stats
+import scipy
 
 from fitting.study.reml import Array
 from fitting.study.variance_components import MixedModel
@@ -71,17 +71,17 @@ def predict_observation(model: MixedModel, shares: Array, noise: float, most_dof
 
 def quantile(dof: float) -> float:
     """97.5 % quantile of Student's t."""
-    return float(stats.t.ppf(0.975, dof)) if dof < LARGE_DOF else NORMAL_95
+    return float(scipy.stats.t.ppf(0.975, dof)) if dof < LARGE_DOF else NORMAL_95
 
 
 def _adjust(model: MixedModel) -> _Adjusted:
-    factor = linalg.cho_factor(model.covariance())
-    whitened = linalg.cho_solve(factor, model.fixed)  # V⁻¹X
+    factor = scipy.linalg.cho_factor(model.covariance())
+    whitened = scipy.linalg.cho_solve(factor, model.fixed)  # V⁻¹X
     phi: Array = np.linalg.inv(model.fixed.T @ whitened).astype(np.float64)
     beta = phi @ whitened.T @ model.values
     turned = model.matrices @ whitened  # V_iV⁻¹X
     first = -np.einsum("np,inq->ipq", whitened, turned)
-    solved = np.array([linalg.cho_solve(factor, matrix) for matrix in turned]).reshape(turned.shape)
+    solved = np.array([scipy.linalg.cho_solve(factor, matrix) for matrix in turned]).reshape(turned.shape)
     second = np.einsum("inp,jnq->ijpq", turned, solved)
     weights = model.theta_covariance()
     excess = np.einsum("ij,ijpq->pq", weights, second - np.einsum("ipr,rs,jsq->ijpq", first, phi, first))

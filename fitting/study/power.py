@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy import stats
+import scipy
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,6 @@ def difference_error(spread: ExpectedSpread, noise: float, volunteers: int, donn
 def paired_power(difference: float, standard_error: float, volunteers: int, significance: float) -> float:
     """Probability that a two-sided paired t test finds the difference: noncentral t, n − 1 degrees of freedom."""
     dof = volunteers - 1
-    critical = float(stats.t.ppf(1 - significance / 2, dof))
+    critical = float(scipy.stats.t.ppf(1 - significance / 2, dof))
     shift = abs(difference) / standard_error
-    return float(stats.nct.sf(critical, dof, shift) + stats.nct.cdf(-critical, dof, shift))
+    return float(scipy.stats.nct.sf(critical, dof, shift) + scipy.stats.nct.cdf(-critical, dof, shift))

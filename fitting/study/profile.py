@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from scipy import linalg, optimize, stats
+import scipy
 
 from fitting.study.reml import Array, ErrorContrasts, RemlSolution, maximise
 
@@ -72,15 +72,15 @@ def ratio_interval(
 def deviance_quantile(dof: int) -> float:
     """q of a variance with ν degrees of freedom: P(ν (x − 1 − log x) ≤ q) = 0.95 for ν x ~ χ²_ν."""
     freedom = min(max(dof, 1), MOST_DOF)
-    law = stats.chi2(freedom)
+    law = scipy.stats.chi2(freedom)
 
     def excess(quantile: float) -> float:
         height = 1 + quantile / freedom
-        low = optimize.brentq(lambda x: x - math.log(x) - height, math.exp(-height), 1.0)
-        high = optimize.brentq(lambda x: x - math.log(x) - height, 1.0, 4 + 4 * height)
+        low = scipy.optimize.brentq(lambda x: x - math.log(x) - height, math.exp(-height), 1.0)
+        high = scipy.optimize.brentq(lambda x: x - math.log(x) - height, 1.0, 4 + 4 * height)
         return float(law.cdf(freedom * high) - law.cdf(freedom * low)) - LEVEL
 
-    return float(optimize.brentq(excess, 3.0, 8.0))
+    return float(scipy.optimize.brentq(excess, 3.0, 8.0))
 
 
 def _split(contrasts: ErrorContrasts, index: int) -> tuple[tuple[Array, ...], Array]:
@@ -102,7 +102,7 @@ def _interval(
             try:
                 found = fix(value, begin)
                 break
-            except linalg.LinAlgError:  # on the border of θ ≥ 0, where no noise is known
+            except scipy.linalg.LinAlgError:  # on the border of θ ≥ 0, where no noise is known
                 continue
         else:
             return SINGULAR
@@ -123,4 +123,4 @@ def _root(excess: Callable[[float], float], low: float, high: float) -> float:
     """NaN where the deviance does not cross q between both."""
     if excess(low) * excess(high) > 0:
         return math.nan
-    return float(optimize.brentq(excess, low, high, xtol=PRECISION * high, rtol=PRECISION))
+    return float(scipy.optimize.brentq(excess, low, high, xtol=PRECISION * high, rtol=PRECISION))

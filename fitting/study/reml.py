@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from fitting.results.outcome import FitOutcome
 
@@ -77,7 +77,7 @@ class RemlSolution:
 
 def contrast(values: Array, fixed: Array, known: Array, incidences: Sequence[Array]) -> ErrorContrasts:
     """Error contrasts of y (n,), X (n, p), R (n, n) and Z_i (n, levels). X has full column rank."""
-    basis = linalg.null_space(fixed.T)
+    basis = scipy.linalg.null_space(fixed.T)
     contrasts = basis.T @ values
     scale = float(np.linalg.norm(contrasts) / np.sqrt(max(1, contrasts.size)))
     scale = scale or float(np.sqrt(np.trace(known) / len(known))) or 1.0
@@ -111,9 +111,9 @@ def dependencies(contrasts: ErrorContrasts) -> list[tuple[int, ...] | None]:
 
 def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
     """Raises LinAlgError where V(θ) is singular."""
-    factor = linalg.cho_factor(contrasts.covariance(theta))
-    solved = linalg.cho_solve(factor, contrasts.values)
-    solved_roots = [linalg.cho_solve(factor, root) for root in contrasts.roots]
+    factor = scipy.linalg.cho_factor(contrasts.covariance(theta))
+    solved = scipy.linalg.cho_solve(factor, contrasts.values)
+    solved_roots = [scipy.linalg.cho_solve(factor, root) for root in contrasts.roots]
     count = contrasts.count
     information, observed, gradient = np.zeros((count, count)), np.zeros((count, count)), np.zeros(count)
     projected = [root.T @ solved for root in contrasts.roots]  # Z_i' V⁻¹ y
@@ -152,9 +152,9 @@ def _newton_step(here: Curvature, free: NDArray[np.bool_]) -> Array:
     """Newton's step, or that of Fisher scoring where the observed information is not positive definite."""
     score, chosen = -here.gradient[free] / 2, np.ix_(free, free)
     try:
-        return linalg.cho_solve(linalg.cho_factor(here.observed[chosen]), score)
-    except linalg.LinAlgError:
-        return linalg.lstsq(here.information[chosen], score)[0]
+        return scipy.linalg.cho_solve(scipy.linalg.cho_factor(here.observed[chosen]), score)
+    except scipy.linalg.LinAlgError:
+        return scipy.linalg.lstsq(here.information[chosen], score)[0]
 
 
 def _descend(contrasts: ErrorContrasts, theta: Array, here: Curvature, step: Array) -> tuple[Array, Curvature] | None:
@@ -163,7 +163,7 @@ def _descend(contrasts: ErrorContrasts, theta: Array, here: Curvature, step: Arr
         tried = np.maximum(0.0, theta + step / 2**halving)
         try:
             there = evaluate(contrasts, tried)
-        except linalg.LinAlgError:
+        except scipy.linalg.LinAlgError:
             continue
         if there.deviance <= here.deviance + ROUNDING * (1 + abs(here.deviance)) and not np.array_equal(tried, theta):
             return tried, there

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from fitting.errors import FitError
 from fitting.results.outcome import FitOutcome
@@ -155,7 +155,7 @@ def _solve(contrasts: ErrorContrasts) -> RemlSolution:
     """Raises TooFewObservations where the values do not vary and no noise is known, so that V is singular."""
     try:
         return maximise(contrasts)
-    except linalg.LinAlgError as error:
+    except scipy.linalg.LinAlgError as error:
         raise TooFewObservations("the covariance is singular: no factor separates the observations") from error
 
 

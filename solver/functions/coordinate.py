@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -134,12 +135,10 @@ def natural_spline(x: Array, y: Array, half_order: int) -> PiecewisePolynomial:
 
     Beyond its ends it is a polynomial of degree half_order − 1.
     """
-    from scipy.interpolate import PPoly, make_interp_spline  # slow to import, and rarely needed
-
     flat = [(order, 0.0) for order in range(half_order, 2 * half_order - 1)]
     ends_are_flat: Any = (flat, flat) if flat else None
-    spline: Any = make_interp_spline(x, y, k=2 * half_order - 1, bc_type=ends_are_flat)
-    inner = PPoly.from_spline(spline)
+    spline: Any = scipy.interpolate.make_interp_spline(x, y, k=2 * half_order - 1, bc_type=ends_are_flat)
+    inner = scipy.interpolate.PPoly.from_spline(spline)
     is_piece = np.diff(inner.x) > 0.0
     origins, coefficients = inner.x[:-1][is_piece], inner.c[::-1].T[is_piece]
     ends = np.zeros((2, coefficients.shape[1]))

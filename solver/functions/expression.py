@@ -14,6 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.errors import ModelError
@@ -116,9 +117,7 @@ def _evaluated(node: ast.expr, scope: Mapping[str, Array]) -> Any:
 
 
 def _error_function(x: Array) -> Array:
-    from scipy.special import erf  # slow to import, and rarely needed
-
-    value: Array = erf(x)
+    value: Array = scipy.special.erf(x)
     return value
 
 

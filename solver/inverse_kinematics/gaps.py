@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome
@@ -52,6 +52,6 @@ def longest_whole_motion(model: Model, time: Array, solution: InverseKinematics)
             SolverCode.NOT_COVERED,
         )
     start, end = int(longest[0]), int(longest[-1]) + 1
-    whole = PchipInterpolator(time[longest], solution.coordinates[longest])(time[start:end])
+    whole = scipy.interpolate.PchipInterpolator(time[longest], solution.coordinates[longest])(time[start:end])
     motion = Motion(model.coordinate_names, time[start:end], whole)
     return WholeMotion(motion, start, end - start - len(longest), len(time) - (end - start))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
@@ -94,10 +95,8 @@ class _Data:
 
 def _interpolated(table: Array, time: Array) -> Array:
     """(frames, columns) of a table at other times than those of its first column; all columns in one spline."""
-    from scipy.interpolate import CubicSpline  # slow to import, and not needed without loads
-
     if len(table) > 3:
-        return np.asarray(CubicSpline(table[:, 0], table, bc_type="natural")(time))
+        return np.asarray(scipy.interpolate.CubicSpline(table[:, 0], table, bc_type="natural")(time))
     return np.column_stack([np.interp(time, table[:, 0], column) for column in table.T])
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.constants import g
+import scipy
 
 from solver.errors import SolverCode
 from solver.model import GROUND, Body, Marker, Model, WrapSurface
@@ -94,7 +94,7 @@ def _model(element: Element) -> Model:
     obstacles.ensure_none()
     return Model(
         name=element.name,
-        gravity=element.numbers("gravity", 3, f"0 {-g} 0"),
+        gravity=element.numbers("gravity", 3, f"0 {-scipy.constants.g} 0"),
         bodies=bodies,
         coordinates=tuple(names.coordinates),
         joints=tuple(joints),

@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -207,7 +208,6 @@ def _stacked_matrix(problem: ConicProblem, below: NDArray[np.bool_], above: NDAr
 
 def _clarabel_solver(problem: ConicProblem, matrix: Array, bounds: int) -> Any:
     import clarabel
-    from scipy import sparse  # both take long to import
 
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -221,10 +221,12 @@ def _clarabel_solver(problem: ConicProblem, matrix: Array, bounds: int) -> Any:
     cones += [clarabel.SecondOrderConeT(3)] * (2 * cubed)
     if cubed:
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = CUBE_TOLERANCE
-    rows = sparse.csc_matrix(np.vstack([np.hstack([matrix, np.zeros((len(matrix), 2 * cubed))]), _cube_rows(n, cubed)]))
+    rows = scipy.sparse.csc_matrix(
+        np.vstack([np.hstack([matrix, np.zeros((len(matrix), 2 * cubed))]), _cube_rows(n, cubed)])
+    )
     squares = np.r_[np.zeros(cubed), 2 * problem.weights[cubed:], np.zeros(2 * cubed)]
     linear = np.r_[np.zeros(n + cubed), problem.weights[:cubed]]
-    hessian, target = sparse.diags_array(squares, format="csc"), np.zeros(rows.shape[0])
+    hessian, target = scipy.sparse.diags_array(squares, format="csc"), np.zeros(rows.shape[0])
     return clarabel.DefaultSolver(hessian, linear, rows, target, cones, settings)
 
 

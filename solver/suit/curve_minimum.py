@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -29,12 +30,10 @@ class CurveMinimum:
 
 def find_minimum(rest_lengths: Array, cost: Array) -> CurveMinimum:
     """The lowest point of a cubic spline through the cost (rest lengths,) at the lengths tried (rest lengths,) [m]."""
-    from scipy.interpolate import CubicSpline  # slow to import, and needed only here
-
     edge = edge_of_minimum(cost)
     if edge or np.isnan(cost).any():
         return CurveMinimum(NOWHERE, NOWHERE, NOWHERE, edge)
-    spline = CubicSpline(rest_lengths, cost)
+    spline = scipy.interpolate.CubicSpline(rest_lengths, cost)
     flat = spline.derivative().roots(extrapolate=False)
     length = float(flat[np.argmin(spline(flat))])
     lowest = float(spline(length))

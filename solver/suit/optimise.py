@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
@@ -155,7 +156,6 @@ class _Search:
 
     def best(self, pairs: Sequence[Pair]) -> tuple[Suit, tuple[str, ...], SearchOutcome]:
         """The suit of least mean cost over these pairs of cuffs, the parameters at their bounds, and the outcome."""
-        from scipy.optimize import minimize  # slow to import, and needed only here
 
         def mean_cost(steps: Array) -> float:
             return self._mean_cost(steps, pairs)
@@ -168,7 +168,9 @@ class _Search:
             "fatol": 1e-6,
             "maxfev": TRIES_PER_FREEDOM * size,
         }
-        found = minimize(mean_cost, np.zeros(size), method="Nelder-Mead", bounds=self.bounds, options=options)
+        found = scipy.optimize.minimize(
+            mean_cost, np.zeros(size), method="Nelder-Mead", bounds=self.bounds, options=options
+        )
         outcome = SearchOutcome.CONVERGED if found.success else SearchOutcome.NOT_CONVERGED
         return self._suit(found.x), self._at_limit(found.x), outcome
 

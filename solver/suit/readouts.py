@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.redundancy.sequence import FrameOutcome
@@ -134,8 +135,6 @@ def efforts_at(suited: SuitedMotion, solved: Sequence[Solved]) -> Array:
     cubics (Fritsch and Carlson 1980, SIAM J. Numer. Anal. 17:238); 1 where the cord is slack throughout, NaN below the
     shortest rest length from which on all have a solution.
     """
-    from scipy.interpolate import PchipInterpolator  # slow to import, and needed only here
-
     slack, wanted = suited.slack_rest_length(solved[0][0]), suited.suit.rest_lengths
     every_length = np.concatenate([scenario.rest_lengths for scenario, _ in solved])
     lengths, first = np.unique(every_length, return_index=True)
@@ -143,6 +142,8 @@ def efforts_at(suited: SuitedMotion, solved: Sequence[Solved]) -> Array:
     is_used = (lengths < slack) & (np.cumsum(np.isnan(cost)[::-1])[::-1] == 0)
     efforts = np.where(wanted < slack, np.nan, 1.0)
     if is_used.any():
-        curve = PchipInterpolator(np.append(lengths[is_used], slack), np.append(cost[is_used], 1.0), extrapolate=False)
+        curve = scipy.interpolate.PchipInterpolator(
+            np.append(lengths[is_used], slack), np.append(cost[is_used], 1.0), extrapolate=False
+        )
         efforts[wanted < slack] = curve(wanted[wanted < slack])
     return efforts

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
@@ -71,22 +72,18 @@ def unit_sample(factors: Sequence[RandomFactor], count: int, method: SamplingMet
     """(count, scores) in [0, 1): stratified in every score (Latin hypercube), or a scrambled Sobol sequence, which is
     balanced if count is a power of two.
     """
-    from scipy.stats import qmc
-
     scores = sum(factor.size for factor in factors)
     if method == "latin_hypercube":
-        sample: Array = qmc.LatinHypercube(scores, rng=np.random.default_rng(seed)).random(count)
+        sample: Array = scipy.stats.qmc.LatinHypercube(scores, rng=np.random.default_rng(seed)).random(count)
         return sample
     exponent = int(np.ceil(np.log2(max(count, 1))))
-    sequence: Array = qmc.Sobol(scores, rng=np.random.default_rng(seed)).random_base2(exponent)[:count]
+    sequence: Array = scipy.stats.qmc.Sobol(scores, rng=np.random.default_rng(seed)).random_base2(exponent)[:count]
     return sequence
 
 
 def normal_scores(unit: Array) -> Array:
     """Standard normal quantiles of samples in [0, 1]."""
-    from scipy.special import ndtri
-
-    scores: Array = ndtri(unit.clip(OUTERMOST, 1 - OUTERMOST))
+    scores: Array = scipy.special.ndtri(unit.clip(OUTERMOST, 1 - OUTERMOST))
     return scores
 
 

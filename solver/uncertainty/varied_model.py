@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaincinv, ndtr
 
 from solver.cuff import CuffParameters
 from solver.model import Body, Model, Muscle, PathPoint
@@ -95,8 +95,8 @@ def _spread_factors(donning: DonningSpread, scores: Scores) -> Array:
     freedom, factors = np.array(donning.freedom), np.ones(3)
     if (known := np.isfinite(freedom)).any():
         half = freedom[known] / 2
-        chances = ndtr(scores["donning_spread"][known]).clip(OUTERMOST, 1 - OUTERMOST)
-        factors[known] = np.sqrt(half / gammaincinv(half, chances))
+        chances = scipy.special.ndtr(scores["donning_spread"][known]).clip(OUTERMOST, 1 - OUTERMOST)
+        factors[known] = np.sqrt(half / scipy.special.gammaincinv(half, chances))
     return factors
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from solver.model import Model
 from solver.motion import Kinematics
@@ -56,13 +56,15 @@ def varied_motion(draws: MotionDraws, spread: MotionSpread, scores: Scores) -> K
     chosen = 0
     if _is_drawn(scores, "drawn_motion"):
         count = len(draws.motions) - 1
-        chosen = 1 + min(int(count * ndtr(scores["drawn_motion"][0])), count - 1)
+        chosen = 1 + min(int(count * scipy.special.ndtr(scores["drawn_motion"][0])), count - 1)
     motion = draws.motions[chosen]
     displaced = np.zeros_like(motion.positions)
     if "posture" in scores:
         displaced += spread.posture * np.where(draws.is_angle, scores["posture"], 0.0)
     if _is_drawn(scores, "noise"):
-        displaced += spread.noise * draws.is_angle * _smooth_noise(motion, float(ndtr(scores["noise"][0])))
+        displaced += (
+            spread.noise * draws.is_angle * _smooth_noise(motion, float(scipy.special.ndtr(scores["noise"][0])))
+        )
     if "amplitude" in scores:
         displaced += spread.amplitude * scores["amplitude"] * (motion.positions - motion.positions[0])
     if displaced.any():

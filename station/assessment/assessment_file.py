@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import pandas as pd
 from pydantic import Field, TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
@@ -21,6 +20,9 @@ from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.subject.subject_document import SubjectDocument
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 RIGID = "rigid"
 FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""
@@ -32,6 +34,8 @@ class AssessmentFileError(StationError):
 
 def read_activations(path: Path) -> pd.DataFrame:
     """activations.csv. Raises AssessmentFileError for a table that is incomplete, or another one."""
+    import pandas as pd
+
     try:
         with open_regular(path) as file:
             table = pd.read_csv(file, keep_default_na=False, na_values=["nan"])

@@ -7,14 +7,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import duckdb
-import pandas as pd
 
 from station.catalogue.errors import CatalogueError
 from station.catalogue.participants import KEY
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LISTED = """
 SELECT session, subject, operator, begun_utc, origin, cuff, donning, stiffness_n_per_m, damping_n_s_per_m, migration_m

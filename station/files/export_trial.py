@@ -17,9 +17,6 @@ from fitting.trial.analog_signals import AnalogSignals, nearest_samples
 from fitting.wearer.arm_cycles import elevation_of, find_cycles
 from recordings.contents import contents_of
 from recordings.errors import RecordingError
-from recordings.exchange.c3d_writer import write_c3d
-from recordings.exchange.foxglove import Curve, write_foxglove
-from recordings.exchange.parquet import write_parquet
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
@@ -157,6 +154,8 @@ def _parquet(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
         "_markers": _marker_columns(trial),
         **{f"_{name.strip('/')}": _signal_columns(signals) for name, signals in trial.signals.items()},
     }
+    from recordings.exchange.parquet import write_parquet
+
     for name, columns in tables.items():
         path = _beside(stem, f"{name}.parquet")
         with drafted(path) as draft:
@@ -178,6 +177,8 @@ def _c3d(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
     Force is interpolated linearly. EMG and other inputs take the nearest sample, because linear interpolation would
     attenuate their highest frequencies.
     """
+    from recordings.exchange.c3d_writer import write_c3d
+
     line, markers = trial.line, trial.markers
     fastest = max([_rate(line.force_time), *(signals.rate for signals in trial.signals.values())])
     per_frame = max(1, int(np.ceil(fastest / trial.frame_rate - 1e-3)))
@@ -195,6 +196,8 @@ def _c3d(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
 
 def _foxglove(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
     """Write to the subfolder foxglove: in the session folder, the file would count as a recording."""
+    from recordings.exchange.foxglove import Curve, write_foxglove
+
     path = stem.parent / "foxglove" / f"{stem.name}.mcap"
     curves = {"/force": Curve(trial.line.force_time, trial.line.force)}
     for name, signals in trial.signals.items():

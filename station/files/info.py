@@ -11,7 +11,6 @@ from typing import Any
 
 from rich.console import Console
 
-from fitting.cuffs.cuffs_json import plain_sync
 from fitting.errors import UnusableTrial
 from fitting.results.standing import Standing
 from fitting.trial.decimation import Decimator
@@ -42,7 +41,7 @@ def show_contents(path: Path, *, as_json: bool) -> int:
             **json.loads(contents.to_json()),
             "origin": origin,
             "checked": standing,
-            "sync": plain_sync(certificate),
+            "sync": None if certificate is None else certificate.to_plain(),
             "sync_sentence": sentence,
             "live_result": live_result_of(path),
         }

@@ -6,9 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from solver.coverage_code import CoverageCode
 from solver.suit.suit import PARTS
@@ -32,6 +30,9 @@ from station.report.muscle_figures import (
 )
 from station.report.pictures import Picture, PlannedFigure
 from station.sources import without_hash
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Plain = Mapping[str, Any]
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from station.charts.marks import THIRD, Array, Chart, Colour, Line, Panel, values
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Plain = Mapping[str, Any]
 

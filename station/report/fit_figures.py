@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.stats import norm
+import scipy
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.trial_fit import TrialFit
@@ -84,7 +84,7 @@ def residual_figure(dynamic: Sequence[FittedPull]) -> Chart:
         step = float(np.median(np.diff(swing.time)))
         correlation = _autocorrelation(residual, max(2, round(MOST_LAG / step)))
         later.append(Line(step * values(range(1, len(correlation) + 1)), correlation, colour, label, width=1.0))
-        expected = values(norm.ppf((np.arange(len(residual)) + 0.5) / len(residual)))
+        expected = values(scipy.stats.norm.ppf((np.arange(len(residual)) + 0.5) / len(residual)))
         quantiles.append(Line(expected, np.sort(residual) / float(np.std(residual)), colour, label))
     limit = float(NORMAL_95 / np.sqrt(min(len(swing.time) for _, swing in swings)))
     later.insert(0, Strip(-limit, limit, label="95 % of white noise"))

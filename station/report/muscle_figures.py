@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from station.charts.marks import (
     COLOURS,
@@ -27,6 +26,9 @@ from station.charts.marks import (
     values,
 )
 from station.report.conditions import CONDITIONS, LIMIT
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Plain = Mapping[str, Any]
 

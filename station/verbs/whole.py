@@ -121,7 +121,6 @@ def verify(
     from station.files.signature import sign as sign_folder
     from station.files.signature import signature_of
     from station.progress import progress_bars
-    from station.report.recomputation import recomputed_links
     from station.report.verification import verify_session
 
     if number is not None:
@@ -135,6 +134,8 @@ def verify(
     if signed := signature_of(folder, signers):
         links.insert(0, signed)
     if recompute:
+        from station.report.recomputation import recomputed_links
+
         with progress_bars(Console(stderr=True)) as progress:
             links += recomputed_links(folder, progress)
     if format == "json":

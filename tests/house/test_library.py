@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import runpy
 import sys
@@ -57,6 +58,15 @@ def test_the_public_names_are_these_and_each_is_documented() -> None:
     assert set(cs.__all__) == FUNCTIONS | TYPES | ERRORS
     for name in cs.__all__:
         assert getattr(cs, name).__doc__, name
+
+
+def test_a_type_checker_finds_each_name_in_the_module_that_it_is_imported_from() -> None:
+    source = Path(cs.__file__)
+    imports = [
+        node for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom)
+    ]
+    declared = {alias.asname: (node.module, alias.name) for node in imports for alias in node.names if alias.asname}
+    assert declared == {name: (module, name) for name, module in cs._MODULES.items()}
 
 
 def test_a_session_becomes_tables_that_agree_with_its_estimates(session: Path, tmp_path: Path) -> None:

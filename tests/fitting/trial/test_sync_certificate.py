@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from benchmarks.drift import residual
-from fitting.cuffs.cuffs_json import plain_sync
 from fitting.results.codes import TrialNoteCode, Verdict
 from fitting.session import fit_session
 from fitting.trial.sync_certificate import SyncCertificate
@@ -59,7 +58,7 @@ def test_the_error_is_that_of_time_times_the_trial_s_peak_rates() -> None:
     assert found.errors.time < 0.5e-3
     assert found.errors.force == pytest.approx(found.errors.time * found.force_rate)
     assert found.errors.displacement == pytest.approx(found.errors.time * found.speed)
-    assert plain_sync(found)["force_standard_error_n"] == found.errors.force  # type: ignore[index]
+    assert found.to_plain()["force_standard_error_n"] == found.errors.force  # type: ignore[index]
 
 
 def test_a_fall_before_the_last_frame_makes_the_lag_that_uncertain_and_damping_is_open() -> None:
@@ -120,7 +119,7 @@ def test_clocks_far_apart_are_covered_and_named_where_a_missing_frame_explains_t
     missing = figures_by_code(trial.notes).get(TrialNoteCode.CLOCKS_OR_FRAMES, {})
     assert missing.get("frames") == (1 if ppm > 100 else None)
     assert ("lowest_drift" in found.summary.figures) == (ppm > 100)
-    assert plain_sync(found)["clock_ratio_is_identified"] == (ppm < 100)  # type: ignore[index]
+    assert found.to_plain()["clock_ratio_is_identified"] == (ppm < 100)  # type: ignore[index]
 
 
 def test_a_trial_without_its_stop_edge_is_certified_by_the_start_and_the_prior() -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import gzip
 import json
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -99,8 +100,11 @@ def test_a_session_exported_as_c3d_and_imported_has_the_same_fit(session: Path, 
 
 
 @pytest.mark.parametrize("to", ["c3d", "csv", "mot", "parquet", "trc"])
-def test_a_full_disk_is_an_error_and_leaves_no_file(static: Path, tmp_path: Path, to: str) -> None:
+def test_a_full_disk_is_an_error_and_leaves_no_file(
+    static: Path, tmp_path: Path, to: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     resource = pytest.importorskip("resource", reason="Windows has no limit of a file's size")
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # the writer is imported below: its bytecode would be cut
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
     try:

@@ -1,0 +1,224 @@
+"""Functions of the public package that solve, apart from library.py, because they load numba and its compiler."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from numbers import Real
+from pathlib import Path
+from types import NoneType
+
+import numpy as np
+
+from fitting.cuffs.cuff_fit import CuffFit
+from fitting.cuffs.cuffs_file import ensure_by_name
+from fitting.cuffs.wearable_cuff import WearableCuff
+from solver.cuff import by_site
+from solver.errors import SolverCode
+from solver.inverse_kinematics.solve import TrackingTasks
+from solver.model import Model, ModelError
+from solver.motion import Kinematics, decimate
+from solver.multibody.external_loads import ExternalForce
+from solver.option_values import ensure_at_least, ensure_names, ensure_type
+from solver.redundancy.motion import solve_motion as solve
+from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.options import RedundancyOptions, options_for
+from solver.stream.stream_scenario import StreamScenario
+from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
+from solver.suit.assessment import Assessment
+from solver.suit.assessment import assess as assess_suit
+from solver.suit.scenarios import Condition, LoadedMotion
+from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
+from solver.suit.uncertainty import DrawSettings
+from station.assessment.assessment_inputs import cuff_findings, worn_cuffs
+from station.assessment.draws import LEAST_DRAWS
+from station.assessment.findings import Finding
+from station.assessment.findings import findings as assessment_findings
+from station.assessment.left_out import effect_of, left_out_findings
+from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
+from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
+from station.assessment.rmr import ensure_distinct_controls
+from station.assessment.slack_muscles import slack_findings, slack_muscles
+from station.motion_filter import CUTOFF_HZ
+from station.sources import BUNDLED, kinematics_of, loads_of, model_of
+
+File = Path | str
+
+
+def load_model(source: File = BUNDLED, *, actuators: Sequence[File] = (), ignore_forces: bool = False) -> Model:
+    """Read an OpenSim model (.osim), or the bundled thoracoscapular one.
+
+    actuators: files of OpenSim with a ForceSet that is added to the model, such as residuals of a free pelvis and
+    reserves of its joints. ignore_forces: leave out forces and controllers that the solver does not have; left_out of
+    the model names them. Raises ModelError.
+    """
+    ensure_names("actuators", actuators)
+    return model_of(str(source), ignore_forces=ignore_forces, actuators=[Path(path) for path in actuators])
+
+
+def load_motion(
+    model: Model, path: File | None = None, cutoff_hz: float | None = CUTOFF_HZ, every: int = 1
+) -> Kinematics:
+    """Read a motion (.mot, .sto, .csv) and differentiate it; without a path, the bundled raise of the arm.
+
+    cutoff_hz: of the low-pass filter (Butterworth of order 4, forwards and backwards), None for no filter. every: keep
+    every n-th frame. Uneven steps are interpolated to even ones, and a coordinate without a column keeps its default or
+    is where a constraint holds it. The findings of the result say so, as the terminal does. Raises MotionError, and
+    ModelError for an n below 1.
+    """
+    _ensure_model(model)
+    ensure_type("cutoff_hz", cutoff_hz, (Real, NoneType), "a number or None")
+    kinematics = kinematics_of(None if path is None else Path(path), model, cutoff_hz)
+    findings = tuple(motion_findings(motion_checks(model, kinematics)))
+    return replace(decimate(kinematics, every), findings=findings)
+
+
+def solve_motion(
+    model: Model,
+    kinematics: Kinematics,
+    options: RedundancyOptions | None = None,
+    external_loads: File | None = None,
+) -> MotionSolution:
+    """Solve the muscle-redundancy problem of every frame: activations, forces and joint reactions.
+
+    Equations: Belli et al. 2023 (solver/redundancy/problem.py). A frame that cannot be solved has its outcome and NaN.
+    A model without a shoulder has no glenoid constraint. external_loads: OpenSim's ExternalLoads (.xml). The findings
+    of the result are those on motion and loads, on parts of the model that are left out, on muscles that cannot pull,
+    and on reserves and residuals that are large. Raises ModelError, MotionError.
+    """
+    _ensure_model(model)
+    _ensure_kinematics(kinematics)
+    ensure_distinct_controls(model)
+    loads, on_inputs = _loads(external_loads, model, kinematics)
+    options = options_for(model, _options(options))
+    solution = solve(model, kinematics, options, loads=loads)
+    shares = reserve_shares(model, kinematics, loads, solution)
+    large, has_loads = large_reserves(model, options, shares), external_loads is not None
+    residuals = large_residuals(model, options, shares, has_external_loads=has_loads)
+    on_model = left_out_findings(model, effect_of(model, (), kinematics, solution, shares))
+    on_model += slack_findings(slack_muscles(model, kinematics, options.path_mode))
+    return replace(solution, findings=(*on_inputs, *on_model, *reserve_findings(model, large, residuals)))
+
+
+def open_stream(
+    markers: Sequence[str] | Mapping[str, float],
+    model: Model | None = None,
+    rest_lengths: Mapping[str, float] | None = None,
+    cuffs: Mapping[str, CuffFit | WearableCuff] | None = None,
+    suit: File | None = None,
+    *,
+    lag_s: float = DEFAULT_LAG,
+    options: RedundancyOptions | None = None,
+) -> StreamSolver:
+    """Solve markers frame by frame: posture, muscles and joint force of the frame of lag_s ago (docs/live.md).
+
+    markers: names in the order of the positions that are pushed, or name → weight. rest_lengths: name of a scenario →
+    rest length of the cord [m]; "slack" is always solved. cuffs: an arm cuff and a waist cuff that all scenarios wear,
+    with migration and compliance; rigid ones where there is none. Raises NotIdentified, ModelError, SuitError.
+    """
+    if isinstance(markers, str) or not isinstance(markers, Iterable):
+        found = type(markers).__name__
+        raise TypeError(f"markers should be names, or a mapping from names to weights, and got a {found}")
+    model = model or load_model()
+    _ensure_model(model)
+    weights = dict(markers) if isinstance(markers, Mapping) else dict.fromkeys(markers, 1.0)
+    _ensure_numbers("markers", weights)
+    _ensure_numbers("rest_lengths", rest_lengths or {})
+    if not weights:
+        raise ModelError("markers is empty, expected names of markers of the model; give them", SolverCode.WRONG_OPTION)
+    tasks = TrackingTasks(tuple(model.marker(name) for name in weights), np.array(list(weights.values())))
+    arms, waists = by_site(worn_cuffs(_wearable(cuffs or {}), ()))
+    if len(arms) > 1 or len(waists) > 1:
+        named = ", ".join(cuff.name for cuff in (*arms, *waists))
+        raise SuitError(f"a suit has one cuff at the arm and one at the waist, got {named}", SolverCode.WRONG_CUFF)
+    arm, waist = next(iter(arms), None), next(iter(waists), None)
+    condition: Condition = "both" if arm or waist else "rigid"
+    scenarios = {"slack": StreamScenario()} | {
+        name: StreamScenario(length, condition, waist, arm) for name, length in (rest_lengths or {}).items()
+    }
+    return StreamSolver(model, tasks, scenarios, suit=_suit(suit), options=_options(options), lag_s=lag_s)
+
+
+def assess(
+    cuffs: Mapping[str, CuffFit | WearableCuff],
+    model: Model | None = None,
+    kinematics: Kinematics | None = None,
+    suit: File | None = None,
+    *,
+    draws: int = 200,
+    most_frames: int | None = None,
+    options: RedundancyOptions | None = None,
+    external_loads: File | None = None,
+) -> Assessment:
+    """Assess a suit with these cuffs in a motion: muscle effort over the rest length of the cord, in four conditions.
+
+    The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. draws:
+    number of draws of the cuffs from the covariance of their fit, at least 40, or 0 for no intervals; most_frames:
+    limit of the frames that are solved;
+    external_loads: OpenSim's ExternalLoads (.xml). The findings of the result are those that `station assess` prints.
+    Raises NotIdentified, ModelError, SuitError, and TypeError for cuffs without names.
+    """
+    fits, drawn = _wearable(cuffs), DrawSettings(count=draws)
+    if draws:
+        ensure_at_least("draws", draws, LEAST_DRAWS)
+    worn = worn_cuffs(fits, ())
+    model = model or load_model()
+    _ensure_model(model)
+    kinematics = kinematics or load_motion(model)
+    _ensure_kinematics(kinematics)
+    every = 1
+    if most_frames is not None:
+        ensure_at_least("most_frames", most_frames, 1)
+        every = math.ceil(len(kinematics.time) / most_frames)
+    loads, on_inputs = _loads(external_loads, model, kinematics)
+    motion = LoadedMotion(model, kinematics, loads, _options(options))
+    found = assess_suit(motion, _suit(suit), worn, every=every, draws=drawn)
+    has_covariance = any(cuff.covariance.any() for cuff in worn)
+    on_suit = assessment_findings(found, has_covariance=has_covariance) + cuff_findings(fits.values())
+    return replace(found, findings=(*on_suit, *on_inputs, *left_out_findings(model, None)))
+
+
+def _loads(
+    external_loads: File | None, model: Model, kinematics: Kinematics
+) -> tuple[tuple[ExternalForce, ...], list[Finding]]:
+    """The loads, and the findings on them and on the motion."""
+    path = None if external_loads is None else Path(external_loads)
+    loads = loads_of(path, model, kinematics.time)
+    return loads, motion_findings(motion_checks(model, kinematics) | load_checks(path, loads, model, kinematics))
+
+
+def _suit(path: File | None) -> Suit:
+    """The suit of a file, or the bundled one. Raises SuitError."""
+    return read_suit(BUNDLED_SUIT if path is None else Path(path))
+
+
+def _ensure_model(model: object) -> None:
+    ensure_type("model", model, Model, "a Model, as load_model(…) returns")
+
+
+def _ensure_kinematics(kinematics: object) -> None:
+    ensure_type("kinematics", kinematics, Kinematics, "a Kinematics, as load_motion(…) returns")
+
+
+def _options(options: RedundancyOptions | None) -> RedundancyOptions:
+    """The options, or the default ones. Raises TypeError for another type."""
+    options = RedundancyOptions() if options is None else options
+    ensure_type("options", options, RedundancyOptions, "RedundancyOptions or None")
+    return options
+
+
+def _ensure_numbers(argument: str, values: Mapping[str, float]) -> None:
+    """Raise TypeError for anything but a mapping from names to numbers."""
+    ensure_type(argument, values, Mapping, "a mapping from names to numbers")
+    for value in values.values():
+        ensure_type(argument, value, Real, "a mapping from names to numbers")
+
+
+def _wearable(cuffs: Mapping[str, CuffFit | WearableCuff]) -> dict[str, WearableCuff]:
+    """Raises TypeError for anything but a mapping of cuffs."""
+    ensure_by_name(cuffs)
+    for cuff in cuffs.values():
+        expected = "a mapping from names to cuffs, as fit_session(…).cuffs is or read_cuffs(…) returns"
+        ensure_type("cuffs", cuff, (CuffFit, WearableCuff), expected)
+    return {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}
