@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.diagnosis.identification import MIN_LOADS
 from fitting.dynamic.weak_form import ComplexStiffness
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import pull_direction
-from fitting.pull.plateaus import Plateau
+from fitting.pull.plateaus import Plateau, is_unloaded
 from fitting.results.codes import FindingCode
 from fitting.results.rendering import Figures, name_of, sentence_of
 from fitting.uncertainty import Estimate
@@ -80,7 +81,8 @@ def find_all(
     """D1 to D8 of the used trials of one donning in time order, with its k and its complex stiffness."""
     static = [fitted for fitted in pulls if fitted.static and fitted.static.plateaus]
     dynamic = [fitted for fitted in pulls if fitted.dynamic is not None]
-    pairs = [(fitted, _before(fitted, static)) for fitted in dynamic if static]
+    with_zero = [fitted for fitted in static if _has_zero(fitted)]
+    pairs = [(fitted, _before(fitted, with_zero)) for fitted in dynamic if with_zero]
     yield from _start_shift(pairs, stiffness)
     yield from _stiffnesses(dynamic, stiffness)
     yield from _curvature(static)
@@ -89,6 +91,12 @@ def find_all(
     yield from _angle(static, dynamic)
     yield from _unloaded(pairs)
     yield from _noise(dynamic)
+
+
+def _has_zero(static: FittedPull) -> bool:
+    """Whether the first held load is that of the bare hook; a single load, or one of steps that were not found, is not."""
+    plateaus = _plateaus(static)
+    return len(plateaus) >= MIN_LOADS and is_unloaded(plateaus[0], plateaus)
 
 
 def _before(dynamic: FittedPull, static: Sequence[FittedPull]) -> FittedPull:
@@ -318,7 +326,8 @@ def start_level(fitted: FittedPull) -> Level | None:
 
 def held_level(plateau: Plateau) -> Level:
     """A held load as a level."""
-    return Level(plateau.force, plateau.force_sd, plateau.displacement, math.hypot(plateau.displacement_sd, SWAY))
+    displacement_sd = math.hypot(plateau.displacement_sd, SWAY, plateau.unsettled)
+    return Level(plateau.force, plateau.force_sd, plateau.displacement, displacement_sd)
 
 
 def swing_force(fitted: FittedPull) -> float:

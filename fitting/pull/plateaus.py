@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -13,14 +14,19 @@ from numpy.typing import NDArray
 from fitting.trial.calibration import level_bias
 
 BIN = 0.05
-SIDE = 1.0
-"""Seconds of force before and after an instant whose means are compared."""
+SIDE, SHORT_SIDE = 1.0, 0.5
+"""Seconds of force before and after an instant whose means are compared; the shorter one where holds are short."""
+CROWDED = 2.5
+"""Length of a change over SIDE from which it may contain several steps."""
 MIN_STEP, STEP_PART = 3.0, 0.05
 """Smallest step of the load [N], or part of the force's range if that is less, as the weights may be small or the scale
 wrong. A step must also exceed six times the noise."""
-SETTLING = 1.0
-MARGIN = 0.5
-MIN_HOLD = 1.0
+SETTLING, MARGIN, MIN_HOLD = 1.0, 0.5, 1.0
+"""Seconds left out after a step and before the next, and least ones in between."""
+FULL_HOLD = SETTLING + MARGIN + MIN_HOLD
+SHORT_HOLD, SHORT_PART, SHORT_STRETCH = 1.0, 0.5, 0.25
+"""In a hold shorter than FULL_HOLD, SETTLING and MARGIN are shorter in proportion, and SHORT_STRETCH [s] suffices; below
+SHORT_HOLD [s], or SHORT_PART of the trial's median hold, the load is not held but still being changed."""
 TREND_SIGNIFICANCE = 3.0
 LATE = 2.0
 UNLOADED, MIN_TOLERANCE = 0.1, 3.0
@@ -38,6 +44,8 @@ class Plateau:
     displacement, displacement_sd  m
     late                 displacement [m] and its standard error at the end of the hold, when slip has almost stopped
     codes                N, the part of force_sd due to quantisation, common to all trials
+    step                 session time [s] of the change of load before it, None for the first
+    hold                 s between the changes of load before and after it, or the ends of the record
     """
 
     start: float
@@ -48,6 +56,13 @@ class Plateau:
     displacement_sd: float
     late: tuple[float, float]
     codes: float = 0.0
+    step: float | None = None
+    hold: float = math.inf
+
+    @property
+    def unsettled(self) -> float:
+        """Distance [m] from the mean to the end of a hold that is too short for the cuff to rest; 0 in others."""
+        return self.late[0] - self.displacement if self.hold < FULL_HOLD else 0.0
 
 
 @dataclass(frozen=True)
@@ -72,42 +87,53 @@ def find_plateaus(
     steps are the times [s] at which the load changed, None to detect them.
     """
     changes = find_steps(force_time, force) if steps is None else [Step(time, time, time) for time in steps]
+    least_step = _least_step(force)
     holds = []
-    for start, end in _steady_stretches(float(force_time[0]), float(force_time[-1]), changes):
-        in_force = (force_time >= start) & (force_time <= end)
-        in_frames = (marker_time >= start) & (marker_time <= end) & np.isfinite(displacement)
-        if np.count_nonzero(in_force) >= 5 and _is_seen_to_its_end(marker_time[in_frames]):
-            holds.append((start, end, in_force, in_frames))
+    for stretch in _steady_stretches(float(force_time[0]), float(force_time[-1]), changes):
+        in_force = (force_time >= stretch.start) & (force_time <= stretch.end)
+        in_frames = (marker_time >= stretch.start) & (marker_time <= stretch.end) & np.isfinite(displacement)
+        if np.count_nonzero(in_force) < 5 or not _is_seen_to_its_end(marker_time[in_frames]):
+            continue
+        if steps is not None or _is_steady(force[in_force], least_step):
+            holds.append((stretch, in_force, in_frames))
     slow = slow_noise([batch_means(marker_time[seen], displacement[seen]) for *_, seen in holds])
     found = []
-    for start, end, in_force, in_frames in holds:
+    for stretch, in_force, in_frames in holds:
         load, load_noise = _mean(force_time[in_force], force[in_force])
         codes = level_bias(force_step, float(np.std(force[in_force])))
         time, place = marker_time[in_frames], displacement[in_frames]
-        force_sd = math.hypot(load_noise, codes)
-        found.append(Plateau(start, end, load, force_sd, *_mean(time, place, slow), _at_end(time, place, slow), codes))
+        found.append(
+            Plateau(
+                stretch.start,
+                stretch.end,
+                load,
+                math.hypot(load_noise, codes),
+                *_mean(time, place, slow),
+                _at_end(time, place, slow),
+                codes,
+                stretch.step,
+                stretch.hold,
+            )
+        )
     return tuple(found)
 
 
 def find_steps(time: NDArray[np.float64], force: NDArray[np.float64]) -> list[Step]:
-    """Steps of the load in force (n,) [N] at time [s]: the means over SIDE before and after differ."""
+    """Steps of the load in force (n,) [N] at time [s]: the means over SIDE before and after differ.
+
+    If holds are so short that a SIDE reaches over two steps, SHORT_SIDE is used.
+    """
     width = max(BIN, 1.01 * float(np.median(np.diff(time))))
     index = ((time - time[0]) / width).astype(np.intp)
     count = np.bincount(index)
     middle = time[0] + width * (np.arange(len(count)) + 0.5)
     binned = np.interp(middle, middle[count > 0], np.bincount(index, force)[count > 0] / count[count > 0])
-    change, roughness = _change_of_mean(
-        scipy.ndimage.median_filter(binned, 5, mode="nearest"), max(2, round(SIDE / width))
-    )
-    noise = 1.4826 * float(np.median(np.abs(change - np.median(change))))
-    low, high = np.percentile(binned, [0.5, 99.5])
-    is_moving = np.abs(change) > np.maximum(min(MIN_STEP, STEP_PART * float(high - low)), 6 * noise * roughness)
-
-    bounds = np.flatnonzero(np.diff(np.concatenate(([0], is_moving.astype(np.int8), [0])))).reshape(-1, 2)
-    return [
-        Step(*(float(middle[i]) for i in (first, first + int(np.argmax(np.abs(change[first:last]))), last - 1)))
-        for first, last in bounds
-    ]
+    found = _steps(middle, binned, width, SIDE)
+    is_crowded = any(step.last - step.first > CROWDED for step in found)
+    if not is_crowded and all(after.first - before.last >= MIN_HOLD for before, after in pairwise(found)):
+        return found
+    finer = _steps(middle, binned, width, SHORT_SIDE)
+    return finer if len(finer) >= len(found) else found
 
 
 def is_unloaded(plateau: Plateau, loads: Sequence[Plateau]) -> bool:
@@ -116,11 +142,61 @@ def is_unloaded(plateau: Plateau, loads: Sequence[Plateau]) -> bool:
     return plateau.force <= min(forces) + max(UNLOADED * (max(forces) - min(forces)), MIN_TOLERANCE)
 
 
-def _steady_stretches(start: float, end: float, steps: Sequence[Step]) -> list[tuple[float, float]]:
-    """Stretches (start, end) [s] between steps of the load, without settling time and margin."""
-    starts = [start] + [max(step.time + SETTLING, step.last) for step in steps]
-    ends = [min(step.time - MARGIN, step.first) for step in steps] + [end]
-    return [(a, b) for a, b in zip(starts, ends, strict=True) if b - a >= MIN_HOLD]
+def _steps(middle: NDArray[np.float64], binned: NDArray[np.float64], width: float, side: float) -> list[Step]:
+    """Steps in force (bins,) [N], whose means over `side` [s] before and after differ by more than limit and noise.
+
+    Between two steps the difference falls below half of this. The noise is that of the sensor, from second differences:
+    with short holds, most bins are near a step.
+    """
+    change, roughness = _change_of_mean(scipy.ndimage.median_filter(binned, 5, mode="nearest"), max(2, round(side / width)))
+    noise = float(np.median(np.abs(np.diff(binned, 2)))) / 0.6745 / math.sqrt(6) * math.sqrt(2 * width / side)
+    size = np.abs(change) / np.maximum(_least_step(binned), 6 * noise * roughness)
+    regions, count = scipy.ndimage.label(size > 0.5)
+    runs = [np.flatnonzero((regions == region + 1) & (size > 1)) for region in range(count)]
+    return [
+        Step(float(middle[run[0]]), float(middle[run[np.argmax(size[run])]]), float(middle[run[-1]]))
+        for run in runs
+        if len(run)
+    ]
+
+
+def _least_step(force: NDArray[np.float64]) -> float:
+    """Smallest change of the load [N] that counts as a step."""
+    low, high = np.percentile(force, [0.5, 99.5])
+    return min(MIN_STEP, STEP_PART * float(high - low))
+
+
+def _is_steady(force: NDArray[np.float64], least_step: float) -> bool:
+    """Whether the quarters of a hold have the same force (n,) [N]: in others, a step was not found."""
+    quarters = np.array_split(force, 4)
+    noise = math.sqrt(2 * float(np.mean([np.var(quarter) / len(quarter) for quarter in quarters])))
+    return bool(np.ptp([quarter.mean() for quarter in quarters]) <= max(least_step, 6 * noise))
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Steady force from start to end [s], in a hold of so many seconds after the step [s], None for the first."""
+
+    start: float
+    end: float
+    step: float | None
+    hold: float
+
+
+def _steady_stretches(start: float, end: float, steps: Sequence[Step]) -> Iterator[_Stretch]:
+    """Stretches between steps of the load in a record from start to end [s], without settling time and margin."""
+    times = [start, *(step.time for step in steps), end]
+    holds = np.diff(times)
+    shortest = max(SHORT_HOLD, SHORT_PART * float(np.median(holds[1:-1]))) if len(holds) > 2 else SHORT_HOLD
+    for i, hold in enumerate(holds.tolist()):
+        before, after = steps[i - 1] if i else None, steps[i] if i < len(steps) else None
+        if before and after and hold < shortest:
+            continue
+        part = min(1.0, hold / FULL_HOLD)
+        first = max(before.time + part * SETTLING, before.last) if before else start
+        last = min(after.time - part * MARGIN, after.first) if after else end
+        if last - first >= (MIN_HOLD if part == 1.0 else SHORT_STRETCH):
+            yield _Stretch(first, last, before.time if before else None, hold)
 
 
 def _change_of_mean(values: NDArray[np.float64], side: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -95,6 +95,7 @@ class NoteCode(StrEnum):
     YIELDS = "note.yields_under_load"
     STIFFENS = "note.stiffening"
     SOFTENS = "note.softening"
+    SHORT_HOLDS = "note.short_holds"
     ZERO_DRIFT = "note.zero_drift_removed"
     KNOWN_MASS = "note.known_mass"
     KNOWN_MASS_ZERO_DRIFT = "note.known_mass_zero_drift"

@@ -203,6 +203,10 @@ _NOTES: Templates = {
     ),
     NoteCode.STIFFENS: "the cuff stiffens" + _WITH_LOAD,
     NoteCode.SOFTENS: "the cuff softens" + _WITH_LOAD,
+    NoteCode.SHORT_HOLDS: (
+        "holds of {hold_s:.1f} s are short: the cuff may not rest in them, and their noise is known less well, which "
+        "the interval of stiffness includes; hold each load for at least 4 s"
+    ),
     NoteCode.ZERO_DRIFT: (
         "the load cell's zero drifts by {drift_n_per_s:per_minute +.2f} N a minute, which is removed; let it warm up"
     ),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.pull.plateaus import SETTLING, Plateau, is_unloaded
+from fitting.pull.plateaus import Plateau, is_unloaded
 from fitting.pull.pull import Pull
 from fitting.results.codes import NoteCode
 from fitting.results.outcome import worst
@@ -22,6 +22,8 @@ SIGNIFICANCE = 3.0
 DRIFT_NOTE = 1.0 / 60
 """Drift of the zero [N/s] from which it is reported."""
 TANGENTS = 5
+LEAST_HOLD = 4.0
+"""Seconds of a hold that suffice for a cuff to rest and for the noise of its mean."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class HeldLoads:
     creep      of the cuff under held loads
     energy     J dissipated by slip, creep and friction in one cycle of loading and unloading
     steps      file → times [s] of the detected steps of the load, as in protocol.toml
+    duration   s of a hold, the median; infinite without a step
     """
 
     stiffness: StiffnessFit
@@ -42,6 +45,7 @@ class HeldLoads:
     creep: Creep | None = None
     energy: Estimate | None = None
     steps: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    duration: float = math.inf
 
     @property
     def has_loads(self) -> bool:
@@ -81,16 +85,27 @@ def fit_held_loads(static: Sequence[Pull], gain_sd: float) -> HeldLoads:
         stiffness = replace(stiffness, outcome=worst((stiffness.outcome, creep.outcome)))
     if not any(trials):
         return HeldLoads(stiffness)
-    spans = [plateau.end - plateau.start for plateaus in trials for plateau in plateaus]
-    steps = {pull.trial.file: tuple(_step_times(pull.plateaus)) for pull in static}
-    return HeldLoads(stiffness, float(np.mean(spans)) / 2 + SETTLING, drift, creep, _energy(trials), steps)
+    read, holds = [], []
+    for plateau in (plateau for plateaus in trials for plateau in plateaus if plateau.step is not None):
+        read.append((plateau.start + plateau.end) / 2 - plateau.step)
+        holds.append(plateau.hold)
+    steps = {pull.trial.file: tuple(round(p.step, 2) for p in pull.plateaus if p.step is not None) for pull in static}
+    return HeldLoads(
+        stiffness,
+        float(np.mean(read)) if read else 0.0,
+        drift,
+        creep,
+        _energy(trials),
+        steps,
+        float(np.median(holds)) if holds else math.inf,
+    )
 
 
 def held_load_notes(held: HeldLoads) -> tuple[Note, ...]:
     """Notes on the held loads."""
     if not held.has_loads:
         return ()
-    notes = []
+    notes = [Note(NoteCode.SHORT_HOLDS, {"hold_s": held.duration})] if held.duration < LEAST_HOLD else []
     if held.creep is not None and held.creep.is_measured:
         rest, fraction = held.creep.stiffness_at_rest, held.creep.fraction
         figures = {
@@ -167,7 +182,3 @@ def _energy(trials: Sequence[Sequence[Plateau]]) -> Estimate | None:
 def _ends(count: int) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Weights (n,) for np.gradient: in a trapezoidal sum its one-sided ends have half the weight."""
     return np.array([0.5, *np.ones(count - 2), 0.5])
-
-
-def _step_times(plateaus: Sequence[Plateau]) -> list[float]:
-    return [round(plateau.start - SETTLING, 2) for plateau in plateaus[1:]]

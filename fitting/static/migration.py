@@ -31,7 +31,8 @@ def fit_migration(trials: Sequence[Sequence[Plateau]], creep: Creep | None = Non
         return None
     value, noise = last.displacement - first.displacement, math.hypot(first.displacement_sd, last.displacement_sd)
     if creep is None or not creep.is_measured:
-        return _estimate(value, {"noise": noise})
+        settling = {"settling": abs(last.unsettled)} if last.unsettled else {}
+        return _estimate(value, {"noise": noise, **settling})
     recovery = creep.recovery(held[-1])
     relative = math.hypot(RECOVERY_SD, creep.fraction.standard_error / creep.fraction.value)
     return _estimate(value + recovery, {"noise": noise, "creep": abs(recovery) * relative})

@@ -344,11 +344,17 @@ def _fit_line(
 def _causes(plateaus: tuple[Plateau, ...], line: _Line, gain_sd: float, drift_sd: float) -> dict[str, float]:
     """Errors of the compliance that are common to all trials.
 
-    A zero drift d [N/s] adds d t to the load, and so d Σ w load t / Σ w load² (relative) to the compliance.
+    A zero drift d [N/s] adds d t to the load, and so d Σ w load t / Σ w load² (relative) to the compliance. In a short
+    hold the cuff may still move: its displacement at the end gives another compliance.
     """
     middle = np.array([(plateau.start + plateau.end) / 2 for plateau in plateaus])
-    leverage = abs(float(line.weight @ (line.force * within(middle, line.segment, line.weight)))) / line.information
-    return {"gain": gain_sd * abs(line.compliance), "drift": drift_sd * leverage * abs(line.compliance)}
+    unsettled = np.array([plateau.unsettled for plateau in plateaus])
+    drift, settling = (
+        abs(float(line.weight @ (line.force * within(values, line.segment, line.weight)))) / line.information
+        for values in (middle, unsettled)
+    )
+    compliance = abs(line.compliance)
+    return {"gain": gain_sd * compliance, "drift": drift_sd * drift * compliance, "settling": settling}
 
 
 def _contradict(above_all: list[StaticFit], every_rise: list[StaticFit]) -> bool:

@@ -44,14 +44,16 @@ class Law:
 
 @dataclass(frozen=True)
 class Rig:
-    """What is wrong with the measurement. Added to dynamic trials: newtons, metres of the cuff's marker, pull's angle.
+    """What is wrong with the measurement. Added to dynamic trials: newtons, metres of the cuff's marker.
 
+    static_angle, dynamic_angle  rad between the pull and the cuff's first axis
     skin     m/N by which the first anchor marker follows the pull
     ratio    stiffness across the pull over that along it
     """
 
     dynamic_zero: float = 0.0
     dynamic_shift: float = 0.0
+    static_angle: float = 0.0
     dynamic_angle: float = 0.0
     ratio: float = 0.3
     skin: float = 0.0
@@ -65,11 +67,16 @@ class OddSession(Session):
         self.law, self.rig = law, rig
         self.left, self.left_across = np.zeros(3), np.zeros(3)
 
+    @property
+    def slip_of_cuff(self) -> float:
+        """Slip so far [m]."""
+        return float(self.left[1])
+
     def _record(
         self, test: str, repeat: int, time: NDArray[np.float64], load: NDArray[np.float64]
     ) -> tuple[Manifest, dict[str, Track]]:
         is_dynamic = test == "dynamic"
-        angle = self.rig.dynamic_angle if is_dynamic else 0.0
+        angle = self.rig.dynamic_angle if is_dynamic else self.rig.static_angle
         law, k, c = self.law, self.law.stiffness, self.law.damping
         along, self.left = _answer(law, k, c, load * np.cos(angle), self.left)
         across = 0 * along

@@ -46,6 +46,7 @@ class Truth:
     marker_rate: float = 100.0
     weights: tuple[float, ...] = WEIGHTS
     hold: float = 5.0
+    hold_jitter: float = 0.3
     unloads_at_once: bool = False
     frequency: float = 1.0
     amplitude: float = 12.0
@@ -85,7 +86,7 @@ class Session:
         time = np.arange(0.0, truth.hold * len(levels), STEP)
         load = np.full(len(time), 2.0)  # the hook
         for i in range(1, len(levels)):
-            since = time - i * truth.hold - self.random.uniform(-0.3, 0.3)
+            since = time - i * truth.hold - self.random.uniform(-truth.hold_jitter, truth.hold_jitter)
             after = slice(np.searchsorted(since, 0.0, side="right"), None)
             since = since[after]
             load[after] += (levels[i] - levels[i - 1]) * np.clip(since / 0.3, 0, 1)

@@ -13,7 +13,7 @@ from fitting.cuffs.cuff_fit import CuffFit
 from fitting.diagnosis.causes import Diagnosis, causes_of
 from fitting.diagnosis.findings import Finding
 from fitting.laws.model_class import ClassScore, ModelComparison
-from fitting.results.codes import CauseCode, FindingCode, Verdict
+from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from tests.fitting.defects import Law, OddSession, Rig
@@ -71,6 +71,23 @@ def test_the_law_is_called_by_the_way_it_bends() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_where_nothing_is_wrong_no_cause_is_named(seed: int) -> None:
     assert _diagnosed(None, seed)[1].causes == ()
+
+
+@pytest.mark.parametrize("hold", [0.6, 1.5, 3.0])
+def test_short_holds_are_reported_as_such_and_not_as_another_cause(hold: float) -> None:
+    truth = Truth(friction=1e9, migration=0.0, duration=12.0, hold=hold, hold_jitter=hold / 6)
+    fit = _fitted(OddSession(Law(), Rig(), 4, truth))
+    assert fit.diagnosis
+    assert fit.diagnosis.causes == ()
+    if hold == 0.6:  # the loads are not held
+        assert Verdict.FEW_LOADS in fit.verdicts
+        return
+    assert NoteCode.SHORT_HOLDS in [note.code for note in fit.notes]
+    assert "stiffness" not in fit.missing
+    assert fit.stiffness
+    low, high = fit.stiffness.ci95
+    assert low < Law().stiffness < high
+    assert high - low < 0.04 * Law().stiffness
 
 
 def test_the_shift_of_a_record_is_reported_in_millimetres_and_newtons() -> None:

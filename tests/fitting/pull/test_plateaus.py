@@ -95,3 +95,24 @@ def test_noise_alone_is_no_step() -> None:
     for seed in range(20):
         noise = np.random.default_rng(seed).standard_normal(1200)
         assert find_steps(np.arange(1200) / 20, 0.5 * noise) == []
+
+
+@pytest.mark.parametrize("rate", [20.0, 1000.0])
+@pytest.mark.parametrize("hold", [1.5, 2.0, 2.5, 3.0, 3.5])
+def test_every_step_between_short_holds_is_found(rate: float, hold: float) -> None:
+    frames = np.arange(0, hold * len(LEVELS), 0.01)
+    for seed in range(5):
+        time, force = _staircase(rate, seed, hold=hold)
+        steps = [step.time for step in find_steps(time, force)]
+        assert steps == pytest.approx(hold * np.arange(1, len(LEVELS)) + 0.15, abs=0.3)
+        plateaus = find_plateaus(time, force, 0.0, frames, np.zeros(len(frames)) + 1e-4 * np.sin(1e3 * frames))
+        assert [plateau.force for plateau in plateaus] == pytest.approx(LEVELS, abs=0.6)
+        assert [plateau.hold for plateau in plateaus] == pytest.approx([hold] * len(LEVELS), abs=0.5)
+
+
+def test_a_stretch_with_a_step_that_was_not_found_is_no_plateau() -> None:
+    time, force = _staircase(1000.0, 1, hold=0.6)
+    frames = np.arange(0, time[-1], 0.01)
+    assert all(
+        np.ptp(force[(time > p.start) & (time < p.end)]) < 6 for p in find_plateaus(time, force, 0, frames, frames)
+    )
