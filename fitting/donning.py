@@ -13,7 +13,7 @@ from fitting.diagnosis.fitted_pull import FittedPull, fitted_pulls, used_pulls
 from fitting.diagnosis.identification import identify, started_before
 from fitting.diagnosis.notes import notes_on
 from fitting.dynamic.swings import fit_swings
-from fitting.laws.model_class import compare_classes
+from fitting.laws.model_class import FRICTION, compare_classes
 from fitting.laws.sampled_pull import sample_pull
 from fitting.pull.pull import make_pulls, newest_first, of_test
 from fitting.results.codes import CauseCode, Verdict
@@ -41,7 +41,12 @@ def fit_donning(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
     fitted = fitted_pulls(along_line, static, held, swings)
     used = used_pulls(fitted, pulls)
     before = started_before(all_static, trials, rejected, refused)
-    identified = identify(static, all_static, held, swings, before)
+    in_order = _undamaged(fitted)
+    classes = compare_classes([sample_pull(used.pull, used.plateaus, used.oscillation) for used in in_order])
+    has_friction = classes is not None and FRICTION in classes.chosen
+    if has_friction:
+        held = replace(held, stiffness=held.stiffness.with_friction())
+    identified = identify(static, all_static, held, swings, before, has_friction=has_friction)
     fit = CuffFit(
         name=first.cuff.name,
         site=first.cuff.site,
@@ -63,19 +68,21 @@ def fit_donning(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
         tensors=fit_tensors(list(used.values()), swings.oscillations),
         origin=DataOrigin.joined(origins_of(trials)),
         pulls=fitted,
+        classes=classes,
     )
-    return _diagnosed(fit, fitted)
+    return _diagnosed(fit, in_order) if in_order else fit
 
 
-def _diagnosed(fit: CuffFit, fitted: Mapping[str, FittedPull]) -> CuffFit:
-    """The fit with its comparison of laws and its diagnosis, from trials whose files are not damaged."""
+def _undamaged(fitted: Mapping[str, FittedPull]) -> list[FittedPull]:
+    """The pulls whose files are not damaged, in time order."""
     undamaged = [used for used in fitted.values() if not used.pull.trial.damage]
-    if not undamaged:
-        return fit
-    in_order = sorted(undamaged, key=lambda used: (used.pull.trial.start_utc_ns, used.pull.trial.file))
-    classes = compare_classes([sample_pull(used.pull, used.plateaus, used.oscillation) for used in in_order])
+    return sorted(undamaged, key=lambda used: (used.pull.trial.start_utc_ns, used.pull.trial.file))
+
+
+def _diagnosed(fit: CuffFit, in_order: Sequence[FittedPull]) -> CuffFit:
+    """The fit with its diagnosis."""
     creeps = fit.held is None or fit.held.creep is None or fit.held.creep.is_seen
-    diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, classes, creeps=creeps)
+    diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, fit.classes, creeps=creeps)
     verdicts = {CauseCode.GAIN: Verdict.SCALE, CauseCode.LOADS: Verdict.SCALE, CauseCode.SKIN: Verdict.SKIN}
     wrong = tuple(verdicts[cause.code] for cause in diagnosis.causes if cause.code in verdicts)
     kept = tuple(verdict for verdict in fit.verdicts if not (wrong and verdict is Verdict.IDENTIFIED))

@@ -15,7 +15,7 @@ import numpy as np
 from fitting.diagnosis.findings import ANGLE_LIMIT, SHIFT_LIMIT, SIGNIFICANT, ZERO_LIMIT, Finding, find_all, swing_force
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.weak_form import ComplexStiffness
-from fitting.laws.model_class import GAIN, SLIP, SOFTENING, STIFFENING, ModelComparison
+from fitting.laws.model_class import FRICTION, GAIN, SLIP, SOFTENING, STIFFENING, ModelComparison
 from fitting.pull.hung_weights import MAX_FRICTION, MAX_SCALE_ERROR, load_scale
 from fitting.pull.marker_quality import LOOSE, SKIN_CORRELATION
 from fitting.results.codes import CauseCode, FindingCode
@@ -28,7 +28,7 @@ LAW_CAUSES = {
     STIFFENING: CauseCode.STIFFENING,
     SOFTENING: CauseCode.SOFTENING,
     SLIP: CauseCode.SLIP,
-    "friction": CauseCode.FRICTION,
+    FRICTION: CauseCode.FRICTION,
     "standard linear solid": CauseCode.STANDARD_LINEAR_SOLID,
     "creep": CauseCode.CREEP,
 }
@@ -196,7 +196,7 @@ def _law_causes(classes: ModelComparison | None, *, creeps: bool) -> Iterator[Ca
     for name in dict.fromkeys((*classes.chosen, *gains)):
         if name not in classes.chosen and (name not in LAW_CAUSES or gains[name] < 0.8 * best):
             continue
-        is_friction = name == "creep" and not creeps and "friction" in classes.chosen
+        is_friction = name == "creep" and not creeps and FRICTION in classes.chosen
         share = 1.0 if name in classes.chosen and not is_friction else 0.5
         gain = max(gains[name], GAIN)
         severity = share * gain / (1 - min(gain, 0.99)) / (GAIN / (1 - GAIN))

@@ -94,7 +94,7 @@ def find_all(
 
 
 def _has_zero(static: FittedPull) -> bool:
-    """Whether the first held load is that of the bare hook; a single load, or one of steps that were not found, is not."""
+    """Whether the first held load is that of the bare hook, which a single load, without others, does not show."""
     plateaus = _plateaus(static)
     return len(plateaus) >= MIN_LOADS and is_unloaded(plateaus[0], plateaus)
 

@@ -47,15 +47,21 @@ class Identified:
 
 
 def identify(
-    static: Sequence[Pull], all_static: Sequence[Pull], held: HeldLoads, swings: Swings, before: Sequence[str]
+    static: Sequence[Pull],
+    all_static: Sequence[Pull],
+    held: HeldLoads,
+    swings: Swings,
+    before: Sequence[str],
+    *,
+    has_friction: bool,
 ) -> Identified:
     """Figures and verdicts of a donning.
 
     static are the pulls of the held loads, all_static those of all runs; before lists unreadable static recordings in
-    which the cuff may have migrated.
+    which the cuff may have migrated; has_friction is whether the comparison of laws chose friction.
     """
     stiffness, of_stiffness = _judge_stiffness(static, held.stiffness)
-    damping, of_damping = _judge_damping(swings.fits)
+    damping, of_damping = _judge_damping(swings.fits, has_friction=has_friction)
     creep = held.creep if list(static) == list(all_static) else None
     migration, of_migration = _judge_migration(all_static, creep, before)
     verdicts = tuple(verdict for verdict in (of_stiffness, of_damping, of_migration) if verdict)
@@ -96,13 +102,15 @@ def _judge_stiffness(static: Sequence[Pull], fit: StiffnessFit) -> tuple[Estimat
     return stiffness, None
 
 
-def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict | None]:
+def _judge_damping(fits: Sequence[DampingFit], *, has_friction: bool) -> tuple[Estimate | None, Verdict | None]:
     """The damping, even if it is not identified: a selection by its value would bias c upward."""
     if not fits:
         return None, Verdict.NO_DYNAMIC
     damping = combine([fit.damping for fit in fits])
     if worst((damping.outcome, *(fit.outcome for fit in fits))) is not FitOutcome.CONVERGED:
         return damping, Verdict.DAMPING_NOT_CONVERGED
+    if has_friction:  # it dissipates, too, and c includes that
+        return damping, Verdict.FRICTION
     noise = float(np.linalg.norm([fit.noise for fit in fits])) / len(fits)
     with_lag = math.hypot(
         float(np.linalg.norm([fit.damping.noise for fit in fits])) / len(fits), max(fit.damping.common for fit in fits)

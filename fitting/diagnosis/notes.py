@@ -111,8 +111,8 @@ def _slip_notes(stiffness: StiffnessFit) -> Iterator[Note]:
         yield Note(NoteCode.SLIPS_AGAIN, {"distance_m": stiffness.progressive_slip})
     elif stiffness.slips_again:
         yield Note(NoteCode.FRICTION_OR_MOVED)
-    if stiffness.if_friction and stiffness.stiffness:
-        figures = {"slipped_n_per_m": stiffness.stiffness.value, "rubs_n_per_m": stiffness.if_friction.value}
+    if stiffness.if_friction and stiffness.if_slip:
+        figures = {"slipped_n_per_m": stiffness.if_slip.value, "rubs_n_per_m": stiffness.if_friction.value}
         yield Note(NoteCode.SLIP_OR_FRICTION, figures)
     if stiffness.friction:
         yield Note(NoteCode.FRICTION_OR_CREEP, {"friction_n": stiffness.friction})

@@ -41,7 +41,7 @@ LIMITS = tuple(np.linspace(0.05, 0.9, 18).tolist())
 """Limits of slip over the range of the force."""
 STRETCH, STRETCHES = 4.0, 5
 """With a single repeat, every fifth stretch of four seconds is left out in turn."""
-SLIP, STIFFENING, SOFTENING = "slip", "stiffening", "softening"
+SLIP, STIFFENING, SOFTENING, FRICTION = "slip", "stiffening", "softening", "friction"
 LEAST_SPREAD_RATIO = 0.02
 """Spread of a response over its usual one below which its coefficient is not fitted."""
 HELD_WEIGHT = 5.0
@@ -275,7 +275,7 @@ def _responses(pulls: Sequence[SampledPull]) -> Mapping[str, list[list[list[NDAr
     spread = float(np.std(np.concatenate([pull.displacement[pull.kept] for pull in pulls])))
     return {
         STIFFENING: [[_powers(pull, _stiffness(pulls)) for pull in pulls]],
-        "friction": [[[_stop(pull, part * spread)] for pull in pulls] for part in YIELDS],
+        FRICTION: [[[_stop(pull, part * spread)] for pull in pulls] for part in YIELDS],
         "standard linear solid": [[[_relax(pull, time)] for pull in pulls] for time in FAST],
         "creep": [[[_relax(pull, time)] for pull in pulls] for time in SLOW],
         SLIP: [[[column] for column in columns] for columns in _slips(pulls)],

@@ -25,8 +25,8 @@ SETTLING, MARGIN, MIN_HOLD = 1.0, 0.5, 1.0
 """Seconds left out after a step and before the next, and least ones in between."""
 FULL_HOLD = SETTLING + MARGIN + MIN_HOLD
 SHORT_HOLD, SHORT_PART, SHORT_STRETCH = 1.0, 0.5, 0.25
-"""In a hold shorter than FULL_HOLD, SETTLING and MARGIN are shorter in proportion, and SHORT_STRETCH [s] suffices; below
-SHORT_HOLD [s], or SHORT_PART of the trial's median hold, the load is not held but still being changed."""
+"""In a hold shorter than FULL_HOLD, SETTLING and MARGIN are shorter in proportion, and SHORT_STRETCH [s] suffices.
+Below SHORT_HOLD [s], or SHORT_PART of the trial's median hold, the load is not held but still being changed."""
 TREND_SIGNIFICANCE = 3.0
 LATE = 2.0
 UNLOADED, MIN_TOLERANCE = 0.1, 3.0

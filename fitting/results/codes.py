@@ -24,6 +24,7 @@ class Verdict(StrEnum):
     DAMPING_UNCERTAIN = "damping_not_identified.noise"
     NEGATIVE = "damping_not_identified.negative"
     DAMPING_NOT_CONVERGED = "damping_not_identified.not_converged"
+    FRICTION = "damping_not_identified.friction"
     SCALE = "stiffness_and_damping_not_identified.gain_error"
     SKIN = "stiffness_and_damping_not_identified.skin_motion"
     NOT_UNLOADED = "migration_not_identified.not_unloaded"
@@ -35,6 +36,7 @@ UNIDENTIFIED_BY: Mapping[Verdict, tuple[str, ...]] = {
     Verdict.DAMPING_UNCERTAIN: ("damping",),
     Verdict.NEGATIVE: ("damping",),
     Verdict.DAMPING_NOT_CONVERGED: ("damping",),
+    Verdict.FRICTION: ("damping",),
     Verdict.SCALE: ("stiffness", "damping"),
     Verdict.SKIN: ("stiffness", "damping"),
 }

@@ -47,6 +47,10 @@ _VERDICTS: Templates = {
         "damping is not identified: it is negative, and a cuff dissipates energy, so the lag between force and markers "
         "is wrong; record a bounce trial"
     ),
+    Verdict.FRICTION: (
+        "damping is not identified: the cuff has Coulomb friction, which dissipates too and is in the figure; fasten "
+        "the cuff tighter, or pull with a larger amplitude"
+    ),
     Verdict.SCALE: (
         "stiffness and damping are not identified: the load cell reads another force than the protocol's weights "
         "exert; correct load_cell or protocol.step_masses_kg, and fit again"
@@ -165,8 +169,8 @@ _NOTES: Templates = {
     ),
     NoteCode.SLIP_OR_FRICTION: (
         "all weights were removed at once, so slip and Coulomb friction cannot be distinguished: stiffness is "
-        "{slipped_n_per_m:.0f} N/m if the cuff slipped, and down to {rubs_n_per_m:.0f} N/m with friction, which its "
-        "interval includes; remove the weights one by one"
+        "{slipped_n_per_m:.0f} N/m if the cuff slipped, and down to {rubs_n_per_m:.0f} N/m with friction, and its "
+        "interval includes both; remove the weights one by one"
     ),
     NoteCode.FRICTION_OR_CREEP: (
         "Coulomb friction of ± {friction_n:.1f} N at the cuff, or creep too small to show in the holds: at the same "

@@ -85,19 +85,22 @@ def fit_held_loads(static: Sequence[Pull], gain_sd: float) -> HeldLoads:
         stiffness = replace(stiffness, outcome=worst((stiffness.outcome, creep.outcome)))
     if not any(trials):
         return HeldLoads(stiffness)
-    read, holds = [], []
-    for plateau in (plateau for plateaus in trials for plateau in plateaus if plateau.step is not None):
-        read.append((plateau.start + plateau.end) / 2 - plateau.step)
-        holds.append(plateau.hold)
+    after_step = [
+        (plateau.hold, (plateau.start + plateau.end) / 2 - plateau.step)
+        for plateaus in trials
+        for plateau in plateaus
+        if plateau.step is not None
+    ]
+    durations, read_after = np.array(after_step).reshape(-1, 2).T
     steps = {pull.trial.file: tuple(round(p.step, 2) for p in pull.plateaus if p.step is not None) for pull in static}
     return HeldLoads(
         stiffness,
-        float(np.mean(read)) if read else 0.0,
+        float(np.mean(read_after)) if after_step else 0.0,
         drift,
         creep,
         _energy(trials),
         steps,
-        float(np.median(holds)) if holds else math.inf,
+        float(np.median(durations)) if after_step else math.inf,
     )
 
 

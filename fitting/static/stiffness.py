@@ -66,6 +66,8 @@ class StiffnessFit:
     only_rose    whether no load was removed or added again
     law          tangent stiffness over the load, None for too few loads
     if_friction  k [N/m] for friction without slip, if the two cannot be distinguished; the interval includes it
+    loading      k [N/m] of the loading branch, if all weights were removed at once
+    if_slip      k [N/m] for slip without friction, where if_friction is given
     outcome      of all iterations for k
     """
 
@@ -78,7 +80,29 @@ class StiffnessFit:
     only_rose: bool
     law: TangentLaw | None
     if_friction: Estimate | None = None
+    loading: Estimate | None = None
+    if_slip: Estimate | None = None
     outcome: FitOutcome = FitOutcome.CONVERGED
+
+    def with_friction(self) -> StiffnessFit:
+        """For a cuff with friction: k is that of loading, not of a single unloading branch; its interval has both."""
+        if self.stiffness is None or self.loading is None:
+            return self
+        low, high = self.loading.ci95
+        part = max(0.0, self.stiffness.value - self.loading.value) / math.sqrt(3)
+        stiffness = replace(
+            self.loading,
+            standard_error=math.hypot(self.loading.standard_error, part),
+            ci95=(min(low, self.stiffness.ci95[0]), max(high, self.stiffness.ci95[1])),
+            parts={**self.loading.parts, "friction": part},
+        )
+        return replace(
+            self,
+            stiffness=stiffness,
+            if_friction=self.loading,
+            if_slip=self.if_slip or self.stiffness,
+            slips_again=False,
+        )
 
 
 def fit_stiffness(
@@ -97,18 +121,19 @@ def fit_stiffness(
     slips_again, friction = _contradict(fits, every_rise), 0.0
     fits = every_rise if slips_again else fits
     only_rose = not any(fit.repeat for fit in fits)
-    if_friction = None
+    if_friction = loading = None
     if creeps or _retraces(unslipped) or _has_one_curve(unslipped, fit_law(_points(unslipped)), only_rose=only_rose):
         fits, slips_again = unslipped, False
     elif _is_straight(turned) and (friction := _friction(turned)) > 0:
         fits, slips_again = turned, False
-    else:
-        if_friction = _friction_stiffness(fits, turned)
+    elif (loading := _loading_stiffness(fits, turned)) and _may_be_friction(fits, turned, loading):
+        if_friction = loading
     repeats = [fit.repeat for fit in fits if fit.repeat is not None]
     stiffness = as_inverse(combine(repeats)) if repeats else None
     slip = sum(_slip(fit, stiffness.value) for fit in fits) if stiffness and not friction else 0.0
     law = fit_law(_points(fits), gain_sd) if repeats else None
     progressive_slip = _progressive_slip(trials, stiffness.value) if slips_again and stiffness else 0.0
+    if_slip = stiffness if if_friction else None
     if stiffness and if_friction:
         stiffness = _extend_interval(stiffness, if_friction)
     outcomes = [fit.outcome for fit in fits] + ([law.outcome] if law else [])
@@ -123,6 +148,8 @@ def fit_stiffness(
         only_rose,
         law,
         if_friction,
+        loading,
+        if_slip,
         worst(outcomes),
     )
 
@@ -197,21 +224,29 @@ def _friction(turned: Sequence[StaticFit]) -> float:
     return float(np.mean(found)) if found and min(found) > 0 else 0.0
 
 
-def _friction_stiffness(fits: Sequence[StaticFit], turned: Sequence[StaticFit]) -> Estimate | None:
-    """k [N/m] of the loading branch if friction explains a single unloading branch as well as slip; otherwise None.
+def _loading_stiffness(fits: Sequence[StaticFit], turned: Sequence[StaticFit]) -> Estimate | None:
+    """k [N/m] of the loading branch if all weights are removed at once, so that there is one unloading branch.
 
-    If all weights are removed at once, there is one unloading branch: with slope k after slip, and steeper with
-    friction, which changes sign. Indications of slip: previous loads on one line with the unloading branch, a curved
-    loading branch, or a loading branch that is far less steep.
+    After slip the unloading branch has the slope k; with friction, which changes sign, it is steeper.
     """
-    found, loading = [fit.repeat for fit in fits if fit.repeat], [fit.repeat for fit in turned if fit.repeat]
-    if not found or not loading or any(_count_falls(fit.plateaus) > 1 for fit in fits):
+    loading = [fit.repeat for fit in turned if fit.repeat]
+    if not loading or any(_count_falls(fit.plateaus) > 1 for fit in fits):
         return None
-    dof, chi_square = sum(repeat.dof for repeat in loading), sum(repeat.chi_square for repeat in loading)
-    if _is_straight(fits) or (dof > 0 and chi_square > chi_square_limit(dof)):
-        return None
-    stiffness, with_friction = as_inverse(combine(found)), as_inverse(combine(loading))
-    return with_friction if stiffness.value * (1 - 2 * MOST_FRICTION) < with_friction.value < stiffness.value else None
+    return as_inverse(combine(loading))
+
+
+def _may_be_friction(fits: Sequence[StaticFit], turned: Sequence[StaticFit], loading: Estimate) -> bool:
+    """Whether friction explains a single unloading branch as well as slip.
+
+    Slip is certain if previous loads are on one line with the unloading branch, if the loading branch is curved, or if
+    it is far less steep.
+    """
+    found, rising = [fit.repeat for fit in fits if fit.repeat], [fit.repeat for fit in turned if fit.repeat]
+    dof, chi_square = sum(repeat.dof for repeat in rising), sum(repeat.chi_square for repeat in rising)
+    if not found or _is_straight(fits) or (dof > 0 and chi_square > chi_square_limit(dof)):
+        return False
+    slipped = as_inverse(combine(found)).value
+    return slipped * (1 - 2 * MOST_FRICTION) < loading.value < slipped
 
 
 def _count_falls(plateaus: Sequence[Plateau]) -> int:

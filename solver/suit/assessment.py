@@ -246,14 +246,16 @@ def _arms_and_waist(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameter
 def _scenarios(suit: Suit, arms: list[CuffParameters], waist: CuffParameters | None) -> list[SuitScenario]:
     """Rigid first, then all cuffs in all conditions; the reference rest length is the last."""
     lengths = np.append(suit.rest_lengths, suit.reference_rest_length)
-    yielding = [SuitScenario(condition, waist, arm, lengths) for arm in arms for condition in CUFF_CONDITIONS]
+    yielding = [
+        SuitScenario(condition, waist, arm, lengths, with_slopes=True) for arm in arms for condition in CUFF_CONDITIONS
+    ]
     return [SuitScenario("rigid", None, None, lengths), *yielding]
 
 
 def _read(
     suited: SuitedMotion, slack: ScenarioEffort, scenarios: Sequence[SuitScenario], efforts: Sequence[ScenarioEffort]
 ) -> list[CurveReadouts]:
-    """Readouts of all scenarios; the effect of migration is relative to the same cuffs without it."""
+    """Readouts of all scenarios; the loss of cord force is relative to the same cuffs without migration."""
     rigid, *others = zip(scenarios, efforts, strict=True)
     readouts = list(read_off_curves(suited, slack, {"rigid": rigid}).values())
     for cuff in range(0, len(others), len(CUFF_CONDITIONS)):

@@ -35,7 +35,9 @@ class CurveReadouts:
     to_slack           from the best rest length to that at which the cord is always slack [m]
     cord_force         largest tension at the reference rest length [N]
     cord_force_lost    share of it lost by migration, relative to the same cuffs before it
-    cost_per_migration normalised cost added at the reference rest length per metre of migration of the arm cuff [1/m]
+    cost_per_arm_migration, cost_per_waist_migration
+                       derivative of the normalised cost at the reference rest length with respect to the migration of
+                       this cuff alone, by central differences of the solved effort [1/m]; NaN for a rigid cuff
     bounds             (n, 4) side of the lengths tried at which the cost is lowest (−1, 1), and what rest_length,
                        lowest_cost and to_slack are there; the optimum lies there or beyond; else (0, NaN, NaN, NaN)
     reduction          (n, measured) 1 − mean activation / that with a slack cord, at the reference; see SuitedMotion
@@ -52,7 +54,8 @@ class CurveReadouts:
     to_slack: Array
     cord_force: Array
     cord_force_lost: Array
-    cost_per_migration: Array
+    cost_per_arm_migration: Array
+    cost_per_waist_migration: Array
     bounds: Array
     reduction: Array
     efforts: Array
@@ -91,17 +94,14 @@ def _unmigrated(solved: Mapping[Condition, Solved], condition: Condition) -> Sol
 def _read(suited: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
     scenario, effort = solved
     force, cost = effort.cord_force[-1], effort.muscles[-1]
-    force_before = cost_before = np.nan
-    if unmigrated is not None:
-        _, before = unmigrated
-        force_before, cost_before = before.cord_force[-1], before.muscles[-1]
+    force_before = unmigrated[1].cord_force[-1] if unmigrated is not None else np.nan
     lowest = find_minimum(scenario.rest_lengths[:-1], effort.muscles[:-1])
     bounds = np.array([0.0, np.nan, np.nan, np.nan])
     if lowest.edge:
         place = -2 if lowest.edge > 0 else 0  # the last is the reference
         length = scenario.rest_lengths[place]
         bounds = np.array([lowest.edge, length, effort.muscles[place], suited.slack_rest_length(scenario) - length])
-    slipped = scenario.arm.migration if scenario.arm else 0.0
+    of_waist, of_arm = effort.migration_slopes
     mean, mean_slack = (suited.mean_activation(found) for found in (effort.activations[-1], slack.activations[0]))
     return CurveReadouts(
         at_reference=np.array([cost]),
@@ -111,7 +111,8 @@ def _read(suited: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrate
         to_slack=np.array([suited.slack_rest_length(scenario) - lowest.rest_length]),
         cord_force=np.array([force]),
         cord_force_lost=np.array([1 - force / force_before if force_before > 0 else np.nan]),
-        cost_per_migration=np.array([(cost - cost_before) / slipped if slipped else np.nan]),
+        cost_per_arm_migration=np.array([of_arm]),
+        cost_per_waist_migration=np.array([of_waist]),
         bounds=bounds[None],
         reduction=1 - np.divide(mean, mean_slack, out=np.full_like(mean, np.nan), where=mean_slack > IDLE)[None],
         efforts=np.empty((1, 0)),

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain, islice
 from typing import Literal
 
 import numpy as np
@@ -35,20 +36,40 @@ Array = NDArray[np.float64]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 CUFF_CONDITIONS: tuple[Condition, ...] = ("shift", "visco_elastic", "both")
 RANGE_TOLERANCE = 1e-6  # rad or m
+MIGRATION_STEP = 1e-3
+"""m of a central difference of the effort over migration."""
 
 
 @dataclass(frozen=True, eq=False)
 class SuitScenario:
-    """The suit with these cuffs (None is a rigid one) in this condition, at each of some rest lengths (n,) [m]."""
+    """The suit with these cuffs (None is a rigid one) in this condition, at each of some rest lengths (n,) [m].
+
+    with_slopes  whether to solve the change of the effort with the migration of each cuff at the last rest length
+    """
 
     condition: Condition
     waist: CuffParameters | None
     arm: CuffParameters | None
     rest_lengths: Array
+    with_slopes: bool = False
 
     @property
     def cuffs(self) -> tuple[CuffParameters | None, CuffParameters | None]:
         return self.waist, self.arm
+
+    @property
+    def migrated(self) -> list[SuitScenario]:
+        """The scenario at its last rest length with the waist cuff, then the arm cuff, migrated by MIGRATION_STEP less,
+        then with both by as much more; none without slopes.
+        """
+        if not self.with_slopes or not self.is_shifted:
+            return []
+        cord = replace(self, rest_lengths=self.rest_lengths[-1:], with_slopes=False)
+        found = []
+        for step in (-MIGRATION_STEP, MIGRATION_STEP):
+            found += [replace(cord, waist=_moved(self.waist, step))] if self.waist else []
+            found += [replace(cord, arm=_moved(self.arm, step))] if self.arm else []
+        return found
 
     @property
     def is_shifted(self) -> bool:
@@ -82,6 +103,8 @@ class ScenarioEffort:
     cord_force         (rest lengths,) largest tension of the cord [N], over all frames of the motion
     activations        (rest lengths, frames, muscles)
     outcomes           (rest lengths, frames) of FrameOutcome
+    migration_slopes   (2,) derivative of muscles at the last rest length with respect to the migration of the waist and
+                       the arm cuff alone [1/m]; NaN for a rigid cuff, or where they were not solved
     """
 
     muscles: Array
@@ -89,6 +112,7 @@ class ScenarioEffort:
     cord_force: Array
     activations: Array
     outcomes: NDArray[np.object_]
+    migration_slopes: Array = field(default_factory=lambda: np.full(2, np.nan))
 
     @property
     def unsolved(self) -> int:
@@ -228,7 +252,8 @@ def solve_scenarios(
     """
     frames, places = suited.per_unit_wrench.acceleration.shape[:2]
     wrenches, cord_forces = [np.zeros((1, frames, places))], [np.zeros(1)]
-    for scenario in scenarios:
+    migrated = [scenario.migrated for scenario in scenarios]
+    for scenario in (*scenarios, *chain.from_iterable(migrated)):
         forces = suited.forces(scenario)
         wrench = wrench_about_origin(forces.points, forces.forces)
         wrenches.append(wrench.reshape(*wrench.shape[:2], places))
@@ -244,7 +269,24 @@ def solve_scenarios(
         _effort(suited.problem, solution, slice(begin, end), cord_force, slack)
         for begin, end, cord_force in zip([0, *ends[:-1]], ends, cord_forces, strict=True)
     )
-    return first, others
+    steps = iter(others[len(scenarios) :])
+    return first, [
+        replace(effort, migration_slopes=_slopes(scenario, list(islice(steps, len(moved)))))
+        for scenario, effort, moved in zip(scenarios, others, migrated, strict=False)
+    ]
+
+
+def _slopes(scenario: SuitScenario, migrated: Sequence[ScenarioEffort]) -> Array:
+    """Slopes of the effort (2,) from those of scenario.migrated."""
+    slopes = np.full(2, np.nan)
+    if migrated:
+        less, more = np.array([effort.muscles[0] for effort in migrated]).reshape(2, -1)
+        slopes[[cuff is not None for cuff in scenario.cuffs]] = (more - less) / (2 * MIGRATION_STEP)
+    return slopes
+
+
+def _moved(cuff: CuffParameters, step: float) -> CuffParameters:
+    return replace(cuff, migration=cuff.migration + step)
 
 
 def solve_without_suit(suited: SuitedMotion, slack: ScenarioEffort, workers: int | None = None) -> ScenarioEffort:

@@ -179,6 +179,6 @@ def _scenarios(
     """A pair of cuffs in every condition, at rest lengths over its span and at the reference."""
     scenarios = []
     for condition in CUFF_CONDITIONS:
-        cord = SuitScenario(condition, waist, arm, np.linspace(*spans[condition, arm.name], NODES))
+        cord = SuitScenario(condition, waist, arm, np.linspace(*spans[condition, arm.name], NODES), condition == "both")
         scenarios.append(replace(cord, rest_lengths=np.append(cord.rest_lengths - cord.migration, reference)))
     return scenarios

@@ -177,7 +177,7 @@ def _scenario(
     """Rest lengths over the span, which follows the length of the cord and the migration; then the reference."""
     condition, waist, arm = pair
     first, last = case.spans[condition, arm.name if arm else None]
-    scenario = SuitScenario(condition, waist, arm, np.linspace(first + moved, last + moved, NODES))
+    scenario = SuitScenario(condition, waist, arm, np.linspace(first + moved, last + moved, NODES), condition == "both")
     lengths = np.append(scenario.rest_lengths - scenario.migration, case.suit.reference_rest_length)
     return replace(scenario, rest_lengths=lengths)
 
@@ -186,7 +186,7 @@ def _shorter(case: PeopleCase, scenario: SuitScenario) -> SuitScenario:
     """The rest lengths from the suit's shortest up to those of the scenario."""
     shortest = float(case.suit.rest_lengths[0])
     lengths = np.linspace(min(shortest, scenario.rest_lengths[0]), scenario.rest_lengths[0], SHORTER_NODES + 1)[:-1]
-    return replace(scenario, rest_lengths=lengths)
+    return replace(scenario, rest_lengths=lengths, with_slopes=False)
 
 
 def _bracket_optima(

@@ -126,6 +126,7 @@ class AssessedMotionEntry(StrictEntry):
     largest_cord_force_n: dict[str, Any]
     cord_force_lost_to_migration: dict[str, Any]
     cost_per_arm_migration_per_m: dict[str, Any]
+    cost_per_waist_migration_per_m: dict[str, Any] = Field(default_factory=dict)
 
 
 class OtherMotionEntry(AssessedMotionEntry):
@@ -167,6 +168,7 @@ _BY_CONDITION: dict[str, TypeAdapter[Any]] = {
             "largest_cord_force_n",
             "cord_force_lost_to_migration",
             "cost_per_arm_migration_per_m",
+            "cost_per_waist_migration_per_m",
         )
     },
 }

@@ -25,7 +25,8 @@ CURVE_KEYS = {
     "to_slack": "optimum_to_slack_m",
     "cord_force": "largest_cord_force_n",
     "cord_force_lost": "cord_force_lost_to_migration",
-    "cost_per_migration": "cost_per_arm_migration_per_m",
+    "cost_per_arm_migration": "cost_per_arm_migration_per_m",
+    "cost_per_waist_migration": "cost_per_waist_migration_per_m",
 }
 """Field of CurveReadouts → key, for the numbers other than the effort at the reference and the optimum."""
 

@@ -189,7 +189,7 @@ def _migration(assessment: Assessment, total: TotalUncertainty | None) -> Iterat
     waist = f" and the {assessment.waist_cuff} cuff" if assessment.waist_cuff else ""
     for curve in assessment.curves:
         found = curve.figures if total is None else total.figures.get((curve.condition, curve.cuff), curve.figures)
-        lost, cost = found["cord_force_lost"].value, found["cost_per_migration"]
+        lost, cost = found["cord_force_lost"].value, found["cost_per_arm_migration"]
         if curve.condition == "both" and lost is not None and cost.value is not None:
             digits = digits_of(cost.ci95, otherwise=1)
             figures: Figures = {
@@ -199,6 +199,12 @@ def _migration(assessment: Assessment, total: TotalUncertainty | None) -> Iterat
                 "percent_per_cm": _signed(cost.value, digits),
             }
             yield _migration_cost(figures, cost.ci95, digits)
+            of_waist = found["cost_per_waist_migration"].value
+            if of_waist is not None:
+                figures = {"cuff": str(curve.cuff), "waist": str(assessment.waist_cuff)}
+                yield Message(
+                    AssessmentCode.MIGRATION_COST_OF_WAIST, {**figures, "percent_per_cm": _signed(of_waist, digits)}
+                )
 
 
 def _migration_cost(figures: Figures, ci95: tuple[float, float] | None, digits: int) -> Finding:

@@ -27,7 +27,8 @@ UNITS = {
     "to_slack": "optimum_to_slack_m",
     "cord_force": "largest_cord_force_n",
     "cord_force_lost": "cord_force_lost_to_migration",
-    "cost_per_migration": "cost_per_arm_migration_per_m",
+    "cost_per_arm_migration": "cost_per_arm_migration_per_m",
+    "cost_per_waist_migration": "cost_per_waist_migration_per_m",
 }
 """Field of CurveReadouts → column of people.csv."""
 
@@ -97,6 +98,7 @@ class TotalUncertaintyEntry(StrictEntry):
     largest_cord_force_n: dict[str, Any]
     cord_force_lost_to_migration: dict[str, Any]
     cost_per_arm_migration_per_m: dict[str, Any]
+    cost_per_waist_migration_per_m: dict[str, Any] = Field(default_factory=dict)
     muscle_reduction: dict[str, Any] = Field(default_factory=dict)
     cost: dict[str, dict[str, CostBandEntry]] = Field(default_factory=dict)
     indices: list[IndicesEntry] = Field(default_factory=list)

@@ -23,7 +23,7 @@ _RESERVE = " Elastic tendons that are slack after rest need a reserve ([reserves
 _UNCONVERGED = "{frames:.0f} of {all_frames:.0f} frames: the "
 _MIGRATION = (
     "With compliance, migration of {cuffs} reduces the largest force of the cord by {lost_percent:.0f} %, and changes "
-    "the effort by {percent_per_cm} percentage points per centimetre that {cuff} migrates"
+    "the effort by {percent_per_cm} percentage points per centimetre that {cuff} alone migrates"
 )
 _MIGRATION_INTERVAL = _MIGRATION + " (95 % CI {low_per_cm} to {high_per_cm})"
 ASSESSMENT: Mapping[StrEnum, str] = {
@@ -70,6 +70,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.MIGRATION_COST: _MIGRATION_INTERVAL + ".",
     AssessmentCode.MIGRATION_COST_OPEN: _MIGRATION_INTERVAL + "; this change of effort is not distinguishable from 0.",
     AssessmentCode.MIGRATION_COST_ALONE: _MIGRATION + "; without an interval.",
+    AssessmentCode.MIGRATION_COST_OF_WAIST: (
+        "With {cuff}, the effort changes by {percent_per_cm} percentage points per centimetre that {waist} alone "
+        "migrates."
+    ),
     AssessmentCode.NEGATIVE_MIGRATION: (
         "The migration of {cuff} is {migration_mm:.1f} mm: it moved against the pull, so that the cord pulls more "
         "than before. Check its sign."

@@ -289,6 +289,7 @@ class AssessmentCode(StrEnum):
     MIGRATION_COST = "cord.migration_cost"
     MIGRATION_COST_OPEN = "cord.migration_cost.not_distinguished"
     MIGRATION_COST_ALONE = "cord.migration_cost.without_interval"
+    MIGRATION_COST_OF_WAIST = "cord.migration_cost.of_waist"
     RESERVES_SMALL = "reserves.small"
     RESERVES_LARGE = "reserves.large"
     RESERVES_LARGE_AT = "reserves.large.at_coordinates"

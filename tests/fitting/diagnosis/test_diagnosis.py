@@ -90,6 +90,19 @@ def test_short_holds_are_reported_as_such_and_not_as_another_cause(hold: float) 
     assert high - low < 0.04 * Law().stiffness
 
 
+@pytest.mark.parametrize("friction", [4.0, 10.0])
+def test_friction_and_one_unloading_branch_give_the_stiffness_of_loading_and_no_damping(friction: float) -> None:
+    truth = Truth(friction=1e9, migration=0.0, duration=14.0, unloads_at_once=True)
+    fit = _fitted(OddSession(Law(friction=friction), Rig(), 6, truth))
+    assert fit.missing == ("damping",)
+    assert Verdict.FRICTION in fit.verdicts
+    assert NoteCode.SLIP_OR_FRICTION in [note.code for note in fit.notes]
+    assert fit.stiffness
+    assert fit.stiffness.value == pytest.approx(Law().stiffness, rel=0.02)
+    low, high = fit.stiffness.ci95
+    assert low < Law().stiffness < 1.05 * Law().stiffness < high, "slip would give more"
+
+
 def test_the_shift_of_a_record_is_reported_in_millimetres_and_newtons() -> None:
     place = _finding(_diagnosed(CauseCode.DISPLACEMENT_ZERO)[1], FindingCode.START)
     assert place.value == pytest.approx(0.012, abs=1e-4)

@@ -102,9 +102,32 @@ def test_migration_takes_the_slack_times_the_stiffness_from_the_cord(assessment)
     lost = value(rigid, "cord_force") - value(shift, "cord_force")
     assert lost == pytest.approx(SUIT.stiffness * 0.03)
     assert value(shift, "cord_force_lost") == pytest.approx(lost / value(rigid, "cord_force"))
-    added = value(shift, "at_reference") - value(rigid, "at_reference")
-    assert value(shift, "cost_per_migration") == pytest.approx(added / HAND.migration, rel=1e-3)
     assert rigid.figures["cord_force_lost"].value is None
+
+
+def test_the_cost_of_migration_is_that_of_the_one_cuff_that_migrates(assessment):
+    """Against whole assessments in which one cuff alone migrates by 4 mm less and more; linear within 4 mm."""
+    suit = replace(SUIT, rest_lengths=SUIT.rest_lengths[-2:])
+    for condition in ("shift", "both"):
+        found = curve(assessment, condition)
+        for name, cuff in (("cost_per_arm_migration", HAND), ("cost_per_waist_migration", WAIST)):
+            less, more = (
+                value(
+                    curve(
+                        coarse(
+                            *(replace(c, migration=c.migration + step) if c is cuff else c for c in (WAIST, HAND)),
+                            suit=suit,
+                        ),
+                        condition,
+                    ),
+                    "at_reference",
+                )
+                for step in (-4e-3, 4e-3)
+            )
+            assert value(found, name) == pytest.approx((more - less) / 8e-3, rel=0.01)
+    low, high = curve(assessment, "both").figures["cost_per_arm_migration"].ci95
+    assert low < value(curve(assessment, "both"), "cost_per_arm_migration") < high
+    assert curve(assessment, "rigid").figures["cost_per_arm_migration"].value is None
 
 
 def test_from_the_optimum_to_slack_is_the_same_way_shifted_or_not(assessment):

@@ -117,7 +117,7 @@ def test_the_effort_with_the_best_rest_length_is_given_if_it_is_known() -> None:
 @pytest.mark.parametrize(("waist", "cuffs"), [(None, "hand"), ("belt", "hand and the belt cuff")])
 def test_the_cost_of_migration_is_that_with_compliance(waist: str | None, cuffs: str) -> None:
     migrated = [
-        with_figures(curve("hand", 0.83, condition), cord_force_lost=lost, cost_per_migration=cost)
+        with_figures(curve("hand", 0.83, condition), cord_force_lost=lost, cost_per_arm_migration=cost)
         for condition, lost, cost in (("shift", 0.3, 1.6), ("both", 0.2, 3.2))
     ]
     finding = one(findings(assessment(*migrated, waist_cuff=waist)), AssessmentCode.MIGRATION_COST_ALONE)
@@ -135,7 +135,7 @@ def test_a_cost_of_migration_whose_interval_contains_0_is_open(
     ci95: tuple[float, float], ends: tuple[str, str], code: AssessmentCode
 ) -> None:
     migrated = with_figures(curve("hand", 0.83), cord_force_lost=0.2)
-    migrated = replace(migrated, figures={**migrated.figures, "cost_per_migration": Quantity(2.3, ci95)})
+    migrated = replace(migrated, figures={**migrated.figures, "cost_per_arm_migration": Quantity(2.3, ci95)})
     figures = one(findings(assessment(migrated)), code).figures
     assert (figures["low_per_cm"], figures["high_per_cm"]) == ends
 
