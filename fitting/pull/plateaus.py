@@ -148,7 +148,9 @@ def _steps(middle: NDArray[np.float64], binned: NDArray[np.float64], width: floa
     Between two steps the difference falls below half of this. The noise is that of the sensor, from second differences:
     with short holds, most bins are near a step.
     """
-    change, roughness = _change_of_mean(scipy.ndimage.median_filter(binned, 5, mode="nearest"), max(2, round(side / width)))
+    change, roughness = _change_of_mean(
+        scipy.ndimage.median_filter(binned, 5, mode="nearest"), max(2, round(side / width))
+    )
     noise = float(np.median(np.abs(np.diff(binned, 2)))) / 0.6745 / math.sqrt(6) * math.sqrt(2 * width / side)
     size = np.abs(change) / np.maximum(_least_step(binned), 6 * noise * roughness)
     regions, count = scipy.ndimage.label(size > 0.5)
