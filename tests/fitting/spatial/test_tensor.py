@@ -33,18 +33,17 @@ def _of(trials: list[Pull], test: str) -> list[Pull]:
     return [each for each in trials if each.trial.test == test]
 
 
-def _fitted(rope_error: float = 0.0, runs: int = RUNS) -> list[tuple[Space, Tensor, Tensor]]:
-    """K and C of cuffs turned at random, sway, lag and noise drawn anew in every run."""
-    found = []
-    for seed in range(runs):
-        random = np.random.default_rng(seed)
-        space = replace(elbow(random), rope_error=rope_error, lag=0.2e-3 * random.standard_normal(), lag_sd=0.2e-3)
-        trials = _reduced(space, directions(30), random)
-        found.append((space, held_tensor(_of(trials, "static"), 0.0), swung_tensor(_of(trials, "dynamic"), {}, 0.0)))
-    return found
+@cache
+def fitted_run(seed: int, rope_error: float = 0.0) -> tuple[Space, Tensor, Tensor]:
+    """K and C of a cuff turned at random; sway, lag and noise drawn anew."""
+    random = np.random.default_rng(seed)
+    space = replace(elbow(random), rope_error=rope_error, lag=0.2e-3 * random.standard_normal(), lag_sd=0.2e-3)
+    trials = _reduced(space, directions(30), random)
+    return space, held_tensor(_of(trials, "static"), 0.0), swung_tensor(_of(trials, "dynamic"), {}, 0.0)
 
 
-fitted = cache(_fitted)
+def fitted(runs: int = RUNS, rope_error: float = 0.0) -> list[tuple[Space, Tensor, Tensor]]:
+    return [fitted_run(seed, rope_error) for seed in range(runs)]
 
 
 def _covered(found: list[tuple[Space, Tensor, Tensor]], part: float = 1.0) -> tuple[float, float]:
@@ -65,19 +64,22 @@ def test_intervals_of_entries_hold_with_every_run_drawn_anew() -> None:
     assert damping >= 0.85
 
 
+@pytest.mark.slow
 def test_halved_intervals_or_a_displaced_rope_would_have_too_little_coverage() -> None:
     assert max(_covered(fitted(), part=0.5)) < 0.85
-    assert max(_covered(_fitted(rope_error=0.03, runs=4))) < 0.85
+    assert max(_covered(fitted(4, rope_error=0.03))) < 0.85
 
 
-def test_entries_are_near_the_truth() -> None:
-    for space, stiffness, damping in fitted():
+@pytest.mark.parametrize("runs", [3, pytest.param(RUNS, marks=pytest.mark.slow)])
+def test_entries_are_near_the_truth(runs: int) -> None:
+    for space, stiffness, damping in fitted(runs):
         largest = np.abs(space.stiffness).max()
         assert np.abs(np.diag(stiffness.value) / np.diag(space.stiffness) - 1).max() < 0.03
         assert np.abs(stiffness.value - space.stiffness).max() < 0.05 * largest
         assert np.abs(damping.value - space.damping).max() < 0.1 * np.abs(space.damping).max()
 
 
+@pytest.mark.slow
 def test_eigenvalues_and_axes_lie_in_their_intervals() -> None:
     inside, cones = [], []
     for space, stiffness, _ in fitted():

@@ -17,6 +17,8 @@ from fitting.static.migration import fit_migration
 from tests.fitting.held import Held, static_trial
 
 COUNT = 60
+SOME = pytest.mark.parametrize("count", [8, pytest.param(20, marks=pytest.mark.slow)])
+"""Seeds of a test; those of the slow ones hold the others, which were fitted by then."""
 CREEPING = Held(creep=0.15, unloads=True)
 SLIPPING = Held(first_slip=25.0, hardening=4000.0, unloads=True)
 
@@ -63,11 +65,12 @@ def test_a_hook_and_a_zero_leave_the_stiffness_alone() -> None:
         assert shifted.value == pytest.approx(plain.value, rel=5e-4)
 
 
+@SOME
 @pytest.mark.parametrize("truth", [Held(occlusion=30.0), Held(ghosts=5.0)], ids=["occlusion", "ghosts"])
-def test_hidden_markers_and_ghosts_leave_it_nearly_alone(truth: Held) -> None:
-    values, errors = _stiffnesses(truth, 20)
+def test_hidden_markers_and_ghosts_leave_it_nearly_alone(truth: Held, count: int) -> None:
+    values, errors = _stiffnesses(truth, count)
     assert np.sqrt(np.mean((values / truth.stiffness - 1) ** 2)) < 1.5 * 1.3 * 0.138e-2
-    assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, 20)
+    assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, count)
 
 
 @pytest.mark.slow
@@ -87,12 +90,13 @@ def test_slip_while_the_load_only_rises_is_no_stiffness() -> None:
     assert _fit(replace(SLIPPING, unloads=False), 1).stiffness.stiffness is None
 
 
+@SOME
 @pytest.mark.parametrize("unloads", [False, True])
-def test_creep_is_flagged_measured_and_led_to_its_rest(unloads: bool) -> None:
+def test_creep_is_flagged_measured_and_led_to_its_rest(unloads: bool, count: int) -> None:
     """T6: flagged every time, the stiffness at rest within its interval; the stiffness is that after the hold."""
     truth = replace(CREEPING, unloads=unloads)
     scores = []
-    for seed in range(20):
+    for seed in range(count):
         held = _fit(truth, seed)
         assert held.creep is not None and held.creep.is_seen
         assert held.stiffness.stiffness is not None
@@ -100,16 +104,17 @@ def test_creep_is_flagged_measured_and_led_to_its_rest(unloads: bool) -> None:
         assert held_load_notes(held)[0].code is NoteCode.CREEPS
         rest = held.creep.stiffness_at_rest
         scores.append((rest.value - truth.stiffness) / rest.standard_error)
-    assert np.sum(np.square(scores)) < 1.5 * stats.chi2.ppf(0.9995, 20)
+    assert np.sum(np.square(scores)) < 1.5 * stats.chi2.ppf(0.9995, count)
 
 
 def _codes(held: HeldLoads) -> list[NoteCode]:
     return [note.code for note in held_load_notes(held)]
 
 
-def test_a_cuff_that_does_not_creep_is_not_classified_as_creeping() -> None:
+@SOME
+def test_a_cuff_that_does_not_creep_is_not_classified_as_creeping(count: int) -> None:
     for truth in (Held(), SLIPPING):
-        for seed in range(20):
+        for seed in range(count):
             held = _fit(truth, seed)
             assert held.creep is None or not held.creep.is_seen
             assert NoteCode.CREEPS not in _codes(held)
@@ -139,10 +144,11 @@ def test_what_creep_still_recovers_is_no_migration() -> None:
         assert migration.parts["creep"] > migration.parts["noise"]
 
 
-def test_a_zero_that_drifts_is_estimated_removed_and_reported() -> None:
+@SOME
+def test_a_zero_that_drifts_is_estimated_removed_and_reported(count: int) -> None:
     truth = Held(unloads=True, drift=1.5 / 60)
-    values, errors = _stiffnesses(truth, 20)
-    assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, 20)
+    values, errors = _stiffnesses(truth, count)
+    assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, count)
     held = _fit(truth, 1)
     assert held.drift is not None
     assert abs(held.drift.value - truth.drift) < 3.5 * held.drift.standard_error
@@ -152,11 +158,12 @@ def test_a_zero_that_drifts_is_estimated_removed_and_reported() -> None:
     assert _fit(Held(), 1).drift is None, "drift and stiffness cannot be distinguished if the load only rises"
 
 
+@SOME
 @pytest.mark.parametrize("unloads", [False, True])
-def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool) -> None:
+def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool, count: int) -> None:
     truth = Held(stiffness=4520.0, stiffening=100.0, unloads=unloads)
     scores = []
-    for seed in range(20):
+    for seed in range(count):
         law = _fit(truth, seed).stiffness.law
         assert law is not None
         assert law.significance > 10
@@ -165,7 +172,9 @@ def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool) ->
             half = (tangent.ci95[1] - tangent.ci95[0]) / 2 / stats.norm.ppf(0.975)
             scores.append((tangent.value - (truth.stiffness + truth.stiffening * load)) / half)
         assert abs(law.stiffening.value - truth.stiffening) < 4 * law.stiffening.standard_error
-    assert np.sum(np.square(scores)) < 2 * stats.chi2.ppf(0.9995, 60), "three loads of one fit are not independent"
+    assert np.sum(np.square(scores)) < 2 * stats.chi2.ppf(0.9995, 3 * count), (
+        "three loads of one fit are not independent"
+    )
 
 
 def test_the_interval_of_a_tangent_includes_the_gain_of_the_load_cell() -> None:

@@ -111,7 +111,7 @@ def test_damaged_tracks_are_fitted_or_refused_in_a_sentence(damages: list[tuple[
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(damages)
 def test_many_damaged_tracks_are_fitted_or_refused_in_a_sentence(
     damages: list[tuple[int, str, str, list[float]]],

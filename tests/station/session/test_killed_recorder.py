@@ -18,6 +18,7 @@ from tests.station.console.served import write_config
 from tests.station.session.test_controller import SETUP, SPEED, until, with_folder
 
 
+@pytest.mark.slow
 def test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_recorder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

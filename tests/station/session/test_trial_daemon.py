@@ -144,6 +144,7 @@ def test_a_stop_while_armed_records_nothing(running: tuple[SimulatedBench, Stati
     assert not list(tmp_path.glob("*.mcap"))
 
 
+@pytest.mark.slow
 def test_a_device_lost_during_a_trial_is_named_and_the_recording_kept(tmp_path: Path) -> None:
     with (
         simulated_bench(tmp_path / "bench") as (bench, config),

@@ -84,6 +84,7 @@ def at(count: int, act: Callable[[], None]) -> Callable[[str, int, int], None]:
     return progress
 
 
+@pytest.mark.slow
 def test_a_sweep_survives_a_killed_worker(client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path) -> None:
     processes = client.run(os.getpid)
     victim = next(iter(processes.values()))
@@ -138,6 +139,7 @@ def test_drawn_people_are_the_same_on_a_cluster_as_here(client: Client, monkeypa
         run_people(CASE, scores, PeopleRun(read_budget(), None, partial(solve_people_on, client)))
 
 
+@pytest.mark.slow
 def test_local_workers_listen_to_this_machine_only_and_serve_no_dashboard(client: Client) -> None:
     account = client.scheduler_info()
     addresses = [account["address"], *account["workers"]]
@@ -154,6 +156,7 @@ def test_a_scheduler_that_does_not_answer_is_refused(monkeypatch: pytest.MonkeyP
         pytest.fail("no scheduler listens there")
 
 
+@pytest.mark.slow
 def test_a_running_scheduler_is_used(client: Client, plan: SweepPlan, tmp_path: Path) -> None:
     with connected(client.scheduler.address, 1) as joined:
         found = run_sweep(plan, tmp_path, partial(solve_on, joined))

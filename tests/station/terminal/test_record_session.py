@@ -55,6 +55,7 @@ def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) ->
     assert read_journal(bench / "simulated" / "monday").verdicts == {}, "the next operator decides"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Python opens no pseudo-terminal on Windows")
 def test_a_terminal_reads_keys_and_no_line_is_wider_than_it(bench: Path) -> None:
     import fcntl
