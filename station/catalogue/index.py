@@ -14,19 +14,24 @@ from pathlib import Path
 import duckdb
 import pandas as pd
 
+from documents.regular_file import open_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from station.catalogue.errors import CatalogueError
 from station.catalogue.participants import PARTICIPANTS_FILE, Participants, read_participants
 from station.catalogue.session_rows import Row, SessionRows, SessionState, read_rows, stamp_of
 from station.catalogue.tables import FORMAT, TABLES, creation
+from station.checksums import list_in_session
 from station.journal_lines import JOURNAL_FILE
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode
 from station.progress import Progress, silent
+from station.whole_file import drafted
 
 CATALOGUE_FILE = "catalogue.duckdb"
 BATCH = 200
 """Sessions that are written together."""
+EMPTY_BYTES = 3 * 4096
+"""The headers of a DuckDB file; a shorter one was left by a program that ended while it created the file."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +57,7 @@ def update_catalogue(folder: Path, path: Path, progress: Progress = silent, *, i
         _delete(connection, [*gone, *(name for name in changed if name in known)])
         for first in range(0, len(changed), BATCH):
             progress("reading sessions", first, len(changed))
-            batch = changed[first : first + BATCH]
-            _insert(connection, [read_rows(found[name], name) for name in batch])
+            _insert(connection, [read_rows(found[name], name) for name in changed[first : first + BATCH]])
         progress("reading sessions", len(changed), len(changed))
         _replace_participants(connection, participants)
         query = "SELECT session, reason FROM sessions WHERE state = ? ORDER BY session"
@@ -63,31 +67,57 @@ def update_catalogue(folder: Path, path: Path, progress: Progress = silent, *, i
 
 @contextmanager
 def _opened(path: Path, *, is_rebuilt: bool) -> Iterator[duckdb.DuckDBPyConnection]:
-    """The catalogue for writing, in one transaction; one of another format is built anew."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.exists() and (not _is_current(path) or is_rebuilt):
-        path.unlink()
-        path.with_name(f"{path.name}.wal").unlink(missing_ok=True)
+    """The catalogue for writing, in one transaction. A new one, or one in place of another format, is a draft first."""
     try:
-        with duckdb.connect(str(path)) as connection:
-            connection.begin()
-            if not connection.execute("SELECT 1 FROM duckdb_tables() WHERE table_name = 'catalogue'").fetchall():
+        if not is_rebuilt and _is_current(path):
+            with duckdb.connect(str(path)) as connection:
+                connection.begin()
+                yield connection
+                connection.commit()
+            list_in_session(path)
+            return
+        if path.exists():
+            _ensure_ours(path)
+        with drafted(path) as draft:
+            with duckdb.connect(str(draft)) as connection:
                 connection.execute(creation())
-            yield connection
-            connection.commit()
-    except duckdb.IOException as error:
+                yield connection
+            path.with_name(f"{path.name}.wal").unlink(missing_ok=True)
+    except duckdb.Error as error:
         raise _not_opened(path, error) from error
+    except OSError as error:
+        figures = {"path": str(path), "reason": error.strerror or str(error)}
+        raise CatalogueError(Message(CatalogueCode.NOT_CREATED, figures)) from error
 
 
 def _is_current(path: Path) -> bool:
-    """False for a file that is no catalogue of this format; it holds nothing that the folders do not."""
+    """Whether the file is a catalogue of this format; otherwise it has nothing that the folders do not have."""
+    if not path.exists() or path.stat().st_size < EMPTY_BYTES:
+        return False
+    with duckdb.connect(str(path), read_only=True) as connection:
+        try:
+            return connection.execute("SELECT format FROM catalogue").fetchall() == [(FORMAT,)]
+        except duckdb.CatalogException:
+            return False
+
+
+def _ensure_ours(path: Path) -> None:
+    """Raise CatalogueError for a file of another program. A damaged file of DuckDB is taken for a catalogue."""
+    with open_regular(path) as file:
+        head = file.read(EMPTY_BYTES)
+    if head[8:12] != b"DUCK" and head.strip(b"\0"):
+        raise CatalogueError(Message(CatalogueCode.OTHER_DATABASE, {"path": str(path)}))
+    if len(head) < EMPTY_BYTES:
+        return
     try:
         with duckdb.connect(str(path), read_only=True) as connection:
-            return connection.execute("SELECT format FROM catalogue").fetchall() == [(FORMAT,)]
-    except duckdb.CatalogException:
-        raise CatalogueError(Message(CatalogueCode.OTHER_DATABASE, {"path": str(path)})) from None
-    except duckdb.IOException as error:
-        raise _not_opened(path, error) from error
+            tables = {name for (name,) in connection.execute("SELECT table_name FROM duckdb_tables()").fetchall()}
+    except duckdb.Error as error:
+        if "Could not set lock" in str(error):
+            raise
+        return
+    if tables and "catalogue" not in tables:
+        raise CatalogueError(Message(CatalogueCode.OTHER_DATABASE, {"path": str(path)}))
 
 
 def _not_opened(path: Path, error: Exception) -> CatalogueError:

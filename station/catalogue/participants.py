@@ -26,7 +26,12 @@ def read_participants(path: Path) -> Participants:
         text = read_regular(path, LARGEST_TABLE).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise _wrong(path, describe_failure(error)) from error
-    rows = list(csv.reader(io.StringIO(text), delimiter="\t", quoting=csv.QUOTE_NONE))
+    try:  # any line ends, also those of an old Macintosh
+        rows = list(csv.reader(io.StringIO(text, newline=None), delimiter="\t", quoting=csv.QUOTE_NONE))
+    except csv.Error as error:
+        raise _wrong(path, str(error)) from error
+    if "\0" in text:
+        raise _wrong(path, "it contains NUL characters")
     if not rows or rows[0][:1] != [KEY]:
         raise _wrong(path, f"expected the first column {KEY}")
     header = rows[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +24,11 @@ LISTED = """
 SELECT session, subject, operator, begun_utc, origin, cuff, donning, stiffness_n_per_m, damping_n_s_per_m, migration_m
 FROM sessions LEFT JOIN cuffs USING (session)
 """
+
+
+TABLE_FUNCTION = re.compile(r'"type":"TABLE_FUNCTION".*?"function_name":"([^"]*)"')
+READING = {"range", "generate_series", "unnest", "duckdb_tables", "duckdb_columns"}
+"""Functions in place of a table; others change settings, or write logs."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +57,26 @@ def list_cuffs(path: Path, chosen: SessionFilter) -> pd.DataFrame:
 
 
 def run_sql(path: Path, sql: str, values: list[object] | None = None) -> pd.DataFrame:
-    """The result of one statement. Raises CatalogueError for SQL that fails, writes, or reads other files."""
+    """The result of one query. Raises CatalogueError for SQL that fails, is no query, or reads other files."""
     try:
+        _ensure_query(sql)
         with _reading(path) as connection:
             return connection.execute(sql, values or []).df()
-    except duckdb.Error as error:
+    except (duckdb.Error, ValueError, OverflowError) as error:  # the latter two by values that pandas cannot have
         reason = " ".join(str(error).split())
         raise CatalogueError(Message(CatalogueCode.WRONG_SQL, {"reason": reason})) from error
+
+
+def _ensure_query(sql: str) -> None:
+    """Raise CatalogueError for anything but one query: other statements write, or change the database's settings."""
+    kinds = [statement.type.name for statement in duckdb.extract_statements(sql)]
+    if kinds != ["SELECT"]:
+        figures = {"found": " and ".join(kinds) or "no statement"}
+        raise CatalogueError(Message(CatalogueCode.NO_QUERY, figures))
+    with duckdb.connect() as connection:
+        (tree,) = connection.execute("SELECT json_serialize_sql(?)", [sql]).fetchone() or ("",)
+    if others := set(TABLE_FUNCTION.findall(tree)) - READING:
+        raise CatalogueError(Message(CatalogueCode.NO_QUERY, {"found": f"the function {min(others)}"}))
 
 
 def known_participants(path: Path) -> tuple[list[str], dict[str, dict[str, str | None]]]:
@@ -70,7 +89,13 @@ def known_participants(path: Path) -> tuple[list[str], dict[str, dict[str, str |
     return [subject for (subject,) in found], {row[KEY]: row for row in known}
 
 
+READ_ONLY: dict[str, str | bool | int | float | list[str]] = {
+    "enable_external_access": "false",
+    "python_enable_replacements": "false",
+}
+
+
 @contextmanager
 def _reading(path: Path) -> Iterator[duckdb.DuckDBPyConnection]:
-    with duckdb.connect(str(path), read_only=True, config={"enable_external_access": "false"}) as connection:
+    with duckdb.connect(str(path), read_only=True, config=READ_ONLY) as connection:
         yield connection

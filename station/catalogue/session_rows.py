@@ -20,6 +20,9 @@ from station.journal_lines import JOURNAL_FILE
 Row = dict[str, Any]
 
 
+YEARS = range(1970, 2200)
+
+
 class SessionState(StrEnum):
     """How much of a session there is to read."""
 
@@ -53,13 +56,15 @@ def read_rows(folder: Path, name: str) -> SessionRows:
     path = folder / CUFFS_FILE
     try:
         journal = read_journal(folder)
+        begun = _moment(journal.begun)
         cuffs = read_cuffs_document(path) if path.is_file() else None
-    except (JournalError, CuffsFileError) as error:
+        trials = _trials(name, journal, cuffs)
+    except (JournalError, CuffsFileError, UnlikelyValue) as error:
         reason = {"state": SessionState.UNREADABLE.value, "reason": str(error)}
         return SessionRows({"session": name, "stamp": stamp, **reason})
     session = {
         "session": name,
-        "begun_utc": _moment(journal.begun),
+        "begun_utc": begun,
         "origin": cuffs.origin.value if cuffs else None,
         "state": (SessionState.FITTED if cuffs else SessionState.NOT_FITTED).value,
         "cuffs_sha256": sha256_of(path) if cuffs else None,
@@ -68,14 +73,30 @@ def read_rows(folder: Path, name: str) -> SessionRows:
     if journal.setup is not None:
         setup = journal.setup
         session |= {"subject": setup.subject, "operator": setup.operator, "number": setup.number}
-    return SessionRows(session, [*_cuffs(name, cuffs)] if cuffs else [], _trials(name, journal, cuffs))
+    return SessionRows(session, [*_cuffs(name, cuffs)] if cuffs else [], trials)
+
+
+class UnlikelyValue(ValueError):
+    """A value that no session has, and no table of the catalogue can hold."""
 
 
 def _moment(text: str) -> datetime | None:
-    """UTC without a time zone."""
-    with suppress(ValueError):
-        return datetime.fromisoformat(text).astimezone(UTC).replace(tzinfo=None)
-    return None
+    """UTC without a time zone; None for a text that is no time."""
+    try:
+        read = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    if read.year not in YEARS:
+        raise UnlikelyValue(f"its time is {text}, expected a year from {YEARS.start} to {YEARS.stop - 1}")
+    return read.astimezone(UTC).replace(tzinfo=None)
+
+
+def _ensure_likely(trial: Row) -> Row:
+    """Raises UnlikelyValue for a number that an INTEGER or a BIGINT cannot hold."""
+    for key, bits in (("repeat", 31), ("lost_samples", 63)):
+        if not -(2**bits) <= trial.get(key, 0) < 2**bits:
+            raise UnlikelyValue(f"{key} of {trial['file']} is {trial[key]}")
+    return trial
 
 
 def _cuffs(session: str, document: CuffsDocument) -> Iterator[Row]:
@@ -113,7 +134,7 @@ def _trials(session: str, journal: Journal, document: CuffsDocument | None) -> l
     for cuff, donning, fitted, _ in _donnings(document) if document else ():
         for trial in fitted.trials:
             rows[trial.file] = {**rows.get(trial.file, {}), **_fitted(session, cuff, donning, trial)}
-    return list(rows.values())
+    return [_ensure_likely(row) for row in rows.values()]
 
 
 def _fitted(session: str, cuff: str, donning: str, trial: TrialEntry) -> Row:

@@ -29,6 +29,7 @@ class CatalogueCode(StrEnum):
     NOT_OPENED = "catalogue.not_opened"
     OTHER_DATABASE = "catalogue.other_database"
     WRONG_SQL = "catalogue.wrong_sql"
+    NO_QUERY = "catalogue.no_query"
     WRONG_PARTICIPANTS = "catalogue.wrong_participants"
     UNREADABLE = "catalogue.session_unreadable"
 

@@ -34,10 +34,11 @@ STUDY: Mapping[StrEnum, str] = {
         "the catalogue {path} cannot be created: {reason}; give a file in a folder that you can write to, with --output"
     ),
     CatalogueCode.NOT_OPENED: (
-        "the catalogue {path} cannot be opened: {reason}; close the program that uses it, or delete the file if it is "
-        "damaged: the next run builds it again"
+        "the catalogue {path} cannot be opened: {reason}; close the program that uses it, or build it again with "
+        "--rebuild if it is damaged"
     ),
     CatalogueCode.OTHER_DATABASE: "{path} is another database, not a catalogue; give another file with --output",
+    CatalogueCode.NO_QUERY: "--sql has {found}, expected one query; start it with SELECT",
     CatalogueCode.WRONG_SQL: "the query failed: {reason}",
     CatalogueCode.WRONG_PARTICIPANTS: "{path} cannot be used as participants.tsv of BIDS: {reason}",
     CatalogueCode.UNREADABLE: "{session} has no values in the catalogue: {reason}",

@@ -41,5 +41,5 @@ def list_sessions(folder: Path) -> list[ListedSession]:
 def _local(utc: str) -> datetime | None:
     try:
         return datetime.fromisoformat(utc).astimezone()
-    except ValueError:
+    except (ValueError, OverflowError):
         return None

@@ -127,7 +127,7 @@ def _print_rows(rows: pd.DataFrame, format: TableFormat) -> None:  # noqa: A002
     if format == "csv":
         print(rows.to_csv(index=False), end="")
     elif format == "json":
-        print(rows.to_json(orient="records", indent=1, date_format="iso"))
+        print(rows.to_json(orient="records", indent=1, date_format="iso", default_handler=str))
     elif rows.empty:
         print_message("no rows: no session has what was asked for")
     else:

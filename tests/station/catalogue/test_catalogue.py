@@ -13,7 +13,10 @@ from station.catalogue.errors import CatalogueError
 from station.catalogue.index import CATALOGUE_FILE, update_catalogue
 from station.catalogue.participants import read_participants, write_participants
 from station.catalogue.query import SessionFilter, known_participants, list_cuffs, run_sql
+from station.journal import Recorded, Setup, write_recorded, write_setup
+from station.journal_lines import JOURNAL_FILE
 from station.messages.study_codes import CatalogueCode
+from station.session.listing import list_sessions
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import write_sessions
 
@@ -102,12 +105,132 @@ def test_another_table_is_no_participants_tsv(text: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    "sql", ["SELECT nothing FROM sessions", "DELETE FROM sessions", "SELECT * FROM read_csv('/etc/hosts')"]
+    "sql",
+    [
+        "",
+        ";",
+        "-- nothing",
+        "DELETE FROM sessions",
+        "SELECT 1; DELETE FROM sessions",
+        "CALL enable_logging(storage='file')",
+        "SELECT * FROM enable_logging()",
+        "COPY sessions TO 'sessions.csv'",
+        "ATTACH 'other.duckdb'",
+        "INSTALL json",
+        "LOAD json",
+        "SET threads = 1",
+        "PRAGMA version",
+        "CHECKPOINT",
+        "EXPORT DATABASE 'exported'",
+        "CREATE TEMP TABLE t AS SELECT 1",
+        "SELECT * FROM read_csv('/etc/hosts')",
+    ],
 )
-def test_sql_that_fails_writes_or_reads_other_files_is_refused(sql: str, original: Path) -> None:
+def test_sql_other_than_one_query_is_refused(sql: str, original: Path) -> None:
+    with pytest.raises(CatalogueError) as refused:
+        run_sql(original / CATALOGUE_FILE, sql)
+    assert refused.value.code == CatalogueCode.NO_QUERY
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "SELEC",
+        "SELECT nothing FROM sessions",
+        "SELECT * FROM '/etc/hosts'",
+        "SELECT * FROM original",
+        "SELECT DATE 'infinity'",
+        "WITH gone AS (DELETE FROM sessions RETURNING *) SELECT * FROM gone",
+    ],
+)
+def test_a_query_that_fails_is_refused(sql: str, original: Path) -> None:
     with pytest.raises(CatalogueError) as refused:
         run_sql(original / CATALOGUE_FILE, sql)
     assert refused.value.code == CatalogueCode.WRONG_SQL
+
+
+def test_values_that_json_does_not_have_are_printed_as_text(folder: Path, station: Callable[..., Ran]) -> None:
+    identity = "12345678-1234-1234-1234-123456789012"
+    ran = station(
+        "catalogue", folder, "--sql", f"SELECT UUID '{identity}' AS id, '\\xFF'::BLOB AS b", "--format", "json"
+    )
+    assert json.loads(ran.out)[0]["id"] == identity
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("repeat", 2**62),
+        ("lost_samples", 2**63),
+        ("at", "0001-01-01T00:00:00+00:00"),
+        ("at", "9999-12-31T23:59:59-12:00"),
+    ],
+)
+def test_a_session_with_an_absurd_value_is_listed_with_the_reason_and_hides_no_other(
+    folder: Path, key: str, value: object
+) -> None:
+    strange = folder / "strange"
+    write_setup(strange, Setup("P09", "ab", ("hand",), 1))
+    write_recorded(strange, Recorded("a.mcap", "hand", "static", 1, "1", True, 0, ""))
+    lines = [json.loads(line) | {key: value} for line in (strange / JOURNAL_FILE).read_text().splitlines()]
+    (strange / JOURNAL_FILE).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    indexed = update_catalogue(folder, folder / CATALOGUE_FILE)
+    assert list(indexed.unreadable) == ["strange"] and str(value) in indexed.unreadable["strange"]
+    assert len(run_sql(folder / CATALOGUE_FILE, "SELECT session FROM sessions")) == 5
+    list_sessions(folder)
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+def test_participants_have_any_line_ends(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "participants.tsv"
+    path.write_bytes(f"participant_id\tage{end}sub-P01\t30{end}".encode())
+    assert read_participants(path) == {"sub-P01": {"participant_id": "sub-P01", "age": "30"}}
+
+
+@pytest.mark.parametrize("row", ["sub-P01\t3\r0", "sub-P01\t\0", f"sub-P01\t{'9' * 200_000}"])
+def test_participants_that_are_no_table_are_refused(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "participants.tsv"
+    path.write_text(f"participant_id\tage\n{row}\n", newline="")
+    with pytest.raises(CatalogueError) as refused:
+        read_participants(path)
+    assert refused.value.code == CatalogueCode.WRONG_PARTICIPANTS
+
+
+def test_an_interrupted_first_build_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = folder / CATALOGUE_FILE
+    path.unlink()
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr("station.catalogue.index.read_rows", interrupt)
+        update_catalogue(folder, path)
+    assert not path.exists()
+    assert update_catalogue(folder, path).read == 4
+
+
+def created(path: Path) -> None:
+    duckdb.connect(str(path)).close()
+
+
+def cut(path: Path) -> None:
+    created(path)
+    path.write_bytes(path.read_bytes()[:5000])
+
+
+def damaged(path: Path) -> None:
+    created(path)
+    path.write_bytes(path.read_bytes()[:64] + bytes(20_000))
+
+
+@pytest.mark.parametrize("leave", [Path.touch, created, cut, damaged, lambda path: path.write_bytes(bytes(4096))])
+def test_what_an_older_station_left_of_an_interrupted_build_is_built_anew(
+    folder: Path, leave: Callable[[Path], object]
+) -> None:
+    path = folder / "new.duckdb"
+    leave(path)
+    assert update_catalogue(folder, path, is_rebuilt=leave is damaged).read == 4
 
 
 def test_another_database_is_not_overwritten(folder: Path, tmp_path: Path) -> None:
@@ -121,7 +244,7 @@ def test_another_database_is_not_overwritten(folder: Path, tmp_path: Path) -> No
     text.write_text("mine", encoding="utf-8")
     with pytest.raises(CatalogueError) as refused:
         update_catalogue(folder, text, is_rebuilt=True)
-    assert refused.value.code == CatalogueCode.NOT_OPENED
+    assert refused.value.code == CatalogueCode.OTHER_DATABASE
     assert text.read_text(encoding="utf-8") == "mine"
 
 
