@@ -147,7 +147,7 @@ def combine(repeats: Sequence[Repeat]) -> Estimate:
     if len(repeats) > 1:
         spread = float(weights @ (values - mean) ** 2) / (len(repeats) - 1)
         errors.append(math.sqrt(spread / weights.sum()))
-        half_widths.append(student_half_width(len(repeats) - 1) * errors[-1])
+        half_widths.append(student_half_width(len(repeats) - 1) * errors[1])
     error = max(errors)
     common = _average([repeat.common for repeat in repeats], weights)
     half_width = math.hypot(max(half_widths), NORMAL_95 * common)
