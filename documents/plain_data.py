@@ -96,8 +96,9 @@ _TOO_DEEP = f"is nested more than {DEEPEST} deep"
 
 
 def _text(content: str | bytes) -> str:
+    """Without the byte order mark that editors and PowerShell on Windows write."""
     try:
-        return content if isinstance(content, str) else content.decode("utf-8")
+        return content if isinstance(content, str) else content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise PlainDataError(f"is not UTF-8 at byte {error.start}", PlainDataCode.NOT_TEXT) from error
 

@@ -137,10 +137,11 @@ def main() -> None:
         if number != signal.SIGTERM:  # keys and windows of a terminal reach all its processes; the parent decides
             signal.signal(number, signal.SIG_IGN)
     try:
-        link = _inherited_link(int(sys.argv[1]))
-    except (IndexError, ValueError, OSError):
+        handle, module, *arguments = sys.argv[1:]
+        link = _inherited_link(int(handle))
+    except (ValueError, OSError):
         sys.exit("station.child is started by the station, with an inherited pipe; run `station --help`.")
-    sys.exit(importlib.import_module(sys.argv[2]).main(link, *sys.argv[3:]))
+    sys.exit(importlib.import_module(module).main(link, *arguments))
 
 
 if __name__ == "__main__":

@@ -38,6 +38,12 @@ def test_a_text_beyond_the_limits_is_refused_with_a_code(
     assert caught.value.code is code
 
 
+def test_a_byte_order_mark_is_no_part_of_the_text() -> None:
+    """As PowerShell 5 and older editors on Windows write it; with CRLF."""
+    assert parse_toml(b"\xef\xbb\xbf[daq]\r\na = 1\r\n") == {"daq": {"a": 1}}
+    assert parse_json(b'\xef\xbb\xbf{"a":\r\n1}') == {"a": 1}
+
+
 def test_a_text_at_the_limits_is_read() -> None:
     assert parse_json(str(2**64 - 1)) == 2**64 - 1
     assert parse_json("[" * DEEPEST + "]" * DEEPEST) is not None

@@ -117,12 +117,15 @@ class Headless:
         self.child.stdin.write(line.encode() + b"\n")
         self.child.stdin.flush()
 
-    def until(self, event: str, **fields: object) -> dict[str, Any]:
-        """Read events up to the first one with these fields."""
+    def until(
+        self, event: str, *, on_event: Callable[[dict[str, Any]], None] = lambda _: None, **fields: object
+    ) -> dict[str, Any]:
+        """Read events up to the first one with these fields; on_event takes all that come before it."""
         assert self.child.stdout is not None and self.child.stderr is not None
         for line in self.child.stdout:
             read = json.loads(line)
             self.events.append(read)
             if read["event"] == event and all(read[name] == value for name, value in fields.items()):
                 return dict(read)
+            on_event(read)
         raise AssertionError(f"ended without {event} {fields}: {self.events[-3:]} {self.child.stderr.read().decode()}")
