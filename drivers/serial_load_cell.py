@@ -43,10 +43,12 @@ def decode_usb520(line: bytes) -> float | None:
     return float(match[1]) if match else None
 
 
-FORMATS: dict[LineFormat, tuple[str, str, Callable[[bytes], float | None]]] = {
-    "usb220": ("FUTEK USB220", "lbf", decode_usb220),
-    "usb520": ("FUTEK USB520", "g", decode_usb520),
+FORMATS: dict[LineFormat, tuple[str, str, str, Callable[[bytes], float | None]]] = {
+    "usb220": ("FUTEK USB220", "lbf", "+12.345 lbs", decode_usb220),
+    "usb520": ("FUTEK USB520", "g", "12.345 g", decode_usb520),
 }
+"""Product, unit of its stream, an example of a line, and its decoder."""
+SHOWN = 40  # bytes of a line in a message
 
 
 class SerialLoadCell:
@@ -54,15 +56,16 @@ class SerialLoadCell:
 
     The wire carries no sample number, no time and no identity; the identity is that of the USB adapter, if any.
     Lines are numbered from 0 in the order of arrival, and device time is the host's at arrival. A garbled line takes a
-    number and is reported as a Loss("garbled"); an incomplete first line after opening the port is not counted. If no
-    line arrives for QUIET_S, the event "silent" reports it once. After a reconnection the numbers jump by ten for each
-    second of the host's clock. port is anything pyserial accepts: COM3, /dev/ttyUSB0, socket://host:port.
+    number and is reported as a Loss("garbled"), the first of consecutive ones also by the event "unreadable_line"; an
+    incomplete first line after opening the port is not counted. If no line arrives for QUIET_S, the event "silent"
+    reports it once. After a reconnection the numbers jump by ten for each second of the host's clock. port is anything
+    pyserial accepts: COM3, /dev/ttyUSB0, socket://host:port.
     """
 
     def __init__(self, *, port: str, baud_rate: int, line_format: LineFormat, host_clock: HostClock) -> None:
         self._port_name = port
         self._baud_rate = baud_rate
-        self._product, self._unit, self._decode = FORMATS[line_format]
+        self._product, self._unit, self._example, self._decode = FORMATS[line_format]
         self._host_clock = host_clock
         self._vendor_errors: tuple[type[Exception], ...] = ()
         self._port: Any = None
@@ -150,6 +153,7 @@ class SerialLoadCell:
         self._received = 0
         self._pending = b""
         self._is_aligned = False
+        self._is_readable = True
         self._note_line()
 
     def _whole_lines(self) -> list[bytes]:
@@ -179,18 +183,32 @@ class SerialLoadCell:
         """Consecutive good lines as a block, consecutive garbled ones as a Loss, in the order of arrival."""
         host_time_ns = self._host_clock()
         items: list[Item] = []
-        for is_garbled, run in groupby(map(self._decode, lines), key=lambda value: value is None):
-            values = np.array(list(run), dtype=np.float64)[:, np.newaxis]
-            first, self._next_number = self._next_number, self._next_number + len(values)
+        decoded = list(zip(lines, map(self._decode, lines), strict=True))
+        for is_garbled, run in groupby(decoded, key=lambda pair: pair[1] is None):
+            pairs = list(run)
+            first, self._next_number = self._next_number, self._next_number + len(pairs)
             self._counted_until_ns = host_time_ns
             if is_garbled:
-                items.append(Loss("/force", "garbled", first, len(values), self._last_time_ns, host_time_ns))
+                items += self._unreadable(pairs[0][0], host_time_ns)
+                items.append(Loss("/force", "garbled", first, len(pairs), self._last_time_ns, host_time_ns))
                 continue
+            self._is_readable = True
+            values = np.array([value for _, value in pairs], dtype=np.float64)[:, np.newaxis]
             numbers = np.arange(first, self._next_number, dtype=np.uint64)
             device_time_ns = np.full(len(values), host_time_ns, dtype=np.int64)
             items.append(Samples("/force", numbers, device_time_ns, host_time_ns, values))
             self._last_time_ns = host_time_ns
         return items
+
+    def _unreadable(self, line: bytes, host_time_ns: int) -> list[Item]:
+        """Event for the first of consecutive lines that are garbled, or have another unit."""
+        was_readable, self._is_readable = self._is_readable, False
+        found = line.rstrip(b"\r\n").decode("ascii", "backslashreplace")[:SHOWN]
+        text = (
+            f'{self.name} sent the line "{found}", expected one like "{self._example}"; set the indicator to '
+            f"{self._example.split()[1]}, or correct load_cell.line_format and load_cell.baud_rate"
+        )
+        return [Event("unreadable_line", text, host_time_ns, self.name)] if was_readable else []
 
 
 def _identity_of_port(name: str, port: str) -> DeviceIdentity:

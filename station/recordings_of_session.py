@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from recordings.errors import RecordingError
+from recordings.manifest import Manifest
 from recordings.reader import read_manifest
 
 RECORDINGS = "[!.]*.mcap"
@@ -13,10 +14,16 @@ RECORDINGS = "[!.]*.mcap"
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """The recordings of a session; a recovered or completed file replaces its original."""
-    files = sorted(folder.glob(RECORDINGS))
-    replaced = {_original_of(path) for path in files if _is(path, "recovered") or _is(path, "completed")}
-    return [path for path in files if path not in replaced]
+    """The recordings of a session; a recovered or completed file replaces its original, if it is of the same trial."""
+    files, others = sorted(folder.glob(RECORDINGS)), copies_of_others_in(folder)
+    replaced = {_original_of(path) for path in files if _is_copy(path) and path not in others}
+    return [path for path in files if path not in replaced and path not in others]
+
+
+def copies_of_others_in(folder: Path) -> list[Path]:
+    """Recovered or completed files that have the name of a recording and are of another trial."""
+    copies = [path for path in sorted(folder.glob(RECORDINGS)) if _is_copy(path)]
+    return [path for path in copies if _are_of_different_trials(path, _original_of(path))]
 
 
 def pulls_in(folder: Path) -> list[Path]:
@@ -26,9 +33,10 @@ def pulls_in(folder: Path) -> list[Path]:
 
 def originals_in(folder: Path) -> list[Path]:
     """As recordings_in, without recovered copies whose original exists: they contain no other data."""
-    files = {path for path in folder.glob(RECORDINGS) if not _is(path, "completed")}
+    others = copies_of_others_in(folder)
+    files = {path for path in folder.glob(RECORDINGS) if not _is(path, "completed") and path not in others}
     kept = [path for path in files if not (_is(path, "recovered") and _original_of(path) in files)]
-    completed = {_original_of(path): path for path in folder.glob(RECORDINGS) if _is(path, "completed")}
+    completed = {_original_of(path): path for path in recordings_in(folder) if _is(path, "completed")}
     return sorted({completed.get(path, path) for path in kept} | set(completed.values()))
 
 
@@ -37,6 +45,22 @@ def _is_of_wearer(path: Path) -> bool:
     with suppress(RecordingError, OSError):
         return read_manifest(path).body is not None
     return False
+
+
+def _is_copy(path: Path) -> bool:
+    return _is(path, "recovered") or _is(path, "completed")
+
+
+def _are_of_different_trials(copy: Path, original: Path) -> bool:
+    """False where one of the manifests cannot be read: a recovered file has what is left of its original."""
+    with suppress(RecordingError, OSError):
+        return _identity(read_manifest(copy)) != _identity(read_manifest(original))
+    return False
+
+
+def _identity(manifest: Manifest) -> tuple[object, ...]:
+    cuff = manifest.cuff.name if manifest.cuff else None
+    return cuff, manifest.test, manifest.repeat, manifest.donning, manifest.run, manifest.start_utc_ns
 
 
 def _is(path: Path, kind: str) -> bool:

@@ -111,6 +111,7 @@ class RejectionCode(StrEnum):
     RECORDED_AGAIN = "rejected.recorded_again"
     NOT_ACCEPTED = "rejected.not_accepted"
     SET_ASIDE = "rejected.set_aside"
+    OTHER_TRIAL = "rejected.other_trial"
     DAMAGED = "rejected.damaged"
     UNREADABLE = "rejected.unreadable"
     IS_BOUNCE = "rejected.is_bounce"

@@ -24,6 +24,9 @@ REJECTIONS: Templates = {
     RejectionCode.RECORDED_AGAIN: "recorded again as {file}",
     RejectionCode.NOT_ACCEPTED: "the trial was not accepted when it was recorded: {outcome}",
     RejectionCode.SET_ASIDE: "set aside by the operator: {reason}",
+    RejectionCode.OTHER_TRIAL: (
+        "a copy by its name, and of another trial by its content; the original is used, delete the copy"
+    ),
     RejectionCode.DAMAGED: _ONLY_DAMAGE,
     RejectionCode.UNREADABLE: "{problem}",
     RejectionCode.IS_BOUNCE: "{file} is a bounce, which calibrates the load cell; give a trial of a cuff",

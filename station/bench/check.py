@@ -16,11 +16,12 @@ from rich.console import Console
 from rich.table import Table
 
 from fitting.trial.calibration import full_scale
-from recordings.samples import DeviceIdentity, Samples, Stream
+from recordings.samples import DeviceIdentity, Event, Samples, Stream
 from station.bench.devices import devices_for
 from station.bench.disk import bytes_free, bytes_needed
 from station.bench.feed import DeviceFailed, DeviceFeed, DeviceOpened, FeedMessage, FeedQueue
 from station.bench.trial_recorder import MakeDevices
+from station.bench.trial_state_machine import error_figures
 from station.clock import Clock, RealClock
 from station.config import StationConfig
 from station.messages.codes import CheckCode
@@ -57,7 +58,7 @@ class CheckResult:
             "is_good": self.is_good,
             "found": self.found,
             "is_doubtful": self.is_doubtful,
-            "code": self.message.code.value,
+            "code": self.message.figures.get("code", self.message.code.value),
             "figures": dict(self.message.figures),
         }
 
@@ -67,6 +68,8 @@ class DeviceSurvey:
 
     def __init__(self) -> None:
         self.errors: dict[str, Message[CheckCode]] = {}  # by device
+        self._streams_of: dict[str, list[str]] = {}
+        self.unreadable: dict[str, str] = {}  # what a device sent instead of samples
         self.streams: dict[str, Stream] = {}
         self.identities: dict[str, DeviceIdentity] = {}
         self._count: dict[str, int] = {}
@@ -76,14 +79,21 @@ class DeviceSurvey:
 
     def handle(self, message: FeedMessage) -> None:
         if isinstance(message, DeviceFailed):
-            self.errors[message.device] = Message(CheckCode.DEVICE_ERROR, {"text": str(message.error)})
+            self.errors[message.device] = Message(CheckCode.DEVICE_ERROR, error_figures(message.error))
         elif isinstance(message, DeviceOpened):
             self.streams |= {stream.name: stream for stream in message.streams}
+            self._streams_of[message.device] = [stream.name for stream in message.streams]
             self.identities[message.device] = message.identity
         else:
             for item in message.items:
                 if isinstance(item, Samples) and len(item.values):
                     self._add(item)
+                elif isinstance(item, Event) and item.kind.startswith("unreadable"):
+                    self.unreadable[message.device] = item.text
+
+    def is_silent(self, device: str) -> bool:
+        """Whether the device has sent no sample."""
+        return not any(name in self._count for name in self._streams_of.get(device, ()))
 
     def rate_hz(self, stream: str) -> float:
         """Samples per second of the device's own clock."""
@@ -137,7 +147,7 @@ def inspect_bench(config: StationConfig, folder: Path, make_devices: MakeDevices
     """Open the devices, read them for LISTEN_S and compare what they send with the configuration."""
     survey, devices = survey_devices(config, folder, RealClock(), make_devices)
     return [
-        *(_check_device(survey, device) for device in devices),
+        *(check_device(survey, device) for device in devices),
         *(_check_rate(survey, stream) for stream in survey.streams.values()),
         *_check_force(survey, config),
         check_calibration(config, datetime.now(UTC).date()),
@@ -194,10 +204,13 @@ def survey_devices(
     return survey, [feed.device.name for feed in feeds]
 
 
-def _check_device(survey: DeviceSurvey, device: str) -> CheckResult:
+def check_device(survey: DeviceSurvey, device: str) -> CheckResult:
     """Whether the device answers, and how it identifies itself."""
     if device in survey.errors:
         return CheckResult(device, survey.errors[device], is_good=False)
+    if device in survey.unreadable and survey.is_silent(device):
+        message = Message(CheckCode.UNREADABLE, {"text": survey.unreadable[device]})
+        return CheckResult(device, message, is_good=False)
     identity = survey.identities.get(device)
     text = f": {identity.text}" if identity is not None and identity.text else ""
     is_simulated = identity is not None and identity.is_simulated

@@ -247,10 +247,10 @@ class TrialRecorder:
         try:
             messages = feeds.receive()
         except DeviceLost as error:
-            return trial.fail(str(error))
+            return trial.fail(error)
         for message in messages:
             if isinstance(message, DeviceFailed):
-                trial.fail(str(message.error), message.device)
+                trial.fail(message.error, message.device)
             elif isinstance(message, ItemsReceived):
                 for item in message.items:
                     trial.handle(item)

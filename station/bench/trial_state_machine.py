@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from drivers.errors import DeviceError
 from recordings.samples import Item, Stream
 from station.bench.snapshot import Snapshot, TrialState
 from station.bench.states.armed import Armed
@@ -17,7 +18,12 @@ from station.bench.states.state import Ended, State
 from station.bench.trial_rules import TrialRules
 from station.clock import Clock
 from station.messages.codes import TrialCode
-from station.messages.message import Message, join_sentences
+from station.messages.message import Figures, Message, join_sentences
+
+
+def error_figures(error: DeviceError) -> Figures:
+    """Sentence and code of a device's error, for a message of the station."""
+    return {"text": str(error), "code": error.code.value}
 
 
 class TrialStateMachine:
@@ -109,10 +115,10 @@ class TrialStateMachine:
         """Add a note to the armed trial: an event at its edge, and a part of its final message."""
         self._context.notes.append(message)
 
-    def fail(self, text: str, device: str = "", cause: str = "disconnected") -> None:
-        """End the trial because a device is lost; without effect while it is closing. text is the driver's error."""
-        message = Message(TrialCode.DEVICE_LOST, {"text": text})
-        self._state = self._state.fail(DeviceFailure(message, device, cause))
+    def fail(self, error: DeviceError, device: str = "") -> None:
+        """End the trial because a device is lost; without effect while it is closing."""
+        message = Message(TrialCode.DEVICE_LOST, error_figures(error))
+        self._state = self._state.fail(DeviceFailure(message, device))
 
     def cut_short(self, message: Message[TrialCode]) -> None:
         """End a trial that cannot continue: what was recorded is kept, and not accepted."""

@@ -30,7 +30,7 @@ _TRIAL: Mapping[StrEnum, str] = {
     TrialCode.DURATION_REACHED: "{duration_s:g} s recorded after the sync edge",
     TrialCode.OPERATOR_STOP: "stopped by the operator",
     TrialCode.CANCELLED: "cancelled by the operator before the sync edge; nothing was recorded",
-    TrialCode.DEVICE_LOST: "{text}",
+    TrialCode.DEVICE_LOST: "{text} [{code}]",
     TrialCode.DEVICE_SILENT: (
         "{source} sent nothing on {stream} for {silence_s:.1f} s, expected {rate_hz:g} samples per second; check the "
         "device and its cable"
@@ -120,7 +120,8 @@ _CHECKS: Mapping[StrEnum, str] = {
     CheckCode.ANSWERS: "answers{identity}",
     CheckCode.ANSWERS_SIMULATED: "answers{identity}; the device is SIMULATED",
     CheckCode.NO_ANSWER: "{device} did not answer within {timeout_s:g} s",
-    CheckCode.DEVICE_ERROR: "{text}",
+    CheckCode.DEVICE_ERROR: "{text} [{code}]",
+    CheckCode.UNREADABLE: "{text}",
     CheckCode.RATE: "{rate_hz:.1f} samples/s, nominal {nominal_hz:g}; {source}",
     CheckCode.NO_CAPTURE: "no frames: no capture is running (nominal {nominal_hz:g} Hz)",
     CheckCode.AT_REST: _FORCE,

@@ -103,6 +103,7 @@ class CheckCode(StrEnum):
     ANSWERS_SIMULATED = "device.answers_simulated"
     NO_ANSWER = "device.no_answer"
     DEVICE_ERROR = "device.error"
+    UNREADABLE = "device.unreadable"
     RATE = "stream.rate"
     NO_CAPTURE = "stream.no_capture"
     AT_REST = "force.at_rest"

@@ -107,7 +107,8 @@ class TrialRunner:
         if recorded is not None and recorded.file and self._session.folder is not None:
             for number, name in live.mark_names.items():
                 write_mark(self._session.folder, recorded.file, number, name)
-        self._session.message = trial.refusal or (recorded.sentence if recorded else "")
+        refusal = f"{trial.refusal} [{trial.refusal_code}]" if trial.refusal_code else trial.refusal
+        self._session.message = refusal or (recorded.sentence if recorded else "")
 
     def _update(self, live: LiveTrial, telemetry: dict[str, Any]) -> None:
         """Take a line of telemetry. An alarm marks its moment in the recording."""

@@ -18,7 +18,7 @@ from station.protocol import TrialSpec, published_plan
 from station.second_attempt import RecordedTrial, record_plan
 
 GOOD = ""
-SILENT = (Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent"}),)
+SILENT = (Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent", "code": "device_lost.silent"}),)
 
 
 @dataclass
@@ -79,7 +79,7 @@ def test_a_trial_that_is_not_accepted_is_rejected_and_recorded_again(run, tmp_pa
     assert ran.trials[2].result.path == tmp_path / "cuff-hand_test-dynamic_run-2.mcap"
     (message,) = ran.messages
     assert "hand, dynamic, repeat 1" in message and "QTM went silent" in message
-    assert read_journal(tmp_path).redone == {"cuff-hand_test-dynamic_run-1.mcap": "not accepted: QTM went silent"}
+    assert read_journal(tmp_path).redone == {"cuff-hand_test-dynamic_run-1.mcap": f"not accepted: {SILENT[0]}"}
 
 
 def test_a_trial_that_the_fit_cannot_use_is_recorded_again(run, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.errors import DeviceLost
 from drivers.lsl import LslEmg
 from drivers.nidaq import NiDaq
 from recordings.manifest import BodyMarkers, CuffSite
@@ -78,7 +79,7 @@ def silence(bench: BenchWithAmplifier) -> None:
 
 def lose(bench: BenchWithAmplifier) -> None:
     silence(bench)
-    bench.trial.fail("LSL amp is gone", "LSL amp")
+    bench.trial.fail(DeviceLost("LSL amp is gone"), "LSL amp")
 
 
 @pytest.mark.parametrize(("stop_emg", "code"), [(silence, TrialCode.DEVICE_SILENT), (lose, TrialCode.DEVICE_LOST)])

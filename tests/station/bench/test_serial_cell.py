@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import io
+import socket
+import threading
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from drivers.errors import DeviceCode, DeviceUnavailable
+from drivers.serial_load_cell import SerialLoadCell
 from drivers.simulators.bench import Bench
 from fitting.trial.mass_checks import read_checks
 from fitting.trial.reader import read_trial
 from station.bench.bench_clock import BenchClock
-from station.bench.check import inspect_bench
+from station.bench.check import DeviceSurvey, check_device, inspect_bench, survey_devices
+from station.bench.feed import DeviceFailed
 from station.bench.known_mass import check_known_mass
 from station.bench.trial_recorder import TrialRecorder
+from station.clock import RealClock
 from station.config import StationConfig, parse_config
+from station.messages.codes import CheckCode
 from station.protocol import TrialSpec
 
 SPEED = 5.0
@@ -47,6 +56,32 @@ def config(bench: Bench) -> StationConfig:
         },
         "test",
     )
+
+
+@pytest.mark.parametrize("line", [b"+12.345 kg", b"  12.3 lb", b"+3.2", b""])
+def test_the_line_of_an_indicator_with_another_unit_is_shown(line: bytes, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def send() -> None:
+            with suppress(OSError), listener.accept()[0] as connection:  # until the check closes the port
+                while True:
+                    connection.sendall(line + b"\r\n")
+                    time.sleep(0.02)
+
+        threading.Thread(target=send, daemon=True).start()
+        port = f"socket://127.0.0.1:{listener.getsockname()[1]}"
+        device = SerialLoadCell(port=port, baud_rate=9600, line_format="usb220", host_clock=time.time_ns)
+        survey, (name,) = survey_devices(StationConfig(), tmp_path, RealClock(), lambda *_: [device], 0.3)
+    assert len(survey.force()) == 0
+    result = check_device(survey, name)
+    assert not result.is_good and result.message.code is CheckCode.UNREADABLE
+    assert f'the line "{line.decode()}"' in result.found
+
+
+def test_the_code_of_a_device_error_is_that_of_the_check() -> None:
+    survey = DeviceSurvey()
+    survey.handle(DeviceFailed("NI Dev1", DeviceUnavailable("no server", DeviceCode.NO_SERVER)))
+    assert check_device(survey, "NI Dev1").to_json()["code"] == DeviceCode.NO_SERVER
 
 
 def test_zero_and_certificate_are_checked(config: StationConfig, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from drivers.errors import DeviceLost
 from recordings.samples import Event, Loss, Samples
 from station.bench.snapshot import TrialState
 from station.messages.codes import TrialCode
@@ -103,7 +104,7 @@ def test_a_lost_device_fails_a_recording_trial_and_not_a_closing_one() -> None:
         bench.run(2.0)
         if closing:
             bench.stop_capture()
-        bench.trial.fail("QTM is gone")
+        bench.trial.fail(DeviceLost("QTM is gone"))
         bench.run(2.0)
         assert bench.trial.state is expected
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
+from drivers.errors import DeviceLost
 from recordings.samples import Event
 from station.bench.snapshot import TrialState
 from station.bench.trial_state_machine import TrialStateMachine
@@ -39,7 +40,7 @@ def _closed() -> Bench:
 
 def _failed() -> Bench:
     bench = _recording()
-    bench.trial.fail("the load cell is gone", "NI Dev1")
+    bench.trial.fail(DeviceLost("the load cell is gone"), "NI Dev1")
     return bench
 
 
@@ -54,7 +55,7 @@ REACHED: dict[TrialState, Callable[[], Bench]] = {
 HAPPENINGS: dict[str, Callable[[TrialStateMachine], None]] = {
     "stop": lambda trial: trial.stop(),
     "stop at once": lambda trial: trial.stop(at_once=True),
-    "a device is lost": lambda trial: trial.fail("gone", "QTM"),
+    "a device is lost": lambda trial: trial.fail(DeviceLost("gone"), "QTM"),
     "the disk is full": lambda trial: trial.cut_short(FULL),
     "the capture ends": lambda trial: trial.handle(Event("capture_stopped", "", 0, "QTM")),
     "the capture is replaced": lambda trial: trial.handle(Event("capture_replaced", "another's", 0, "QTM")),

@@ -14,16 +14,19 @@ from typing import Any
 import pytest
 
 from fitting.cuffs.cuffs_file import read_cuffs
+from fitting.results.codes import RejectionCode
 from fitting.results.standing import Standing
 from solver.bundled import bundled_model
 from solver.raise_arm import simulate_arm_raise
 from solver.time_series_table import write_table
 from station.checksums import CHECKSUMS_FILE, read_checksums, write_checksums
 from station.files.chain import verify_folder
+from station.fit import fit_session_folder
 from station.journal import Setup, write_mark, write_setup, write_verdict
 from station.journal_lines import JOURNAL_FILE
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
+from station.recordings_of_session import originals_in, recordings_in
 from tests.station.bench.test_session_folder import record
 from tests.station.command import Ran, assert_refused
 from tests.station.foreign import static_and_dynamic
@@ -160,6 +163,16 @@ def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Pat
     }
     found = station("verify", session, "--format", "json")
     assert found.code == 1 and standings(found)[STATIC] == CHANGED
+
+
+@pytest.mark.parametrize("kind", ["completed", "recovered"])
+def test_a_copy_of_another_trial_does_not_replace_a_recording(session: Path, kind: str) -> None:
+    copy = session / STATIC.replace(".mcap", f".{kind}.mcap")
+    shutil.copy(session / DYNAMIC, copy)
+    assert [path.name for path in recordings_in(session)] == [path.name for path in originals_in(session)]
+    fitted = fit_session_folder(session, None)
+    assert {trial.file: trial.reason.code for trial in fitted.rejected} == {copy.name: RejectionCode.OTHER_TRIAL}
+    assert set(fitted.recordings) == {STATIC, DYNAMIC}
 
 
 def test_a_deleted_recording_is_missing(session: Path, station: Station) -> None:
