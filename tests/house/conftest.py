@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
-from filelock import FileLock
 
 from tests.house import one_cuff
+from tests.made_once import made_once
 
 
 @pytest.fixture(scope="session")
 def recorded_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The session of tests/house/one_cuff.py, fitted and with its report. Tests read it; who writes uses session."""
-    base = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        base = base.parent  # of all processes of this run
-    folder = base / "recorded_one_cuff"
-    with FileLock(base / "one_cuff.lock"):
-        if not (folder / "report.html").is_file():
-            shutil.rmtree(folder, ignore_errors=True)
-            one_cuff.main(folder, is_pinned=False)
-    return folder
+    return made_once(tmp_path_factory, "recorded_one_cuff", partial(one_cuff.main, is_pinned=False))
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from station.report.page import write_report
 SEED = 7
 
 
-def main(folder: Path, *, is_pinned: bool) -> None:
+def main(folder: Path, *, is_pinned: bool) -> Path:
     if is_pinned:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     plain = demo_config().model_dump()
@@ -25,6 +25,7 @@ def main(folder: Path, *, is_pinned: bool) -> None:
     trials, _ = record_session(folder, parse_config(plain, "test"), None, SEED, silent)
     assert not any(trial.problem for trial in trials), [trial.problem for trial in trials]
     write_report(folder, fit_session_folder(folder, folder / "cuffs.json"))
+    return folder
 
 
 if __name__ == "__main__":

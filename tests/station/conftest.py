@@ -12,13 +12,14 @@ from fitting.errors import CodedError
 from solver.errors import SolverError
 from station import cli
 from station.errors import StationError
+from tests.made_once import made_once
 from tests.station.command import Ran, command_of
 from tests.station.wearer import WearerSession, record_wearer
 
 
 @pytest.fixture(scope="session")
 def wearer(tmp_path_factory: pytest.TempPathFactory) -> WearerSession:
-    return record_wearer(tmp_path_factory.mktemp("wearer") / "simulated" / "session")
+    return made_once(tmp_path_factory, "wearer", lambda folder: record_wearer(folder / "simulated" / "session"))
 
 
 @pytest.fixture

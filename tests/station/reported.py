@@ -11,14 +11,15 @@ from tests.station.foreign import static_and_dynamic
 STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
 
 
-def report_session(folder: Path, draws: int = 0) -> None:
-    """Two trials of one cuff from an independent experiment, with their results, in a new folder."""
+def report_session(folder: Path, draws: int = 0) -> Path:
+    """Two trials of one cuff from an independent experiment, with their results, in a new folder `session` below."""
     from station.assessment.assess import assess_cuffs, write_assessment
     from station.assessment.assessment_inputs import AssessmentInputs
     from station.fit import fit_session_folder
     from station.report.page import write_report
 
-    folder.mkdir()
+    folder /= "session"
+    folder.mkdir(parents=True)
     for truth, file in zip(static_and_dynamic(), (STATIC, DYNAMIC), strict=True):
         truth.record(folder / file)
     true = {"hand": {"stiffness_n_per_m": 4000.0, "damping_n_s_per_m": 100.0, "migration_m": 0.01}}
@@ -29,3 +30,4 @@ def report_session(folder: Path, draws: int = 0) -> None:
     worn = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
     write_assessment(assess_cuffs(worn, inputs, most_frames=4, most_rest_lengths=5, draws=draws), folder)
     write_report(folder, fitted)
+    return folder

@@ -1,6 +1,6 @@
 """A session of a wearer on the simulated bench: a pose, a motion without the suit and one with a tight cord, with EMG.
 
-Recorded once for all modules that use the fixture `wearer` (tests/station/conftest.py), in two seconds.
+Recorded once for all processes by the fixture `wearer` (tests/station/conftest.py), in two seconds.
 """
 
 from __future__ import annotations

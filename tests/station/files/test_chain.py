@@ -27,6 +27,7 @@ from station.journal_lines import JOURNAL_FILE
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import originals_in, recordings_in
+from tests.made_once import made_once
 from tests.station.bench.test_session_folder import record
 from tests.station.command import Ran, assert_refused
 from tests.station.foreign import static_and_dynamic
@@ -43,11 +44,9 @@ AS_RECORDED, CHANGED, BY_HAND, MISSING = (
 needs_ssh_keygen = pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="needs OpenSSH's ssh-keygen")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("made") / "session"
-    report_session(folder)
-    return folder
+    return made_once(tmp_path_factory, "reported", report_session)
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from station.files.chain import Link
 from station.messages.file_codes import NumberCode
 from station.report.page import write_report
 from station.report.recomputation import TOLERANCE, Difference, differences, recomputed_links
+from tests.made_once import made_once
 from tests.station.command import Ran, assert_refused
 from tests.station.foreign import static_and_dynamic
 from tests.station.reported import DYNAMIC, STATIC, report_session
@@ -26,11 +27,9 @@ from tests.station.reported import DYNAMIC, STATIC, report_session
 STIFFNESS = "cuffs.hand.stiffness_n_per_m"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("made") / "session"
-    report_session(folder)
-    return folder
+    return made_once(tmp_path_factory, "reported", report_session)
 
 
 @pytest.fixture

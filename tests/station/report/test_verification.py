@@ -25,9 +25,7 @@ EFFORT = "assessment.at_rigid_optimum.hand.both"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("made") / "session"
-    report_session(folder, draws=2)
-    return folder
+    return report_session(tmp_path_factory.mktemp("made"), draws=2)
 
 
 @pytest.fixture
