@@ -11,7 +11,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable, Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import read_regular, replaced
@@ -89,9 +89,9 @@ def name_in(folder: Path, path: Path) -> str:
 
 
 def is_below(name: str) -> bool:
-    """Whether a relative name stays in its folder."""
-    path = PurePosixPath(name)
-    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts
+    """Whether a relative name stays in its folder; on Windows, a backslash or a drive leads out of it, too."""
+    path = PurePath(name)
+    return bool(path.parts) and not path.anchor and ".." not in path.parts
 
 
 def files_below(folder: Path) -> Iterator[str]:

@@ -127,6 +127,8 @@ class TrialRecorder:
         subject = self._config.subject(spec)
         if duration_s is None and spec.test == "pose":
             duration_s = self._config.measurement_protocol().pose_s
+        if sys.platform == "win32" and (refusal := check_path_length(folder / spec.file_name(spec.repeat))):
+            raise TrialRefused(refusal)
         _ensure_folder(folder)
         with _one_trial_at_a_time(folder):
             devices = self._make_devices(self._config, subject, self._clock, folder)
@@ -179,8 +181,6 @@ class TrialRecorder:
         _ensure_space(folder, bytes_needed(streams, self._config, folder, duration_s))
         run = spec.next_free_run(folder)
         self._path = path = folder / spec.file_name(run)
-        if sys.platform == "win32" and (refusal := check_path_length(path)):
-            raise TrialRefused(refusal)
         start_utc_ns, set_back = start_time_after_all(folder, self._clock.wall_utc_ns())
         manifest = make_manifest(
             self._config,

@@ -1,4 +1,4 @@
-"""Rules of Windows, imitated on other systems: open files, names, path lengths, Ctrl-Break, missing wheels."""
+"""Rules of Windows, imitated on other systems: open files, names, path lengths, Ctrl-Break."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import pytest
 
@@ -18,6 +18,7 @@ from recordings.reader import open_recording
 from recordings.recovery import recover
 from station import end_signals
 from station.bench.trial_recorder import TrialRefused
+from station.checksums import is_below
 from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
 from station.messages.codes import RefusalCode
@@ -149,14 +150,15 @@ def test_ctrl_break_has_the_effect_of_ctrl_c(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_recorder_is_not_in_the_window_or_group_of_its_console(monkeypatch: pytest.MonkeyPatch) -> None:
+    if sys.platform != "win32":
+        assert trial_process.DETACHED == {"start_new_session": True}
     monkeypatch.setattr(sys, "platform", "win32")
     try:
         flags = importlib.reload(trial_process).DETACHED
     finally:
         monkeypatch.undo()
         importlib.reload(trial_process)
-    # the values that subprocess has on Windows
-    assert flags == {"creationflags": 0x08000000 | 0x00000200} and trial_process.DETACHED == {"start_new_session": True}
+    assert flags == {"creationflags": 0x08000000 | 0x00000200}, "the values that subprocess has on Windows"
 
 
 @pytest.mark.parametrize("encoding", ["cp437", "cp1252", "cp65001", "utf-16-le"])
@@ -174,6 +176,15 @@ def test_every_code_page_gets_utf_8_and_an_unpaired_surrogate_is_escaped(encodin
         env={**os.environ, "PYTHONIOENCODING": "utf-8" if encoding == "cp65001" else encoding, "PYTHONPATH": str(ROOT)},
     )
     assert ran.stdout.split() == ["ẋ".encode(), b"\\ud800"]
+
+
+@pytest.mark.parametrize("name", ["..\\b", "a\\..\\..\\b", "C:\\b", "C:b", "\\b", "/b", "../b", ""])
+def test_a_listed_name_that_leads_out_of_its_folder_on_windows_is_malformed(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr("station.checksums.PurePath", PureWindowsPath)
+    assert not is_below(name)
+    assert is_below("exports/a.mcap")
 
 
 def test_every_call_that_only_posix_has_is_listed_and_guarded() -> None:
