@@ -47,7 +47,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "fitting.study.reml": (),
     "fitting.trial.calibration": (),
     "fitting.trial.sync_line": (),
-    "fitting.trial.timeline": ("tests/fitting/trial/test_trial.py",),
+    "fitting.trial.timeline": (),
     "fitting.uncertainty": (),
     "recordings.recovery": (),
     "recordings.writer": (),

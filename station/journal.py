@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from documents.plain_data import parse_json
-from documents.regular_file import append_to_regular, read_regular
+from documents.regular_file import append_to_regular, describe_failure, read_regular
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition
 from station.checksums import write_checksums
 from station.errors import StationError
@@ -143,12 +143,10 @@ def read_journal(folder: Path) -> Journal:
         text = read_regular(path, LARGEST_JOURNAL).decode("utf-8")
     except FileNotFoundError:
         return Journal()
-    except OSError as error:
-        raise _error(JournalCode.UNREADABLE, path, reason=str(error.strerror or error)) from error
-    except UnicodeDecodeError as error:
-        raise _error(JournalCode.UNREADABLE, path, reason=str(error)) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise _error(JournalCode.UNREADABLE, path, reason=describe_failure(error)) from error
     lines = _Lines()
-    for number, line in enumerate(text[: text.rfind("\n") + 1].split("\n")[:-1], 1):
+    for number, line in enumerate(text.split("\n")[:-1], 1):
         try:
             lines.add(JournalLine.model_validate(parse_json(line)).root)
         except (ValueError, TypeError) as error:
@@ -295,7 +293,7 @@ def _append_line(path: Path, entry: dict[str, Any]) -> None:
             with suppress(OSError):  # the line itself contains the hash of those above
                 write_checksums(path)
     except OSError as error:
-        raise _error(JournalCode.NOT_WRITTEN, path, reason=str(error.strerror)) from error
+        raise _error(JournalCode.NOT_WRITTEN, path, reason=describe_failure(error)) from error
 
 
 def _error(code: JournalCode, path: Path, **figures: float | str) -> JournalError:

@@ -151,8 +151,8 @@ class AlignedStreams:
     frames: NumberedTrack
     first_frame: float
     clock: ClockFit
+    drift: float
     edge_sd: float = 0.0
-    drift: float = 0.0
     sync_fall: float | None = None
     notes: tuple[Note, ...] = ()
     sync_findings: tuple[Note, ...] = ()
@@ -164,7 +164,7 @@ def _align_as_declared(manifest: Manifest, force: NumberedTrack, frames: Numbere
     clock = ClockFit(manifest.origin_s, 1.0, np.zeros((2, 2)), has_both_edges=False)
     first_frame = float(frames.device_time[0]) - manifest.origin_s
     drift = 0.0 if manifest.start == "one_clock" else DRIFT_PRIOR_SD
-    return AlignedStreams(clock.session_time(force.device_time), frames, first_frame, clock, drift=drift)
+    return AlignedStreams(clock.session_time(force.device_time), frames, first_frame, clock, drift)
 
 
 def align_by_sync_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> AlignedStreams:
@@ -188,8 +188,8 @@ def align_by_sync_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> Align
         frames,
         first_frame,
         clock,
-        float(np.linalg.norm((edge_sd, frames_sd, contradiction))),
         drift,
+        float(np.linalg.norm((edge_sd, frames_sd, contradiction))),
         None if edges.falling is None else (edges.falling - clock.start) / clock.ratio,
         findings,
         findings,

@@ -20,6 +20,7 @@ from station.journal import (
     JournalError,
     Recorded,
     Setup,
+    append_line,
     read_journal,
     write_assigned,
     write_donned,
@@ -74,7 +75,7 @@ def test_written_entries_are_read(tmp_path: Path) -> None:
     write_mark(tmp_path, "a.mcap", 2, "coughed")
     write_donned(tmp_path, "hand")
     journal = read_journal(tmp_path)
-    assert journal.setup == SETUP
+    assert journal.setup == SETUP and SETUP.has_bounce
     assert journal.recorded == (TRIAL,)
     assert journal.verdicts == {"a.mcap": Decision("redo", "the cuff slipped")}
     assert journal.redone == {"a.mcap": "the cuff slipped"}
@@ -136,9 +137,24 @@ def test_a_session_has_its_start_time(tmp_path: Path) -> None:
     assert before - timedelta(seconds=1) <= begun <= datetime.now(UTC)
 
 
+def test_a_skipped_trial_is_that_of_its_donning(tmp_path: Path) -> None:
+    trial = TrialSpec("hand", "static", 2, donning="3")
+    write_skipped(tmp_path, trial)
+    assert read_journal(tmp_path).skipped == {trial}
+
+
+def test_a_line_of_another_file_has_its_time_and_kind_in_a_folder_that_is_made(tmp_path: Path) -> None:
+    path = tmp_path / "monday" / "P01" / "telemetry.jsonl"
+    append_line(path, "started", answer=42)
+    line = json.loads(path.read_text())
+    assert (line["kind"], line["answer"]) == ("started", 42)
+    assert datetime.now(UTC) - datetime.fromisoformat(line["at"]) < timedelta(minutes=10)
+
+
 def test_a_redo_needs_a_reason(tmp_path: Path) -> None:
-    with raises_refusal(JournalError, JournalCode.NO_REASON):
+    with raises_refusal(JournalError, JournalCode.NO_REASON) as caught:
         write_verdict(tmp_path, "a.mcap", "redo", "  ")
+    assert figures_of(caught.value) == {"file": "a.mcap"}
     assert not (tmp_path / JOURNAL_FILE).exists()
 
 
@@ -147,7 +163,8 @@ def test_an_incomplete_line_is_ignored_and_not_joined_to_the_next(tmp_path: Path
     write_recorded(tmp_path, TRIAL)
     path = tmp_path / JOURNAL_FILE
     whole = path.read_bytes()
-    for cut in range(len(whole.splitlines(keepends=True)[0]), len(whole)):
+    first = len(whole.splitlines(keepends=True)[0])
+    for cut in (*range(first, len(whole), 40), len(whole) - 1):
         path.write_bytes(whole[:cut])
         assert read_journal(tmp_path).setup == SETUP
         write_verdict(tmp_path, "a.mcap", "accept", "")
@@ -168,10 +185,31 @@ def test_an_incomplete_line_is_ignored_and_not_joined_to_the_next(tmp_path: Path
     ],
 )
 def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
-    (tmp_path / JOURNAL_FILE).write_text(line + "\n")
+    write_setup(tmp_path, SETUP)
+    path = tmp_path / JOURNAL_FILE
+    path.write_text(path.read_text() + line + "\n")
     with raises_refusal(JournalError, JournalCode.WRONG_LINE) as caught:
         read_journal(tmp_path)
-    assert figures_of(caught.value)["line"] == 1
+    assert figures_of(caught.value) == {"path": str(path), "line": 2, "found": repr(line[:60])}
+
+
+@pytest.mark.parametrize(
+    ("size", "last", "is_read"), [(16 * 2**20, b"\n", True), (16 * 2**20 + 1, b"\n", False), (2, b"\xff", False)]
+)
+def test_a_journal_above_16_mib_or_of_other_bytes_is_not_read(
+    tmp_path: Path, size: int, last: bytes, is_read: bool
+) -> None:
+    path = tmp_path / JOURNAL_FILE
+    line = b'{"kind": "donned", "at": "", "format": 1, "cuff": "hand"}'
+    path.write_bytes(line.ljust(size - len(last)) + last)
+    if is_read:
+        assert read_journal(tmp_path).donnings == {"hand": 1}
+        return
+    with raises_refusal(JournalError, JournalCode.UNREADABLE) as caught:
+        read_journal(tmp_path)
+    reason = figures_of(caught.value)["reason"]
+    assert figures_of(caught.value)["path"] == str(path)
+    assert isinstance(reason, str) and reason.startswith("larger than" if size > 2 else "'utf-8'")
 
 
 def test_a_failed_write_is_an_error(tmp_path: Path) -> None:

@@ -1,0 +1,329 @@
+"""Streams on session time, from tracks written by hand whose times are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.trial.timeline import Timeline, build_timeline
+from recordings.manifest import BodyMarkers, CuffSite, LoadCell, Manifest, Timing
+from recordings.reader import Track
+from recordings.samples import Stream
+from tests.fitting.refusals import figures_by_code, raises_refusal
+
+HOST_NS = 1_790_000_000_000_000_000
+CUFF = CuffSite("hand", "arm", ("a",), ("b",))
+CELL = LoadCell("daq", 2.0, -1)
+MANIFEST = Manifest(CUFF, "static", 1, 1, "1", "one_clock", 2.5, CELL, HOST_NS, origin_s=10.0)
+EDGE = replace(MANIFEST, start="sync_edge", origin_s=0.0, timing=Timing(stop_edge="end_of_frame"))
+Tracks = dict[str, Track]
+
+
+def track(
+    stream: Stream,
+    numbers: NDArray[np.int64],
+    device_s: NDArray[np.float64],
+    values: NDArray[np.float64],
+    host_s: float,
+) -> Track:
+    """host_s: of a device time of zero at the host."""
+    stamps = np.round(1e9 * device_s).astype(np.int64)
+    return Track(stream, numbers.astype(np.uint64), stamps, stamps + HOST_NS + round(1e9 * host_s), values)
+
+
+def force(numbers: NDArray[np.int64], start_s: float = 0.0, host_s: float = 0.0, unit: str = "V") -> Track:
+    """1 kHz; the value of sample n is n / 1000 above 3, in steps of 0.001."""
+    stream = Stream("/force", unit, ("force",), 1000.0, "DAQ")
+    return track(stream, numbers, start_s + numbers / 1000, 3 + numbers[:, None] / 1000, host_s)
+
+
+def markers(numbers: NDArray[np.int64], start_s: float = 0.0, host_s: float = 0.0) -> Track:
+    """100 Hz; the markers b, a and another; of frame n marker b is at (n, 1, 2) and a at (n, 3, 4) mm."""
+    stream = Stream("/markers", "mm", ("b", "other", "a"), 100.0, "QTM")
+    values = np.zeros((len(numbers), 3, 4))
+    values[..., 0] = numbers[:, None]
+    values[:, 0, 1:3], values[:, 2, 1:3] = (1, 2), (3, 4)
+    return track(stream, numbers, start_s + numbers / 100, values, host_s)
+
+
+def sync(count: int, rise: int, fall: int) -> Track:
+    """1 kHz, high from sample `rise` to before `fall`."""
+    numbers = np.arange(count)
+    high = (numbers >= rise) & (numbers < fall)
+    return track(Stream("/sync", "V", ("sync",), 1000.0, "DAQ"), numbers, numbers / 1000, 5.0 * high[:, None], 0.0)
+
+
+def one_clock(**changes: object) -> Tracks:
+    """Force from −0.5 s to 3 s, frames from 0.5 s to 2.5 s of session time."""
+    return {"/force": force(np.arange(3501), 9.5), "/markers": markers(np.arange(7, 208), 10.43)} | changes  # type: ignore[dict-item]
+
+
+def captured(rise: int = 2000, frames: int = 300, late_s: float = 0.0, **changes: Track) -> Tracks:
+    """A capture of frames 1 to 300 that begins between the samples before and at the rise of the sync line."""
+    edge_s = (rise - 0.5) / 1000
+    numbers = np.arange(1, frames + 1)
+    tracks = {
+        "/force": force(np.arange(6000)),
+        "/sync": sync(6000, rise, rise + 10 * frames),
+        "/markers": markers(numbers, -0.01, edge_s + late_s),
+    }
+    return tracks | changes
+
+
+def build(tracks: Tracks, manifest: Manifest = MANIFEST) -> Timeline:
+    return build_timeline(manifest, tracks, ("a", "b"))
+
+
+def test_streams_of_one_clock_have_its_time_less_the_origin_and_the_lag_of_force() -> None:
+    timeline = build(one_clock(), replace(MANIFEST, timing=Timing(lag_s=0.0042, lag_sd_s=0.001)))
+    time = np.arange(3501) / 1000 - 0.5 + 0.0042
+    chosen = (time >= 0) & (time <= 2.5)
+    np.testing.assert_allclose(timeline.force_time, time[chosen], atol=1e-9)
+    np.testing.assert_allclose(timeline.force, -2 * (3 + np.arange(3501) / 1000)[chosen], atol=1e-12)
+    assert timeline.force_step == pytest.approx(0.002)
+    np.testing.assert_allclose(timeline.marker_time, 0.5 + np.arange(201) / 100, atol=1e-9)
+    for marker, (y, z) in enumerate([(3, 4), (1, 2)]):
+        expected = [(1e-3 * n, 1e-3 * y, 1e-3 * z) for n in range(7, 208)]
+        np.testing.assert_allclose(timeline.markers[:, marker], expected, atol=1e-12)
+    lag = timeline.lag
+    assert (lag.edge, lag.declared, lag.drift, lag.value) == (0.0, 0.001, 0.0, 0.0042)
+    clock = timeline.clock
+    assert (clock.start, clock.ratio, clock.has_both_edges) == (10.0, 1.0, False)
+    assert clock.covariance.tolist() == [[0.0, 0.0], [0.0, 0.0]]
+    assert timeline.notes == timeline.force_gaps == timeline.frame_gaps == () and timeline.sync_fall is None
+
+
+def test_two_clocks_that_were_declared_to_agree_drift_apart() -> None:
+    assert build(one_clock(), replace(MANIFEST, start="declared")).lag.drift == 50e-6
+
+
+def test_lost_samples_are_gaps_and_lost_frames_not_a_number() -> None:
+    """Gaps before time 0 and after the end of the frames at 2.5 s are no loss of the trial."""
+    kept = np.ones(3501, bool)
+    for first, last in ((100, 110), (490, 510), (1000, 1001), (2993, 3010), (3100, 3200)):
+        kept[first:last] = False
+    numbers = np.delete(np.arange(7, 208), [50, 51])
+    timeline = build(one_clock(**{"/force": force(np.arange(3501)[kept], 9.5), "/markers": markers(numbers, 10.43)}))
+    assert timeline.force_gaps == tuple(
+        pytest.approx(gap, abs=1e-9) for gap in ((-0.011, 0.01), (0.499, 0.501), (2.492, 2.51))
+    )
+    assert timeline.frame_gaps == (pytest.approx((0.99, 1.02), abs=1e-9),)
+    assert len(timeline.markers) == 201
+    assert np.isnan(timeline.markers).any(axis=(1, 2)).nonzero()[0].tolist() == [50, 51]
+    found = figures_by_code(timeline.notes)
+    assert found[TrialNoteCode.FORCE_LOST]["count"] == 3 and found[TrialNoteCode.FRAMES_LOST]["count"] == 1
+
+
+def test_a_gap_that_ends_at_time_zero_or_begins_at_the_end_is_none() -> None:
+    """Times are exact: the first 501 samples last to 0, and the last frame is at 2.5 s."""
+    kept = np.ones(3501, bool)
+    kept[490:500] = kept[3001:3010] = False
+    assert build(one_clock(**{"/force": force(np.arange(3501)[kept], 9.5)})).force_gaps == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "changed", "code", "figures"),
+    [
+        ("/force", None, RejectionCode.NO_SAMPLES, {"stream": "/force"}),
+        ("/markers", markers(np.arange(0)), RejectionCode.NO_SAMPLES, {"stream": "/markers"}),
+        (
+            "/force",
+            force(np.array([5, 6, 6, 7]), 9.5),
+            RejectionCode.NUMBERS_GO_BACK,
+            {"stream": "/force", "sample": 6},
+        ),
+        (
+            "/force",
+            force(np.array([5, 9, 7, 8]), 9.5),
+            RejectionCode.NUMBERS_GO_BACK,
+            {"stream": "/force", "sample": 9},
+        ),
+    ],
+    ids=["no force", "no frames", "a number twice", "numbers go back"],
+)
+def test_a_stream_without_samples_or_with_numbers_that_go_back_is_refused(
+    name: str, changed: Track | None, code: RejectionCode, figures: dict[str, object]
+) -> None:
+    tracks = one_clock() | ({name: changed} if changed else {})
+    if changed is None:
+        del tracks[name]
+    with raises_refusal(code, **figures):
+        build(tracks)
+
+
+@pytest.mark.parametrize(
+    ("frames", "figures"),
+    [
+        (np.arange(7, 107), {"frames": 100, "samples": 1491, "force_end_s": 3.0, "marker_end_s": 1.49, "both_s": 0.99}),
+        (np.arange(400, 600), {"frames": 0, "both_s": 0.0}),
+        (np.array([7, 207]), None),
+    ],
+    ids=["0.99 s", "after the force", "two frames"],
+)
+def test_less_than_a_second_of_force_and_frames_together_is_refused(
+    frames: NDArray[np.int64], figures: dict[str, object] | None
+) -> None:
+    tracks = one_clock(**{"/markers": markers(frames, 10.43)})
+    if figures is None:
+        assert build(tracks).marker_time[0] == pytest.approx(0.5)
+        return
+    expected = {name: pytest.approx(value, abs=1.1 if name == "samples" else 1e-9) for name, value in figures.items()}
+    with raises_refusal(RejectionCode.NO_OVERLAP, expected_s=1.0, **expected):
+        build(tracks)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "frames_from_s", "samples"),
+    [
+        (np.arange(1000, 3000), 0.4905, 1001),
+        (np.arange(0, 2001), 0.4995, 1501),
+        (np.array([600, 2500]), 0.5, 2),
+        (np.array([100, 2500]), 0.5, None),
+        (np.arange(1001, 3000), 0.4905, None),
+        (np.arange(0, 2000), 0.4995, None),
+    ],
+    ids=["force begins last", "force ends first", "two samples", "one sample", "0.9995 s", "0.9995 s to the end"],
+)
+def test_force_counts_from_its_first_to_its_last_sample(
+    numbers: NDArray[np.int64], frames_from_s: float, samples: int | None
+) -> None:
+    """Force and frames have 1.0005 s in common, or 0.9995 s."""
+    frames = np.arange(7, 109) if frames_from_s == 0.4905 else np.arange(7, 208)
+    tracks = {"/force": force(numbers, 9.5), "/markers": markers(frames, 10 + frames_from_s - 0.07)}
+    if samples is None:
+        with raises_refusal(RejectionCode.NO_OVERLAP):
+            build(tracks)
+        return
+    timeline = build(tracks)
+    assert len(timeline.force_time) == samples
+
+
+def test_a_gap_before_the_last_sample_is_lost_force() -> None:
+    timeline = build(one_clock(**{"/force": force(np.array([*range(2001), 2010]), 9.5)}))
+    assert timeline.force_gaps == (pytest.approx((1.5, 1.51), abs=1e-9),)
+
+
+def test_the_capture_begins_at_the_rise_and_lasts_as_long_as_its_frames() -> None:
+    timeline = build(captured(), EDGE)
+    assert (timeline.clock.start, timeline.clock.ratio) == (pytest.approx(1.9995), pytest.approx(1.0, abs=1e-6))
+    np.testing.assert_allclose(timeline.marker_time, np.arange(300) / 100, atol=1e-12)
+    assert timeline.force_time[:2] == pytest.approx([0.0005, 0.0015], abs=1e-6)
+    assert timeline.force[0] == -2 * 5.0
+    assert timeline.sync_fall == pytest.approx(3.0, abs=1e-5)
+    assert timeline.notes == ()
+    assert timeline.lag.edge == pytest.approx(1e-3 / np.sqrt(24), rel=0.01), "the middle of two edges"
+    assert timeline.lag.drift == timeline.clock.common_drift == 0.0
+
+
+def test_part_of_the_error_of_an_undeclared_stop_edge_is_common_to_all_trials() -> None:
+    timeline = build(captured(), replace(EDGE, timing=Timing()))
+    assert timeline.lag.drift == timeline.clock.common_drift > 0
+    own = timeline.clock.time_sd(1.495) ** 2 - (timeline.clock.common_drift * 1.495) ** 2
+    assert timeline.lag.edge == pytest.approx(np.sqrt(max(0.0, own)), abs=1e-9)
+
+
+def test_without_a_stop_edge_the_clocks_are_assumed_to_drift() -> None:
+    timeline = build(captured(**{"/sync": sync(6000, 2000, 6000)}), EDGE)
+    assert timeline.sync_fall is None and not timeline.clock.has_both_edges
+    assert (timeline.lag.edge, timeline.lag.drift) == (pytest.approx(1e-3 / np.sqrt(12)), 50e-6)
+    assert figures_by_code(timeline.notes).keys() == {TrialNoteCode.SYNC_NO_STOP}
+
+
+def test_a_capture_whose_first_frames_are_lost_keeps_its_time() -> None:
+    tracks = captured()
+    later = markers(np.arange(21, 301), -0.01, 1.9995)
+    timeline = build(tracks | {"/markers": later}, EDGE)
+    assert timeline.marker_time[0] == pytest.approx(0.2)
+    assert timeline.markers[0, 0, 0] == pytest.approx(0.021)
+
+
+def test_live_preview_before_the_capture_has_other_numbers_and_is_left_out() -> None:
+    preview, capture = markers(np.arange(500, 600), -6.0, 1.0), captured()["/markers"]
+    names = ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+    both = [np.concatenate([getattr(preview, name), getattr(capture, name)]) for name in names]
+    timeline = build(captured(**{"/markers": Track(capture.stream, *both)}), EDGE)
+    np.testing.assert_allclose(timeline.markers[:, 0, 0], 1e-3 * np.arange(1, 301))
+
+
+def test_the_fall_of_the_line_is_on_the_clock_of_the_frames() -> None:
+    """The DAQ counts 3.001 s in the 3 s of the frames."""
+    timeline = build(captured(**{"/sync": sync(6000, 2000, 5001)}), EDGE)
+    assert timeline.clock.ratio == pytest.approx(1 + 1 / 3000, abs=5e-5)
+    assert timeline.sync_fall == pytest.approx(3.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("fall", "late_s", "code", "figures", "edge_sd"),
+    [
+        (5200, 0.2, TrialNoteCode.SYNC_BEFORE_FRAMES, {"early_s": pytest.approx(0.2)}, 0.2),
+        (4900, 0.0, TrialNoteCode.SYNC_CONTRADICTION, {"before_end_s": pytest.approx(0.1), "limit": 5e-4}, 0.1),
+    ],
+    ids=["rises before the first frame", "falls before the last frame"],
+)
+def test_a_pulse_that_contradicts_the_number_of_frames_is_noted_and_in_the_error(
+    fall: int, late_s: float, code: TrialNoteCode, figures: dict[str, object], edge_sd: float
+) -> None:
+    timeline = build(captured(late_s=late_s, **{"/sync": sync(6000, 2000, fall)}), EDGE)
+    assert figures_by_code(timeline.notes) == {code: figures}
+    assert timeline.lag.edge == pytest.approx(edge_sd, rel=1e-3)
+
+
+@pytest.mark.parametrize(("late_s", "is_late"), [(0.499, False), (-0.499, False), (0.501, True), (-0.501, True)])
+def test_frames_that_arrive_half_a_second_off_have_their_time_from_the_host(late_s: float, is_late: bool) -> None:
+    timeline = build(captured(rise=3000, frames=250, late_s=late_s), EDGE)
+    found = figures_by_code(timeline.notes)
+    assert (TrialNoteCode.SYNC_ARRIVAL in found) is is_late
+    first = timeline.marker_time[0]
+    if is_late:
+        assert found[TrialNoteCode.SYNC_ARRIVAL] == {"late_s": pytest.approx(late_s), "standard_error_s": 0.05}
+        assert timeline.lag.edge == pytest.approx(0.05, rel=0.01)
+        assert first == pytest.approx(late_s % 0.01 if late_s < 0 else late_s, abs=1e-6)
+    else:
+        assert first == 0.0
+
+
+def test_a_serial_load_cell_is_aligned_by_its_arrival() -> None:
+    """Its clock shows 100 s when that of the DAQ shows 0, and its samples arrive as those of the DAQ do."""
+    manifest = replace(EDGE, load_cell=replace(CELL, source="serial"))
+    timeline = build(captured(**{"/force": force(np.arange(6000), 100.0, -100.0, "N")}), manifest)
+    assert timeline.force_time[:2] == pytest.approx([0.0005, 0.0015], abs=1e-5)
+    assert (timeline.lag.edge, timeline.lag.drift) == (pytest.approx(0.05, rel=1e-3), 50e-6)
+
+
+@pytest.mark.parametrize("has_sync", [True, False])
+def test_a_trigger_starts_sample_0_at_the_edge(has_sync: bool) -> None:
+    tracks = captured(rise=0)
+    tracks["/markers"] = markers(np.arange(1, 301), -0.01, 0.0)
+    if not has_sync:
+        del tracks["/sync"]
+    timeline = build(tracks, replace(EDGE, start="pfi0"))
+    assert (timeline.force_time[0], timeline.marker_time[0]) == (pytest.approx(0.0, abs=1e-6), 0.0)
+    assert timeline.force[0] == -2 * 3.0
+    assert timeline.sync_fall == (pytest.approx(2.9995, abs=2e-3) if has_sync else None)
+    assert has_sync or (timeline.lag.edge, timeline.lag.drift) == (0.0, 50e-6)
+
+
+@pytest.mark.parametrize(("unit", "is_saturated"), [("V", True), ("N", False)])
+def test_the_range_of_the_converter_limits_volts_alone(unit: str, is_saturated: bool) -> None:
+    manifest = replace(MANIFEST, load_cell=replace(CELL, range_v=5.0))
+    tracks = one_clock(**{"/force": force(np.arange(3501), 9.5, unit=unit)})
+    if is_saturated:
+        with raises_refusal(RejectionCode.FORCE_SATURATED, limit=5.0):
+            build(tracks, manifest)
+    else:
+        assert len(build(tracks, manifest).force)
+
+
+@pytest.mark.parametrize("is_measured", [True, False])
+def test_the_force_of_a_motion_counts_only_if_the_cord_is_measured(is_measured: bool) -> None:
+    body = BodyMarkers(("a",), ("b",), is_cord_measured=is_measured)
+    manifest = replace(MANIFEST, cuff=None, body=body, load_cell=replace(CELL, range_v=5.0))
+    if is_measured:
+        with raises_refusal(RejectionCode.FORCE_SATURATED):
+            build(one_clock(), manifest)
+    else:
+        assert len(build(one_clock(), manifest).force)
