@@ -12,12 +12,13 @@ import os
 import re
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 import zstandard
+from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema
@@ -111,20 +112,24 @@ def _walk(file: BinaryIO) -> Iterator[tuple[int, McapRecord | Damage]]:
     size = file.seek(0, os.SEEK_END)
     allowance = Allowance(size)
     offset = 0
+    is_unchunked = True  # as other tools may write a file; after a chunk or damage, records outside of one do not count
     after_last_chunk = 0  # a search begins here, because a wrong length may have led past a good chunk
     while offset < size:
         try:
             opcode, records, end = _read_record(file, offset, size, allowance)
         except _BrokenError as error:
             start, broken = allowance.search_again(after_last_chunk, offset), offset
+            is_unchunked = False
             opcode, (offset, records, end) = Opcode.CHUNK, _find_chunk(file, start, size, allowance)
             yield offset, Damage(min(broken, offset), offset, str(error), error.is_cut and offset == size)
             if offset == size:
                 return
         if opcode == Opcode.FOOTER:
             return
+        is_unchunked = is_unchunked and opcode != Opcode.CHUNK
         for record in records:
-            yield offset, record
+            if opcode in (Opcode.HEADER, Opcode.CHUNK) or is_unchunked:
+                yield offset, record
         offset = end
         after_last_chunk = end if opcode == Opcode.CHUNK else after_last_chunk
     reason = "the file ends before its index, as when its writer was killed"
@@ -150,7 +155,7 @@ def _read_record(file: BinaryIO, offset: int, size: int, allowance: Allowance) -
         raise _BrokenError("the file has its last record here, and does not end with it")
     if opcode not in _KNOWN and opcode < _FIRST_PRIVATE_OPCODE:
         raise _BrokenError(f"no MCAP record has the opcode {opcode}")
-    if opcode not in {Opcode.HEADER, Opcode.CHUNK}:
+    if opcode not in _PARSED:
         return opcode, [], end
     if length > LARGEST_CHUNK:
         raise _BrokenError(f"the record here has {length} bytes, expected at most {LARGEST_CHUNK}")
@@ -165,12 +170,17 @@ def _read_record(file: BinaryIO, offset: int, size: int, allowance: Allowance) -
 _PREFIX = struct.Struct("<BQ")
 _KNOWN = frozenset(int(opcode) for opcode in Opcode)
 _FIRST_PRIVATE_OPCODE = 0x80
+_PARSED = frozenset({Opcode.HEADER, Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 
 
 def _parse(opcode: int, body: bytes, allowance: Allowance) -> list[McapRecord]:
     stream = ReadDataStream(BytesIO(body))
     if opcode == Opcode.HEADER:
         return [Header.read(stream)]
+    if opcode != Opcode.CHUNK:
+        allowance.hold(1)
+        record = _record(opcode, body)
+        return [] if record is None else [record]
     chunk = Chunk.read(stream)
     if stream.count != len(body):
         raise ValueError(f"a chunk of {stream.count} bytes in a record of {len(body)}")
@@ -179,10 +189,20 @@ def _parse(opcode: int, body: bytes, allowance: Allowance) -> list[McapRecord]:
     # The compressed bytes state their size too, and it is theirs that would be allocated.
     if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) != chunk.uncompressed_size:
         raise ValueError("a chunk announces two different sizes")
-    if chunk.compression not in {"zstd", ""}:
-        raise ValueError(f"a chunk is compressed by {chunk.compression!r}, expected zstd")
+    if chunk.compression not in {"zstd", "lz4", ""}:
+        raise ValueError(f"a chunk is compressed by {chunk.compression!r}, expected zstd or lz4")
     allowance.unpack(chunk.uncompressed_size)
-    return list(_records_of(chunk, allowance))
+    return list(_records_of(_without_lz4(chunk), allowance))
+
+
+def _without_lz4(chunk: Chunk) -> Chunk:
+    """The chunk, unpacked if it is compressed by lz4, whose frames need not state their size."""
+    if chunk.compression != "lz4":
+        return chunk
+    data = LZ4FrameDecompressor().decompress(chunk.data, max_length=chunk.uncompressed_size + 1)
+    if len(data) != chunk.uncompressed_size:
+        raise ValueError("a chunk announces another size than it has")
+    return replace(chunk, compression="", data=data)
 
 
 def _records_of(chunk: Chunk, allowance: Allowance) -> Iterator[McapRecord]:
@@ -196,15 +216,22 @@ def _records_of(chunk: Chunk, allowance: Allowance) -> Iterator[McapRecord]:
             place += _PREFIX.size
             if place + length > size:
                 raise ValueError(f"a record of {length} bytes where its chunk has {size - place}")
-            if opcode == Opcode.MESSAGE:
-                channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, place)
-                body = data[place + _MESSAGE.size : place + length]
-                yield Message(channel, log_time=log_time, data=body, publish_time=publish_time, sequence=sequence)
-            elif opcode in _DECLARATIONS:
-                yield _DECLARATIONS[opcode].read(ReadDataStream(BytesIO(data[place : place + length])))
+            record = _record(opcode, data[place : place + length])
+            if record is not None:
+                yield record
             place += length
     finally:
         allowance.hold(allowance.records - left)
+
+
+def _record(opcode: int, body: bytes) -> McapRecord | None:
+    """A message, schema or channel; None of any other record."""
+    if opcode == Opcode.MESSAGE:
+        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
+        data = body[_MESSAGE.size :]
+        return Message(channel, log_time=log_time, data=data, publish_time=publish_time, sequence=sequence)
+    declaration = _DECLARATIONS.get(opcode)
+    return None if declaration is None else declaration.read(ReadDataStream(BytesIO(body)))
 
 
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the rest is the message's own

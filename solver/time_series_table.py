@@ -63,11 +63,12 @@ def write_table(
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def read_table(path: Path) -> tuple[list[str], Array, TableHeader]:
+def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], Array, TableHeader]:
     """Names of the columns, their values (frames, columns), and the header; all rows are read, whatever it states, but
     none that repeats the row before it.
 
-    Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. Raises MotionError.
+    Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. may_have_gaps:
+    numbers that are not finite are returned, except times. Raises MotionError.
     """
     try:
         raw = read_regular(path, LARGEST_TABLE)
@@ -107,11 +108,13 @@ def read_table(path: Path) -> tuple[list[str], Array, TableHeader]:
     if table.shape[1] != len(names):
         _ensure_points(path, given)
         _ensure_same_length(path, rows)
-    if not np.isfinite(table).all():
-        frame, column = np.argwhere(~np.isfinite(table))[0]
+    checked = table[:, :1] if may_have_gaps else table
+    if not np.isfinite(checked).all():
+        frame, column = np.argwhere(~np.isfinite(checked))[0]
         sentence = f"{path.name} should hold finite numbers and has {names[column]} {table[frame, column]}"
         raise MotionError(f"{sentence} in frame {frame + 1}; fill or cut the gap", SolverCode.NOT_FINITE)
-    is_new = np.append(True, (np.diff(table, axis=0) != 0).any(axis=1))
+    known = np.nan_to_num(table)
+    is_new = np.append(True, (known[1:] != known[:-1]).any(axis=1))
     if is_new.sum() < 2:
         raise MotionError(
             f"{path.name} should have times that increase and has one row again and again", SolverCode.UNEVEN_TIME

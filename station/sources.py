@@ -6,6 +6,7 @@ import hashlib
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from numpy import float64
 from numpy.typing import NDArray
@@ -47,16 +48,19 @@ def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path
 
 
 def model_and_suit_of(
-    name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()
+    name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = (), needs_paths: bool = True
 ) -> tuple[Model, SuitedModel | None]:
-    """As model_of, but a model with the suit of `station export --osim` is taken, with that suit beside it."""
+    """As model_of, but a model with the suit of `station export --osim` is taken, with that suit beside it; needs_paths
+    as in read_osim_model.
+    """
     if name == BUNDLED:
         return _bundled(actuators), None
     document = read_document(Path(name))
-    suited = read_suited(document, ignore_forces=ignore_forces, actuators=actuators)
+    options: dict[str, Any] = {"ignore_forces": ignore_forces, "actuators": actuators, "needs_paths": needs_paths}
+    suited = read_suited(document, **options)
     if suited is not None:
         return suited.model, suited
-    return read_osim_model(document, ignore_forces=ignore_forces, actuators=actuators), None
+    return read_osim_model(document, **options), None
 
 
 def motion_of(path: Path | None, model: Model) -> Motion:

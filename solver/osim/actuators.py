@@ -13,7 +13,7 @@ from solver.forces.actuators import PathActuator, PointActuator, PointToPointAct
 from solver.model import GROUND, Actuator, CoordinateActuator, WrapSurface
 from solver.osim.document import Element
 from solver.osim.frames import Names
-from solver.osim.paths import read_path
+from solver.osim.paths import geometry_path, read_path
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def _on_coordinate(element: Element, names: Names, _: Sequence[WrapSurface]) -> 
 
 
 def _along_path(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> list[Actuator]:
-    return [PathActuator(path=read_path(element.child("GeometryPath"), names, surfaces), **_strength(element))]
+    return [PathActuator(path=read_path(geometry_path(element), names, surfaces), **_strength(element))]
 
 
 def _at_point(element: Element, names: Names, _: Sequence[WrapSurface]) -> list[Actuator]:

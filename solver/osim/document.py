@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import xml.parsers.expat
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +19,28 @@ from solver.model import ModelError
 Array = NDArray[np.float64]
 DEEPEST, MOST_ELEMENTS = 100, 500_000
 MOST_FILES = 20
+MOST_QUOTED = 40
 TRUE, FALSE = ("true", "1"), ("false", "0")
+SWITCHES = {"apply": "false", "appliesForce": "false", "isDisabled": "true"}
+"""Properties, and the value by which an element is not used."""
 
-_COMMENT_OR_AMPERSAND = re.compile(rb"<!--(.*?)-->|&(?!#?\w+;)", re.DOTALL)
-BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
+BYTE_ORDER_MARKS = {
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+_DECLARATION = re.compile(rb"(\s*<\?xml[^>]{0,200}?encoding\s*=\s*[\"'])([^\"'<>]{1,40})")
+_AMPERSAND = re.compile(rb"&(?!#?\w{1,40};)")
+_NO_CHARACTER_SETS = ("", "idna", "punycode", "raw_unicode_escape", "undefined", "unicode_escape")
+"""Codecs of Python that are not encodings of a file."""
 
 
 @dataclass(frozen=True)
 class Element:
-    """An XML element with its file and line, for refusals."""
+    """An XML element with its file and line, for refusals, the tags of its children that were looked for, and the files
+    that it names and that were found elsewhere.
+    """
 
     file: Path
     line: int
@@ -34,6 +48,8 @@ class Element:
     attributes: dict[str, str]
     children: list[Element] = field(default_factory=list)
     pieces: list[str] = field(default_factory=list)
+    sought: set[str] = field(default_factory=set)
+    moved: set[str] = field(default_factory=set)
 
     @property
     def name(self) -> str:
@@ -52,6 +68,7 @@ class Element:
         return self.refusal(complaint, SolverCode.UNSUPPORTED)
 
     def find(self, tag: str) -> Element | None:
+        self.sought.add(tag)
         return next((child for child in self.children if child.tag == tag), None)
 
     def child(self, tag: str) -> Element:
@@ -65,6 +82,52 @@ class Element:
         found = self.find(tag)
         return found.children if found is not None else []
 
+    def own(self, tag: str) -> Element | None:
+        """The element of the tag, which is the root of the document, or below OpenSimDocument."""
+        return self if self.tag == tag else self.find(tag)
+
+    def named_file(self, tag: str) -> Path | None:
+        """The file that a property names; None without one. Paths start at the folder of the document.
+
+        OpenSim on Windows writes backslashes. A file that is not there is taken from the folder of the document, if it
+        is there: it was copied from another computer.
+        """
+        text = self.word(tag, "")
+        if not text or text == "Unassigned":
+            return None
+        name = text.replace("\\", "/")
+        named, beside = self.file.parent / name, self.file.parent / name.rsplit("/", 1)[-1]
+        if named.exists() or not beside.exists():
+            return named
+        self.moved.add(f"{text} as {beside.name}")
+        return beside
+
+    def moved_files(self) -> list[str]:
+        """`name as name beside` for the files below the element that named_file has found in the document's folder."""
+        return [*sorted(self.moved), *(file for child in self.children for file in child.moved_files())]
+
+    def unused(self, without_effect: Mapping[str, str]) -> list[str]:
+        """`<tag> text (line N)` for what is in the element, and was not looked for.
+
+        without_effect: tag → pattern of the texts that change no result. What is switched off is not in it.
+        """
+        found = []
+        for child in self.children:
+            pattern = without_effect.get(child.tag)
+            has_effect = pattern is None or not re.fullmatch(pattern, child.text, re.IGNORECASE)
+            is_empty = not child.children and child.text in ("", "Unassigned")
+            if child.tag == "groups" or is_empty or not has_effect or child._is_switched_off():
+                continue
+            if child.tag in self.sought or (self.tag == "objects" and child.sought):
+                found += child.unused(without_effect)
+            else:
+                name = f" {child.name}" * bool(child.name)
+                found.append(f"<{child.tag}>{name} {child.text[:MOST_QUOTED]}".rstrip() + f" (line {child.line})")
+        return found
+
+    def _is_switched_off(self) -> bool:
+        return any(child.tag in SWITCHES and child.text.lower() == SWITCHES[child.tag] for child in self.children)
+
     def objects(self, tag: str) -> list[Element]:
         """Content of one of OpenSim's sets; empty if absent."""
         found = self.find(tag)
@@ -74,7 +137,8 @@ class Element:
         found = self.find(tag)
         if found is None and default is None:
             raise self.refusal(f"has no <{tag}>")
-        place, text = (found, found.text) if found is not None else (self, str(default))
+        is_given = found is not None and (found.text or default is None)
+        place, text = (found, found.text) if found is not None and is_given else (self, str(default))
         values = place.values(text)
         if len(values) != count:
             raise place.refusal(f"should hold {count} numbers, not {len(values)}")
@@ -143,28 +207,47 @@ class Element:
 
 
 def as_utf8(raw: bytes) -> bytes:
-    """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1, without malformed comments.
+    """The file in UTF-8, without malformed comments.
 
-    OpenSim writes and reads the names in <credits> byte for byte, whatever the header declares, and a comment ends at
-    its first --> even if another begins within it. It also reads an & as itself, as between two authors.
+    OpenSim writes and reads names byte for byte, whatever encoding the header declares. So a file that is not in that
+    encoding, or in one that is not known, is in UTF-8, or else in Latin-1. A comment ends at its first --> even if
+    another begins within it. OpenSim also reads an & as itself, as between two authors.
     """
-    declared = re.match(rb"<\?xml[^>]*encoding=[\"']([^\"']+)", raw)
-    if raw.startswith(BYTE_ORDER_MARKS) or (declared and declared[1].lower() not in (b"utf-8", b"utf8")):
+    declared = _DECLARATION.match(raw)
+    marked = next((name for mark, name in BYTE_ORDER_MARKS.items() if raw.startswith(mark)), "")
+    names = [marked] if marked else [declared[2].decode("latin-1") if declared else "", "utf-8", "latin-1"]
+    text = next((found for found in (_decoded(raw, name) for name in names) if found is not None), None)
+    if text is None:
         return raw
-    raw = _COMMENT_OR_AMPERSAND.sub(_well_formed, raw)
+    raw = text.encode("utf-8")
+    if declared := _DECLARATION.match(raw):
+        raw = declared[1] + b"UTF-8" + raw[declared.end() :]
+    return _well_formed(raw)
+
+
+def _decoded(raw: bytes, name: str) -> str | None:
+    """None where the bytes are not XML in the encoding of the name."""
+    if name.lower().replace("-", "_") in _NO_CHARACTER_SETS:
+        return None
     try:
-        raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1").encode("utf-8")
-    return raw
+        text = raw.decode(name)
+    except (LookupError, ValueError):  # not known, not of text, or not these bytes
+        return None
+    return text.removeprefix("\ufeff") if "<" in text and "\0" not in text else None
 
 
-def _well_formed(found: re.Match[bytes]) -> bytes:
-    """A comment, or as many line breaks if it holds what XML does not allow in one; an & as XML writes it."""
-    if found[0] == b"&":
-        return b"&amp;"
-    is_malformed = b"--" in found[1] or found[1].endswith(b"-")
-    return b"\n" * found[0].count(b"\n") if is_malformed else found[0]
+def _well_formed(raw: bytes) -> bytes:
+    """A comment becomes as many line breaks if it holds what XML does not allow in one; an & is as XML writes it."""
+    pieces, at = [], 0
+    while (begin := raw.find(b"<!--", at)) >= 0 and (close := raw.find(b"-->", begin + 4)) >= 0:
+        content = raw[begin + 4 : close]
+        is_malformed = b"--" in content or content.endswith(b"-")
+        pieces += [
+            _AMPERSAND.sub(b"&amp;", raw[at:begin]),
+            b"\n" * content.count(b"\n") if is_malformed else raw[begin : close + 3],
+        ]
+        at = close + 3
+    return b"".join([*pieces, _AMPERSAND.sub(b"&amp;", raw[at:])])
 
 
 def read_document(file: Path) -> Element:
@@ -222,7 +305,7 @@ def _parsed(file: Path) -> Element:
     parser.EndElementHandler = lambda _tag: stack.pop()
     parser.CharacterDataHandler = text
     try:
-        parser.ParseFile(BytesIO(as_utf8(read_regular(file, LARGEST_MODEL))))
+        parser.Parse(as_utf8(read_regular(file, LARGEST_MODEL)), True)  # noqa: FBT003  (in pieces, a long attribute is read again)
     except OSError as error:
         sentence = f"cannot read {file}: {error.strerror}; check the path"
         raise ModelError(sentence, SolverCode.UNREADABLE_FILE) from error

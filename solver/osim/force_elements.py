@@ -23,7 +23,7 @@ from solver.osim.document import Element
 from solver.osim.forces import read_expression
 from solver.osim.frames import Names
 from solver.osim.functions import read_named_function
-from solver.osim.paths import read_path
+from solver.osim.paths import geometry_path, read_path
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ BUSHING_EXPRESSIONS = tuple(f"{letter}{axis}_expression" for letter in "MF" for 
 def _path_spring(element: Element, context: ForceContext) -> PathSpring:
     return PathSpring(
         name=element.name,
-        path=read_path(element.child("GeometryPath"), context.names, context.surfaces),
+        path=read_path(geometry_path(element), context.names, context.surfaces),
         resting_length=element.not_negative("resting_length"),
         stiffness=element.not_negative("stiffness"),
         dissipation=element.not_negative("dissipation"),
@@ -106,7 +106,7 @@ def _path_spring(element: Element, context: ForceContext) -> PathSpring:
 def _path_expression(element: Element, context: ForceContext) -> PathExpression:
     return PathExpression(
         name=element.name,
-        path=read_path(element.child("GeometryPath"), context.names, context.surfaces),
+        path=read_path(geometry_path(element), context.names, context.surfaces),
         resting_length=element.not_negative("resting_length", "0"),
         expression=read_expression(element, "expression", "s", "ldot"),
         is_clamped=element.flag("clamp_stretch", "true"),
@@ -121,7 +121,7 @@ def _ligament(element: Element, context: ForceContext) -> Ligament:
     curve = read_named_function(element, "force_length_curve")
     return Ligament(
         name=element.name,
-        path=read_path(element.child("GeometryPath"), context.names, context.surfaces),
+        path=read_path(geometry_path(element), context.names, context.surfaces),
         resting_length=element.positive("resting_length"),
         force=element.number("pcsa_force", "0"),
         curve=curve or simm_spline(_LIGAMENT_STRETCH, _LIGAMENT_FORCE),
@@ -131,7 +131,7 @@ def _ligament(element: Element, context: ForceContext) -> Ligament:
 def _blankevoort_ligament(element: Element, context: ForceContext) -> BlankevoortLigament:
     return BlankevoortLigament(
         name=element.name,
-        path=read_path(element.child("GeometryPath"), context.names, context.surfaces),
+        path=read_path(geometry_path(element), context.names, context.surfaces),
         resting_length=element.positive("slack_length", "0"),
         stiffness=element.not_negative("linear_stiffness", "1"),
         transition_strain=element.not_negative("transition_strain", "0.06"),

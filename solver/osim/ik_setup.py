@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import xml.etree.ElementTree as Xml
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,18 @@ from solver.time_series_table import read_table
 Array = NDArray[np.float64]
 
 
+WITHOUT_EFFECT = {
+    "accuracy": ".*",
+    "constraint_weight": r"\+?inf(inity)?",
+    "optimizer_algorithm": ".*",
+    "output_motion_file": ".*",
+    "report_errors": ".*",
+    "report_marker_locations": ".*",
+    "results_directory": ".*",
+}
+"""Elements of the tool, and the texts of them that do not change the postures: outputs, and constraints that hold."""
+
+
 @dataclass(frozen=True)
 class CoordinateTask:
     """Weight [m²/rad²] and target value [rad or m] of a coordinate; None takes the value from the coordinate file."""
@@ -36,6 +48,7 @@ class IkSetup:
     """An InverseKinematicsTool. Names without a task are not tracked; files are as the set-up names them.
 
     time_range  first and last second that are solved
+    unused      what the file has and is not used, as Element.unused;  moved: Element.moved_files
     """
 
     time_range: tuple[float, float]
@@ -44,6 +57,8 @@ class IkSetup:
     model_file: Path | None
     marker_file: Path | None
     coordinate_file: Path | None
+    unused: tuple[str, ...] = ()
+    moved: tuple[str, ...] = ()
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -51,8 +66,8 @@ class IkSetup:
         return self.model_file, self.marker_file, self.coordinate_file
 
     def tasks(self, model: Model, labels: Collection[str], time: Array) -> TrackingTasks:
-        """The tasks that model and markers have, at times (frames,) [s]; a task for a marker that one of them lacks is
-        passed over, as in OpenSim. Raises ModelError where none is left, MotionError for the coordinates' file.
+        """The tasks that model and markers have, at times (frames,) [s]; those for what one of them lacks are left out,
+        as in OpenSim. Raises ModelError where none is left, MotionError for the coordinates' file.
         """
         known = {marker.name for marker in model.markers}
         names = [name for name, weight in self.markers.items() if name in known and name in labels and weight > 0]
@@ -63,10 +78,19 @@ class IkSetup:
                 SolverCode.NO_MARKERS,
             )
         weights = np.array([self.markers[name] for name in names])
-        followed = {name: task for name, task in self.coordinates.items() if task.weight > 0}
+        followed = {
+            name: task for name, task in self.coordinates.items() if task.weight > 0 and name in model.coordinate_names
+        }
         targets = {name: self._target(model, name, task, time) for name, task in followed.items()}
         pulls = {name: task.weight for name, task in followed.items()}
         return TrackingTasks(tuple(model.marker(name) for name in names), weights, pulls, targets)
+
+    def without_place(self, model: Model) -> tuple[str, ...]:
+        """Names of tracked markers and coordinates that the model lacks."""
+        known = {marker.name for marker in model.markers}.union(model.coordinate_names)
+        tracked = [name for name, weight in self.markers.items() if weight > 0]
+        tracked += [name for name, task in self.coordinates.items() if task.weight > 0]
+        return tuple(name for name in tracked if name not in known)
 
     def _target(self, model: Model, name: str, task: CoordinateTask, time: Array) -> Array | float:
         coordinate = model.coordinates[model.coordinate_index(name)]
@@ -93,18 +117,20 @@ class IkSetup:
 
 def read_ik_setup(path: Path) -> IkSetup:
     """Read an InverseKinematicsTool. Raises ModelError, with the line, for any other file."""
-    tool = read_document(path).find("InverseKinematicsTool")
+    tool = read_document(path).own("InverseKinematicsTool")
     if tool is None:
         raise ModelError(
             f"{path.name} should have an InverseKinematicsTool and has none; give OpenSim's set-up of one",
             SolverCode.WRONG_DOCUMENT,
         )
-    return ik_setup_of(path, tool)
+    setup = ik_setup_of(tool)
+    return replace(setup, unused=tuple(tool.unused(WITHOUT_EFFECT)), moved=tuple(tool.moved_files()))
 
 
-def ik_setup_of(path: Path, tool: Element) -> IkSetup:
+def ik_setup_of(tool: Element) -> IkSetup:
     """Set-up of an element with an IKTaskSet: an InverseKinematicsTool, or the MarkerPlacer of a ScaleTool."""
-    tasks = [task for task in tool.objects("IKTaskSet") if task.flag("apply", "true")]
+    kinds = ("IKMarkerTask", "IKCoordinateTask")
+    tasks = [task for task in tool.objects("IKTaskSet") if task.tag in kinds and task.flag("apply", "true")]
     if not tasks:
         raise tool.refusal("has no task that is applied; add an IKTaskSet")
     first, last = tool.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
@@ -112,9 +138,9 @@ def ik_setup_of(path: Path, tool: Element) -> IkSetup:
         (float(first), float(last)),
         {task.name: task.number("weight", "0") for task in tasks if task.tag == "IKMarkerTask"},
         {task.name: _coordinate_task(task) for task in tasks if task.tag == "IKCoordinateTask"},
-        _file(path, tool, "model_file"),
-        _file(path, tool, "marker_file"),
-        _file(path, tool, "coordinate_file"),
+        tool.named_file("model_file"),
+        tool.named_file("marker_file"),
+        tool.named_file("coordinate_file"),
     )
 
 
@@ -180,12 +206,6 @@ def _coordinate_task(task: Element) -> CoordinateTask:
         raise task.refusal(f"has value_type {kind}, expected default_value, manual_value or from_file")
     value = task.number("value", "0") if kind == "manual_value" else None
     return CoordinateTask(weight, value, kind == "default_value")
-
-
-def _file(path: Path, tool: Element, tag: str) -> Path | None:
-    """File named by the set-up, relative to the folder of the set-up."""
-    named = tool.word(tag, "")
-    return path.parent / named if named and named != "Unassigned" else None
 
 
 def _listed(names: Collection[str]) -> str:

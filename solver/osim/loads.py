@@ -13,15 +13,35 @@ from solver.errors import MotionError, SolverCode
 from solver.model import GROUND, Model, ModelError
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.document import Element, read_document
-from solver.time_series_table import read_table
+from solver.time_series_table import ensure_seconds, read_table
 
 Array = NDArray[np.float64]
 LONGEST_GAP = 10.0
 """In median steps. A spline across a longer one invents a force; OpenSim takes it without a message."""
 LARGEST_LOAD = 1e9
 """[N, N m or m] Beyond any load in any unit; squares of far larger ones are not finite."""
+WITHOUT_EFFECT = {"data_source_name": ".*", "lowpass_cutoff_frequency_for_load_kinematics": ".*"}
+"""Elements, and the texts of them that change no load: OpenSim filters the kinematics of a file that is not used."""
+SOUGHT = (
+    *(f"{what}_identifier" for what in ("force", "torque", "point")),
+    *(f"{what}_expressed_in_body" for what in ("force", "point")),
+)
+"""Elements that read_external_loads uses."""
 LEAST_RECORDED = 20
 """Rows. Fewer are written by hand, and as far apart as they need to be."""
+
+
+@dataclass(frozen=True)
+class LoadsDocument:
+    """What an ExternalLoads file says beside its forces, for findings.
+
+    on_ground      names of the loads that act on the ground, which do not move the model
+    moved, unused  as Element.moved_files and Element.unused
+    """
+
+    on_ground: tuple[str, ...]
+    moved: tuple[str, ...]
+    unused: tuple[str, ...]
 
 
 def data_file(path: Path) -> Path:
@@ -29,10 +49,23 @@ def data_file(path: Path) -> Path:
     return _data_file(_loads(path))
 
 
+def read_loads_document(path: Path) -> LoadsDocument:
+    """Raises ModelError, with the line, for any other file."""
+    loads = _loads(path)
+    applied = [element for element in loads.members("objects") if _is_applied(element)]
+    on_ground = tuple(element.name for element in applied if _body_name(element, "applied_to_body") == "ground")
+    for element in applied:
+        element.sought.update(SOUGHT)
+    _data_file(loads)
+    return LoadsDocument(on_ground, tuple(loads.moved_files()), tuple(loads.unused(WITHOUT_EFFECT)))
+
+
 def read_external_loads(path: Path, model: Model, time: Array) -> tuple[ExternalForce, ...]:
     """Forces of an ExternalLoads file at times (frames,) [s], without those that are switched off.
 
-    The data file is interpolated as by OpenSim: by natural cubic splines, or linearly if it has fewer than four rows.
+    The data file is interpolated as by OpenSim: by natural cubic splines, or linearly if it has fewer than four rows. A
+    point that is not a number while the force is 0, as programs write a centre of pressure without contact, is
+    interpolated; OpenSim reads no such file.
     Raises ModelError, with the line, for a body or function that the model lacks, MotionError if data are missing or
     do not cover the times.
     """
@@ -45,27 +78,32 @@ def read_external_loads(path: Path, model: Model, time: Array) -> tuple[External
 @dataclass(frozen=True, eq=False)
 class _Data:
     """Columns of a data file, and their values (frames, columns) at the times of the motion; largest (columns,) value
-    of every column, which is 0 throughout where that is beyond LARGEST_LOAD.
+    of every column, which is 0 throughout where that is beyond LARGEST_LOAD; recorded (rows, columns), where a number
+    may be missing.
     """
 
     name: str
     columns: list[str]
     values: Array
     largest: Array
+    recorded: Array
 
     @staticmethod
     def read(path: Path, time: Array) -> _Data:
-        columns, table, _ = read_table(path)
+        columns, table, _ = read_table(path, may_have_gaps=True)
         if columns[0] != "time" or not np.all(np.diff(table[:, 0]) > 0):
             raise MotionError(
                 f"{path.name} should begin with a column time that increases, and does not; check it",
                 SolverCode.MALFORMED_TABLE,
             )
+        ensure_seconds(path, table[:, 0])
         _ensure_covered(path, table[:, 0], time)
         _ensure_no_gap(path, table[:, 0], time)
-        largest = np.abs(table).max(axis=0)
+        filled = _without_gaps(table)
+        largest = np.abs(filled).max(axis=0)
         largest[0] = 0.0  # times since 1970 are as large
-        return _Data(path.name, columns, _interpolated(np.where(largest > LARGEST_LOAD, 0.0, table), time), largest)
+        values = _interpolated(np.where(largest > LARGEST_LOAD, 0.0, filled), time)
+        return _Data(path.name, columns, values, largest, table)
 
     def vectors(self, element: Element, identifier: str) -> Array:
         """(frames, 3) of the three columns whose names begin with the identifier, in the file's order."""
@@ -92,6 +130,38 @@ class _Data:
                 )
         return self.values[:, found]
 
+    def ensure_known(self, force: str, torque: str, point: str) -> None:
+        """Raise MotionError where force or torque is no number, or the point while there is a force."""
+        forces, torques, points = (self._recorded(identifier) for identifier in (force, torque, point))
+        is_lost = ~np.isfinite(forces).all(axis=1) | ~np.isfinite(torques).all(axis=1)
+        is_lost |= ~np.isfinite(points).all(axis=1) & (forces != 0.0).any(axis=1)
+        if is_lost.any():
+            row = int(np.flatnonzero(is_lost)[0])
+            raise MotionError(
+                f"{self.name} should have finite numbers for {', '.join(filter(None, (force, torque, point)))} and has "
+                f"none of one of them in frame {row + 1}, {self.recorded[row, 0]:g} s; write 0 for a force, and any "
+                "point, without contact, or fill the gap",
+                SolverCode.NOT_FINITE,
+            )
+
+    def _recorded(self, identifier: str) -> Array:
+        """(rows, columns) of the identifier."""
+        is_named = [bool(identifier) and column.startswith(identifier) for column in self.columns]
+        return self.recorded[:, is_named]
+
+
+def _without_gaps(table: Array) -> Array:
+    """Numbers that are not finite between those of their column in linear interpolation, and 0 in a column of them."""
+    if np.isfinite(table).all():
+        return table
+    filled = table.copy()
+    for column in filled.T:
+        is_known = np.isfinite(column)
+        column[~is_known] = (
+            np.interp(table[~is_known, 0], table[is_known, 0], column[is_known]) if is_known.any() else 0
+        )
+    return filled
+
 
 def _interpolated(table: Array, time: Array) -> Array:
     """(frames, columns) of a table at other times than those of its first column; all columns in one spline."""
@@ -108,7 +178,7 @@ def _loads(path: Path) -> Element:
             SolverCode.WRONG_DOCUMENT,
         )
     document = read_document(path)
-    loads = document.find("ExternalLoads")
+    loads = document.own("ExternalLoads")
     if loads is None:
         raise document.refusal("has no ExternalLoads; give OpenSim's file of external loads", SolverCode.WRONG_DOCUMENT)
     return loads
@@ -148,11 +218,15 @@ def _is_applied(element: Element) -> bool:
 
 
 def _data_file(loads: Element) -> Path:
-    """Relative paths start at the folder of the XML file; OpenSim on Windows writes backslashes."""
-    name = loads.word("datafile", "").replace("\\", "/")
-    if not name:
+    found = loads.named_file("datafile")
+    if found is None:
         raise loads.refusal("names no <datafile>; add the file that holds the columns")
-    return loads.file.parent / name
+    if not found.exists():
+        complaint = (
+            f"names {loads.word('datafile', '')}, which is not there; correct the path, or put it beside {loads.file}"
+        )
+        raise loads.child("datafile").refusal(complaint, SolverCode.UNREADABLE_TABLE)
+    return found
 
 
 def _force(element: Element, model: Model, data: _Data) -> ExternalForce:
@@ -161,6 +235,7 @@ def _force(element: Element, model: Model, data: _Data) -> ExternalForce:
         raise element.refusal("names neither force nor torque; add a <force_identifier> or a <torque_identifier>")
     if point and not force:
         raise element.refusal("names a point and no force; add a <force_identifier> or take the point away")
+    data.ensure_known(force, torque, point)
     body = _body(element, "applied_to_body", model)
     return ExternalForce(
         name=element.name,
@@ -180,7 +255,7 @@ def _identifier(element: Element, what: str) -> str:
 
 def _body(element: Element, socket: str, model: Model) -> int:
     """Index of the body of that name or path; an empty name is the ground, as in OpenSim."""
-    name = element.word(socket, "").removeprefix("/bodyset/").removeprefix("/")
+    name = _body_name(element, socket)
     names = [body.name for body in model.bodies]
     if name in names:
         return names.index(name)
@@ -190,3 +265,7 @@ def _body(element: Element, socket: str, model: Model) -> int:
         f"has the {socket} {name}, and the model {model.name} has {', '.join(names)}; use one of these",
         SolverCode.UNKNOWN_NAME,
     )
+
+
+def _body_name(element: Element, socket: str) -> str:
+    return element.word(socket, "").removeprefix("/bodyset/").removeprefix("/")

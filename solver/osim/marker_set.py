@@ -23,7 +23,7 @@ def read_marker_set(path: Path, model: Model) -> tuple[Marker, ...]:
     for any other file, and for a frame that is not a body of the model.
     """
     root = read_document(path)
-    found = root.find("MarkerSet")
+    found = root.own("MarkerSet")
     if found is None:
         raise root.refusal("has no MarkerSet; give OpenSim's file of one", SolverCode.WRONG_DOCUMENT)
     return tuple(_marker(element, model) for element in found.members("objects") if element.tag == "Marker")

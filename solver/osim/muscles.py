@@ -15,7 +15,7 @@ from solver.model import Muscle, WrapSurface
 from solver.osim.document import Element
 from solver.osim.frames import Names
 from solver.osim.functions import read_named_function
-from solver.osim.paths import read_path
+from solver.osim.paths import geometry_path, read_path
 
 MUSCLES = (
     "Millard2012EquilibriumMuscle",
@@ -34,7 +34,7 @@ def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface])
     fastest = 1.0 / _time_scale(element) if is_schutte else element.positive("max_contraction_velocity", "10")
     return Muscle(
         name=element.name,
-        path=read_path(element.child("GeometryPath"), names, surfaces),
+        path=read_path(geometry_path(element), names, surfaces),
         max_isometric_force=element.not_negative("max_isometric_force", "1000"),
         optimal_fiber_length=element.positive("optimal_fiber_length", "0.1"),
         tendon_slack_length=element.not_negative("tendon_slack_length", "0.2"),

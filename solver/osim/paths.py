@@ -27,6 +27,21 @@ from solver.osim.functions import read_function
 Array = NDArray[np.float64]
 
 
+def geometry_path(element: Element) -> Element:
+    """The GeometryPath of a force. ModelError for a path whose length is a function of coordinates."""
+    if has_function_path(element):
+        raise element.refusal(
+            "has a FunctionBasedPath, whose length is a function of coordinates and which the solver does not support; "
+            "replace it by a GeometryPath, or read the model without such forces (ignore_forces, --ignore-forces)",
+            SolverCode.UNSUPPORTED,
+        )
+    return element.child("GeometryPath")
+
+
+def has_function_path(element: Element) -> bool:
+    return element.find("FunctionBasedPath") is not None
+
+
 def read_path(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> Path:
     points = element.objects("PathPointSet")
     if len(points) < 2:

@@ -12,6 +12,7 @@ import scipy
 
 from solver.errors import SolverCode
 from solver.model import GROUND, Body, Marker, Model, WrapSurface
+from solver.osim.actuators import ACTUATORS
 from solver.osim.added_forces import with_force_sets
 from solver.osim.components import with_components_in_sets, with_own_names
 from solver.osim.constraints import ensure_known_constraint, read_constraint, read_held_coordinate
@@ -22,8 +23,9 @@ from solver.osim.force_elements import ForceContext
 from solver.osim.force_set import FORCES, ensure_known_force, read_force_set
 from solver.osim.frames import INERT, Names, OffsetFrame
 from solver.osim.joints import read_joint, read_joint_frames
+from solver.osim.muscles import MUSCLES
 from solver.osim.obstacles import Obstacles
-from solver.osim.paths import read_surface
+from solver.osim.paths import has_function_path, read_surface
 
 
 def read_osim(path: str | Path, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
@@ -35,8 +37,14 @@ def read_osim(path: str | Path, *, ignore_forces: bool = False, actuators: Seque
     return read_osim_model(read_document(Path(path)), ignore_forces=ignore_forces, actuators=actuators)
 
 
-def read_osim_model(document: Element, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
-    """read_osim for the root element of a document."""
+def read_osim_model(
+    document: Element, *, ignore_forces: bool = False, actuators: Sequence[Path] = (), needs_paths: bool = True
+) -> Model:
+    """read_osim for the root element of a document.
+
+    needs_paths, if false, leaves out muscles and actuators whose path the solver cannot follow: they do not act by
+    themselves, as in inverse dynamics.
+    """
     if document.tag != "OpenSimDocument":
         raise document.refusal("is not an OpenSim document; give an .osim file", SolverCode.WRONG_DOCUMENT)
     model = document.child("Model")
@@ -44,6 +52,7 @@ def read_osim_model(document: Element, *, ignore_forces: bool = False, actuators
     model = with_force_sets(model, [read_document(path) for path in actuators])
     model = with_own_names(with_components_in_sets(model), "JointSet")
     ignored = _unsupported_forces(model) if ignore_forces else []
+    ignored += [] if ignore_forces or needs_paths else _without_followed_path(model)
     left_out = _switched_off(model) + ignored
     if left_out:
         model = _without(model, left_out)
@@ -125,8 +134,14 @@ def _switched_off(model: Element) -> list[Element]:
 
 def _unsupported_forces(model: Element) -> list[Element]:
     """Forces that the solver does not have, and all controllers."""
-    forces = [force for force in model.objects("ForceSet") if force.tag not in FORCES]
+    forces = [force for force in model.objects("ForceSet") if force.tag not in FORCES or has_function_path(force)]
     return [part for part in model.objects("ControllerSet") + forces if not part.is_off("enabled", "appliesForce")]
+
+
+def _without_followed_path(model: Element) -> list[Element]:
+    """Muscles and actuators with a path that is a function of coordinates, and that are not switched off."""
+    found = [force for force in model.objects("ForceSet") if force.tag in (*MUSCLES, *ACTUATORS)]
+    return [force for force in found if has_function_path(force) and not force.is_off("appliesForce")]
 
 
 def _without(element: Element, left_out: list[Element]) -> Element:

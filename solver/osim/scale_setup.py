@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as Xml
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,18 @@ from solver.osim.xml_elements import VERSION, add, add_values
 
 Array = NDArray[np.float64]
 AXES = "XYZ"
+WITHOUT_EFFECT = {
+    "age": ".*",
+    "height": ".*",
+    "max_marker_movement": r"-.*",
+    "move_model_markers": "true",
+    "notes": ".*",
+    "output_marker_file": ".*",
+    "output_model_file": ".*",
+    "output_motion_file": ".*",
+    "output_scale_file": ".*",
+}
+"""Elements of the tool, and the texts of them that do not change the model: outputs, and what OpenSim only stores."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +41,11 @@ class Measurement:
     name: str
     pairs: tuple[tuple[str, str], ...]
     axes: Mapping[str, tuple[int, ...]]
+
+    def missing(self, at: Collection[str], seen: Mapping[str, Array]) -> list[str]:
+        """Names of its markers that are not in the model (at), or never visible (seen, as of factor)."""
+        names = dict.fromkeys(name for pair in self.pairs for name in pair)
+        return [name for name in names if name not in at or name not in seen or not np.isfinite(seen[name]).any()]
 
     def factor(self, model: Model, at: Mapping[str, Array], seen: Mapping[str, Array]) -> float:
         """Mean over the pairs of the mean measured distance over the model's.
@@ -63,6 +80,7 @@ class ScaleSetup:
     mass        of the scaled model [kg], None to keep what follows from the factors
     marker_set_file  a MarkerSet whose markers the generic model gets first
     time_range  first and last second of the markers;  placement: the tasks that place markers, None for none
+    unused      what the file has and is not used, as Element.unused;  moved: Element.moved_files
     """
 
     measurements: tuple[Measurement, ...]
@@ -75,6 +93,8 @@ class ScaleSetup:
     model_file: Path | None
     placement: IkSetup | None
     marker_set_file: Path | None = None
+    unused: tuple[str, ...] = ()
+    moved: tuple[str, ...] = ()
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -88,6 +108,27 @@ class ScaleSetup:
         measured = {name for measurement in self.measurements for pair in measurement.pairs for name in pair}
         placed = [] if self.placement is None else [name for name, weight in self.placement.markers.items() if weight]
         return frozenset(measured | set(placed))
+
+    def of_model(self, model: Model, labels: Sequence[str], observed: Array) -> tuple[ScaleSetup, tuple[str, ...]]:
+        """Without the bodies that the model lacks and the measurements whose markers it or the file lacks, and these.
+
+        As OpenSim, which warns of them. A set-up of which no measurement is left stays as it is.
+        """
+        bodies, at = {body.name for body in model.bodies}, {marker.name for marker in model.markers}
+        seen = {label: observed[:, k] for k, label in enumerate(labels)}
+        missing = {measurement.name: measurement.missing(at, seen) for measurement in self.measurements}
+        lacking = [f"measurement {name} ({', '.join(markers)})" for name, markers in missing.items() if markers]
+        unknown = [body for measurement in self.measurements for body in measurement.axes if body not in bodies]
+        unknown += [body for body in self.manual if body not in bodies]
+        kept = tuple(
+            replace(measurement, axes={body: axes for body, axes in measurement.axes.items() if body in bodies})
+            for measurement in self.measurements
+            if not missing[measurement.name] and bodies.intersection(measurement.axes)
+        )
+        if self.measurements and not kept:
+            return self, ()
+        manual = {body: factors for body, factors in self.manual.items() if body in bodies}
+        return replace(self, measurements=kept, manual=manual), (*dict.fromkeys(unknown), *lacking)
 
     def factors(self, model: Model, labels: Sequence[str], observed: Array) -> dict[str, Array]:
         """Name of a body → (3,) along its axes, of observed markers (frames, labels, 3) [m] within the time range.
@@ -114,7 +155,7 @@ class ScaleSetup:
 
 def read_scale_setup(path: Path) -> ScaleSetup:
     """Read a ScaleTool. Raises ModelError, with the line, for any other file."""
-    tool = read_document(path).find("ScaleTool")
+    tool = read_document(path).own("ScaleTool")
     if tool is None:
         raise ModelError(
             f"{path.name} should have a ScaleTool and has none; give OpenSim's set-up of one", SolverCode.WRONG_DOCUMENT
@@ -127,7 +168,7 @@ def read_scale_setup(path: Path) -> ScaleSetup:
     first, last = scaler.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
     placer, maker = tool.find("MarkerPlacer"), tool.find("GenericModelMaker")
     is_placed = placer is not None and _is_applied(placer)
-    return ScaleSetup(
+    setup = ScaleSetup(
         tuple(
             _measurement(measurement) for measurement in scaler.objects("MeasurementSet") if _is_applied(measurement)
         ),
@@ -136,11 +177,12 @@ def read_scale_setup(path: Path) -> ScaleSetup:
         mass if mass > 0 else None,
         scaler.flag("preserve_mass_distribution"),
         (float(first), float(last)),
-        _file(path, scaler, "marker_file"),
-        _file(path, maker, "model_file") if maker is not None else None,
-        ik_setup_of(path, placer) if placer is not None and is_placed else None,
-        _file(path, maker, "marker_set_file") if maker is not None else None,
+        scaler.named_file("marker_file"),
+        maker.named_file("model_file") if maker is not None else None,
+        ik_setup_of(placer) if placer is not None and is_placed else None,
+        maker.named_file("marker_set_file") if maker is not None else None,
     )
+    return replace(setup, unused=tuple(tool.unused(WITHOUT_EFFECT)), moved=tuple(tool.moved_files()))
 
 
 def scale_setup_document(setup: ScaleSetup, folder: Path, output_model: str) -> Xml.Element:
@@ -210,8 +252,3 @@ def _segment(element: Element) -> str:
 
 def _is_applied(element: Element) -> bool:
     return element.flag("apply", "true")
-
-
-def _file(path: Path, element: Element, tag: str) -> Path | None:
-    named = element.word(tag, "")
-    return path.parent / named if named and named != "Unassigned" else None

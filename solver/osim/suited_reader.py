@@ -28,11 +28,11 @@ SETS = ("BodySet", "JointSet", "ForceSet")
 
 
 def read_suited(
-    document: Element, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()
+    document: Element, *, ignore_forces: bool = False, actuators: Sequence[Path] = (), needs_paths: bool = True
 ) -> SuitedModel | None:
     """The model and its suit in a document, None where it has no suit. ModelError, with the line, where the suit was
     changed beyond the structure that `station export --osim` writes, or the bare model cannot be read. The options are
-    those of read_osim.
+    those of read_osim_model.
     """
     element = document.find("Model")
     cord = None if element is None else _named(element, "ForceSet", CORD)
@@ -60,7 +60,10 @@ def read_suited(
     )
     return SuitedModel(
         bare=read_osim_model(
-            replace(document, children=[_bare(element)]), ignore_forces=ignore_forces, actuators=actuators
+            replace(document, children=[_bare(element)]),
+            ignore_forces=ignore_forces,
+            actuators=actuators,
+            needs_paths=needs_paths,
         ),
         suit=suit,
         waist=_spring(element, "waist"),

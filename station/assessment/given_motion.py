@@ -82,9 +82,15 @@ class GivenMotion:
         }
 
 
-def read_given_motion(inputs: MuscleInputs, cut: MotionCut, *, is_assembled: bool = False) -> GivenMotion:
-    """Read all files but the effort's. is_assembled: constraints hold all coordinates, not those without data alone."""
-    model, suited = model_and_suit_of(inputs.model, ignore_forces=inputs.ignore_forces, actuators=inputs.actuators)
+def read_given_motion(
+    inputs: MuscleInputs, cut: MotionCut, *, is_assembled: bool = False, needs_paths: bool = True
+) -> GivenMotion:
+    """Read all files but the effort's. is_assembled: constraints hold all coordinates, not those without data alone.
+    needs_paths as in solver.osim.reader.read_osim_model.
+    """
+    model, suited = model_and_suit_of(
+        inputs.model, ignore_forces=inputs.ignore_forces, actuators=inputs.actuators, needs_paths=needs_paths
+    )
     motion = motion_of(inputs.motion, model)
     held = model.coordinate_names if is_assembled else motion.missing
     whole = held_by_constraints(model, _differentiate(motion, cut, is_assembled=is_assembled), held)

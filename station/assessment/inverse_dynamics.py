@@ -32,7 +32,7 @@ class GeneralisedForces:
 
 def solve_inverse_dynamics(inputs: MuscleInputs, cut: MotionCut) -> GeneralisedForces:
     """Solve every frame. Raises ModelError or MotionError for files that cannot be used."""
-    given = read_given_motion(inputs, cut)
+    given = read_given_motion(inputs, cut, needs_paths=False)
     with np.errstate(over="ignore", invalid="ignore"):
         values = inverse_dynamics(given.model, given.kinematics, given.loads)
     is_finite = np.isfinite(values).all(axis=1)

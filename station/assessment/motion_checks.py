@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import Model
+from solver.model import GROUND, Model
 from solver.motion import Kinematics, Motion, limits_outside
 from solver.motion_splines import held_by_constraints
 from solver.multibody.constraints import is_held
 from solver.multibody.external_loads import ExternalForce
 from solver.multibody.postures import postures
+from solver.osim.loads import read_loads_document
 from station.assessment.reserves import unit_of
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
@@ -60,6 +61,9 @@ FINDINGS = {
     "radians_as_degrees": (AssessmentCode.RADIANS_AS_DEGREES, "angle"),
     "no_load_applied": (AssessmentCode.NO_LOAD_APPLIED, "file"),
     "load_far_from_body": (AssessmentCode.LOAD_FAR_FROM_BODY, "loads"),
+    "load_on_ground": (AssessmentCode.LOAD_ON_GROUND, "loads"),
+    "loads_data_elsewhere": (AssessmentCode.LOADS_DATA_ELSEWHERE, "files"),
+    "loads_unused": (AssessmentCode.LOADS_UNUSED, "elements"),
 }
 """Code of the finding of a note, and the figure that the note is in its sentence."""
 UNITS = {"rotation": "rad", "translation": "m", "coupled": "rad or m"}
@@ -107,14 +111,21 @@ def load_checks(
 ) -> dict[str, str]:
     """Notes on the loads of a file.
 
-    no_load_applied has the name of the file if it applies none, load_far_from_body "load distance m from body, …".
+    no_load_applied has the name of the file if it applies none, load_far_from_body "load distance m from body, …",
+    load_on_ground the names of the loads, loads_data_elsewhere the file that is named and read beside,
+    loads_unused what the file has and is not used.
     """
     if path is None:
         return {}
-    if not loads:
-        return {"no_load_applied": path.name}
-    far = _far_from_body(loads, model, kinematics)
-    return {"load_far_from_body": far} if far else {}
+    document = read_loads_document(path)
+    notes = {
+        "no_load_applied": "" if loads else path.name,
+        "load_far_from_body": _far_from_body(loads, model, kinematics) if loads else "",
+        "load_on_ground": ", ".join(document.on_ground),
+        "loads_data_elsewhere": ", ".join(document.moved),
+        "loads_unused": ", ".join(document.unused),
+    }
+    return {name: note for name, note in notes.items() if note}
 
 
 def motion_findings(notes: Mapping[str, str]) -> list[Message[AssessmentCode]]:
@@ -164,6 +175,8 @@ def _far_from_body(loads: Sequence[ExternalForce], model: Model, kinematics: Kin
     state = postures(model, kinematics.positions, kinematics.speeds, kinematics.time)
     far = []
     for load in loads:
+        if load.body == GROUND:  # load_on_ground
+            continue
         force = np.linalg.norm(load.force, axis=1)
         distance = np.linalg.norm(load.points_in_ground(state) - state.origin_in_ground[:, load.body], axis=1)
         farthest = distance[force > SHARE_OF_FORCE * force.max()].max(initial=0.0)

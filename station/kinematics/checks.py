@@ -9,11 +9,13 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.exchanges import find_exchanges
+from solver.inverse_kinematics.exchanges import Exchange, find_exchanges
 from solver.inverse_kinematics.marker_fit import fit_markers
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks
 from solver.inverse_kinematics.uncertainty import PostureUncertainty
 from solver.model import Marker, Model
+from solver.osim.ik_setup import IkSetup
+from solver.osim.scale_setup import ScaleSetup
 from station.kinematics.marker_file import KinematicsError
 from station.messages.codes import KinematicsCode
 from station.messages.message import Figures, Message
@@ -33,6 +35,16 @@ published trials of the right side the mirror image fits worse by factors of 1.9
 FAR = 0.25
 """m, of a marker from its place on the model in one frame; unscaled models on published persons have at most 0.08."""
 MOST_TILT = math.radians(60)
+
+
+def setup_findings(file: str, setup: IkSetup | ScaleSetup, unknown: Collection[str]) -> tuple[Finding, ...]:
+    """Findings on a set-up: elements that are not used, files that are elsewhere, and the names that are unknown."""
+    found = {
+        KinematicsCode.UNUSED_ELEMENTS: ("elements", setup.unused),
+        KinematicsCode.FILE_ELSEWHERE: ("files", setup.moved),
+        KinematicsCode.NOT_IN_MODEL: ("names", unknown),
+    }
+    return tuple(Message(code, {"file": file, key: ", ".join(names)}) for code, (key, names) in found.items() if names)
 
 
 def ensure_markers_fit(
@@ -70,19 +82,23 @@ def ensure_markers_fit(
 
 
 def find_in_markers(time: Array, tasks: TrackingTasks, observed: Array) -> tuple[Finding, ...]:
-    """Markers that are exchanged for a while; time (frames,) [s]."""
+    """Markers that are exchanged for a while, one finding for each pair; time (frames,) [s]."""
     last = len(time) - 1
+    intervals: dict[tuple[int, int], list[Exchange]] = {}
+    for exchange in find_exchanges(observed):
+        intervals.setdefault(exchange.markers, []).append(exchange)
     return tuple(
         Message(
             KinematicsCode.EXCHANGED,
             {
-                "one": tasks.markers[exchange.markers[0]].name,
-                "other": tasks.markers[exchange.markers[1]].name,
-                "from_s": float(time[exchange.start]),
-                "to_s": float(time[min(exchange.stop, last)]),
+                "one": tasks.markers[one].name,
+                "other": tasks.markers[other].name,
+                "from_s": float(time[exchanges[0].start]),
+                "to_s": float(time[min(max(exchange.stop for exchange in exchanges), last)]),
+                "count": len(exchanges),
             },
         )
-        for exchange in find_exchanges(observed)
+        for (one, other), exchanges in intervals.items()
     )
 
 

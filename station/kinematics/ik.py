@@ -29,6 +29,7 @@ from station.kinematics.checks import (
     find_in_postures,
     find_never_seen,
     seen_markers,
+    setup_findings,
 )
 from station.kinematics.marker_file import KinematicsError, read_body_markers
 from station.kinematics.marker_sets import place_marker_set
@@ -119,6 +120,8 @@ def solve_postures(inputs: IkInputs) -> SolvedPostures:
     time = table.time_s[kept]
     tasks = setup.tasks(model, table.labels, time)
     observed = markers_in_ground(model, table, tasks, kept, inputs.vertical)
+    if inputs.setup is not None:
+        findings += setup_findings(inputs.setup.name, setup, setup.without_place(model))
     findings += on_range + ensure_markers_fit(model, file.name, expected, tasks, observed)
     solution = solve_inverse_kinematics(model, observed, tasks)
     noise = _noise(time, observed) if inputs.noise is None else np.full(len(tasks.markers), inputs.noise)

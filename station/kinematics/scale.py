@@ -14,6 +14,7 @@ from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.marker_placement import place_markers
 from solver.model import Model, ModelError
+from solver.osim.ik_setup import IkSetup
 from solver.osim.marker_set import read_marker_set, with_markers
 from solver.osim.scale_setup import ScaleSetup, read_scale_setup, scale_setup_document
 from solver.osim.writer import osim_document
@@ -27,6 +28,7 @@ from station.kinematics.checks import (
     find_never_seen,
     finding_lines,
     seen_markers,
+    setup_findings,
 )
 from station.kinematics.ik import ensure_common, model_with_markers, named_file, write_xml
 from station.kinematics.marker_file import KinematicsError, read_body_markers
@@ -83,17 +85,9 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     if setup.marker_set_file is not None:
         generic = with_markers(generic, read_marker_set(setup.marker_set_file, generic))
     file = inputs.markers or named_file(setup.marker_file, "markers' file", "--markers")
-    known = [marker.name for marker in generic.markers]
-    table = read_body_markers(file, known, inputs.prefix)
-    first, last = setup.time_range
-    shown = (table.time_s >= first - 1e-6) & (table.time_s <= last + 1e-6)
-    if not shown.any():
-        raise MotionError(
-            f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame between {first:g} "
-            f"and {last:g} s; correct the set-up's time_range",
-            SolverCode.NO_FRAMES,
-        )
-    observed = 1e-3 * table.positions[shown]
+    table = read_body_markers(file, [marker.name for marker in generic.markers], inputs.prefix)
+    observed = _in_range(file, table, setup.time_range)
+    setup, unknown = setup.of_model(generic, table.labels, observed)
     _ensure_markers_fit(generic, file, table, setup, observed)
     factors = setup.factors(generic, table.labels, observed)
     _ensure_plausible(file, setup, factors)
@@ -103,15 +97,46 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     if setup.mass is not None:
         ensure_model_mass_fits(scaled, setup.mass)
     findings += _marker_findings(generic, table, setup.marker_names)
+    notes = table.notes
     if setup.placement is not None:
-        with np.errstate(invalid="ignore"):
-            counts = np.isfinite(observed).sum(axis=0)
-            static = np.where(counts > 0, np.nansum(observed, axis=0) / np.maximum(counts, 1), np.nan)
-        findings += pose_findings(table.labels, observed)
-        tasks = setup.placement.tasks(scaled, table.labels, table.time_s[shown][:1])
-        scaled = place_markers(scaled, table.labels, static, tasks)
+        unknown += setup.placement.without_place(generic)
+        pose_file = inputs.markers or setup.placement.marker_file or file
+        pose = table if pose_file == file else read_body_markers(pose_file, setup.placement.markers, inputs.prefix)
+        static = _in_range(pose_file, pose, setup.placement.time_range)
+        findings += pose_findings(pose.labels, static)
+        scaled = _with_placed_markers(scaled, setup.placement, pose, static)
+        setup = replace(setup, placement=replace(setup.placement, marker_file=pose_file))
+        notes += pose.notes if pose is not table else ()
+    findings += setup_findings(inputs.setup.name, setup, unknown)
     setup = replace(setup, model_file=None if name == BUNDLED else Path(name), marker_file=file)
-    return ScaledBody(setup, scaled, factors, tuple(findings), (*table.notes, *left_out_notes(generic)))
+    return ScaledBody(setup, scaled, factors, tuple(findings), (*notes, *left_out_notes(generic)))
+
+
+def _in_range(file: Path, table: MarkerTable, span: tuple[float, float]) -> Array:
+    """(frames, labels, 3) [m] of the frames within the range [s]. Raises MotionError where there is none."""
+    shown = _is_in(table.time_s, span)
+    if not shown.any():
+        raise MotionError(
+            f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame between "
+            f"{span[0]:g} and {span[1]:g} s; correct the set-up's time_range",
+            SolverCode.NO_FRAMES,
+        )
+    observed: Array = 1e-3 * table.positions[shown]
+    return observed
+
+
+def _is_in(time: Array, span: tuple[float, float]) -> NDArray[np.bool_]:
+    is_in: NDArray[np.bool_] = (time >= span[0] - 1e-6) & (time <= span[1] + 1e-6)
+    return is_in
+
+
+def _with_placed_markers(scaled: Model, placement: IkSetup, pose: MarkerTable, observed: Array) -> Model:
+    """Markers at the mean of their positions (frames, labels, 3) in the pose, with coordinates of its first frame."""
+    with np.errstate(invalid="ignore"):
+        counts = np.isfinite(observed).sum(axis=0)
+        static = np.where(counts > 0, np.nansum(observed, axis=0) / np.maximum(counts, 1), np.nan)
+    tasks = placement.tasks(scaled, pose.labels, pose.time_s[_is_in(pose.time_s, placement.time_range)][:1])
+    return place_markers(scaled, pose.labels, static, tasks)
 
 
 def left_out_notes(generic: Model) -> list[str]:

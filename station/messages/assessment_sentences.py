@@ -173,6 +173,12 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.NO_LOAD_APPLIED: (
         "No external load is applied: {file} has no ExternalForce that is switched on. Set its appliesForce to true."
     ),
+    AssessmentCode.LOAD_ON_GROUND: "Loads on the ground do not act on the model: {loads}. Correct applied_to_body.",
+    AssessmentCode.LOADS_DATA_ELSEWHERE: (
+        "The file with the columns of the external loads is not where it is named. The one beside the XML file is "
+        "read: {files}."
+    ),
+    AssessmentCode.LOADS_UNUSED: "Elements of the external loads that are not used: {elements}.",
     AssessmentCode.LOAD_FAR_FROM_BODY: (
         "External forces far from their body: {loads}. Check the unit and the axes of their points, and the body of "
         "each force."

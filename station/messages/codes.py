@@ -89,6 +89,9 @@ class KinematicsCode(StrEnum):
     WRONG_FACTOR = "scale.factor"
     WRONG_MANUAL_FACTOR = "scale.manual_factor"
     OTHER_RANGE = "setup.time_range_overridden"
+    UNUSED_ELEMENTS = "setup.unused_elements"
+    NOT_IN_MODEL = "setup.not_in_model"
+    FILE_ELSEWHERE = "setup.file_elsewhere"
     RANGE_NOT_COVERED = "markers.range_not_covered"
     NOT_HELD = "posture.not_held"
     NOT_CONVERGED = "posture.not_converged"
@@ -321,6 +324,9 @@ class AssessmentCode(StrEnum):
     LOW_CUTOFF = "motion.low_cutoff"
     NO_LOAD_APPLIED = "loads.none_applied"
     LOAD_FAR_FROM_BODY = "loads.far_from_body"
+    LOAD_ON_GROUND = "loads.on_ground"
+    LOADS_DATA_ELSEWHERE = "loads.data_elsewhere"
+    LOADS_UNUSED = "loads.unused_elements"
 
 
 class DecisionCode(StrEnum):

@@ -45,8 +45,8 @@ KINEMATICS: Mapping[StrEnum, str] = {
         "axis of the file is not y: give it with --vertical"
     ),
     KinematicsCode.EXCHANGED: (
-        "labels {one} and {other} are exchanged from {from_s:.2f} to {to_s:.2f} s: the postures there are wrong; "
-        "correct the labels"
+        "labels {one} and {other} are exchanged from {from_s:.2f} to {to_s:.2f} s (intervals: {count}): the postures "
+        "there are wrong; correct the labels"
     ),
     KinematicsCode.FAR: (
         "{marker} is up to {residual_mm:.0f} mm from its place on the model in {frames} frames, the first at "
@@ -62,6 +62,11 @@ KINEMATICS: Mapping[StrEnum, str] = {
     ),
     KinematicsCode.WITHOUT_PLACE: (
         "{markers}: the location in the model is unknown, so they are not used; give location_m in your own marker set"
+    ),
+    KinematicsCode.UNUSED_ELEMENTS: "{file} has elements that are not used: {elements}",
+    KinematicsCode.FILE_ELSEWHERE: "{file} names files that are not there; those beside it are read: {files}",
+    KinematicsCode.NOT_IN_MODEL: (
+        "{names}: {file} names them, and the model or the markers' file does not have them; they are not used"
     ),
     KinematicsCode.ELSEWHERE: (
         "{markers}: the model attaches them to other bodies than the marker set; the model is used"

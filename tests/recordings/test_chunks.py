@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import struct
+from dataclasses import replace
 from io import BufferedReader, FileIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.records import Channel, Header, Message, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, IndexType, Writer
 
 from recordings import chunks
 from recordings.chunks import Damage, Entry, read_entries
+from recordings.topics import PROFILE, register_topics
 from tests.recordings.bombs import BOMBS, chunk_with_an_event
 from tests.recordings.trials import chunk_ends, record, trial
 
@@ -42,6 +49,58 @@ def test_a_cut_at_any_byte_keeps_the_messages_of_every_whole_chunk(step: int, wh
         assert found == [entry for entry in entries if entry.chunk_offset < last_whole], f"cut at byte {cut}"
         assert len(damage) == 1
         assert last_whole <= damage[0].offset <= damage[0].end == cut
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.NONE},
+        {"use_chunking": False},
+        {"enable_crcs": False},
+        {"compression": CompressionType.LZ4, "chunk_size": 200, "index_types": IndexType.NONE},
+    ],
+    ids=str,
+)
+def test_a_file_that_other_tools_have_rewritten_has_the_same_messages(
+    whole: Path, tmp_path: Path, options: dict[str, Any]
+) -> None:
+    path = tmp_path / "rewritten.mcap"
+    with whole.open("rb") as source, path.open("wb") as target:
+        writer, ids = Writer(target, **options), {}
+        for record in StreamReader(source).records:
+            match record:
+                case Header(profile=profile):
+                    writer.start(profile=profile)
+                case Schema(id=number, name=name, encoding=encoding, data=data):
+                    ids["schema", number] = writer.register_schema(name, encoding, data)
+                case Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema):
+                    ids.setdefault(number, writer.register_channel(topic, encoding, ids["schema", schema]))
+                case Message(channel_id=number):
+                    times = record.log_time, record.data, record.publish_time, record.sequence
+                    writer.add_message(ids[number], *times)
+        writer.finish()
+    entries, damage = _read(path)
+    assert damage == []
+    assert [replace(entry, chunk_offset=0) for entry in entries] == [
+        replace(entry, chunk_offset=0) for entry in _read(whole)[0]
+    ]
+
+
+def test_an_lz4_chunk_that_unpacks_to_another_size_is_damage(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4)
+        writer.start(profile=PROFILE)
+        register_topics(writer)
+        writer.add_message(1, 0, b"\0" * 2**22, 0, 0)
+        writer.finish()
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\x03\0\0\0lz4") - 12
+    data[at : at + 8] = struct.pack("<Q", 1000)
+    path.write_bytes(data)
+    entries, damage = _read(path)
+    assert entries == [] and "another size" in damage[0].reason
 
 
 def test_the_damage_names_its_bytes(whole: Path, tmp_path: Path) -> None:

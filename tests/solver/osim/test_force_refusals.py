@@ -34,6 +34,13 @@ UNREADABLE = [
         SolverCode.WRONG_PATH,
         "GeometryPath has 1 points, expected at least 2",
     ),
+    (
+        "<PathActuator name='f'><FunctionBasedPath/></PathActuator>",
+        SolverCode.UNSUPPORTED,
+        "PathActuator f has a FunctionBasedPath",
+    ),
+    (f"<{MILLARD} name='f'><FunctionBasedPath/></{MILLARD}>", SolverCode.UNSUPPORTED, "f has a FunctionBasedPath"),
+    ("<PathSpring name='f'><FunctionBasedPath/></PathSpring>", SolverCode.UNSUPPORTED, "f has a FunctionBasedPath"),
     ("<PointActuator name='f'/>", SolverCode.MALFORMED, "PointActuator f has no <body>"),
     ("<PointActuator name='f'><body>wall</body></PointActuator>", SolverCode.UNKNOWN_NAME, "unknown body wall"),
     (

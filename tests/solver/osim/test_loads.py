@@ -9,7 +9,7 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.osim.loads import read_external_loads
+from solver.osim.loads import LoadsDocument, read_external_loads, read_loads_document
 from solver.time_series_table import read_table, write_table
 from tests.solver.refusals import raises_refusal
 
@@ -169,3 +169,69 @@ def test_a_column_that_no_load_uses_and_times_since_1970_may_be_as_large_as_they
     write_table(data, [*names[1:], "emg"], since_1970, np.column_stack([table[:, 1:], spike]))
     (load,) = read_external_loads(files, MODEL, since_1970)
     np.testing.assert_allclose(load.force[:, 0], TIME, atol=1e-6)
+
+
+MOVED = XML.replace(">handle.mot<", ">{}<")
+
+
+@pytest.mark.parametrize(
+    "named", ["C:\\lab\\P01\\handle.mot", "\\\\server\\x\\handle.mot", "/Users/a/handle.mot", "data\\handle.mot"]
+)
+def test_a_data_file_of_another_computer_is_taken_from_beside_the_document(files: Path, named: str) -> None:
+    assert read_loads_document(files) == LoadsDocument((), (), ())
+    files.write_text(MOVED.format(named))
+    assert len(read_external_loads(files, MODEL, TIME)) == 1
+    assert read_loads_document(files).moved == (f"{named} as handle.mot",)
+    files.with_name("handle.mot").rename(files.with_name("other.mot"))
+    with raises_refusal(SolverCode.UNREADABLE_TABLE, naming="handle.xml, line 10: datafile names"):
+        read_external_loads(files, MODEL, TIME)
+
+
+@pytest.mark.parametrize("name", ["ground", "/ground"])
+def test_a_load_on_the_ground_and_an_element_that_is_not_used_are_named(files: Path, name: str) -> None:
+    text = XML.replace("applied_to_body>hand", f"applied_to_body>{name}")
+    kinematics = "<external_loads_model_kinematics_file>walk.mot</external_loads_model_kinematics_file>"
+    files.write_text(text.replace("<datafile>", kinematics + "<data_source_name>x</data_source_name><datafile>"))
+    found = read_loads_document(files)
+    assert found.on_ground == ("handle",)
+    assert found.unused == ("<external_loads_model_kinematics_file> walk.mot (line 10)",)
+
+
+def test_a_document_whose_root_is_the_loads_is_read(files: Path) -> None:
+    files.write_text(XML.replace('<OpenSimDocument Version="40000">', "").replace("</OpenSimDocument>", ""))
+    assert len(read_external_loads(files, MODEL, TIME)) == 1
+
+
+def with_nan(files: Path, column: str, row: int, force: float) -> None:
+    """The number of a column is none in a row, where the force is as given."""
+    data = files.with_name("handle.mot")
+    names, table, _ = read_table(data)
+    table[row, 1:4] = force
+    text = data.read_text().split("endheader")[0]
+    rows = [[f"{value:g}" for value in line] for line in table]
+    rows[row][names.index(column)] = "nan"
+    data.write_text("\n".join([text + "endheader", "\t".join(names), *map("\t".join, rows)]) + "\n")
+
+
+@pytest.mark.parametrize("row", [0, 2, 4])
+def test_a_point_without_a_force_need_not_be_a_number(files: Path, row: int) -> None:
+    with_nan(files, "handle_py", row, 0.0)
+    (load,) = read_external_loads(files, MODEL, TIME)
+    np.testing.assert_allclose(load.point, np.tile([0.1, 0.2, 0.3], (5, 1)), atol=1e-12)
+    np.testing.assert_allclose(load.force[row], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("column", "force"), [("handle_py", 1.0), ("handle_vy", 0.0)])
+def test_a_load_that_is_not_a_number_is_refused_with_the_remedy(files: Path, column: str, force: float) -> None:
+    with_nan(files, column, 2, force)
+    with raises_refusal(SolverCode.NOT_FINITE, naming="in frame 3, 0.5 s; write 0 for a force"):
+        read_external_loads(files, MODEL, TIME)
+
+
+def test_loads_in_milliseconds_are_refused(files: Path) -> None:
+    time = np.arange(60) / 50
+    values = np.ones((60, 6))
+    names = [f"handle_{part}{axis}" for part in "vp" for axis in "xyz"]
+    write_table(files.with_name("handle.mot"), names, 1000 * time, values)
+    with raises_refusal(SolverCode.TIME_UNIT, naming="handle.mot"):
+        read_external_loads(files, MODEL, time)

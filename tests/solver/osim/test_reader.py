@@ -167,6 +167,45 @@ def test_credits_in_latin_1_under_a_utf_8_header_are_read(tmp_path: Path) -> Non
         read_osim(tmp_path / "cut.osim")
 
 
+@pytest.mark.parametrize(
+    ("declared", "written"),
+    [
+        ("Shift_JIS", "shift_jis"),
+        ("GB2312", "gb2312"),
+        ("GBK", "gbk"),
+        ("Big5", "big5"),
+        ("EUC-KR", "euc_kr"),
+        ("UTF-7", "utf-7"),
+        ("UTF-32", "utf-32"),
+        ("UTF-16", "utf-8"),
+        ("windows-1252", "cp1252"),
+        ("KOI8-R", "koi8-r"),
+        ("Shift_JIS", "latin-1"),
+        ("nonsense", "utf-8"),
+        ("hex", "utf-8"),
+        ("punycode", "utf-8"),
+        ("utf-8", "utf-8-sig"),
+    ],
+)
+def test_a_model_is_read_in_any_encoding_that_it_declares_or_has(file: Path, declared: str, written: str) -> None:
+    letters = {"koi8-r": "Иван", "latin-1": "Ren\xe9", "cp1252": "Ren\xe9", "big5": "\u4e2d", "euc_kr": "\uac00"}
+    name = letters.get(written, "\u4e2d\u6587")
+    text = DOOR.replace('name="door"', f'name="{name}"').replace('encoding="UTF-8"', f'encoding="{declared}"')
+    file.write_bytes(text.encode(written))
+    assert read_osim(file).name == name
+
+
+@pytest.mark.timeout(60)  # of an attribute that is scanned again for every piece: 90 s
+def test_an_attribute_of_16_mb_is_scanned_once(file: Path) -> None:
+    assert _read(file, DOOR.replace('name="door">', f'name="door"><credits a="{"a" * 2**24}"/>')).name == "door"
+
+
+@pytest.mark.timeout(60)
+def test_comments_that_never_end_are_refused_at_once(file: Path) -> None:
+    with raises_refusal(SolverCode.UNREADABLE_FILE):
+        _read(file, DOOR + "<!--" * 300_000)
+
+
 def test_a_joint_axis_is_a_unit_vector_with_the_line_that_drives_it(file: Path) -> None:
     model = _read(file, DOOR)
     joint = model.joint("swing")

@@ -244,6 +244,17 @@ def test_a_centre_of_pressure_in_millimetres_is_far_from_its_body(tmp_path: Path
     assert [finding.code for finding in motion_findings(notes)] == [AssessmentCode.LOAD_FAR_FROM_BODY]
 
 
+def test_what_a_file_of_loads_says_and_the_model_does_not_do_is_named(tmp_path: Path) -> None:
+    step = step_in(tmp_path)
+    model, kinematics = read_osim(step.model), kinematics_of(step, step.motion)
+    text = step.loads.read_text()
+    kept = "<external_loads_model_kinematics_file>a.mot</external_loads_model_kinematics_file><datafile>C:\\lab\\"
+    step.loads.write_text(re.sub(r"(<applied_to_body>)[^<]+", r"\1ground", text).replace("<datafile>", kept))
+    loads = read_external_loads(step.loads, model, kinematics.time)
+    codes = [finding.code for finding in motion_findings(load_checks(step.loads, loads, model, kinematics))]
+    assert codes == [AssessmentCode.LOAD_ON_GROUND, AssessmentCode.LOADS_DATA_ELSEWHERE, AssessmentCode.LOADS_UNUSED]
+
+
 @pytest.mark.parametrize(
     ("start", "end", "told"), [(0.78, 2, "to 2 s, "), (-1, 0.02, "from -1 s, "), (0.79, 0.805, ""), (-0.005, 0.01, "")]
 )

@@ -15,6 +15,8 @@ from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
 from solver.coverage_code import CoverageCode
+from solver.inverse_kinematics.solve import TrackingTasks
+from station.kinematics.checks import find_in_markers
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_file import KinematicsError
 from station.kinematics.scale import ScaleInputs, scale_body
@@ -151,6 +153,19 @@ def test_markers_exchanged_for_two_tenths_of_a_second_are_a_finding_and_code_3(
     found = figures_of_one(KinematicsCode.EXCHANGED, tmp_path / "q_ik.json")
     assert {found["one"], found["other"]} == {"EpL", "ai"}
     assert (found["from_s"], found["to_s"]) == pytest.approx((0.2, 0.4))
+
+
+def test_a_pair_that_is_exchanged_again_and_again_is_one_finding() -> None:
+    markers, time = bundled_model().markers, np.arange(200) / 100
+    places = np.random.default_rng(3).normal(size=(len(markers), 3))
+    observed = places + 0.01 * np.sin(time)[:, None, None]
+    for start in range(10, 190, 20):
+        observed[start : start + 5, [2, 4]] = observed[start : start + 5, [4, 2]]
+    tasks = TrackingTasks(markers, np.ones(len(markers)))
+    (finding,) = find_in_markers(time, tasks, observed)
+    assert finding.code == KinematicsCode.EXCHANGED
+    assert finding.figures["count"] == 9
+    assert (finding.figures["from_s"], finding.figures["to_s"]) == pytest.approx((0.1, 1.75))
 
 
 def figures_of_one(code: KinematicsCode, report: Path) -> dict[str, Any]:

@@ -195,3 +195,22 @@ def test_a_published_set_up_is_read_with_the_names_of_its_tasks(capsys, monkeypa
     assert code == 0, told
     assert "no visible marker determines elbow_flexion, pro_sup in 51 frames" in told
     assert "it is taken for the origin" in told
+
+
+@pytest.mark.parametrize("given", ["", " ", "-inf inf"])
+def test_an_empty_time_range_is_the_whole_trial(tmp_path: Path, given: str) -> None:
+    tasks = "".join(TASK.format(name=marker.name, weight=1) for marker in MODEL.markers)
+    (tmp_path / "setup.xml").write_text(SETUP.format(range=given, tasks=tasks), encoding="utf-8")
+    assert read_ik_setup(tmp_path / "setup.xml").time_range == (-np.inf, np.inf)
+
+
+def test_elements_that_change_nothing_here_are_named(tmp_path: Path) -> None:
+    task = TASK.format(name="C7", weight=1) + "<IKOrientationTask name='imu'><weight>1</weight></IKOrientationTask>"
+    off = "<IKOrientationTask name='off'><apply>false</apply><weight>1</weight></IKOrientationTask>"
+    text = SETUP.format(range="0 1", tasks=task + off)
+    more = "<constraint_weight>{}</constraint_weight><accuracy>1e-5</accuracy><report_errors>true</report_errors>"
+    found = []
+    for weight in ("20", "Inf"):
+        (tmp_path / "setup.xml").write_text(text.replace("</IKTaskSet>", "</IKTaskSet>" + more.format(weight)))
+        found.append([part.split(" (")[0] for part in read_ik_setup(tmp_path / "setup.xml").unused])
+    assert found == [["<IKOrientationTask> imu", "<constraint_weight> 20"], ["<IKOrientationTask> imu"]]

@@ -6,15 +6,17 @@ import xml.etree.ElementTree as Xml
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
 from solver.forces.path_force import PathSpring
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
 from station.kinematics.marker_file import KinematicsError
 from station.kinematics.person_findings import mass_findings
-from station.kinematics.scale import ScaleInputs, scale_body
+from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode
 from station.messages.person_codes import PersonCode
 from tests.solver.references import SHARED
@@ -130,3 +132,82 @@ def test_a_load_is_the_likely_reason_of_a_heavy_hand_alone(body: str, codes: lis
     found = mass_findings(replace(MODEL, bodies=bodies))
     assert [finding.code for finding in found] == codes
     assert ["load in the hand" in str(finding) for finding in found] == [code is PersonCode.HAND_MASS for code in codes]
+
+
+PLACER = """<MarkerPlacer><apply>true</apply><IKTaskSet><objects>{tasks}</objects></IKTaskSet>
+<marker_file>{file}</marker_file><time_range>{range}</time_range>{more}</MarkerPlacer></ScaleTool>"""
+TASKS = "".join(f'<IKMarkerTask name="{marker.name}"><weight>1</weight></IKMarkerTask>' for marker in MODEL.markers)
+
+
+def placed(folder: Path, span: str, file: str = "trial.trc", more: str = "") -> ScaledBody:
+    """Scaled by the first 0.1 s of trial.trc, with the markers placed at a pose of another file or time."""
+    pairs = PAIR.format(one=on_humerus()[0], other=on_humerus()[1])
+    text = SETUP.format(pairs=pairs, axes="Y", range="0 0.1").replace("1.1 1 1", "1 1 1")
+    placer = PLACER.format(tasks=TASKS, file=file, range=span, more=more)
+    (folder / "scale.xml").write_text(text.replace("</ScaleTool>", placer), encoding="utf-8")
+    return scale_body(ScaleInputs(folder / "scale.xml", "bundled"))
+
+
+def test_markers_are_placed_in_the_time_and_the_file_of_the_marker_placer(tmp_path: Path) -> None:
+    trial(tmp_path, frames=30)
+    whole = read_trc(tmp_path / "trial.trc")
+    shifted = whole.positions.copy()
+    shifted[20:, whole.labels.index(on_humerus()[0])] += 15.0
+    late = replace(whole, positions=shifted)
+    (tmp_path / "trial.trc").write_text(write_trc(late, "t"), encoding="utf-8")
+    cut = replace(late, time_s=late.time_s[20:], positions=shifted[20:], residuals=late.residuals[20:])
+    (tmp_path / "pose.trc").write_text(write_trc(cut, "t"), encoding="utf-8")
+    early, by_time, by_file = (
+        {marker.name: marker.location for marker in placed(tmp_path, *where).model.markers}
+        for where in (("0 0.1",), ("0.2 0.3",), ("", "pose.trc"))
+    )
+    moved = np.linalg.norm(by_time[on_humerus()[0]] - early[on_humerus()[0]])
+    assert moved == pytest.approx(0.015 * 3**0.5, abs=0.01)
+    for name, location in by_time.items():
+        np.testing.assert_allclose(by_file[name], location, atol=1e-12)
+
+
+def test_what_the_set_up_has_and_is_not_used_is_a_finding(tmp_path: Path) -> None:
+    trial(tmp_path, frames=30)
+    more = "<max_marker_movement>{}</max_marker_movement><output_marker_file>x</output_marker_file><sort>fast</sort>"
+    (finding,) = [
+        finding
+        for finding in placed(tmp_path, "0 0.05", more=more.format(0.1)).findings
+        if finding.code == KinematicsCode.UNUSED_ELEMENTS
+    ]
+    assert [part.split(">")[0] for part in str(finding.figures["elements"]).split(", ")] == [
+        "<max_marker_movement",
+        "<sort",
+    ]
+    found = placed(tmp_path, "0 0.05", "C:\\lab\\trial.trc", more.format(-1).replace("<sort>fast</sort>", "")).findings
+    codes = [finding.code for finding in found]
+    assert KinematicsCode.UNUSED_ELEMENTS not in codes and KinematicsCode.FILE_ELSEWHERE in codes
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ('<BodyScale name="humerus">', '<BodyScale name="patella_r"><axes>Y</axes></BodyScale>{}', "patella_r"),
+        ("<segment>clavicle<", "<segment>femur_l<", "femur_l"),
+        ("</Measurement></objects>", "</Measurement>{more}</objects>", "measurement other (of_no_body)"),
+    ],
+)
+def test_a_body_or_a_marker_that_the_model_lacks_is_a_finding(tmp_path: Path, old: str, new: str, named: str) -> None:
+    trial(tmp_path, frames=5)
+    text = SETUP.format(pairs=PAIR.format(one=on_humerus()[0], other=on_humerus()[1]), axes="Y", range="-1 9")
+    body = "<BodyScaleSet><objects><BodyScale name='ulna'><axes>Y</axes></BodyScale></objects></BodyScaleSet>"
+    pairs = f"<MarkerPairSet><objects>{PAIR.format(one=on_humerus()[0], other='of_no_body')}</objects></MarkerPairSet>"
+    other = f"<Measurement name='other'>{pairs}{body}</Measurement>"
+    (tmp_path / "scale.xml").write_text(text.replace(old, new.replace("{}", old).replace("{more}", other)))
+    made = scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled"))
+    (finding,) = [finding for finding in made.findings if finding.code == KinematicsCode.NOT_IN_MODEL]
+    assert finding.figures["names"] == named
+    assert made.factors["humerus"] == pytest.approx([1.0, 1.0, 1.0])
+
+
+def test_a_document_whose_root_is_the_tool_is_read(tmp_path: Path) -> None:
+    trial(tmp_path, frames=5)
+    text = SETUP.format(pairs=PAIR.format(one=on_humerus()[0], other=on_humerus()[1]), axes="Y", range="")
+    text = text.replace('<OpenSimDocument Version="40000">', "").replace("</OpenSimDocument>", "")
+    (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
+    assert scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled")).factors["humerus"] == pytest.approx([1, 1, 1])
