@@ -30,7 +30,7 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
             f"{path} does not begin with PathFileType and five lines of header, expected a TRC file",
             RecordingCode.FOREIGN_WRONG_TYPE,
         )
-    are_blanks = not any(mark in lines[-1] for mark in SEPARATORS)
+    separator = _separator(lines[-1])
     lines = [lines[0], *(_tabbed(line) for line in lines[1:])]
     header = dict(zip(_fields(lines[1]), _fields(lines[2]), strict=False))
     columns, names = _named_columns(lines[3])
@@ -44,7 +44,7 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
         )
     rows, stale = _whole_rows(header, lines[first:], path)
     notes += stale + _notes_on_missing(rows, path)
-    _require_columns(rows, columns[-1] + 3, path, first + 1, are_blanks=are_blanks)
+    notes += _notes_on_columns(rows, columns[-1] + 3, path, first + 1, separator)
     read = [0, 1, *(column + axis for column in columns for axis in range(3))]
     values = read_numbers(rows, "\t", read, path, first + 1)
     scale = millimetres(unit or header.get("Units", ""), str(path))
@@ -84,9 +84,14 @@ def write_trc(table: MarkerTable, name: str) -> str:
     return "\n".join(header + rows) + "\n"
 
 
+def _separator(line: str) -> str | None:
+    """None if blanks alone separate its fields."""
+    return next((mark for mark in SEPARATORS if mark in line), None)
+
+
 def _tabbed(line: str) -> str:
     """A line with tabs between its fields, which other programs separate by semicolons, commas or blanks."""
-    separator = next((mark for mark in SEPARATORS if mark in line), None)
+    separator = _separator(line)
     return line if separator == "\t" else "\t".join(field.strip() for field in line.split(separator))
 
 
@@ -108,7 +113,7 @@ def _named_columns(line: str) -> tuple[list[int], list[str]]:
     """
     fields = [field.strip() for field in line.split("\t")][COLUMNS_BEFORE:]
     columns = [i for i, field in enumerate(fields) if field]
-    if any(column % 3 for column in columns):
+    if any(column % 3 for column in columns):  # side by side
         columns = [3 * i for i in range(len(columns))]
     return [COLUMNS_BEFORE + column for column in columns], [field for field in fields if field]
 
@@ -126,18 +131,26 @@ def _note_on_markers(header: dict[str, str], found: int, path: Path) -> tuple[st
     )
 
 
-def _require_columns(rows: Sequence[str], count: int, path: Path, first_line: int, *, are_blanks: bool) -> None:
-    """Raises ForeignFile where rows have numbers of no marker, or too few of them with blanks between the columns: then
-    the names may not be those of the columns.
+def _notes_on_columns(
+    rows: Sequence[str], count: int, path: Path, first_line: int, separator: str | None
+) -> tuple[str, ...]:
+    """A note on numbers of markers without a name behind the others, between tabs.
+
+    Raises ForeignFile for them where other marks separate the columns, and may be part of a number, and for too few
+    with blanks: then the names may not be those of the columns.
     """
+    note: tuple[str, ...] = ()
     for i, row in enumerate(rows):
         found = len(row.rstrip().split("\t"))
-        if found > count or (are_blanks and found < count):
+        if found > count and separator == "\t":
+            note = (f"{path} has numbers of markers without a name, which are not read",)
+        elif found > count or (separator is None and found < count):
             raise ForeignFile(
                 f"{path}, line {first_line + i}, has {found} columns, expected {count} of the markers that line 4 "
                 "names; export it again, with a point in decimals and tabs between the columns",
                 RecordingCode.FOREIGN_TITLES,
             )
+    return note
 
 
 def _whole_rows(header: dict[str, str], rows: list[str], path: Path) -> tuple[list[str], tuple[str, ...]]:

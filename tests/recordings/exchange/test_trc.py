@@ -186,10 +186,13 @@ def test_a_marker_without_a_name_does_not_shift_those_behind_it(tmp_path: Path) 
     assert np.array_equal(read.positions, walk().positions[:, [0, 2]], equal_nan=True)
 
 
-def test_numbers_of_no_marker_are_refused(tmp_path: Path) -> None:
+def test_numbers_of_no_marker_are_left_out_between_tabs_and_refused_otherwise(tmp_path: Path) -> None:
     text = write_trc(walk(), "t").replace("\tcuff_1\t", "\t\t", 1).replace("\t3\tmm", "\t2\tmm", 1)
+    read = read_trc(file(tmp_path, text))
+    assert np.array_equal(read.positions, walk().positions[:, :2], equal_nan=True)
+    assert "without a name" in read.notes[0]
     with raises_refusal(RecordingCode.FOREIGN_TITLES, "expected 8"):
-        read_trc(file(tmp_path, text))
+        read_trc(file(tmp_path, retabbed(text, ",")))
 
 
 def test_a_stale_rate_is_a_note_and_the_times_decide(tmp_path: Path) -> None:
