@@ -21,10 +21,15 @@ def differences(one: Path, other: Path) -> list[str]:
     """The files of two sessions that differ by more: recordings by their samples, figures, and the report."""
     names = sorted({path.name for folder in (one, other) for path in folder.glob("*.mcap")})
     differing = [name for name in names if _items(one / name) != _items(other / name)]
-    differing += [name for name in RESULTS if _figures(one / name) != _figures(other / name)]
+    differing += [name for name in RESULTS if figures(one / name) != figures(other / name)]
     if _page(one) != _page(other):
         differing.append("report.html")
     return differing
+
+
+def figures(path: Path) -> Any:
+    """A document of results without dates and hashes; None where there is none."""
+    return _without_the_files(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
 
 
 def _items(path: Path) -> list[Any]:
@@ -43,10 +48,6 @@ def _items(path: Path) -> list[Any]:
         elif isinstance(item, Event):
             plain.append((item.kind, item.host_time_ns - begun_ns))
     return plain
-
-
-def _figures(path: Path) -> Any:
-    return _without_the_files(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
 
 
 def _without_the_files(value: Any) -> Any:
