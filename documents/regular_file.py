@@ -19,6 +19,7 @@ from typing import BinaryIO
 LARGEST_TABLE, LARGEST_MODEL, LARGEST_SUIT = 128 * 2**20, 64 * 2**20, 32 * 2**10
 """Largest sizes [bytes]: a motion or other table, an OpenSim document, a suit in TOML."""
 
+PIECE = 2**20
 REPLACE_TIMEOUT_S, REPLACE_PAUSE_S = 3.0, 0.1
 """Wall seconds: a virus scanner holds a new file for about one."""
 
@@ -33,13 +34,15 @@ def open_regular(path: Path) -> BinaryIO:
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
     """Content of a regular file. OSError for anything else, and for more than most_bytes."""
-    with open_regular(path) as file:
-        content = file.read(most_bytes + 1)
+    content = bytearray()
+    with open_regular(path) as file:  # in pieces: read(n) reserves n bytes, of which a small file needs few
+        while len(content) <= most_bytes and (piece := file.read(min(PIECE, most_bytes + 1 - len(content)))):
+            content += piece
     if len(content) > most_bytes:
         raise OSError(
             errno.EFBIG, f"larger than {most_bytes / 1e6:.3g} MB, the largest file of this kind that is read", str(path)
         )
-    return content
+    return bytes(content)
 
 
 def describe_failure(error: Exception) -> str:

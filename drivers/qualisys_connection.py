@@ -33,6 +33,7 @@ CONNECT_TIMEOUT_S = 2.5
 COMMAND_TIMEOUT_S = 2.0
 CAMERAS_TIMEOUT_S = 8.0  # a new measurement has to connect to the cameras
 LEAVE_TIMEOUT_S = 1.5
+OPENED_TIMEOUT_S = 2 * (CONNECT_TIMEOUT_S + CAMERAS_TIMEOUT_S)  # for a step that ignores its own time-out
 QUIET_S = 0.5  # wall; after this silence QTM is polled
 LONGEST_QUEUE = 60_000  # unread frames: ten minutes at 100 Hz
 CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this name, and adds a number
@@ -72,10 +73,12 @@ class QtmConnection:
         """Connect; returns when QTM streams frames. Raises DeviceError."""
         self._thread.start()
         try:
-            self._opened.result()
+            self._opened.result(self._settings.timeout_s(OPENED_TIMEOUT_S))
         except DeviceError:
-            self._thread.join()
+            self._thread.join(self._settings.timeout_s(LEAVE_TIMEOUT_S))  # resolving a host name may take minutes
             raise
+        except TimeoutError as error:
+            raise no_answer(self._name, "connection") from error
 
     def end(self, *, is_lost: bool = False) -> None:
         """Stop and save our capture, release control and disconnect; if is_lost, only close the connection."""

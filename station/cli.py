@@ -145,6 +145,9 @@ def main() -> NoReturn:
         if ended.code == INTERRUPTED:
             print_message(ENDED_BY_CTRL_C)
         raise
+    except MemoryError:
+        print_message("station: the memory of this computer, or its limit for this command, is not sufficient")
+        sys.exit(FAILED)
     except Exception as error:
         if not isinstance(error, (*ROOTS, OSError)):
             raise

@@ -38,18 +38,25 @@ def bytes_free(folder: Path) -> int:
     return shutil.disk_usage(existing).free
 
 
-class DiskMonitor:
-    """Checks once a second whether the reserve is still free."""
+def moved(recording: Path) -> Message[TrialCode] | None:
+    """A message if the file that is being written has no longer its name."""
+    return None if recording.exists() else Message(TrialCode.RECORDING_MOVED, {"path": str(recording)})
 
-    def __init__(self, folder: Path, clock: Clock) -> None:
-        self._folder, self._clock = folder, clock
+
+class DiskMonitor:
+    """Checks once a second whether the reserve is still free, and the recording in its place."""
+
+    def __init__(self, recording: Path, clock: Clock) -> None:
+        self._recording, self._folder, self._clock = recording, recording.parent, clock
         self._next_s = clock.wall_s()
 
     def poll(self) -> Message[TrialCode] | None:
-        """A message once the disk is nearly full, else None. A disk that is gone shows at the next write."""
+        """A message once the disk is nearly full or the file moved. A disk that is gone shows at the next write."""
         if self._clock.wall_s() < self._next_s:
             return None
         self._next_s = self._clock.wall_s() + POLL_INTERVAL_S
+        if message := moved(self._recording):
+            return message
         try:
             free = bytes_free(self._folder)
         except OSError:

@@ -19,7 +19,7 @@ from recordings.manifest import DataOrigin, TrialOutcome, TrialSubject
 from recordings.samples import DeviceIdentity, Item
 from recordings.writer import RecordingWriter
 from station.bench.devices import devices_for
-from station.bench.disk import DiskMonitor, bytes_free, bytes_needed
+from station.bench.disk import DiskMonitor, bytes_free, bytes_needed, moved
 from station.bench.feed import DeviceFailed, DeviceOpened, Feeds, ItemsReceived
 from station.bench.recorded_items import RecordedItems, RepeatedEvents
 from station.bench.session_folder import check_origin
@@ -207,8 +207,8 @@ class TrialRecorder:
             trial.arm(streams, device_by_stream)
             if set_back is not None:
                 trial.note(set_back)
-            self._run(trial, feeds, DiskMonitor(folder, self._clock))
-            if trial.state is TrialState.CLOSED and (fault := items.misalignment()):
+            self._run(trial, feeds, DiskMonitor(path, self._clock))
+            if trial.state is TrialState.CLOSED and (fault := moved(path) or items.misalignment()):
                 trial.refuse(fault)
             if trial.has_edge:
                 items.write_summary()
@@ -276,8 +276,9 @@ def _close(trial: TrialStateMachine, writer: RecordingWriter, path: Path, origin
     try:
         writer.close(TrialOutcome(accepted, trial.state.value, trial.sentence, codes=codes))
     except RecordingError as error:
-        failed = Message(TrialCode.WRITE_FAILED, {"text": str(error)})
-        return TrialResult(path, trial.lost_samples, (failed,), origin, accepted=False)
+        place = moved(path)
+        failed = place or Message(TrialCode.WRITE_FAILED, {"text": str(error)})
+        return TrialResult(None if place else path, trial.lost_samples, (failed,), origin, accepted=False)
     with suppress(OSError):  # the recording is complete; a reader reports that it has no checksum
         write_checksums(path)
     return TrialResult(path, trial.lost_samples, trial.messages, origin, accepted=accepted)

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 
+from documents.plain_data import PlainDataError, parse_json
+from documents.regular_file import describe_failure, read_regular
+from station.messages.live_codes import LiveCode
+from station.messages.message import Message
+
 ADDRESS_FILE = ".live.json"
+LARGEST = 4096  # bytes
 
 
 @dataclass(frozen=True)
@@ -34,9 +42,23 @@ def withdraw(folder: Path, address: LiveAddress) -> None:
 
 
 def find_address(folder: Path) -> LiveAddress | None:
-    """None where no live process has announced itself; one that was killed leaves an address that refuses."""
+    """None where no live process has announced itself; one that was killed leaves an address that refuses.
+
+    A file that is no announcement is ignored, and named on stderr once.
+    """
+    path = folder / ADDRESS_FILE
     try:
-        found = json.loads((folder / ADDRESS_FILE).read_text(encoding="utf-8"))
-        return LiveAddress(int(found["port"]), str(found["token"]))
-    except (OSError, ValueError, KeyError, TypeError):
+        found = parse_json(read_regular(path, LARGEST))
+    except FileNotFoundError:
         return None
+    except (OSError, PlainDataError) as error:
+        return _ignored(path, describe_failure(error))
+    port, token = (found.get("port"), found.get("token")) if isinstance(found, dict) else (None, None)
+    if isinstance(port, int) and 0 < port < 65536 and isinstance(token, str):
+        return LiveAddress(port, token)
+    return _ignored(path, "it has no port from 1 to 65535 with a token")
+
+
+@cache
+def _ignored(path: Path, reason: str) -> None:
+    print(Message(LiveCode.WRONG_ADDRESS, {"path": str(path), "reason": reason}), file=sys.stderr, flush=True)

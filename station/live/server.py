@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hmac
-import json
 import secrets
 import socket
 import threading
@@ -15,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
+from documents.plain_data import parse_json
 from station.live.address import LiveAddress, announce, withdraw
 from station.live.published import SETUP, LiveSetup, LiveUpdate, update_line
 
@@ -23,6 +23,11 @@ VIEW_BACKLOG = 50
 VIEW_RATE_HZ = 25.0
 """Updates per second that a view gets; file and outlet get all."""
 LONGEST_COMMAND = 4096
+TOKEN_TIMEOUT_S = 5.0
+"""Wall seconds for a connection to send the token."""
+MOST_STRANGERS = 16
+"""Connections that have not sent the token; the oldest is closed for a further one."""
+ACCEPT_PAUSE_S = 0.1
 SEND_BUFFER = 65_536
 """Bytes: updates of a view that does not read wait in its backlog, where they are counted, and not in the system."""
 
@@ -44,9 +49,10 @@ class LiveServer:
         """on_command takes a view's command, in a thread of the server."""
         self._setup_line = SETUP.dump_json(setup) + b"\n"
         self._on_command, self._interval_s = on_command, 1.0 / rate_hz
-        self._next_s = 0.0
+        self._next_s, self._is_closed = 0.0, False
         self._views: list[_View] = []
         self._lock = threading.Lock()
+        self._strangers: deque[socket.socket] = deque()
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.address = LiveAddress(self._listener.getsockname()[1], secrets.token_urlsafe(24))
 
@@ -70,6 +76,7 @@ class LiveServer:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._is_closed = True
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
@@ -82,16 +89,29 @@ class LiveServer:
         while True:
             try:
                 connection, _ = self._listener.accept()
-            except OSError:  # closed
-                return
+            except OSError:
+                if self._is_closed:
+                    return
+                time.sleep(ACCEPT_PAUSE_S)  # out of descriptors
+                continue
+            with self._lock:
+                self._strangers.append(connection)
+                oldest = self._strangers.popleft() if len(self._strangers) > MOST_STRANGERS else None
+            if oldest is not None:
+                with suppress(OSError):
+                    oldest.shutdown(socket.SHUT_RDWR)  # its thread then closes it
             threading.Thread(target=self._serve, args=(connection,), name="live view", daemon=True).start()
 
     def _serve(self, connection: socket.socket) -> None:
         """Let the view in, then read its commands until it goes."""
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         with connection, connection.makefile("rb") as lines, suppress(OSError, ValueError):
-            request = json.loads(lines.readline(LONGEST_COMMAND))
-            if not hmac.compare_digest(str(request["token"]).encode(), self.address.token.encode()):
+            try:
+                is_admitted = self._has_token(connection)
+            finally:
+                with self._lock, suppress(ValueError):
+                    self._strangers.remove(connection)
+            if not is_admitted:
                 return
             view = _View(connection, self._setup_line)
             with self._lock:
@@ -99,11 +119,26 @@ class LiveServer:
                 view.start()
             try:
                 while line := lines.readline(LONGEST_COMMAND):
-                    self._on_command(json.loads(line))
+                    if isinstance(command := parse_json(line), dict):
+                        self._on_command(command)
             finally:
                 with self._lock:
                     self._views.remove(view)
                 view.finish()
+
+    def _has_token(self, connection: socket.socket) -> bool:
+        """Whether the first line of a connection has the token. Reads no byte of the commands behind it."""
+        connection.settimeout(TOKEN_TIMEOUT_S)
+        end_s, line = time.monotonic() + TOKEN_TIMEOUT_S, bytearray()
+        while not line.endswith(b"\n"):
+            received = connection.recv(1)
+            if not received or len(line) == LONGEST_COMMAND or time.monotonic() > end_s:
+                return False
+            line += received
+        connection.settimeout(None)
+        request = parse_json(bytes(line))
+        token = request.get("token") if isinstance(request, dict) else None
+        return hmac.compare_digest(str(token).encode(errors="replace"), self.address.token.encode())
 
 
 class _View:

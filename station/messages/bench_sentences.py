@@ -51,6 +51,10 @@ _TRIAL: Mapping[StrEnum, str] = {
         "and the samples so far are kept; free some space and record it again"
     ),
     TrialCode.WRITE_FAILED: "{text}",
+    TrialCode.RECORDING_MOVED: (
+        "{path} is no longer there: its folder was renamed or removed during the trial, and the samples are in the "
+        "folder of the new name; give it its old name, and record the trial again"
+    ),
     TrialCode.NOT_STARTED: "{text}",
     TrialCode.RECORDER_KILLED: "the recorder was killed during the trial; {text}",
     TrialCode.UNREADABLE: "{text}",

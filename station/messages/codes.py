@@ -33,6 +33,7 @@ class TrialCode(StrEnum):
     WRONG_POLARITY = "wrong_polarity"
     DISK_NEARLY_FULL = "disk_nearly_full"
     WRITE_FAILED = "write_failed"
+    RECORDING_MOVED = "recording_moved"
     NOT_STARTED = "not_started"
     RECORDER_KILLED = "recorder_killed"
     UNREADABLE = "unreadable"

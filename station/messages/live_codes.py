@@ -32,3 +32,4 @@ class LiveCode(StrEnum):
     NOT_STARTED = "live.not_started"
     ENDED = "live.ended"
     UNREACHABLE = "live.unreachable"
+    WRONG_ADDRESS = "live.wrong_address"

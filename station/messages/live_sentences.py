@@ -55,6 +55,7 @@ LIVE: Mapping[StrEnum, str] = {
         "interface, and let the firewall decide who may connect"
     ),
     LiveCode.NO_FILE: "the live result is not written ({reason}); the recording is not affected",
+    LiveCode.WRONG_ADDRESS: "{path} is ignored, it is no address of a live process: {reason}; delete it",
     LiveCode.NOT_STARTED: "the live process does not start ({reason}); the recording is not affected",
     LiveCode.ENDED: "the live process has ended (exit code {exit_code}); the recording is not affected",
     LiveCode.UNREACHABLE: "no live process answers; it runs while a trial is recorded with [live] enabled = true",

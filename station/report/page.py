@@ -5,6 +5,7 @@ report.json beside it lists every number of the page with its source.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -59,7 +60,7 @@ from station.report.provenance import Provenance
 from station.report.report_file import FORMAT, PageEntry, ReportDocument, numbers_text
 from station.report.session_facts import session_facts
 from station.study.normative_file import NORMATIVE_FILE
-from station.whole_file import write_whole
+from station.whole_file import drafted
 
 T = TypeVar("T")
 _HERE = Path(__file__).parent
@@ -121,17 +122,19 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     inputs = _inputs(folder)
     page = _environment(register).get_template("page.html").render(_context(results, pictures))
     path, beside = folder / REPORT_FILE, folder / NUMBERS_FILE
-    write_whole(path, page)
+    content = page.encode(errors="replace")
     listed = ReportDocument(
         format=FORMAT,
-        page=PageEntry(file=path.name, sha256=sha256_of(path)),
+        page=PageEntry(file=path.name, sha256=hashlib.sha256(content).hexdigest()),
         origin=results.origin,
         version=metadata.version("cuffstation"),
         inputs=inputs,
         numbers=register.numbers,
         figures=register.figures,
     )
-    write_whole(beside, numbers_text(listed))
+    with drafted(beside) as numbers_draft, drafted(path) as draft:  # neither without the other
+        numbers_draft.write_text(numbers_text(listed), encoding="utf-8", errors="replace")
+        draft.write_bytes(content)
     write_checksums(path, beside)
     return path
 

@@ -10,11 +10,26 @@ from recordings.samples import Stream
 from station.bench.disk import RESERVE_BYTES, USUAL_TRIAL_S, DiskMonitor, bytes_free, bytes_needed
 from station.clock import ManualClock
 from station.config import parse_config
+from station.messages.codes import TrialCode
 
 FORCE = Stream("/force", "V", ("force",), 1000.0, "NI Dev1")
 MARKERS = Stream("/markers", "mm", tuple("abcde"), 100.0, "QTM")
 CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"], "site": "arm"}
 CONFIG = parse_config({"cuffs": {"one": CUFF, "two": CUFF}, "protocol": {"repeats": 3}}, "test")
+
+
+def recording(folder: Path) -> Path:
+    path = folder / "a.mcap"
+    path.touch()
+    return path
+
+
+def test_the_monitor_notices_that_the_recording_is_no_longer_in_its_place(tmp_path: Path) -> None:
+    path = recording(tmp_path)
+    monitor = DiskMonitor(path, ManualClock())
+    path.unlink()
+    message = monitor.poll()
+    assert message is not None and message.code is TrialCode.RECORDING_MOVED
 
 
 def test_the_plan_needs_all_of_its_trials_and_the_reserve(tmp_path: Path) -> None:
@@ -49,7 +64,7 @@ def test_the_monitor_polls_once_a_second_and_warns_below_the_reserve(
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
     clock = ManualClock()
-    watch = DiskMonitor(tmp_path, clock)
+    watch = DiskMonitor(recording(tmp_path), clock)
     for _ in range(30):
         assert watch.poll() is None
         clock.advance(0.1)
@@ -65,4 +80,4 @@ def test_a_disk_without_an_answer_has_no_warning(tmp_path: Path, monkeypatch: py
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
-    assert DiskMonitor(tmp_path, ManualClock()).poll() is None
+    assert DiskMonitor(recording(tmp_path), ManualClock()).poll() is None

@@ -301,7 +301,7 @@ def test_a_session_folder_removed_during_a_trial_is_reported_and_the_trial_not_a
     folder = tmp_path / "monday"
     result = Rig().recorder(_Removes(folder)).record(folder, SPEC)
     assert not result.accepted
-    assert codes(result) == [TrialCode.WRITE_FAILED]
+    assert codes(result) == [TrialCode.RECORDING_MOVED]
 
 
 class TwoPulses(FakeCapture):
@@ -357,3 +357,21 @@ def test_a_capture_without_frame_numbers_is_recorded_to_its_end_and_has_two_line
     events = [event.text for event in collector.events() if event.kind == "numbering_restarted"]
     assert len(events) == 2 and events[1].startswith("400 times")
     assert sum(isinstance(item, Event) and item.kind == "numbering_restarted" for item in shown) == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows does not rename a folder with an open file")
+@pytest.mark.parametrize("state", [TrialState.RECORDING, TrialState.CLOSING])
+def test_a_trial_whose_folder_is_renamed_is_not_accepted_and_its_samples_are_kept(
+    tmp_path: Path, state: TrialState
+) -> None:
+    session, renamed = tmp_path / "monday", tmp_path / "tuesday"
+
+    def rename(snapshot: Snapshot) -> None:
+        if snapshot.state is state and session.exists():
+            session.rename(renamed)
+
+    result = Rig().recorder(SimpleNamespace(offer=lambda _: None, show=rename)).record(session, SPEC)
+    assert not result.accepted and result.path is None and not session.exists()
+    assert TrialCode.RECORDING_MOVED in codes(result)
+    outcome = open_recording(renamed / SPEC.file_name(1)).outcome
+    assert outcome is not None and not outcome.accepted

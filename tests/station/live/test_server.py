@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import socket
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from queue import Queue
@@ -26,7 +28,7 @@ from station.live.published import (
     LiveValues,
     update_line,
 )
-from station.live.server import VIEW_BACKLOG, LiveServer
+from station.live.server import MOST_STRANGERS, VIEW_BACKLOG, LiveServer
 from station.live.subscription import LiveSubscription, LiveUnreachable
 from station.messages.live_codes import LiveCode
 from tests.timeout import scaled_timeout
@@ -51,6 +53,67 @@ def update(frame: int) -> LiveUpdate:
 
 
 def ignore(_: dict[str, Any]) -> None: ...
+
+
+def connected(server: LiveServer) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", server.address.port), scaled_timeout(5.0))
+
+
+def test_connections_without_a_token_keep_no_view_out() -> None:
+    with LiveServer(SETUP, ignore) as server, ExitStack() as stack:
+        strangers = [stack.enter_context(connected(server)) for _ in range(3 * MOST_STRANGERS)]
+        assert strangers[0].recv(1) == b"", "the oldest is closed"
+        with LiveSubscription(server.address) as view:
+            assert view.setup == SETUP
+
+
+def test_a_connection_that_sends_nothing_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("station.live.server.TOKEN_TIMEOUT_S", 0.05)
+    with LiveServer(SETUP, ignore) as server, connected(server) as stranger:
+        assert stranger.recv(1) == b""
+
+
+@pytest.mark.parametrize(
+    "request_line", [b"[1]", b"null", b"{}", b'{"token": [1]}', b'"', b"\xff", b"9" * 5000, b"1e999"]
+)
+def test_a_wrong_request_is_closed_and_a_wrong_command_ignored(request_line: bytes) -> None:
+    """pytest fails for a thread that ends by an exception."""
+    commands: Queue[dict[str, Any]] = Queue()
+    with LiveServer(SETUP, commands.put) as server:
+        with connected(server) as stranger:
+            stranger.sendall(request_line + b"\n")
+            with suppress(ConnectionResetError):
+                assert stranger.recv(1) == b""
+        with connected(server) as view:
+            token = json.dumps({"token": server.address.token}).encode()
+            view.sendall(token + b"\n[1]\nnull\n" + json.dumps({"rest": 1}).encode() + b"\n" + request_line + b"\n")
+            assert commands.get(timeout=scaled_timeout(5.0)) == {"rest": 1}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '{"port": Infinity, "token": "a"}',
+        '{"port": 0, "token": "a"}',
+        '{"port": 1e5, "token": "a"}',
+        "[]",
+        "null",
+        "{",
+        "",
+    ],
+)
+def test_an_address_that_is_none_is_ignored_with_a_sentence(
+    tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / ADDRESS_FILE).write_text(content)
+    assert find_address(tmp_path) is None
+    assert str(tmp_path / ADDRESS_FILE) in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_in_place_of_the_address_is_ignored(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / ADDRESS_FILE)
+    assert find_address(tmp_path) is None
 
 
 def frames_until(view: LiveSubscription, last: int) -> list[LiveUpdate]:
