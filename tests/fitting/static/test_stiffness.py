@@ -13,8 +13,9 @@ from scipy import stats
 from fitting.pull.plateaus import Plateau
 from fitting.pull.plausibility import require_positive_loads
 from fitting.results.codes import RejectionCode
-from fitting.static.stiffness import fit_stiffness, trial_stiffness
-from fitting.uncertainty import NORMAL_95
+from fitting.results.outcome import FitOutcome
+from fitting.static.stiffness import StiffnessFit, fit_stiffness, trial_stiffness
+from fitting.uncertainty import NORMAL_95, Estimate
 from tests.fitting.refusals import raises_refusal
 
 K = 8000.0
@@ -165,6 +166,7 @@ def _chi_square_of_intervals(shrink: float, fits: int = 80) -> float:
     return total
 
 
+@pytest.mark.slow
 def test_the_interval_is_honest_and_half_of_it_would_not_be() -> None:
     low, high = stats.chi2.ppf([0.0005, 0.9995], 80)
     assert _chi_square_of_intervals(1.0) < high
@@ -186,3 +188,154 @@ def test_a_trial_whose_interval_has_no_end_has_no_stiffness_of_its_own() -> None
     assert fit.trials[0].repeat is not None
     assert fit.trials[0].repeat.estimate.ci95[0] < 0 < fit.trials[0].repeat.estimate.ci95[1]
     assert trial_stiffness(fit.trials[0]) is None
+
+
+def test_two_held_loads_have_a_slope_whose_errors_are_in_closed_form() -> None:
+    """Weights of y / (x_sd² + c² force_sd²): the information of c is w ΔF² / 2."""
+    force_sd, codes, c, rise, wait = 0.4, 0.24, 1 / K, 60.0, 12.0
+    held = [
+        Plateau(wait * i, wait * i + 8, load, force_sd, load / K, NOISE, (load / K, NOISE), codes)
+        for i, load in enumerate((2.0, 2.0 + rise))
+    ]
+    (fit,) = fit_stiffness([held], 0.003, 0.01, creeps=True).trials
+    assert fit.repeat is not None
+    information = rise**2 / 2 / (NOISE**2 + (c * force_sd) ** 2)
+    noise = np.sqrt(2 / rise**2 * (NOISE**2 + c**2 * (force_sd**2 - codes**2)))
+    assert (fit.repeat.value, fit.repeat.dof) == (pytest.approx(c), 0)
+    assert fit.repeat.noise == pytest.approx(noise)
+    causes = {"codes": np.sqrt(1 / information - noise**2), "gain": 0.003 * c, "drift": 0.01 * wait / rise * c}
+    assert {name: fit.repeat.causes[name] for name in causes} == pytest.approx(causes)
+    assert fit.repeat.common == pytest.approx(np.linalg.norm([*causes.values()]))
+    assert fit.offset == pytest.approx(np.zeros(2), abs=1e-6)
+    assert fit.x_sd == pytest.approx([np.hypot(NOISE, c * force_sd)] * 2)
+    assert fit.outcome is FitOutcome.CONVERGED
+
+
+def test_a_trial_with_slip_is_the_weighted_regression_of_statsmodels() -> None:
+    """Displacement on force and a constant for every part between slips, with the weights of the final slope."""
+    api = pytest.importorskip("statsmodels.api")
+    loads = UP + DOWN
+    random = np.random.default_rng(4)
+    held = [
+        replace(plateau, force_sd=0.1 + 0.2 * random.random(), displacement_sd=NOISE * (1 + random.random()))
+        for plateau in _held(loads, _slipping(loads), 6)
+    ]
+    (fit,) = fit_stiffness([held], 0.0).trials
+    assert fit.segment.tolist() == [0, 1, 2, 3, 4, 5, 5, 5, 5, 5, 5] and fit.repeat is not None
+    x = [p.late[0] if i in range(1, 6) else p.displacement for i, p in enumerate(held)]
+    x_sd = np.array([p.late[1] if i in range(1, 6) else p.displacement_sd for i, p in enumerate(held)])
+    force_sd = np.array([p.force_sd for p in held])
+    design = np.column_stack([loads, np.eye(6)[fit.segment]])
+    weights = 1 / (x_sd**2 + (fit.repeat.value * force_sd) ** 2)
+    oracle = api.WLS(x, design, weights=weights).fit()
+    assert fit.repeat.value == pytest.approx(oracle.params[0], rel=1e-6)
+    assert fit.repeat.noise == pytest.approx(oracle.bse[0] / np.sqrt(oracle.scale), rel=1e-6)
+    assert (fit.repeat.chi_square, fit.repeat.dof) == (pytest.approx(oracle.ssr, rel=1e-6), int(oracle.df_resid))
+    assert fit.offset == pytest.approx(-oracle.params[1:][fit.segment] / oracle.params[0], rel=1e-5)
+    assert fit.x.tolist() == x
+
+
+@pytest.mark.parametrize(("reached", "begins"), [(77.29, False), (77.31, True)])
+def test_a_load_is_above_all_before_it_if_it_exceeds_them_by_0_3_n(reached: float, begins: bool) -> None:
+    first, second = UP + DOWN, (2.0, reached, 2.0)
+    slips = _slipping(first + second)
+    trials = [_held(first, slips[: len(first)]), _held(second, slips[len(first) :])]
+    fit = fit_stiffness(trials, 0.0)
+    assert fit.trials[1].segment.tolist() == ([0, 1, 1] if begins else [0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("end", "lowest", "is_elastic"),
+    [
+        (2.29, 20.0, True),
+        (2.31, 20.0, False),
+        (1.71, 20.0, True),
+        (1.69, 20.0, False),
+        (2.0, 1.71, True),
+        (2.0, 1.69, False),
+    ],
+)
+def test_a_curve_that_returns_to_its_load_within_0_3_n_is_elastic(end: float, lowest: float, is_elastic: bool) -> None:
+    """No line and no exponential; a load between that falls below the first interrupts the return."""
+    loads = (2.0, 25.0, 40.0, lowest, 60.0, 77.0, end)
+    curve = 1e-3 * np.sin(np.array(loads) / 12)
+    fit = fit_stiffness([_held(loads, curve)], 0.0)
+    assert (len(set(fit.trials[0].segment)) == 1) is is_elastic
+
+
+@pytest.mark.parametrize(("growth", "is_known"), [(0.01, True), (-0.004, False)])
+def test_a_load_that_only_rises_may_stiffen_the_cuff_but_not_soften_it(growth: float, is_known: bool) -> None:
+    """The exponential law, whose tangent stiffness is K (1 + growth F). Slip softens, too."""
+    loads = np.array(UP)
+    fit = fit_stiffness([_held(UP, np.log1p(growth * loads) / (growth * K) - loads / K)], 0.0)
+    assert fit.only_rose and (fit.stiffness is not None) is is_known
+
+
+@pytest.mark.parametrize(("friction", "is_possible"), [(5.0, True), (10.0, False)])
+def test_friction_of_a_tenth_of_the_load_may_explain_a_single_unloading_branch(
+    friction: float, is_possible: bool
+) -> None:
+    """All weights off: over 75 N the cuff returns by 75 N less twice the friction, so that it seems to be stiffer."""
+    loads = (*UP, 2.0)
+    lag = -friction / K * np.sign(np.diff(loads, prepend=loads[0]))
+    lag[0] = 0.0
+    fit = fit_stiffness([_held(loads, lag)], 0.0)
+    apparent = K * 75 / (75 - 2 * friction)
+    assert fit.stiffness is not None and fit.stiffness.value == pytest.approx(apparent, rel=1e-6)
+    assert fit.loading is not None and fit.loading.value == pytest.approx(K, rel=1e-6)
+    assert (fit.if_friction, fit.if_slip is not None) == ((fit.loading, True) if is_possible else (None, False))
+    assert fit.stiffness.parts.get("friction", 0.0) == pytest.approx((apparent - K) / np.sqrt(3) * is_possible)
+    assert (fit.stiffness.ci95[0] < K) is is_possible
+
+
+def test_friction_without_noise_is_half_the_distance_of_the_branches() -> None:
+    loads = UP + DOWN
+    lag = -4.0 / K * np.sign(np.diff(loads, prepend=loads[0]))
+    fit = fit_stiffness([_held(loads, lag)] * 2, 0.0)
+    assert (fit.friction, fit.slip, fit.slips_again) == (pytest.approx(4.0), 0.0, False)
+    assert fit.stiffness is not None and fit.stiffness.value == pytest.approx(K)
+    assert fit.trials[0].segment.tolist() == [0, *[1] * 5, *[2] * 5]
+
+
+@pytest.mark.parametrize(("more", "found"), [(1.6e-4, 0.0), (1.8e-4, 1.8e-4)])
+def test_progressive_slip_counts_from_three_standard_errors_on(more: float, found: float) -> None:
+    """Two displacements at the end of a hold, each with 4e-5 m: 1.7e-4 m."""
+    slipped, again = (_held(UP + DOWN, _slipping(UP + DOWN) + shift) for shift in (0.0, more))
+    fit = fit_stiffness([slipped, again], 0.0)
+    assert fit.slips_again and fit.progressive_slip == pytest.approx(found)
+
+
+STEEP = Estimate(8000.0, 100.0, (7800.0, 8200.0), {"noise": 100.0})
+FLAT = Estimate(7000.0, 50.0, (6900.0, 7100.0), {"noise": 50.0})
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "loading", "part"), [(STEEP, FLAT, 1000 / np.sqrt(3)), (FLAT, STEEP, 0.0)], ids=["softer", "stiffer"]
+)
+def test_with_friction_the_stiffness_is_that_of_loading_and_its_interval_has_both(
+    stiffness: Estimate, loading: Estimate, part: float
+) -> None:
+    fit = StiffnessFit(stiffness, (), 0.0, True, 0.0, 0.0, False, None, loading=loading).with_friction()
+    assert fit.stiffness is not None
+    assert fit.stiffness.value == loading.value and fit.stiffness.ci95 == (6900.0, 8200.0)
+    assert fit.stiffness.standard_error == pytest.approx(np.hypot(loading.standard_error, part))
+    assert fit.stiffness.parts == pytest.approx({"noise": loading.standard_error, "friction": part})
+    assert (fit.if_friction, fit.if_slip, fit.slips_again) == (loading, stiffness, False)
+
+
+@pytest.mark.parametrize(("stiffness", "loading"), [(None, FLAT), (STEEP, None)])
+def test_without_a_loading_branch_or_a_stiffness_friction_changes_nothing(
+    stiffness: Estimate | None, loading: Estimate | None
+) -> None:
+    fit = StiffnessFit(stiffness, (), 0.0, True, 0.0, 0.0, False, None, loading=loading)
+    assert fit.with_friction() is fit
+
+
+def test_the_stiffness_of_a_trial_has_the_value_with_friction_in_its_interval() -> None:
+    (trial,) = fit_stiffness([_held(UP + DOWN)], 0.0).trials
+    alone, widened = trial_stiffness(trial), trial_stiffness(trial, FLAT)
+    assert alone is not None and widened is not None
+    assert widened.ci95 == (pytest.approx(7000 - NORMAL_95 * 50), alone.ci95[1])
+    assert widened.parts["friction"] == pytest.approx(1000 / np.sqrt(3))
+    assert widened.standard_error == pytest.approx(np.hypot(alone.standard_error, 1000 / np.sqrt(3)))
+    assert trial_stiffness(trial, replace(STEEP, value=9000.0)).ci95 == alone.ci95  # type: ignore[union-attr]
