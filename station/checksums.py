@@ -154,12 +154,19 @@ def _parsed(folder: Path) -> tuple[dict[str, str], list[int]]:
         return {}, []
     sums: dict[str, str] = {}
     malformed = []
-    for number, line in enumerate(os.fsdecode(content).split("\n"), 1):
+    for number, line in enumerate(_decoded(content).split("\n"), 1):
         found = LINE.fullmatch(line.removesuffix("\r"))
         name = "" if found is None else _unescaped(found[3]) if found[1] else found[3]
         if line and not (found and is_below(name) and sums.setdefault(name, found[2]) == found[2]):
             malformed.append(number)
     return sums, malformed
+
+
+def _decoded(content: bytes) -> str:
+    try:
+        return os.fsdecode(content)
+    except UnicodeDecodeError:  # on Windows, where no file has such a name
+        return content.decode(errors="surrogateescape")
 
 
 def _is_listed(name: str) -> bool:
