@@ -64,5 +64,5 @@ def test_a_closed_reader_does_not_end_the_session(is_json: bool) -> None:
         for event in (OPENED, WarningRaised("alarm", "STOP"), VERDICT, Decided("a.mcap", "accept", "", "station")):
             output.show_event(event)
         gone.detach()
-        with pytest.raises(BrokenPipeError):  # the pipe is broken, and the output ignored it
+        with pytest.raises(OSError, match=r"Broken pipe|Invalid argument"):  # which the output ignored
             raw.write(b"x")
