@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from drivers.errors import DeviceLost
 from recordings.samples import Event, Loss
 from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_state_machine import TrialStateMachine
@@ -239,8 +240,8 @@ def test_a_snapshot_counts_the_recording_from_the_edge_on_the_daq_s_clock() -> N
     ("end", "message"),
     [
         (
-            lambda trial: trial.fail("NI Dev1 is gone", "NI Dev1"),
-            Message(TrialCode.DEVICE_LOST, {"text": "NI Dev1 is gone"}),
+            lambda trial: trial.fail(DeviceLost("NI Dev1 is gone"), "NI Dev1"),
+            Message(TrialCode.DEVICE_LOST, {"text": "NI Dev1 is gone", "code": DeviceLost("").code.value}),
         ),
         (lambda trial: trial.abandon("disk full"), Message(TrialCode.WRITE_FAILED, {"text": "disk full"})),
     ],
