@@ -96,7 +96,7 @@ def run_demo(folder: Path | None, speed: float | None, seed: int, ahead: Compila
         missing = [f"{trial.title}: {trial.problem}" for trial in trials if trial.problem] + left_out
         if missing:
             write_whole(folder / MISSING_FILE, json.dumps(missing, indent=2, ensure_ascii=False) + "\n")
-            page = write_report(folder, fitted, progress)
+        page = write_report(folder, fitted, progress)
     results.print(cuff_table(fitted.cuffs, truth))
     if assessed is not None:
         results.print(assessment_table(assessed.assessment))
