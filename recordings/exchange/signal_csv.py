@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -14,25 +16,24 @@ from recordings.exchange.text import (
     read_lines,
     read_numbers,
     require_fields,
-    split_fields,
     without_blank_end,
     write_table,
 )
 
 SEPARATORS = (",", ";", "\t")
+ABOVE = re.compile(r"#|sep=.?$")
 
 
 def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalTable:
-    """Those of the wanted columns that are there; lines before the header are empty or begin with #.
+    """Those of the wanted columns that are there; lines before the header are empty, begin with # or name the separator
+    for a spreadsheet (sep=;).
 
     Raises ForeignFile where there is no time, a wanted column twice, a number is none, a line has fewer or more fields
     than titles, or the times do not rise.
     """
     lines = without_blank_end(read_lines(path))
-    start = next(
-        i for i, line in enumerate(lines) if line.strip() and (not line.startswith("#") or i == len(lines) - 1)
-    )
-    separator, titles = _header(lines[start], time_column)
+    start = next(i for i, line in enumerate(lines) if line.strip() and (not ABOVE.match(line) or i == len(lines) - 1))
+    separator, titles, height = _header(lines[start:], time_column)
     if time_column not in titles:
         raise ForeignFile(
             f"{path} has no column {time_column}, only {', '.join(titles)}; name it with --time-column",
@@ -40,9 +41,10 @@ def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalT
         )
     require_single_channels([title for title in titles if title in (time_column, *wanted)], str(path))
     chosen = [time_column, *(name for name in wanted if name in titles)]
-    values = read_numbers(lines[start + 1 :], separator, [titles.index(name) for name in chosen], path, start + 2)
-    require_fields(lines[start + 1 :], separator, titles, path, start + 2)
-    require_rising(values[:, 0], f"{path}, {time_column},", start + 2)
+    rows, first_line = lines[start + height :], start + height + 1
+    values = read_numbers(rows, separator, [titles.index(name) for name in chosen], path, first_line)
+    require_fields(rows, separator, titles, path, first_line)
+    require_rising(values[:, 0], f"{path}, {time_column},", first_line)
     signals = {name: values[:, i + 1] for i, name in enumerate(chosen[1:])}
     return SignalTable(values[:, 0], signals, dict.fromkeys(signals, ""), tuple(titles))
 
@@ -52,15 +54,19 @@ def write_columns(columns: Mapping[str, NDArray[np.float64]], separator: str) ->
     return write_table(tuple(columns), np.column_stack(tuple(columns.values())).tolist(), separator)
 
 
-def _header(line: str, time_column: str) -> tuple[str, list[str]]:
-    """The separator under which the time column appears, or else the commonest, and the titles."""
-    found = {separator: _titles(line, separator) for separator in sorted(SEPARATORS, key=line.count, reverse=True)}
-    return next(((mark, titles) for mark, titles in found.items() if time_column in titles), next(iter(found.items())))
+def _header(lines: Sequence[str], time_column: str) -> tuple[str, list[str], int]:
+    """The separator under which the time column appears, or else the commonest, the titles, and their lines."""
+    found = [(mark, *_titles(lines, mark)) for mark in sorted(SEPARATORS, key=lines[0].count, reverse=True)]
+    return next((header for header in found if time_column in header[1]), found[0])
 
 
-def _titles(line: str, separator: str) -> list[str]:
-    """The titles, without the empty ones at the end of the line."""
-    titles = [title.strip().strip('"') for title in split_fields(line, separator)]
+def _titles(lines: Sequence[str], separator: str) -> tuple[list[str], int]:
+    """The titles, without the empty ones at their end, and the number of their lines, which quotes may join."""
+    reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    try:
+        titles = [" ".join(title.split()) for title in next(reader)]
+    except csv.Error:  # a quote that does not end
+        return [], 1
     while len(titles) > 1 and not titles[-1]:
         titles.pop()
-    return titles
+    return titles, reader.line_num

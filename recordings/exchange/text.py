@@ -53,7 +53,11 @@ def read_lines(path: Path) -> list[str]:
 
 def split_fields(line: str, separator: str) -> list[str]:
     """The fields of a line; a quoted one may hold the separator."""
-    return next(csv.reader([line], delimiter=separator), []) if '"' in line else line.split(separator)
+    return (
+        next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        if '"' in line
+        else line.split(separator)
+    )
 
 
 def without_blank_end(lines: Sequence[str]) -> Sequence[str]:

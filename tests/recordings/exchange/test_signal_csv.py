@@ -26,6 +26,8 @@ def table(tmp_path: Path, text: str) -> Path:
         'time_s,"a, ""b"", c",force_v\n0.0,"1,5",1.5\n0.1,"x, y",1.25\n',
         '"time_s","force_v"\n"0.0","1.5"\n"0.1","1.25"\n',
         "time_s,force_v,\n0.0,1.5,\n0.1,1.25,\n,,\n,,\n",
+        'sep=;\ntime_s; "a; b"; force_v\n0,0; 1; 1,5\n0,1; "2; 3"; 1,25\n',
+        'time_s,"a\nb",force_v\n0.0,1,1.5\n0.1,1,1.25\n',
     ],
     ids=[
         "plain",
@@ -35,6 +37,8 @@ def table(tmp_path: Path, text: str) -> Path:
         "a title and fields that hold commas",
         "quoted numbers",
         "an empty column and rows",
+        "for a spreadsheet",
+        "a title of two lines",
     ],
 )
 def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) -> None:
