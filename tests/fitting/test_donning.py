@@ -78,7 +78,7 @@ def test_a_stiffness_whose_interval_is_wider_than_its_value_is_not_identified(
     held = fit_held_loads([pull], 0.0)
     held = replace(held, stiffness=replace(held.stiffness, stiffness=estimate))
     assert not estimate.is_too_wide
-    identified = identify([pull], [pull], held, fit_swings([], estimate, 0.2, 0.0), ())
+    identified = identify([pull], [pull], held, fit_swings([], estimate, 0.2, 0.0), (), has_friction=False)
     assert (identified.stiffness is not None) == is_identified
     assert (Verdict.STIFFNESS_UNCERTAIN in identified.verdicts) == (not is_identified)
 
