@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from documents.regular_file import describe_failure, open_regular
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.c3d_parameters import DEC, INTEL, MIPS, C3dParameters, DamagedParameters, Processor
+from recordings.exchange.c3d_parameters import DEC, INTEL, MIPS, C3dParameters, Processor
 
 BLOCK = 512
 SIGNATURE = 0x50
@@ -162,7 +162,7 @@ def _parameters(
     file.seek(start)
     try:
         return C3dParameters(file.read(min(end - start, LARGEST_PARAMETERS)), processor)
-    except DamagedParameters as error:
+    except ValueError as error:
         raise ForeignFile(
             f"{path} cannot be read as C3D: {error}; {EXPORT_AGAIN}", RecordingCode.FOREIGN_DAMAGED
         ) from error

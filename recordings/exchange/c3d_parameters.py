@@ -22,10 +22,6 @@ ENTRIES_CONTINUED = 9
 """LABELS, LABELS2 … LABELS9: a dimension counts at most 255 entries, and the next parameter has the rest."""
 
 
-class DamagedParameters(ValueError):
-    """The section is not a sequence of groups and parameters; the text says which of them is wrong."""
-
-
 @dataclass(frozen=True)
 class Processor:
     """Numbers as Intel, DEC (VAX) and MIPS (SGI) write them."""
@@ -59,7 +55,7 @@ class Parameter:
 
 
 class C3dParameters:
-    """The parameters of a file by group and name, both in capitals. Raises DamagedParameters."""
+    """The parameters of a file by group and name, both in capitals. Raises ValueError for a damaged section."""
 
     def __init__(self, section: bytes, processor: Processor) -> None:
         self._processor = processor
@@ -112,11 +108,11 @@ def _records(section: bytes, processor: Processor) -> Iterator[tuple[int, str, b
         end_of_name = at + 2 + abs(length)
         name = section[at + 2 : end_of_name].decode("latin-1").strip().upper()
         if end_of_name + 2 > len(section):
-            raise DamagedParameters(f"the record {name!r} ends beyond the parameters")
+            raise ValueError(f"the record {name!r} ends beyond the parameters")
         size = _size(section[end_of_name : end_of_name + 2], processor, len(section) - end_of_name)
         end = end_of_name + size if size else len(section)
         if end > len(section) or size == 1:
-            raise DamagedParameters(f"the record {name!r} states a length of {size} bytes")
+            raise ValueError(f"the record {name!r} states a length of {size} bytes")
         yield number, name, section[end_of_name + 2 : end]
         if size == 0:
             return
@@ -131,13 +127,13 @@ def _size(data: bytes, processor: Processor, room: int) -> int:
 
 def _parameter(name: str, body: bytes) -> Parameter:
     if len(body) < 2:
-        raise DamagedParameters(f"the parameter {name!r} has no type")
+        raise ValueError(f"the parameter {name!r} has no type")
     kind, count = struct.unpack_from("bB", body)
     dimensions = tuple(body[2 : 2 + count])
     size = math.prod(dimensions) * abs(kind)
     data = body[2 + count : 2 + count + size]
     if kind not in (CHARACTER, BYTE, INTEGER, REAL) or len(dimensions) < count or len(data) < size:
-        raise DamagedParameters(f"the parameter {name!r} has {size} bytes of type {kind}, and {len(body)} are there")
+        raise ValueError(f"the parameter {name!r} has {size} bytes of type {kind}, and {len(body)} are there")
     return Parameter(kind, dimensions, data)
 
 
