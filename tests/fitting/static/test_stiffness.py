@@ -45,7 +45,7 @@ def test_slip_while_the_load_rises_does_not_reach_the_stiffness() -> None:
     assert fit.stiffness is not None
     assert fit.stiffness.value == pytest.approx(K, rel=1e-9)
     assert fit.slip == pytest.approx(2e-4 * 65, rel=1e-6)
-    assert not fit.slips_again
+    assert not fit.slips_again and fit.progressive_slip == 0.0 and fit.law is not None
 
 
 @pytest.mark.parametrize("cause", ["noise", "codes"])
@@ -205,6 +205,7 @@ def test_two_held_loads_have_a_slope_whose_errors_are_in_closed_form() -> None:
     assert fit.repeat.noise == pytest.approx(noise)
     causes = {"codes": np.sqrt(1 / information - noise**2), "gain": 0.003 * c, "drift": 0.01 * wait / rise * c}
     assert {name: fit.repeat.causes[name] for name in causes} == pytest.approx(causes)
+    assert fit.repeat.causes.keys() == {*causes, "settling"}
     assert fit.repeat.common == pytest.approx(np.linalg.norm([*causes.values()]))
     assert fit.offset == pytest.approx(np.zeros(2), abs=1e-6)
     assert fit.x_sd == pytest.approx([np.hypot(NOISE, c * force_sd)] * 2)
