@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from fitting.cuffs.cuff_fit import CuffFit, lag_of
+from fitting.cuffs.published_method import published_notes
 from fitting.cuffs.trial_fit import list_trials
 from fitting.cuffs.wearable_cuff import covariance_of
 from fitting.diagnosis.causes import diagnose
@@ -60,7 +61,7 @@ def fit_donning(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
         | calibrated_by(trials),
         lag=lag_of([fitted_pull.pull.trial for fitted_pull in fitted.values()] or trials),
         trials=list_trials(trials, pulls, used, fitted, held.stiffness.if_friction, refused),
-        notes=notes_on(trials, all_static, held, swings, identified, before),
+        notes=notes_on(trials, all_static, held, swings, identified, before) + published_notes(list(fitted.values())),
         held=held,
         diagnostics=({"slip_m": held.stiffness.slip} if held.stiffness.stiffness else {}) | swings.means,
         energy=swings.energy,

@@ -81,12 +81,22 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Fold
 
 def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> FoldedTable:
     """Results of the published method, those of the fit in brackets, and the attenuation of the damping by noise."""
-    table = FoldedTable("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "mean F − k x [N]", "negative", "left of c")
+    table = FoldedTable(
+        "cuff",
+        "k [N/m]",
+        "k through the origin [N/m]",
+        "c [N s/m]",
+        "migration [mm]",
+        "mean F − k x [N]",
+        "negative",
+        "left of c",
+    )
     for name, fit in fits.items():
         cuff = fitted.cuffs[name]
         table.add_row(
             name,
             _compare(fit.stiffness, cuff.stiffness, 1.0, ".0f"),
+            _compare(fit.stiffness_through_origin, cuff.stiffness, 1.0, ".0f"),
             _compare(fit.damping, cuff.damping, 1.0, ".0f"),
             _compare(fit.migration, cuff.migration, 1000.0, ".2f"),
             "-" if fit.damper_force is None else f"{fit.damper_force:+.1f}",

@@ -1,7 +1,8 @@
 """The published method, equation by equation, for comparison on the same trials, and its bias due to marker noise.
 
     (1) F = k x + c ẋ
-    (2) F = k x            k through the origin, from the means of the held loads, x from the record's own start
+    (2) F = k x            k from the means of the held loads, x from the record's own start, with an intercept as the
+                           linear fit of its Fig. 6, and through the origin as the equation
     (3) ẋ = Δx / Δt        central difference from frame to frame
     (4) F − k x = c ẋ      c through the origin, F at the frames, x from the dynamic record's own start
     (5) migration = x at the end − x at the start of a static record
@@ -21,16 +22,21 @@ from numpy.typing import NDArray
 
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.results.codes import NoteCode
+from fitting.results.rendering import Note
 
 OWN_START = 1.0
 """Seconds at the start of a record whose mean is its zero."""
+NOTED_LOSS = 0.1
+"""Part of the damping that noise must take from it to be noted."""
 
 
 @dataclass(frozen=True)
 class PublishedFit:
     """A cuff by equations 1 to 5: means over the repeats, None without such trials.
 
-    stiffness [N/m], damping [N s/m], migration [m]
+    stiffness [N/m] with an intercept, damping [N s/m] with this stiffness, migration [m]
+    stiffness_through_origin  [N/m]: hook and zero of the cell, which an intercept removes, are in it
     damper_force        mean of F − k x in the dynamic records [N]
     negative_part       share of its samples that are negative
     predicted_attenuation  factor by which differences of noisy frames reduce c, predicted
@@ -38,6 +44,7 @@ class PublishedFit:
     """
 
     stiffness: float | None
+    stiffness_through_origin: float | None
     damping: float | None
     migration: float | None
     damper_force: float | None
@@ -49,7 +56,7 @@ class PublishedFit:
 def published_fits(session: SessionFit) -> dict[str, PublishedFit]:
     """Every cuff as last donned, from the trials that the session's fit used."""
     return {
-        name: _fit_cuff([session.pulls[trial.file] for trial in fit.trials if trial.file in session.pulls])
+        name: fit_published([session.pulls[trial.file] for trial in fit.trials if trial.file in session.pulls])
         for name, fit in session.cuffs.items()
     }
 
@@ -59,6 +66,7 @@ def plain_published(fits: Mapping[str, PublishedFit]) -> dict[str, dict[str, flo
     return {
         name: {
             "stiffness_n_per_m": fit.stiffness,
+            "stiffness_through_origin_n_per_m": fit.stiffness_through_origin,
             "damping_n_s_per_m": fit.damping,
             "migration_m": fit.migration,
             "mean_damper_force_n": fit.damper_force,
@@ -70,10 +78,28 @@ def plain_published(fits: Mapping[str, PublishedFit]) -> dict[str, dict[str, flo
     }
 
 
-def _fit_cuff(trials: Sequence[FittedPull]) -> PublishedFit:
+def published_notes(trials: Sequence[FittedPull]) -> tuple[Note, ...]:
+    """A note on the damping by the published method if marker noise makes it clearly smaller."""
+    fit = fit_published(trials)
+    if fit.damping is None or fit.observed_attenuation is None or fit.predicted_attenuation is None:
+        return ()
+    if fit.predicted_attenuation > 1 - NOTED_LOSS:
+        return ()
+    figures = {
+        "damping_n_s_per_m": fit.damping,
+        "left": fit.observed_attenuation,
+        "predicted": fit.predicted_attenuation,
+    }
+    return (Note(NoteCode.PUBLISHED_DAMPING, figures),)
+
+
+def fit_published(trials: Sequence[FittedPull]) -> PublishedFit:
+    """The published method on the trials of one donning."""
     static = [(fitted, *_held(fitted)) for fitted in trials if fitted.static and len(fitted.static.plateaus) > 1]
-    slopes = {fitted.pull.trial.repeat: float(x @ force / (x @ x)) for fitted, x, force in static if x @ x > 0}
+    static = [(fitted, x, force) for fitted, x, force in static if np.ptp(x) > 0]
+    slopes = {fitted.pull.trial.repeat: float(np.polyfit(x, force, 1)[0]) for fitted, x, force in static}
     stiffness = _mean(list(slopes.values()))
+    through_origin = _mean([float(x @ force / (x @ x)) for _, x, force in static])
     swings = np.empty((0, 5))
     if stiffness is not None:
         of_repeat = [
@@ -82,7 +108,7 @@ def _fit_cuff(trials: Sequence[FittedPull]) -> PublishedFit:
         swings = np.array([_swing(pull, k) for pull, k in of_repeat]).reshape(-1, 5)
     migration = _mean([float(x[-1] - x[0]) for _, x, _ in static])
     damping, *rest = (_mean(column) for column in swings.T)
-    return PublishedFit(stiffness, damping, migration, *rest)
+    return PublishedFit(stiffness, through_origin, damping, migration, *rest)
 
 
 def _held(fitted: FittedPull) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -260,10 +260,13 @@ def _unloaded_end(static: FittedPull) -> Level | None:
 
 def _noise(dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
     """D8: fitted force noise of the swing over that of the resting cuff, and correlation of the marker noise."""
-    ratios = [ratio for ratio in (_noise_ratio(fitted) for fitted in dynamic) if ratio is not None]
-    if ratios:
-        ratio = max(ratios)
-        yield Finding(FindingCode.FORCE_NOISE, ratio, None, "1", ratio > NOISE_LIMIT)
+    noises = [noise for noise in (_noises(fitted) for fitted in dynamic) if noise is not None]
+    if noises:
+        swing, rest, swing_dof, rest_dof = np.array(noises).T
+        ratio = math.sqrt(float((swing_dof @ swing**2 / swing_dof.sum()) / (rest_dof @ rest**2 / rest_dof.sum())))
+        error = math.sqrt(1 / (2 * float(swing_dof.sum())) + 1 / (2 * float(rest_dof.sum())))  # of its logarithm
+        is_alarm = math.log(ratio) > max(math.log(NOISE_LIMIT), SIGNIFICANT * error)
+        yield Finding(FindingCode.FORCE_NOISE, ratio, ratio * error, "1", is_alarm)
     correlations = [fitted.dynamic.checks.marker_correlation for fitted in dynamic if fitted.dynamic]
     if correlations:
         coloured = any(fitted.dynamic.checks.is_coloured for fitted in dynamic if fitted.dynamic)
@@ -271,15 +274,19 @@ def _noise(dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
         yield Finding(FindingCode.MARKER_CORRELATION, max(correlations), None, "1", coloured, more)
 
 
-def _noise_ratio(fitted: FittedPull) -> float | None:
+def _noises(fitted: FittedPull) -> tuple[float, float, float, float] | None:
+    """Standard deviation of the force noise in the swing and at rest [N], each with its degrees of freedom."""
     if fitted.dynamic is None or start_level(fitted) is None:
         return None
     pull = fitted.pull
     quiet = pull.force_time <= pull.force_time[0] + 1.0
     together = max(1, round(float(np.median(np.diff(fitted.dynamic.time)) / np.median(np.diff(pull.force_time)))))
     whole = pull.force[quiet][: np.count_nonzero(quiet) // together * together].reshape(-1, together).mean(axis=1)
+    if len(whole) < 3 or np.ptp(whole) == 0:
+        return None
     rest = float(np.std(np.diff(whole))) / math.sqrt(2)
-    return fitted.dynamic.force_noise / rest if rest > 0 else None
+    # The variance from differences of n white samples has the relative variance 3/n (von Neumann 1941).
+    return fitted.dynamic.force_noise, rest, float(len(fitted.dynamic.time)), len(whole) / 1.5
 
 
 def _plateaus(fitted: FittedPull) -> Sequence[Plateau]:

@@ -40,6 +40,7 @@ def notes_on(
         *interval_notes(None if "damping" in unidentified else identified.damping),
         *migration_interval_notes(identified.migration),
         *held_load_notes(held),
+        *_direction_notes(all_static),
         *_origin_notes(trials, set(origins_of(trials))),
         *_calibration_notes(trials),
         *_migration_notes(all_static, before),
@@ -85,6 +86,11 @@ def _migration_notes(static: Sequence[Pull], before: Sequence[str]) -> tuple[Not
         return ()
     figures: Figures = {"file": static[0].trial.file, "migration_m": migration.value, "before": ", ".join(before)}
     return (Note(NoteCode.MIGRATED_BEFORE, figures),)
+
+
+def _direction_notes(static: Sequence[Pull]) -> tuple[Note, ...]:
+    """A note if no markers on the rope show the direction of the pull."""
+    return (Note(NoteCode.NO_ROPE),) if static and all(pull.motion.rope is None for pull in static) else ()
 
 
 def _origin_notes(trials: Sequence[Trial], origins: set[DataOrigin]) -> tuple[Note, ...]:

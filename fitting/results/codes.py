@@ -99,6 +99,8 @@ class NoteCode(StrEnum):
     SOFTENS = "note.softening"
     SHORT_HOLDS = "note.short_holds"
     ZERO_DRIFT = "note.zero_drift_removed"
+    NO_ROPE = "note.direction_of_pull_unknown"
+    PUBLISHED_DAMPING = "note.published_damping"
     KNOWN_MASS = "note.known_mass"
     KNOWN_MASS_ZERO_DRIFT = "note.known_mass_zero_drift"
     KNOWN_MASS_GAIN_DRIFT = "note.known_mass_gain_drift"

@@ -214,6 +214,16 @@ _NOTES: Templates = {
     NoteCode.ZERO_DRIFT: (
         "the load cell's zero drifts by {drift_n_per_s:per_minute +.2f} N a minute, which is removed; let it warm up"
     ),
+    NoteCode.NO_ROPE: (
+        "no markers on the rope: the pull is taken to be along the displacement of the cuff. A cuff with another "
+        "stiffness across yields obliquely, and at an angle stiffness along the rope is larger by its inverse "
+        "cosine (2 % at 10°, 10 % at 25°), which the interval does not include; put two markers on the rope"
+    ),
+    NoteCode.PUBLISHED_DAMPING: (
+        "by the published method, damping is {damping_n_s_per_m:.0f} N s/m, {left:percent .0f} % of ours: the noise of "
+        "velocities that are differences of frames makes the slope over them smaller, by prediction to "
+        "{predicted:percent .0f} %"
+    ),
     NoteCode.NOT_CALIBRATED: (
         "lag ({lag_s:ms .2f} ± {lag_sd_s:ms .2f} ms) and gain (± {gain_sd:percent .2g} %) of the load cell are as "
         "declared, not calibrated, and the intervals rely on them; fit with a bounce trial of the session, or record "

@@ -59,12 +59,15 @@ class HeldLoads:
 
     @property
     def tangents(self) -> tuple[tuple[float, Estimate], ...]:
-        """Loads [N] from the lowest to the highest with their tangent stiffness [N/m]; empty without a law."""
+        """Loads [N] above the lowest held one, that of the bare hook, with their tangent stiffness [N/m].
+
+        Not readings, as the cell's zero is not removed from those. Empty without a law.
+        """
         law = self.stiffness.law
         if law is None:
             return ()
-        loads = np.linspace(law.reference_force, self.highest, TANGENTS).tolist()
-        return tuple((load, law.tangent(load)) for load in loads)
+        loads = np.linspace(0.0, self.highest - law.reference_force, TANGENTS).tolist()
+        return tuple((load, law.tangent(law.reference_force + load)) for load in loads)
 
 
 def fit_held_loads(static: Sequence[Pull], gain_sd: float) -> HeldLoads:

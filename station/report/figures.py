@@ -109,7 +109,7 @@ def _tangents(fit: CuffFit, tangents: Sequence[tuple[float, Estimate]]) -> Panel
     ]
     if fit.stiffness is not None:
         marks.append(Rule(fit.stiffness.value, label=f"k = {fit.stiffness.value:.0f} N/m"))
-    return Panel(tuple(marks), "force [N]", "tangent stiffness k(F) [N/m]")
+    return Panel(tuple(marks), "load above the bare hook [N]", "tangent stiffness k(F) [N/m]")
 
 
 def _held_loads(curves: FittedPull, fit: CuffFit, colour: Colour, wider: float) -> Iterator[Mark]:

@@ -47,6 +47,7 @@ class Rig:
     """What is wrong with the measurement. Added to dynamic trials: newtons, metres of the cuff's marker.
 
     static_angle, dynamic_angle  rad between the pull and the cuff's first axis
+    swing_noise  N, standard deviation of white force noise in the swing alone
     skin     m/N by which the first anchor marker follows the pull
     ratio    stiffness across the pull over that along it
     """
@@ -56,6 +57,7 @@ class Rig:
     static_angle: float = 0.0
     dynamic_angle: float = 0.0
     ratio: float = 0.3
+    swing_noise: float = 0.0
     skin: float = 0.0
 
 
@@ -68,9 +70,10 @@ class OddSession(Session):
         self.left, self.left_across = np.zeros(3), np.zeros(3)
 
     @property
-    def slip_of_cuff(self) -> float:
-        """Slip so far [m]."""
-        return float(self.left[1])
+    def migration(self) -> float:
+        """Displacement [m] that remains unloaded: slip, and what friction holds."""
+        friction, slip, _ = self.left
+        return float(slip - self.law.friction * friction / self.law.stiffness)
 
     def _record(
         self, test: str, repeat: int, time: NDArray[np.float64], load: NDArray[np.float64]
@@ -88,7 +91,10 @@ class OddSession(Session):
         shifts = np.zeros((len(seen), len(ANCHOR) + 1, 3))
         shifts[:, 0] = self.rig.skin * load[seen, None] * PULL
         shifts[:, -1] = path
-        return self.assemble(test, repeat, time, load + self.rig.dynamic_zero * is_dynamic, shifts)
+        read = load + self.rig.dynamic_zero * is_dynamic
+        if is_dynamic and self.rig.swing_noise:
+            read = read + self.rig.swing_noise * (time > 2.5) * self.random.standard_normal(len(time))
+        return self.assemble(test, repeat, time, read, shifts)
 
 
 def _answer(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from recordings.manifest import CuffSite, LoadCell, Manifest, Timing
 from recordings.reader import Track
@@ -52,6 +53,7 @@ class Truth:
     amplitude: float = 12.0
     duration: float = 22.0
     marker_noise: float = 0.2e-3
+    marker_memory: float = 0.0
     volt_noise: float = 5e-3
     volts_per_code: float = 20 / 4096
     volt_zero: float = 0.03
@@ -182,12 +184,19 @@ class Session:
         turn = truth.sway_angle * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         lab = np.einsum("fij,fmj->fmi", _rotations(turn), body) + sway[:, None]
         lab = lab @ truth.lab_rotation.T + np.array([0.4, -0.2, 1.1])
-        lab += truth.marker_noise * self.random.standard_normal(lab.shape)
+        lab += truth.marker_noise * self._remembered(self.random.standard_normal(lab.shape))
         values = np.concatenate((1e3 * lab, np.full((*lab.shape[:2], 1), 0.5)), axis=2).astype(np.float32)
         for marker in range(values.shape[1]):
             values[self._hidden(count), marker] = np.nan
         labels = (*(f"anchor_{i + 1}" for i in range(len(truth.anchor))), "cuff_1")
         return track("/markers", "mm", labels, truth.marker_rate, np.arange(1, count + 1), frame_time, start_ns, values)
+
+    def _remembered(self, white: NDArray[np.float64]) -> NDArray[np.float64]:
+        """White noise (frames, …), or first-order autoregressive noise of the same size where markers have a memory."""
+        if self.truth.marker_memory == 0:
+            return white
+        memory = float(np.exp(-1 / self.truth.marker_rate / self.truth.marker_memory))
+        return np.asarray(lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], white, axis=0))
 
     def _hidden(self, count: int) -> NDArray[np.intp]:
         """Frames in which one marker is hidden, in stretches of 0.1 s."""

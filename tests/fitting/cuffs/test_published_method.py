@@ -8,6 +8,7 @@ import pytest
 
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.published_method import PublishedFit, plain_published, published_fits
+from fitting.results.codes import NoteCode
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published
@@ -29,25 +30,34 @@ def test_marker_noise_takes_as_much_of_the_damping_as_predicted() -> None:
         assert paper.observed_attenuation == pytest.approx(paper.predicted_attenuation, abs=0.06)
 
 
+def test_the_damping_that_noise_takes_from_the_published_method_is_noted() -> None:
+    codes = {noise: [note.code for note in _fitted("hand", noise)[0].cuffs["hand"].notes] for noise in (0.2e-3, 1e-6)}
+    assert NoteCode.PUBLISHED_DAMPING in codes[0.2e-3]
+    assert NoteCode.PUBLISHED_DAMPING not in codes[1e-6]
+
+
 def test_without_noise_nothing_is_lost() -> None:
     _, paper = _fitted("hand", 1e-6)
     assert paper.predicted_attenuation == pytest.approx(1.0, abs=0.01)
     assert paper.observed_attenuation == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_line_through_the_origin_is_bent_by_the_hook_and_the_zero() -> None:
+def test_an_intercept_removes_hook_and_zero_which_bend_a_line_through_the_origin() -> None:
     fitted, paper = _fitted("hand", 1e-6)
     stiffness = fitted.cuffs["hand"].stiffness
     assert stiffness
     assert paper.stiffness is not None
+    assert paper.stiffness_through_origin is not None
+    assert paper.stiffness == pytest.approx(stiffness.value, rel=2e-3)
     # The force reads 2.9 N too high (0.03 V) and x = 0 is under 2 N of hook: F = k x + 4.9 N over 15 to 75 N.
-    assert 1.05 < paper.stiffness / stiffness.value < 1.15
+    assert 1.05 < paper.stiffness_through_origin / stiffness.value < 1.15
 
 
 def test_as_plain_data_it_names_its_units() -> None:
     fitted, paper = _fitted("hand", 1e-6)
     plain = plain_published(published_fits(fitted))["hand"]
     assert plain["stiffness_n_per_m"] == paper.stiffness
+    assert plain["stiffness_through_origin_n_per_m"] == paper.stiffness_through_origin
     assert plain["damping_n_s_per_m"] == paper.damping
 
 

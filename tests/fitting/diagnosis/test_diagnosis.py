@@ -177,7 +177,7 @@ def test_creep_that_no_hold_shows_is_not_named_before_friction(chosen: CauseCode
 def test_a_stiffness_that_skin_makes_wrong_is_not_called_identified() -> None:
     assert Verdict.SKIN in _diagnosed(CauseCode.SKIN)[0].verdicts
     assert Verdict.IDENTIFIED not in _diagnosed(CauseCode.SKIN)[0].verdicts
-    for code in (None, CauseCode.TARE, CauseCode.DISPLACEMENT_ZERO, CauseCode.STIFFENING, CauseCode.FRICTION):
+    for code in (None, CauseCode.TARE, CauseCode.DISPLACEMENT_ZERO, CauseCode.STIFFENING):
         assert _diagnosed(code)[0].verdicts == (Verdict.IDENTIFIED,)
 
 
