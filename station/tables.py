@@ -80,11 +80,13 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Fold
 
 
 def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> FoldedTable:
-    """Results of the published method, those of the fit in brackets, and the attenuation of the damping by noise."""
+    """Results of the published method, those of the fit in brackets, and the attenuation of the damping by noise.
+
+    "through 0" is k of a line through the origin, without an intercept.
+    """
     table = FoldedTable(
         "cuff",
         "k [N/m]",
-        "k through the origin [N/m]",
         "c [N s/m]",
         "migration [mm]",
         "mean F − k x [N]",
@@ -95,8 +97,8 @@ def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> Fol
         cuff = fitted.cuffs[name]
         table.add_row(
             name,
-            _compare(fit.stiffness, cuff.stiffness, 1.0, ".0f"),
-            _compare(fit.stiffness_through_origin, cuff.stiffness, 1.0, ".0f"),
+            _compare(fit.stiffness, cuff.stiffness, 1.0, ".0f")
+            + ("" if fit.stiffness_through_origin is None else f"; {fit.stiffness_through_origin:.0f} through 0"),
             _compare(fit.damping, cuff.damping, 1.0, ".0f"),
             _compare(fit.migration, cuff.migration, 1000.0, ".2f"),
             "-" if fit.damper_force is None else f"{fit.damper_force:+.1f}",

@@ -53,7 +53,7 @@ def identify(
     swings: Swings,
     before: Sequence[str],
     *,
-    has_friction: bool,
+    has_friction: bool = False,
 ) -> Identified:
     """Figures and verdicts of a donning.
 
