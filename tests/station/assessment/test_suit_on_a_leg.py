@@ -76,7 +76,7 @@ def test_the_files_give_a_report_with_the_words_of_the_leg(station, tmp_path: Pa
     assert set(plain["postures"][0]["cuffs_m"]) == {"arm"}, "the heel has no mass, and so no ring"
     rigid, yielding = plain["optimum"]["rigid"], plain["optimum"]["shank"]["visco_elastic"]
     assert rigid["normalised_cost"]["value"] < yielding["normalised_cost"]["value"] - 0.05 < 0.9
-    page = (tmp_path / "report.html").read_text()
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert 'id="given"' in page and 'id="doubts"' not in page, "figures by hand are no change of a file"
     assert plain["reference_rest_length_m"]["value"] == 0.328  # in a range of 34 mm, millimetres matter
     for word in ("shank cuff", "heel is rigid", "shortest cord", "longest cord", "0.328 m"):
@@ -241,7 +241,7 @@ def test_what_is_wrong_with_motion_and_loads_is_a_finding_of_assessment_and_opti
     assert codes["motion.row_counts"] == {"rows": "nRows 500, found 81"}
     assert codes["motion.resampled"] == {"steps": "0.008 to 0.012"}
     assert codes["loads.none_applied"] == {"file": "loads.xml"}
-    assert "patella_angle 0.1 rad" in (tmp_path / "assessed" / "report.html").read_text()
+    assert "patella_angle 0.1 rad" in (tmp_path / "assessed" / "report.html").read_text(encoding="utf-8")
     ran = station("optimise", *files, "--draws", 0, "--output", tmp_path / "optimum")
     assert "patella_angle 0.1 rad" in ran.err
     remarks = " ".join(json.loads((tmp_path / "optimum" / "optimum.json").read_text())["remarks"])

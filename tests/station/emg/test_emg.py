@@ -117,7 +117,7 @@ def test_without_an_mvc_there_is_no_level_in_percent_and_one_repeat_has_no_inter
 def test_the_report_has_a_section_on_emg_and_only_then(station: Station, lab: Path, tmp_path: Path) -> None:
     run(station, lab, tmp_path)
     assert station("report", tmp_path).code == 0
-    page = (tmp_path / "report.html").read_text()
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count('<a id="emg">') == 1
     assert page.count("<figcaption>") == 7  # six trials and the change
     assert (

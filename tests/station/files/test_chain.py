@@ -137,7 +137,9 @@ def test_an_edited_assessment_is_reported_after_a_new_fit(session: Path, station
     assert station("fit", session).code == 0
     ran = station("report", session)
     assert ran.code == 3 and f"assessment.json: {CHANGED}" in ran.err
-    assert "than that in the table: 40000 N/m, and the table has" in (session / "report.html").read_text()
+    assert "than that in the table: 40000 N/m, and the table has" in (session / "report.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Path, station: Station) -> None:

@@ -58,7 +58,7 @@ def test_a_cuff_without_migration_is_assessed_without_shift_and_named(tmp_path: 
     assert hand["assumed_codes"] == [NoteCode.NO_SHIFT]
     both, yielding = (assessed["at_rigid_optimum"]["hand"][condition] for condition in ("both", "visco_elastic"))
     assert both["value"] == pytest.approx(yielding["value"], rel=1e-9), "no shift"
-    assert sentence_of(NoteCode.NO_SHIFT) in (tmp_path / "report.html").read_text()
+    assert sentence_of(NoteCode.NO_SHIFT) in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_recording_that_was_assigned_is_fitted_as_the_other_trial(tmp_path: Path) -> None:
