@@ -59,7 +59,7 @@ def read_rows(folder: Path, name: str) -> SessionRows:
         begun = _moment(journal.begun)
         cuffs = read_cuffs_document(path) if path.is_file() else None
         trials = _trials(name, journal, cuffs)
-    except (JournalError, CuffsFileError, UnlikelyValue) as error:
+    except (JournalError, CuffsFileError, _UnlikelyValue) as error:
         reason = {"state": SessionState.UNREADABLE.value, "reason": str(error)}
         return SessionRows({"session": name, "stamp": stamp, **reason})
     session = {
@@ -76,7 +76,7 @@ def read_rows(folder: Path, name: str) -> SessionRows:
     return SessionRows(session, [*_cuffs(name, cuffs)] if cuffs else [], trials)
 
 
-class UnlikelyValue(ValueError):
+class _UnlikelyValue(ValueError):
     """A value that no session has, and no table of the catalogue can hold."""
 
 
@@ -87,15 +87,15 @@ def _moment(text: str) -> datetime | None:
     except ValueError:
         return None
     if read.year not in YEARS:
-        raise UnlikelyValue(f"its time is {text}, expected a year from {YEARS.start} to {YEARS.stop - 1}")
+        raise _UnlikelyValue(f"its time is {text}, expected a year from {YEARS.start} to {YEARS.stop - 1}")
     return read.astimezone(UTC).replace(tzinfo=None)
 
 
 def _ensure_likely(trial: Row) -> Row:
-    """Raises UnlikelyValue for a number that an INTEGER or a BIGINT cannot hold."""
+    """Raises _UnlikelyValue for a number that an INTEGER or a BIGINT cannot hold."""
     for key, bits in (("repeat", 31), ("lost_samples", 63)):
         if not -(2**bits) <= trial.get(key, 0) < 2**bits:
-            raise UnlikelyValue(f"{key} of {trial['file']} is {trial[key]}")
+            raise _UnlikelyValue(f"{key} of {trial['file']} is {trial[key]}")
     return trial
 
 
