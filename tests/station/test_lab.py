@@ -1,0 +1,182 @@
+"""What a lab does with a station, in processes of its own on simulated devices; the same on Linux and Windows.
+
+The folder's name has a space and letters outside ASCII, and the configuration has a byte order mark and CRLF. The loss
+of a killed recorder is measured by `python -m benchmarks.kills`.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from fitting.cuffs.cuffs_file import read_cuffs
+from recordings.contents import contents_of
+from station.journal import read_journal
+from station.messages.codes import TrialCode
+from tests.house.sources import ROOT
+from tests.station.console.served import ServedConsole, write_config
+from tests.station.terminal.practice import Headless
+from tests.timeout import scaled_timeout
+
+SESSION = Path("simulated", "monday")
+PLAN = ("--config", "station.toml", "--simulated", "--speed", "30", "--subject", "P01")
+KILLS = 20
+PATIENCE_S = 600.0
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
+
+
+def lab_folder(parent: Path) -> Path:
+    folder = parent / "Prüfstand für Møller 測定"
+    folder.mkdir()
+    path = write_config(folder, hold_s=4.0, swing_s=5.0)
+    text = path.read_text(encoding="utf-8").replace('control = "start"', 'control = "none"')
+    path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a whole session, recorded with commands on a pipe that end in CRLF."""
+    folder = lab_folder(tmp_path_factory.mktemp("lab"))
+    with Headless(folder, *PLAN, "--session", str(SESSION)) as terminal:
+        terminal.until("state_changed", state="recording")
+        terminal.send("mark\r")
+        assert terminal.until("session_closed")["is_complete"]
+        assert terminal.child.wait(scaled_timeout(PATIENCE_S)) == 0
+    return folder
+
+
+def station(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command in a folder, with pipes as standard streams."""
+    return subprocess.run(  # noqa: S603  (our own words)
+        [sys.executable, "-m", "station", *arguments],
+        cwd=folder,
+        input="",
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+        timeout=scaled_timeout(PATIENCE_S),
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+@pytest.mark.parametrize(("verb", "name"), [("fit", "cuffs.json"), ("report", "report.html")])
+def test_a_result_that_another_program_holds_open_is_kept_and_replaced_once_it_is_closed(
+    lab: Path, verb: str, name: str
+) -> None:
+    path = lab / SESSION / name
+    before = path.read_bytes()
+    with held(path):
+        ran = station(lab, verb, str(SESSION))
+    if sys.platform == "win32":
+        assert ran.returncode == 1 and ran.stderr.count(name) == 1 and "Traceback" not in ran.stderr, ran.stderr
+        assert path.read_bytes() == before
+    else:
+        assert ran.returncode == 0, ran.stderr
+    with held(path, until_drafted=True):
+        ran = station(lab, verb, str(SESSION))
+    assert ran.returncode == 0, ran.stderr
+    assert not list(path.parent.glob(".draft*"))
+
+
+def test_texts_of_a_session_with_the_line_ends_of_windows_are_read_and_reported_as_changed(lab: Path) -> None:
+    before = read_cuffs(lab / SESSION / "cuffs.json")["hand"].stiffness
+    for path in (lab / SESSION).iterdir():
+        if path.suffix in {".json", ".jsonl"}:
+            path.write_bytes(path.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r\n"))
+    for verb in ("report", "fit"):
+        ran = station(lab, verb, str(SESSION))
+        assert ran.returncode == 3 and "changed since" in ran.stderr, ran.stderr
+    assert read_cuffs(lab / SESSION / "cuffs.json")["hand"].stiffness == before
+
+
+def test_a_path_of_more_than_260_characters_is_refused_on_windows_before_anything_is_recorded(lab: Path) -> None:
+    deep = Path("simulated", *["x" * 60] * 4)
+    ran = station(lab, "record", "--headless", *PLAN, "--session", str(deep), "--cuffs", "hand")
+    if sys.platform == "win32":
+        assert ran.returncode == 1 and "refused.path_too_long" in ran.stderr, ran.stderr
+    else:
+        assert ran.returncode == 0, ran.stderr
+
+
+def test_the_page_is_served_without_a_bench(lab: Path) -> None:
+    with ServedConsole(lab / "station.toml", "--simulated") as console:
+        assert b"<html" in urllib.request.urlopen(console.address).read().lower()  # noqa: S310  (our own page)
+
+
+def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments(tmp_path: Path) -> None:
+    """The station recovers the file of a killed recorder. The recorder of a killed terminal closes its own: the
+    simulated devices end with the terminal, which is a lost device."""
+    folder, random = lab_folder(tmp_path), np.random.default_rng(25)
+    for number in range(KILLS):
+        with Headless(folder, *PLAN, "--session", str(SESSION)) as terminal:
+            until_recording(terminal)
+            threading.Event().wait(random.uniform(0.0, 0.3))
+            program = psutil.Process(terminal.child.pid)
+            recorders = [child for child in program.children() if "station.session.trial_daemon" in child.cmdline()]
+            if number % 2 == 0:
+                for recorder in recorders:  # none if the trial has just ended
+                    recorder.kill()
+            program.kill()
+            psutil.wait_procs(recorders)
+    with Headless(folder, *PLAN, "--session", str(SESSION)) as terminal:
+        until_recording(terminal)
+        assert terminal.until("trial_ended")["accepted"]
+    recorded = read_journal(folder / SESSION).recorded
+    killed = [one for one in recorded if TrialCode.RECORDER_KILLED in {message.code for message in one.codes}]
+    assert killed and len(recorded) > KILLS / 2
+    for one in recorded:
+        assert contents_of(folder / SESSION / one.file).complete == (one not in killed)
+
+
+def until_recording(terminal: Headless) -> None:
+    """Reject the recording of the killed recorder, and read on to the next trial."""
+
+    def decide(event: dict[str, Any]) -> None:
+        if event["event"] == "waiting" and event["what"] == "decision":
+            terminal.send("redo killed")
+
+    terminal.until("state_changed", state="recording", on_event=decide)
+
+
+@contextmanager
+def held(path: Path, *, until_drafted: bool = False) -> Iterator[None]:
+    """Hold a file open, on Windows without sharing; until_drafted: until half a second after a draft of it exists."""
+    is_over = threading.Event()
+    release = _open_alone(path)
+
+    def watch() -> None:
+        while not is_over.wait(0.05):
+            if until_drafted and any(path.parent.glob(".draft*")):
+                is_over.wait(0.5)
+                break
+        release()
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join()
+
+
+def _open_alone(path: Path) -> Callable[[], object]:
+    if sys.platform != "win32":
+        return path.open("rb").close
+    import _winapi
+
+    generic_read, share_nothing, open_existing = 0x8000_0000, 0, 3
+    handle = _winapi.CreateFile(str(path), generic_read, share_nothing, 0, open_existing, 0, 0)
+    return lambda: _winapi.CloseHandle(handle)
