@@ -11,10 +11,12 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
+
+T = TypeVar("T")
 
 LARGEST_TABLE, LARGEST_MODEL, LARGEST_SUIT = 128 * 2**20, 64 * 2**20, 32 * 2**10
 """Largest sizes [bytes]: a motion or other table, an OpenSim document, a suit in TOML."""
@@ -86,14 +88,16 @@ def replaced(path: Path, *, with_folder: bool = True) -> Iterator[Path]:
 
 
 def replace_file(draft: Path, path: Path) -> None:
-    """Rename draft to path, in place of a file of that name.
+    """Rename draft to path, in place of a file of that name, once no other program has one of the two open."""
+    once_released(lambda: draft.replace(path), path)
 
-    Windows refuses this while another program has one of the files open: it is tried for REPLACE_TIMEOUT_S.
-    """
+
+def once_released(act: Callable[[], T], path: Path) -> T:
+    """Act on a file. On Windows, try for REPLACE_TIMEOUT_S while another program has it open without sharing."""
     give_up_s = time.monotonic() + REPLACE_TIMEOUT_S
     while True:
         try:
-            draft.replace(path)
+            return act()
         except PermissionError as error:
             if sys.platform != "win32":
                 raise
@@ -101,8 +105,6 @@ def replace_file(draft: Path, path: Path) -> None:
                 in_use = "open in another program, or read-only; close it there and run the command again"
                 raise PermissionError(errno.EACCES, in_use, str(path)) from error
             time.sleep(REPLACE_PAUSE_S)
-        else:
-            return
 
 
 def _checked(descriptor: int, path: Path) -> int:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath, PurePosixPath
 
 from documents.plain_data import PlainDataError, parse_json
-from documents.regular_file import read_regular, replaced
+from documents.regular_file import once_released, read_regular, replaced
 from fitting.results.standing import Standing
 from station.file_lock import locked
 from station.journal_lines import JOURNAL_FILE, LARGEST_JOURNAL
@@ -33,7 +33,7 @@ ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
 
 
 def sha256_of(path: Path) -> str:
-    with path.open("rb") as file:
+    with once_released(lambda: path.open("rb"), path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
