@@ -1,6 +1,6 @@
 """Speed of the muscle solver, as ratios to other programs measured in one run; the last line has that of a whole frame.
 
-    python benchmarks/rmr.py [--frames N] [--scenarios N] [--first-use]
+    python benchmarks/rmr.py [--frames N] [--scenarios N]
 
 Motion and model are FLX01 of the public data set if it is beside the repository, else the bundled arm raise. The peer,
 OpenSim's maps and SLSQP, is `shared/peer/opensim_rmr.py` beside the repository, run in this Python process.
@@ -18,7 +18,6 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 import argparse
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -65,7 +64,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=12, help="frames of the peer's sample")
     parser.add_argument("--scenarios", type=int, default=300, help="scenarios of the design study")
-    parser.add_argument("--first-use", action="store_true", help="what the first call on a machine takes; a minute")
     parser.add_argument("--memory", action="store_true", help="only the memory that the largest study takes")
     arguments = parser.parse_args()
     model, kinematics, name = subject()
@@ -79,9 +77,6 @@ def main() -> int:
     print(f"whole frame, one core           {1e6 * whole:8.0f} µs")
     stations(model, kinematics)
     single_frame(model, kinematics)
-    imports()
-    if arguments.first_use:
-        first_use()
     is_agreed = further_scenario(problem)
     both_processors(problem, arguments.scenarios)
     linearity(problem, arguments.scenarios)
@@ -185,45 +180,6 @@ def single_frame(model: Model, kinematics: Kinematics) -> None:
     )
     wall, processor = (least(lambda: solve_motion(model, frame), 100, clock) for clock in (perf_counter, process_time))
     print(f"one frame alone                 {1e3 * wall:8.2f} ms by the clock, {1e3 * processor:.2f} ms of processor")
-
-
-def imports() -> None:
-    command = "import solver.redundancy.motion, solver.suit.assessment"
-    seconds = [seconds_of(command, {}) - seconds_of("pass", {}) for _ in range(REPEATS)]
-    print(f"import redundancy, assessment   {min(seconds):8.2f} s")
-
-
-def first_use() -> None:
-    """One frame in a fresh process: with nothing compiled, and with what that left on disk."""
-    command = (
-        "from solver.bundled import bundled_model; from solver.raise_arm import simulate_arm_raise;"
-        "from solver.motion import decimate, differentiate; from solver.redundancy.motion import solve_motion;"
-        "model = bundled_model(); solve_motion(model, decimate(differentiate(simulate_arm_raise(model)), 1000))"
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        first, later = (seconds_of(command, {"NUMBA_CACHE_DIR": folder}) for _ in range(2))
-    print(f"first use on a machine          {first:8.1f} s, in a later process {later:.1f} s")
-    with tempfile.TemporaryDirectory() as folder:
-        first, later = (wall_seconds_of_command(folder) for _ in range(2))
-    print(f"station rmr, by the clock       {first:8.1f} s, later {later:.1f} s: it compiles for {first - later:.1f} s")
-
-
-def wall_seconds_of_command(folder: str) -> float:
-    """Seconds by the clock of `station rmr` on the bundled motion; compiled code is kept in the folder."""
-    command = [sys.executable, "-m", "station", "rmr", "--output", f"{folder}/rmr.csv"]
-    start = perf_counter()
-    environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
-    subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True)  # noqa: S603
-    return perf_counter() - start
-
-
-def seconds_of(command: str, environment: dict[str, str]) -> float:
-    """Seconds of a new process, as it reports them."""
-    told = f"{command}\nimport time\nprint(time.process_time())"
-    run = subprocess.run(  # noqa: S603
-        [sys.executable, "-c", told], cwd=ROOT, env={**os.environ, **environment}, check=True, stdout=subprocess.PIPE
-    )
-    return float(run.stdout)
 
 
 def scenarios_of(problem: RedundancyProblem, count: int) -> LoadResponse:

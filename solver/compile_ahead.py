@@ -38,9 +38,12 @@ COMPILER = logging.getLogger("solver.compiled")
 def is_first_use() -> bool:
     """Whether no file of the first kernel is on disk; found by its name, without numba, which takes long to import.
 
-    False where the folder of the package is read-only, because numba then keeps the files elsewhere.
+    False where a wheel brought it, and where the folder of the package is read-only, because numba then keeps the
+    files elsewhere.
     """
     module, kernel = KERNELS[0]
+    if Path(__file__).with_name("kernels").joinpath(f"{module}.{kernel}.nbi").exists():
+        return False
     *folders, name = module.split(".")
     files = f"{name}.{kernel}-*.nbi"
     chosen = os.environ.get("NUMBA_CACHE_DIR")

@@ -20,6 +20,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.types import unliteral
 
 from solver.linked import KernelCompiler, LinkedCompiler, PrivateKernelCompiler
+from solver.shipped_kernels import load_shipped, ship
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -76,6 +77,11 @@ def keeps_code() -> bool:
     return not _NoCache.is_reported
 
 
+def ship_kernel(kernel: Any, folder: Path) -> None:
+    """Write a kernel that this process has compiled into the folder of a wheel."""
+    ship(kernel, _digest(kernel.py_func), folder)
+
+
 def _kernel(function: Function, compiler: type) -> Function:
     options: dict[str, Any] = {
         "error_model": "numpy",
@@ -125,11 +131,12 @@ class _CodeCache(_Cache):  # type: ignore[misc]
         self._lock = FileLock(lock, LOCK_TIMEOUT_S, thread_local=False)
 
     def _index_key(self, signature: Any, codegen: Any) -> tuple[object, ...]:
-        parts = repr(list(_parts(self._py_func, set()))).encode()
-        return (*super()._index_key(signature, codegen), sha256(parts).hexdigest())
+        return (*super()._index_key(signature, codegen), _digest(self._py_func))
 
     def _load_overload(self, signature: Any, target: Any) -> Any:
         found = self._cached(signature, target)
+        if found is None:
+            found = _load_shipped(self._py_func, signature, target)
         if found is not None:
             return found
         with suppress(Timeout, NotImplementedError):  # without locks on some network drives: then both compile
@@ -172,7 +179,11 @@ class _NoCache(_Null):  # type: ignore[misc]
     def __init__(self, function: Any) -> None:
         self._py_func = function
 
-    def load_overload(self, signature: Any, target: Any) -> None:  # noqa: ARG002 (numba's interface)
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        target.refresh()
+        found = _load_shipped(self._py_func, signature, target)
+        if found is not None:
+            return found
         if not _NoCache.is_reported:
             _NoCache.is_reported = True
             cache_logger.warning(
@@ -181,10 +192,22 @@ class _NoCache(_Null):  # type: ignore[misc]
                 self._py_func.__code__.co_filename,
             )
         logger.warning("compiling %s", _title(self._py_func))
+        return None
+
+
+def _load_shipped(function: Any, signature: Any, target: Any) -> Any:
+    try:
+        return load_shipped(function, _digest(function), signature, target)
+    except (*_UNREADABLE, OSError):
+        return None
 
 
 def _title(function: Any) -> str:
     return f"{function.__module__}.{function.__name__}"
+
+
+def _digest(function: Any) -> str:
+    return sha256(repr(list(_parts(function, set()))).encode()).hexdigest()
 
 
 def _parts(function: Any, seen: set[object]) -> Iterator[object]:

@@ -1,0 +1,66 @@
+"""Build a wheel with compiled kernels for this platform: `python -m solver.kernel_wheel OUTPUT`, in a source checkout.
+
+The wheel is for the version of Python that runs this, and its kernels are for the version of numba that it has. With
+another one, or on a processor without the instructions of shipped_kernels.py, an installed wheel compiles at its first
+use, as the source does. setuptools >= 69 must be installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from importlib import import_module
+from pathlib import Path
+
+from solver.compile_ahead import KERNELS, compile_ahead, print_count
+
+ROOT = Path(__file__).parents[1]
+LEFT_OUT = (".*", "__pycache__", "*.egg-info", "tests", "benchmarks", "docs", "examples", "build", "dist", "simulated")
+
+
+def build(output: Path) -> None:
+    """Copy the source, compile its kernels in the copy, and build the wheel from it."""
+    from solver.shipped_kernels import TARGETS
+
+    with tempfile.TemporaryDirectory() as name:
+        source, kept = Path(name) / "source", Path(name) / "cache"
+        shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(*LEFT_OUT))
+        processor, _ = TARGETS[platform.machine().lower().replace("amd64", "x86_64")]
+        target = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(kept)}
+        run = (sys.executable, "-m", "solver.kernel_wheel", "--compile", str(source / "solver" / "kernels"))
+        subprocess.run(run, cwd=source, env={**os.environ, **target, "PYTHONPATH": str(source)}, check=True)  # noqa: S603
+        tags = {
+            "--python-tag": f"cp{sys.version_info.major}{sys.version_info.minor}",
+            "--plat-name": sysconfig.get_platform().replace("-", "_").replace(".", "_"),
+        }
+        settings = [f"--config-settings=--build-option={option}={tag}" for option, tag in tags.items()]
+        pip = (sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(output))
+        subprocess.run([*pip, *settings, str(source)], check=True)  # noqa: S603
+
+
+def compile_kernels(folder: Path) -> None:
+    """Compile all kernels, and write their machine code into the folder."""
+    from solver.compiled import ship_kernel
+
+    compile_ahead(print_count)
+    for module, name in KERNELS:
+        ship_kernel(getattr(import_module(module), name), folder)
+
+
+def main() -> None:
+    """Build the wheel; --compile is how it starts itself for the processor of the wheel."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    options.add_argument("output", type=Path, help="folder of the wheel")
+    options.add_argument("--compile", action="store_true", help=argparse.SUPPRESS)
+    chosen = options.parse_args()
+    (compile_kernels if chosen.compile else build)(chosen.output)
+
+
+if __name__ == "__main__":
+    main()
