@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from llvmlite import binding
 from numba.core.caching import IndexDataCacheFile
+from numba.core.codegen import get_host_cpu_features
 from numba.core.compiler import CompileResult
 
 FOLDER = Path(__file__).parent / "kernels"
@@ -23,6 +23,7 @@ TARGETS = {"x86_64": ("x86-64-v3", X86_64_V3), "aarch64": ("generic", frozenset(
 
 _Result: Any = CompileResult  # without types
 _File: Any = IndexDataCacheFile
+_find_features: Any = get_host_cpu_features
 
 
 def load_shipped(function: Callable[..., object], digest: str, signature: Any, target: Any) -> Any:
@@ -53,10 +54,8 @@ def processor_of(architecture: str, features: frozenset[str]) -> str | None:
 
 @cache
 def _host_features() -> frozenset[str]:
-    try:
-        return frozenset(name for name, is_present in binding.get_host_cpu_features().items() if is_present)
-    except RuntimeError:  # LLVM does not know the processor
-        return frozenset()
+    """Instructions of this processor, without those that numba is configured not to use."""
+    return frozenset(name[1:] for name in _find_features().split(",") if name.startswith("+"))
 
 
 def _file(folder: Path, function: Callable[..., object]) -> Any:

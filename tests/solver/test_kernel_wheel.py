@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from solver.shipped_kernels import processor_of  # noqa: F401  (numba is there)
+from tests.solver.test_compile_ahead import CUFFS
 from tests.solver.test_shipped_kernels import has_instructions
 
 ROOT = Path(__file__).parents[2]
@@ -18,14 +19,13 @@ USE = """
 import sys, time
 from pathlib import Path
 import cuffstation as cs
-from fitting.cuffs.wearable_cuff import WearableCuff
 import solver
 assert Path(solver.__file__).is_relative_to(sys.argv[1]), solver.__file__
 model = cs.load_model()
 times = []
 for _ in range(2):
     began = time.process_time()
-    cs.assess({}, model, cs.load_motion(model, every=200), draws=0)
+    cs.assess(cs.read_cuffs(sys.argv[2]), model, cs.load_motion(model, every=200), draws=0)
     times.append(time.process_time() - began)
 print(times[0] - times[1])
 """
@@ -41,7 +41,9 @@ def test_an_installed_wheel_compiles_nothing(tmp_path: Path) -> None:
     assert f"-cp{sys.version_info.major}{sys.version_info.minor}-none-" in wheel.name
     _run("-m", "pip", "install", "--no-deps", "--target", str(installed), str(wheel))
     environment = {"PYTHONPATH": str(installed), "NUMBA_CACHE_DIR": str(kept)}
-    beyond_warm_s = float(_run("-c", USE, str(installed), **environment))
+    cuffs = tmp_path / "cuffs.json"
+    cuffs.write_text(json.dumps({"cuffs": CUFFS}), encoding="utf-8")
+    beyond_warm_s = float(_run("-c", USE, str(installed), str(cuffs), **environment))
     assert beyond_warm_s < MOST_BEYOND_WARM_S
     station = "from station.__main__ import main; main()"
     _run("-c", station, "rmr", "--every", "100", "--output", str(tmp_path / "rmr.csv"), **environment)
