@@ -126,7 +126,7 @@ class AssessedMotionEntry(StrictEntry):
     largest_cord_force_n: dict[str, Any]
     cord_force_lost_to_migration: dict[str, Any]
     cost_per_arm_migration_per_m: dict[str, Any]
-    cost_per_waist_migration_per_m: dict[str, Any] = Field(default_factory=dict)
+    cost_per_waist_migration_per_m: dict[str, Any]
 
 
 class OtherMotionEntry(AssessedMotionEntry):

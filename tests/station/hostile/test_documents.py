@@ -167,6 +167,7 @@ def _assessment() -> dict[str, Any]:
                 "largest_cord_force_n",
                 "cord_force_lost_to_migration",
                 "cost_per_arm_migration_per_m",
+                "cost_per_waist_migration_per_m",
             ),
             by_cuff,
         ),
