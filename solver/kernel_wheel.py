@@ -40,7 +40,7 @@ def build(output: Path) -> None:
             "--plat-name": sysconfig.get_platform().replace("-", "_").replace(".", "_"),
         }
         settings = [f"--config-settings=--build-option={option}={tag}" for option, tag in tags.items()]
-        pip = (sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(output))
+        pip = (sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", str(output))
         subprocess.run([*pip, *settings, str(source)], check=True)  # noqa: S603
 
 

@@ -62,7 +62,7 @@ class Bench:
 
     def _start_devices(self) -> None:
         wanted, settings = self._settings.ports, self._settings
-        watched: list[Callable[[], bool]] = []
+        watched: list[Callable[[], object]] = []
         qtm: QualisysSimulator | None = None
         if wanted.ni is not None:
             from drivers.simulators.nidaq import NiDaqSimulator  # gRPC and nidaqmx take their time to import
@@ -74,7 +74,7 @@ class Bench:
         if wanted.qtm is not None:
             qtm = QualisysSimulator(self.world, port=wanted.qtm)
             self._run("qtm", qtm)
-            watched.append(lambda: qtm.is_streaming)
+            watched.append(lambda: qtm.streaming_client)
             if wanted.discovery is not None:
                 self._start_discovery(wanted.discovery, qtm.port)
         if wanted.serial is not None:

@@ -12,23 +12,28 @@ from drivers.simulators.world import World
 class Operator:
     """One capture for each time that all devices begin to stream; a client that takes control is left alone.
 
-    A new capture starts at least delay_s after the end of the previous one.
+    A new capture starts at least delay_s after the end of the previous one. clients: functions that return the client
+    of each device, false without one. Another client begins anew, also one that came between two steps.
     """
 
     def __init__(
-        self, world: World, delay_s: float, streams: Sequence[Callable[[], bool]], is_controlled: Callable[[], bool]
+        self, world: World, delay_s: float, clients: Sequence[Callable[[], object]], is_controlled: Callable[[], bool]
     ) -> None:
         self._world = world
         self._delay_s = delay_s
-        self._streams = streams
+        self._clients = clients
+        self._found: list[object] = []
         self._is_controlled = is_controlled
         self._since: float | None = None  # when everything began to stream, world time
         self._is_done = False
 
     def step(self, now: float) -> None:
-        if not all(is_streaming() for is_streaming in self._streams):
-            self._since, self._is_done = None, False
-        elif self._is_controlled():
+        found = [client() for client in self._clients]
+        if found != self._found:
+            self._found, self._since, self._is_done = found, None, False
+        if not all(found):
+            return
+        if self._is_controlled():
             self._is_done = True
         elif self._since is None:
             self._since = now

@@ -44,9 +44,9 @@ class QualisysSimulator:
         self._bound: Future[int] = Future()
 
     @property
-    def is_streaming(self) -> bool:
-        """Whether a client takes frames."""
-        return any(client.stream for client in tuple(self._server.clients))
+    def streaming_client(self) -> object | None:
+        """The first client that takes frames."""
+        return next((client for client in tuple(self._server.clients) if client.stream), None)
 
     @property
     def is_controlled(self) -> bool:

@@ -160,6 +160,7 @@ def test_every_command_of_the_page_runs_in_its_order(tmp_path: Path) -> None:
                 devices.close()
                 simulator = devices.enter_context(desk.running(words, until="stop with Ctrl-C"))
             elif words[0] == "serve":
+                devices.close()  # a simulated bench of its own listens on the same ports
                 with desk.running([*words, "--port", str(free_ports(1)[0])], until="http://127.0.0.1:"):
                     pass
             elif words[0] == "live":

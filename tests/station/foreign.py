@@ -81,7 +81,7 @@ class Truth:
         for name, track in self.tracks.items():
             hosts, starts = np.unique(track.host_time_ns, return_index=True)
             columns = (track.sample_numbers, track.device_time_ns, track.values)
-            parts = (np.split(column, starts[1:]) for column in columns)
+            parts = (np.split(column, starts)[1:] for column in columns)
             for host, numbers, device, values in zip(hosts, *parts, strict=True):
                 writer.write(Samples(name, numbers, device, int(host), values))
         for event in events:

@@ -126,7 +126,7 @@ def test_the_report_has_a_section_on_emg_and_only_then(station: Station, lab: Pa
         )
         == []
     )
-    assert "emg.json" in json.loads(page.split('id="inputs">')[1].split("</script>")[0])
+    assert "emg.json" in json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["inputs"]
 
 
 def test_a_clipped_channel_is_left_out_by_name(station: Station, lab: Path, tmp_path: Path) -> None:

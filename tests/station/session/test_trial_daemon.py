@@ -82,7 +82,6 @@ def test_a_console_that_stops_reading_does_not_affect_the_recording(
     with Recorder(config, tmp_path, running[0].clock_port) as recorder:
         recorder.let_go()
         assert recorder.child.process.wait(scaled_timeout(PATIENCE_S)) == 0
-        assert all("state" in message for message in recorder.child), "it has not waited for its result to be received"
     assert_whole(tmp_path)
 
 
