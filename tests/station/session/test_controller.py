@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from scipy.constants import g
 
+from drivers.errors import DeviceCode
 from recordings.reader import open_recording
 from recordings.samples import Event
 from station.bench.simulation import SimulatedBench, practice_settings
@@ -282,6 +283,8 @@ def test_devices_that_are_not_ready_are_a_message_and_no_trial(controller: Sessi
 
     run(whole())
     assert "127.0.0.1" in controller.session.message and controller.session.message.count("\n") == 0
+    shown_code = DeviceCode(controller.session.message.rpartition("[")[2].removesuffix("]"))
+    assert shown_code.startswith(DeviceCode.UNAVAILABLE)
     assert controller.session.plan is not None and controller.session.plan.undecided is None
     assert controller.session.folder is not None and not list(controller.session.folder.glob("*.mcap"))
 
