@@ -289,7 +289,8 @@ class Model:
     """The musculoskeletal model of a person; gravity (3,) [m/s²] in ground. The order of each tuple is that of every
     array with such an axis: bodies (ground first), coordinates, muscles, then actuators behind the muscles in controls.
     forces are passive loads on its bodies. left_out names the parts of its file that are switched off or were ignored
-    on request, lacking those of them whose loads act in OpenSim and are not known.
+    on request, lacking those of them whose loads act in OpenSim and are not known. unattached names the markers of its
+    file on bodies that it lacks; they are not among markers.
     """
 
     name: str
@@ -306,6 +307,7 @@ class Model:
     forces: tuple[PassiveForce, ...] = ()
     left_out: tuple[str, ...] = ()
     lacking: tuple[str, ...] = ()
+    unattached: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self, gravity=(3,))

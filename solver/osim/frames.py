@@ -63,6 +63,10 @@ class Names:
         holders = [(path, held) for path, held in self._components.items() if held.objects("WrapObjectSet")]
         return [(self._placed(path), one) for path, held in holders for one in held.objects("WrapObjectSet")]
 
+    def has_frame(self, path: str) -> bool:
+        """Whether there is a frame of this path, absolute or from the root."""
+        return self._is_frame(posixpath.normpath(posixpath.join("/", path)))
+
     def frame(self, element: Element, socket: str, owner: str = "/") -> OffsetFrame:
         """The frame named by a socket of the component at the path `owner`, by an absolute or relative path."""
         name = element.child(socket).text

@@ -16,17 +16,19 @@ from solver.osim.writer import add_marker
 from solver.osim.xml_elements import VERSION, add
 
 
-def read_marker_set(path: Path, model: Model) -> tuple[Marker, ...]:
-    """Markers of a MarkerSet that belong to bodies of the model.
+def read_marker_set(path: Path, model: Model) -> tuple[tuple[Marker, ...], tuple[str, ...]]:
+    """Markers of a MarkerSet on bodies of the model, and the names of those on bodies that it lacks.
 
     Files of OpenSim 4 name a frame (socket_parent_frame), those of OpenSim 3 a body. Raises ModelError, with the line,
-    for any other file, and for a frame that is not a body of the model.
+    for any other file, and for a marker that names no frame.
     """
     root = read_document(path)
     found = root.own("MarkerSet")
     if found is None:
         raise root.refusal("has no MarkerSet; give OpenSim's file of one", SolverCode.WRONG_DOCUMENT)
-    return tuple(_marker(element, model) for element in found.members("objects") if element.tag == "Marker")
+    read = {one.name: _marker(one, model) for one in found.members("objects") if one.tag == "Marker"}
+    unattached = tuple(name for name, marker in read.items() if marker is None)
+    return tuple(marker for marker in read.values() if marker is not None), unattached
 
 
 def with_markers(model: Model, markers: Sequence[Marker]) -> Model:
@@ -44,13 +46,12 @@ def marker_set_document(model: Model, markers: Sequence[Marker]) -> Xml.Element:
     return root
 
 
-def _marker(element: Element, model: Model) -> Marker:
+def _marker(element: Element, model: Model) -> Marker | None:
     frame = element.word("socket_parent_frame", "") or element.word("body", "")
+    if not frame:
+        raise element.refusal(f"names no frame; name a body of {model.name}", SolverCode.UNKNOWN_NAME)
     name = frame.rsplit("/", 1)[-1]
     if name not in {body.name for body in model.bodies}:
-        raise element.refusal(
-            f"is in {frame or 'no frame'}, which is not a body of {model.name}; name one of its bodies",
-            SolverCode.UNKNOWN_NAME,
-        )
+        return None
     location = np.asarray(element.numbers("location", 3))
     return Marker(element.name, model.body_index(name), location, element.flag("fixed"))

@@ -99,7 +99,9 @@ def _model(element: Element) -> Model:
     coordinates = [c for joint in element.objects("JointSet") for c in joint.members("coordinates")]
     locks = obstacles.among(lambda coordinate: read_held_coordinate(coordinate, names), coordinates)
     held = obstacles.among(lambda constraint: read_constraint(constraint, names), constraints)
-    markers = obstacles.among(lambda marker: _marker(marker, names), element.objects("MarkerSet"))
+    of_file = element.objects("MarkerSet")
+    attached = [marker for marker in of_file if _is_attached(marker, names)]
+    markers = obstacles.among(lambda marker: _marker(marker, names), attached)
     obstacles.ensure_none()
     return Model(
         name=element.name,
@@ -110,6 +112,7 @@ def _model(element: Element) -> Model:
         surfaces=tuple(surfaces),
         constraints=(*(lock for lock in locks if lock is not None), *held),
         markers=tuple(markers),
+        unattached=tuple(marker.name for marker in of_file if not _is_attached(marker, names)),
         **vars(read),
     )
 
@@ -148,6 +151,12 @@ def _without(element: Element, left_out: list[Element]) -> Element:
     """The element without those, wherever they are in it."""
     kept = [child for child in element.children if not any(child is other for other in left_out)]
     return replace(element, children=[_without(child, left_out) for child in kept])
+
+
+def _is_attached(marker: Element, names: Names) -> bool:
+    """False for a marker on a body that the model lacks; a socket that names nothing is refused where it is read."""
+    socket = marker.find("socket_parent_frame")
+    return socket is None or not socket.text or names.has_frame(socket.text)
 
 
 def _marker(element: Element, names: Names) -> Marker:

@@ -47,6 +47,12 @@ def setup_findings(file: str, setup: IkSetup | ScaleSetup, unknown: Collection[s
     return tuple(Message(code, {"file": file, key: ", ".join(names)}) for code, (key, names) in found.items() if names)
 
 
+def unattached_findings(file: str, markers: Collection[str]) -> tuple[Finding, ...]:
+    """A finding on the markers that a file attaches to bodies that the model lacks, if there are any."""
+    figures: Figures = {"file": file, "markers": ", ".join(markers)}
+    return (Message(KinematicsCode.UNATTACHED, figures),) if markers else ()
+
+
 def ensure_markers_fit(
     model: Model, file: str, expected: Collection[str], tasks: TrackingTasks, observed: Array
 ) -> tuple[Finding, ...]:

@@ -30,6 +30,7 @@ from station.kinematics.checks import (
     find_never_seen,
     seen_markers,
     setup_findings,
+    unattached_findings,
 )
 from station.kinematics.marker_file import KinematicsError, read_body_markers
 from station.kinematics.marker_sets import place_marker_set
@@ -191,12 +192,13 @@ def model_with_markers(name: str, marker_set: str) -> tuple[Model, list[str], tu
 
 def with_marker_set(model: Model, marker_set: str) -> tuple[Model, list[str], tuple[Finding, ...]]:
     """The same of a model that is there already."""
+    on_model = unattached_findings(f"the file of {model.name}", model.unattached)
     if not marker_set:
-        return model, [marker.name for marker in model.markers], ()
+        return model, [marker.name for marker in model.markers], on_model
     placed = place_marker_set(model, marker_set)
     found = {KinematicsCode.WITHOUT_PLACE: placed.without_place, KinematicsCode.ELSEWHERE: placed.elsewhere}
     findings = tuple(Message(code, {"markers": ", ".join(markers)}) for code, markers in found.items() if markers)
-    return placed.model, list(placed.names), findings
+    return placed.model, list(placed.names), on_model + findings
 
 
 def ensure_common(file: str, labels: Sequence[str], followed: Sequence[str], known: Sequence[str]) -> None:

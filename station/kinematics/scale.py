@@ -29,6 +29,7 @@ from station.kinematics.checks import (
     finding_lines,
     seen_markers,
     setup_findings,
+    unattached_findings,
 )
 from station.kinematics.ik import ensure_common, model_with_markers, named_file, write_xml
 from station.kinematics.marker_file import KinematicsError, read_body_markers
@@ -83,7 +84,9 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     name = str(inputs.model or named_file(setup.model_file, "model", "--model"))
     generic, _, odd = model_with_markers(name, inputs.marker_set)
     if setup.marker_set_file is not None:
-        generic = with_markers(generic, read_marker_set(setup.marker_set_file, generic))
+        added, unattached = read_marker_set(setup.marker_set_file, generic)
+        generic = with_markers(generic, added)
+        odd += unattached_findings(setup.marker_set_file.name, unattached)
     file = inputs.markers or named_file(setup.marker_file, "markers' file", "--markers")
     table = read_body_markers(file, [marker.name for marker in generic.markers], inputs.prefix)
     observed = _in_range(file, table, setup.time_range)

@@ -85,6 +85,7 @@ class KinematicsCode(StrEnum):
     UNKNOWN_SET = "marker_set.unknown"
     WRONG_SET = "marker_set.unreadable"
     NO_BODY = "marker_set.no_body"
+    UNATTACHED = "markers.body_not_in_model"
     WITHOUT_PLACE = "marker_set.without_place"
     ELSEWHERE = "marker_set.other_body"
     WRONG_FACTOR = "scale.factor"

@@ -60,6 +60,9 @@ KINEMATICS: Mapping[StrEnum, str] = {
     KinematicsCode.NO_BODY: (
         "marker set {set}: {marker} is attached to {body}, which {model} does not have; it has {known}"
     ),
+    KinematicsCode.UNATTACHED: (
+        "{markers}: {file} attaches them to bodies that the model does not have; they are not used"
+    ),
     KinematicsCode.WITHOUT_PLACE: (
         "{markers}: the location in the model is unknown, so they are not used; give location_m in your own marker set"
     ),

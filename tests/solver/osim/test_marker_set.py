@@ -25,7 +25,8 @@ NEW = (
 def test_a_marker_of_either_format_is_read(tmp_path: Path, version: int, marker: str, is_fixed: bool) -> None:
     path = tmp_path / "markers.xml"
     path.write_text(DOCUMENT.format(version=version, markers=marker), encoding="utf-8")
-    (found,) = read_marker_set(path, MODEL)
+    (found,), unattached = read_marker_set(path, MODEL)
+    assert unattached == ()
     assert (found.name, found.body, found.is_fixed) == ("C7", MODEL.body_index("thorax"), is_fixed)
     assert found.location.tolist() == [0.0, 0.1, 0.0]
     model = with_markers(MODEL, [found])
@@ -37,7 +38,6 @@ def test_a_marker_of_either_format_is_read(tmp_path: Path, version: int, marker:
     ("text", "code"),
     [
         ("<OpenSimDocument><Model/></OpenSimDocument>", SolverCode.WRONG_DOCUMENT),
-        (DOCUMENT.format(version=40500, markers=NEW.replace("thorax", "pelvis")), SolverCode.UNKNOWN_NAME),
         (
             DOCUMENT.format(version=30000, markers="<Marker name='C7'><location>0 0 0</location></Marker>"),
             SolverCode.UNKNOWN_NAME,
@@ -51,6 +51,17 @@ def test_a_file_that_does_not_fit_the_model_is_refused_with_its_line(
     path.write_text(text, encoding="utf-8")
     with raises_refusal(code):
         read_marker_set(path, MODEL)
+
+
+@pytest.mark.parametrize(("version", "marker"), [(30000, OLD), (40500, NEW)])
+def test_a_marker_on_a_body_that_the_model_lacks_is_left_out_and_named(
+    tmp_path: Path, version: int, marker: str
+) -> None:
+    other = marker.replace("C7", "ASIS").replace("thorax", "pelvis")
+    path = tmp_path / "markers.xml"
+    path.write_text(DOCUMENT.format(version=version, markers=marker + other), encoding="utf-8")
+    (found,), unattached = read_marker_set(path, MODEL)
+    assert (found.name, unattached) == ("C7", ("ASIS",))
 
 
 def test_tasks_may_be_in_a_file_of_their_own(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from solver.bundled import bundled_model
 from solver.forces.path_force import PathSpring
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
+from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_file import KinematicsError
 from station.kinematics.person_findings import mass_findings
 from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
@@ -203,6 +204,25 @@ def test_a_body_or_a_marker_that_the_model_lacks_is_a_finding(tmp_path: Path, ol
     (finding,) = [finding for finding in made.findings if finding.code == KinematicsCode.NOT_IN_MODEL]
     assert finding.figures["names"] == named
     assert made.factors["humerus"] == pytest.approx([1.0, 1.0, 1.0])
+
+
+def test_markers_on_bodies_that_the_model_lacks_are_findings(tmp_path: Path) -> None:
+    trial(tmp_path, frames=5)
+    marker = "<Marker name='{}'><socket_parent_frame>/bodyset/patella_r</socket_parent_frame><location/></Marker>"
+    model = Xml.tostring(osim_document(MODEL), encoding="unicode").replace(
+        "</Marker>", f"</Marker>{marker.format('PAT')}", 1
+    )
+    (tmp_path / "model.osim").write_text(model, encoding="utf-8")
+    objects = f"<MarkerSet><objects>{marker.format('KNE')}</objects></MarkerSet>"
+    (tmp_path / "set.xml").write_text(f"<OpenSimDocument Version='40000'>{objects}</OpenSimDocument>")
+    maker = "<GenericModelMaker><marker_set_file>set.xml</marker_set_file></GenericModelMaker><ModelScaler>"
+    text = SETUP.format(pairs=PAIR.format(one=on_humerus()[0], other=on_humerus()[1]), axes="Y", range="-1 9")
+    (tmp_path / "scale.xml").write_text(text.replace("<ModelScaler>", maker))
+    made = scale_body(ScaleInputs(tmp_path / "scale.xml", str(tmp_path / "model.osim")))
+    found = [finding.figures["markers"] for finding in made.findings if finding.code == KinematicsCode.UNATTACHED]
+    assert found == ["PAT", "KNE"]
+    solved = solve_postures(IkInputs(str(tmp_path / "model.osim"), tmp_path / "trial.trc", None))
+    assert KinematicsCode.UNATTACHED in [finding.code for finding in solved.findings]
 
 
 def test_a_document_whose_root_is_the_tool_is_read(tmp_path: Path) -> None:
