@@ -16,7 +16,7 @@ from solver.errors import MotionError, SolverCode
 from solver.model import Model
 from solver.option_values import ensure_at_least
 from solver.time_grid import LONGEST_STEP, even_grid, interpolated, is_even
-from solver.time_series_table import ensure_seconds, read_table
+from solver.time_series_table import LONGEST_STEP_S, ensure_seconds, read_table
 
 Array = NDArray[np.float64]
 Derivatives = Literal["differences", "splines"]
@@ -189,6 +189,17 @@ def ensure_steps(motion: Motion, cutoff: float | None) -> None:
         )
 
 
+def ensure_cutoff(cutoff: float, rate: float) -> None:
+    """Raise MotionError where the cut-off is not below half the motion's rate, both in Hz."""
+    if not 0 < cutoff < rate / 2:
+        in_ms = f"; the steps are {1 / rate:g} s: if the times are in ms, divide them by 1000"
+        raise MotionError(
+            f"the cutoff should lie between 0 and {rate / 2:g} Hz, half the motion's rate, and is {cutoff:g} Hz"
+            f"{in_ms if 1 / rate >= LONGEST_STEP_S else ''}",
+            SolverCode.WRONG_CUTOFF,
+        )
+
+
 def frames_between(time: Array, start: float | None, end: float | None) -> NDArray[np.bool_]:
     """(frames,) whether a frame lies between start and end [s], None for no limit. Raises MotionError if none does."""
     first, last = -np.inf if start is None else start, np.inf if end is None else end
@@ -308,14 +319,10 @@ def _coordinate_of(column: str) -> str:
 
 def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:
     padding = 12
+    ensure_cutoff(cutoff, rate)
     if len(coordinates) <= padding:
         sentence = f"the filter needs more than {padding} frames and the motion has {len(coordinates)}; turn it off"
         raise MotionError(sentence, SolverCode.NO_FRAMES)
-    if not 0 < cutoff < rate / 2:
-        raise MotionError(
-            f"the cutoff should lie between 0 and {rate / 2:g} Hz, half the motion's rate, and is {cutoff:g} Hz",
-            SolverCode.WRONG_CUTOFF,
-        )
     b, a = scipy.signal.butter(4, cutoff / (rate / 2))
     smooth: Array = scipy.signal.filtfilt(b, a, coordinates, axis=0, padtype="odd", padlen=padding)
     return smooth

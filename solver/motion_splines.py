@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.errors import MotionError, SolverCode
 from solver.model import Model
-from solver.motion import Kinematics, Motion, ensure_steps, frames_between
+from solver.motion import Kinematics, Motion, ensure_cutoff, ensure_steps, frames_between
 
 Array = NDArray[np.float64]
 Accelerations = Literal["curvatures", "slopes_of_speeds"]
@@ -114,11 +114,7 @@ def _padded(time: Array, coordinates: Array, count: int) -> tuple[Array, Array]:
 
 def _low_pass(positions: Array, cutoff: float, interval: float) -> Array:
     """Butterworth of order 3, forwards and backwards; each pass leaves its first three samples as they are."""
-    if not 0 < cutoff < 0.5 / interval:
-        raise MotionError(
-            f"the cutoff should lie between 0 and {0.5 / interval:g} Hz, half the motion's rate, and is {cutoff:g} Hz",
-            SolverCode.WRONG_CUTOFF,
-        )
+    ensure_cutoff(cutoff, 1 / interval)
     b, a = scipy.signal.butter(FILTER_ORDER, 2 * cutoff * interval)
     for _ in range(2):
         before, rest = positions[:FILTER_ORDER], positions[FILTER_ORDER:]

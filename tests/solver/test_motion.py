@@ -283,6 +283,13 @@ def test_a_motion_in_milliseconds_is_refused(tmp_path, rate):
         read_motion(printed(tmp_path / "m.mot", 1000 * np.arange(60) / rate, 6), ONE)
 
 
+@pytest.mark.parametrize("differentiate_it", [differentiate, differentiate_by_splines])
+def test_a_short_motion_whose_cutoff_is_too_high_may_be_in_milliseconds(tmp_path, differentiate_it):
+    motion = read_motion(printed(tmp_path / "m.mot", 10.0 * np.arange(9), 6), ONE)
+    with raises_refusal(SolverCode.WRONG_CUTOFF, naming="if the times are in ms"):
+        differentiate_it(motion, 6.0)
+
+
 def test_the_filter_has_the_published_gains():
     # two passes of order 4 at 3 Hz: half the amplitude at 3 Hz, 0.963 at 2 Hz
     assert gain(3.0) == pytest.approx(0.5, abs=0.005)
