@@ -67,7 +67,7 @@ def write_plan(folder: Path, plan: StudyPlan, designs: Sequence[StudyDesign]) ->
 
 def planned_config(config: Path, plan: StudyPlan, design: StudyDesign) -> str:
     """The station's configuration with the protocol of the design. Raises StudyError and ConfigError."""
-    text = read_regular(config, 2**20).decode("utf-8")
+    text = read_regular(config, 2**20).decode("utf-8-sig").replace("\r\n", "\n")
     if not SECTION.search(text):
         raise StudyError(Message(PlanCode.NO_PROTOCOL, {"path": str(config)}))
     masses = ", ".join(f"{mass:g}" for mass in design.step_masses_kg)

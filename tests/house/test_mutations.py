@@ -5,6 +5,9 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.mutants import mutations_of
+
+pytest.importorskip("resource", reason="the mutator forks, which Windows does not")
+
 from benchmarks.mutations import MODULES, ROOT, find_tests, harmless_mutations
 
 SOURCE = '''

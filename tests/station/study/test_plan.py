@@ -73,6 +73,17 @@ def test_the_protocol_is_replaced_and_what_follows_it_is_kept(protocol: str, exa
     assert ("# [body]\n# pose_s = 5.0" in planned) == ("body" in protocol)
 
 
+def test_a_configuration_of_a_windows_editor_is_planned_like_another(example: Path, tmp_path: Path) -> None:
+    text = CONFIG.read_text(encoding="utf-8")
+    edited = tmp_path / "station.toml"
+    edited.write_text(text[text.index("[protocol]") :], encoding="utf-8-sig", newline="\r\n")
+    plain = tmp_path / "plain.toml"
+    plain.write_text(text[text.index("[protocol]") :], encoding="utf-8", newline="\n")
+    plan = read_study_plan(example)
+    best = find_designs(plan)[0]
+    assert planned_config(edited, plan, best) == planned_config(plain, plan, best)
+
+
 def test_a_difference_that_is_too_small_has_an_outcome_and_an_exit_code(
     example: Path, tmp_path: Path, station: Callable[..., Ran]
 ) -> None:
