@@ -326,19 +326,19 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
         plateau.late if slipped else (plateau.displacement, plateau.displacement_sd)
         for plateau, slipped in zip(plateaus, begins, strict=True)
     ]
-    x, x_sd = np.array(read).reshape(-1, 2).T
+    x, x_sd = np.array(read).reshape(len(plateaus), 2).T
     x_sd = np.maximum(x_sd, LEAST_SD)
-    dof = len(plateaus) - len(np.unique(segment)) - 1
-    if dof < 0 or not any(np.ptp(force[segment == s]) > SAME_LOAD for s in np.unique(segment)):
+    if not any(np.ptp(force[segment == s]) > SAME_LOAD for s in np.unique(segment)):
         return StaticFit(plateaus, segment, np.full(len(plateaus), np.nan), None, x, x_sd)
     line = _fit_line(x, x_sd, force, force_sd, segment)
     chi_square = float(line.weight @ (line.x - line.compliance * line.force) ** 2)
+    dof = len(plateaus) - len(np.unique(segment)) - 1
     causes = _causes(plateaus, line, gain_sd, drift_sd)
     codes = np.array([plateau.codes for plateau in plateaus])
     white = 1 / (x_sd**2 + line.compliance**2 * (force_sd**2 - codes**2))
     noise = 1 / math.sqrt(float(white @ within(force, segment, white) ** 2))
     causes = {"codes": math.sqrt(max(0.0, 1 / line.information - noise**2)), **causes}
-    repeat = Repeat(line.compliance, noise, math.hypot(*causes.values()), chi_square, max(dof, 0), causes)
+    repeat = Repeat(line.compliance, noise, math.hypot(*causes.values()), chi_square, dof, causes)
     offset = (force - line.force) - (x - line.x) / line.compliance
     error = np.hypot(x_sd, line.compliance * force_sd)
     return StaticFit(plateaus, segment, offset, repeat, x, error, line.outcome)
@@ -405,7 +405,5 @@ def _contradict(above_all: list[StaticFit], every_rise: list[StaticFit]) -> bool
 
 def _slip(fit: StaticFit, stiffness: float) -> float:
     """Slip in a trial [m]: sum of the steps between the offsets of its segments."""
-    if not len(fit.plateaus):
-        return 0.0
     x = np.array([plateau.late[0] - plateau.force / stiffness for plateau in fit.plateaus])
     return float(sum(x[i] - x[i - 1] for i in np.flatnonzero(np.diff(fit.segment)) + 1))

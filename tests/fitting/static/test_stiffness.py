@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,7 +15,8 @@ from fitting.pull.plateaus import Plateau
 from fitting.pull.plausibility import require_positive_loads
 from fitting.results.codes import RejectionCode
 from fitting.results.outcome import FitOutcome
-from fitting.static.stiffness import StiffnessFit, fit_stiffness, trial_stiffness
+from fitting.static import stiffness
+from fitting.static.stiffness import StiffnessFit, _fit_trial, fit_stiffness, trial_stiffness
 from fitting.uncertainty import NORMAL_95, Estimate
 from tests.fitting.refusals import raises_refusal
 
@@ -339,4 +341,119 @@ def test_the_stiffness_of_a_trial_has_the_value_with_friction_in_its_interval() 
     assert widened.ci95 == (pytest.approx(7000 - NORMAL_95 * 50), alone.ci95[1])
     assert widened.parts["friction"] == pytest.approx(1000 / np.sqrt(3))
     assert widened.standard_error == pytest.approx(np.hypot(alone.standard_error, 1000 / np.sqrt(3)))
-    assert trial_stiffness(trial, replace(STEEP, value=9000.0)).ci95 == alone.ci95  # type: ignore[union-attr]
+    stiffer = trial_stiffness(trial, replace(STEEP, value=9000.0))
+    assert stiffer is not None and (stiffer.ci95, stiffer.parts["friction"]) == (alone.ci95, 0.0)
+
+
+@pytest.mark.parametrize(("rise", "is_known"), [(0.3, False), (0.31, True)])
+def test_a_slope_needs_two_loads_of_one_segment_that_differ_by_more_than_0_3_n(rise: float, is_known: bool) -> None:
+    fit = _fit_trial(tuple(_held((0.0, rise, 50.0))), np.array([False, False, True]), 0.0, 0.0)
+    assert (fit.repeat is not None) is is_known and bool(np.isnan(fit.offset).any()) is not is_known
+    assert len(fit.offset) == 3
+
+
+def _scattered(seed: int, x_sd: float, force_sd: float) -> list[Plateau]:
+    """Plateaus of uneven weights far from a line, so that the reweighting converges slowly."""
+    random = np.random.default_rng(seed)
+    scatter = 3e-3 * random.standard_normal(5)
+    return [
+        replace(
+            plateau,
+            end=plateau.start + 8 * random.random(),
+            force_sd=force_sd * (0.1, 1, 0.1, 1, 0.1)[i],
+            codes=force_sd * (0.05, 0.5, 0.05, 0.5, 0.05)[i],
+            displacement_sd=x_sd * (1, 0.1, 1, 0.1, 1)[i],
+            late=(plateau.displacement + 3e-3 * random.standard_normal(), NOISE),
+            hold=(1.5, 2.4, 9.0, 2.6, 2.0)[i],
+        )
+        for i, plateau in enumerate(_held((2, 17, 32, 47, 77), scatter))
+    ]
+
+
+def _columns(held: Sequence[Plateau], *names: str) -> tuple[NDArray[np.float64], ...]:
+    return tuple(np.array([getattr(plateau, name) for plateau in held]) for name in names)
+
+
+def _polyfit(
+    held: Sequence[Plateau], y: NDArray[np.float64], weight: NDArray[np.float64]
+) -> tuple[float, float, float]:
+    """Slope over the force, constant, and variance of the slope."""
+    (force,) = _columns(held, "force")
+    (slope, constant), covariance = np.polyfit(force, y, 1, w=np.sqrt(weight), cov="unscaled")
+    return float(slope), float(constant), float(covariance[0, 0])
+
+
+@pytest.mark.parametrize(("seed", "x_sd", "force_sd", "last"), [(4, 3e-4, 3.0, 10), (5, 1e-3, 10.0, 4)])
+def test_a_single_segment_is_the_weighted_straight_line_of_numpy(
+    seed: int, x_sd: float, force_sd: float, last: int
+) -> None:
+    """polyfit, with the weights of the slope of the round before, until a round changes it by 0.01 standard errors."""
+    held = _scattered(seed, x_sd, force_sd)
+    fit = _fit_trial(tuple(held), np.zeros(5, bool), 0.003, 0.01)
+    x, errors, force, force_errors = _columns(held, "displacement", "displacement_sd", "force", "force_sd")
+    slope, rounds, change = 0.0, 0, math.inf
+    while rounds < 4 or change > 0.01:
+        weight, before = 1 / (errors**2 + (slope * force_errors) ** 2), slope
+        slope, constant, variance = _polyfit(held, x, weight)
+        rounds, change = rounds + 1, abs(slope - before) / math.sqrt(variance)
+    noise = math.sqrt(_polyfit(held, x, 1 / (errors**2 + 0.75 * (slope * force_errors) ** 2))[2])
+    middle = np.array([(p.start + p.end) / 2 for p in held])
+    unsettled = np.array([p.late[0] - p.displacement if p.hold < 2.5 else 0.0 for p in held])
+    causes = {
+        "codes": math.sqrt(variance - noise**2),
+        "gain": 0.003 * slope,
+        "drift": 0.01 * abs(_polyfit(held, middle, weight)[0]) * slope,
+        "settling": abs(_polyfit(held, unsettled, weight)[0]),
+    }
+    assert rounds == last and fit.outcome is FitOutcome.CONVERGED and fit.repeat is not None
+    assert fit.repeat.value == pytest.approx(slope, rel=1e-9)
+    assert fit.repeat.noise == pytest.approx(noise, rel=1e-7)
+    assert fit.repeat.chi_square == pytest.approx(float(weight @ (x - slope * force - constant) ** 2), rel=1e-7)
+    assert fit.repeat.causes == pytest.approx(causes, rel=1e-6)
+    assert fit.offset == pytest.approx(np.full(5, -constant / slope), rel=1e-7)
+    assert fit.x_sd == pytest.approx(np.hypot(errors, slope * force_errors))
+
+
+def test_the_reweighting_stops_after_its_last_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stiffness, "MAX_ROUNDS", 5)
+    held = _scattered(4, 3e-4, 3.0)
+    fit = _fit_trial(tuple(held), np.zeros(5, bool), 0.0, 0.0)
+    x, errors, force_errors = _columns(held, "displacement", "displacement_sd", "force_sd")
+    slope = 0.0
+    for _ in range(5):
+        slope = _polyfit(held, x, 1 / (errors**2 + (slope * force_errors) ** 2))[0]
+    assert fit.repeat is not None and fit.repeat.value == pytest.approx(slope, rel=1e-9)
+    assert fit.outcome is FitOutcome.NOT_CONVERGED
+
+
+def test_without_noise_a_displacement_has_a_standard_error_of_1e_7_m() -> None:
+    held = [replace(plateau, force_sd=0.0, displacement_sd=0.0) for plateau in _held((2.0, 62.0))]
+    fit = _fit_trial(tuple(held), np.zeros(2, bool), 0.0, 0.0)
+    assert fit.repeat is not None and fit.repeat.noise == pytest.approx(1e-7 * math.sqrt(2) / 60)
+
+
+def test_a_regression_that_still_changes_after_its_last_round_has_not_converged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stiffness, "NEGLIGIBLE", math.nan)
+    fit = fit_stiffness([_held(UP + DOWN)], 0.0)
+    assert fit.trials[0].outcome is fit.outcome is FitOutcome.NOT_CONVERGED
+    assert fit.stiffness is not None and fit.stiffness.outcome is FitOutcome.CONVERGED
+
+
+def test_a_drift_that_is_not_given_is_zero() -> None:
+    fit = fit_stiffness([_held(UP + DOWN)], 0.0)
+    assert fit.stiffness is not None and fit.stiffness.parts["drift"] == fit.stiffness.parts["gain"] == 0.0
+
+
+def test_a_load_only_rose_if_it_did_in_every_trial() -> None:
+    loads, higher = UP + DOWN, (80.0, 95.0)
+    slips = _slipping(loads + higher)
+    fit = fit_stiffness([_held(loads, slips[: len(loads)]), _held(higher, slips[len(loads) :])], 0.0)
+    assert fit.trials[1].repeat is None and not fit.only_rose
+
+
+def test_creep_is_no_progressive_slip() -> None:
+    trials = [_held(UP + DOWN, _slipping(UP + DOWN) + already) for already in (0.0, 5e-3)]
+    assert fit_stiffness(trials, 0.0).progressive_slip == pytest.approx(5e-3)
+    assert fit_stiffness(trials, 0.0, creeps=True).progressive_slip == 0.0
