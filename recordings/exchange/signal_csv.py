@@ -34,6 +34,10 @@ def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalT
     lines = without_blank_end(read_lines(path))
     start = next(i for i, line in enumerate(lines) if line.strip() and (not ABOVE.match(line) or i == len(lines) - 1))
     separator, titles, height = _header(lines[start:], time_column)
+    if not titles:
+        raise ForeignFile(
+            f"{path}, line {start + 1}, has a quote that does not end; correct the titles", RecordingCode.FOREIGN_TITLES
+        )
     if time_column not in titles:
         raise ForeignFile(
             f"{path} has no column {time_column}, only {', '.join(titles)}; name it with --time-column",
@@ -61,11 +65,16 @@ def _header(lines: Sequence[str], time_column: str) -> tuple[str, list[str], int
 
 
 def _titles(lines: Sequence[str], separator: str) -> tuple[list[str], int]:
-    """The titles, without the empty ones at their end, and the number of their lines, which quotes may join."""
+    """The titles, without the empty ones at their end, and the number of their lines, which quotes may join.
+
+    No titles where a quote does not end.
+    """
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
         titles = [" ".join(title.split()) for title in next(reader)]
-    except csv.Error:  # a quote that does not end
+    except csv.Error:  # a field longer than the reader's limit
+        return [], 1
+    if 1 < reader.line_num == len(lines):  # the last field is the rest of the file
         return [], 1
     while len(titles) > 1 and not titles[-1]:
         titles.pop()

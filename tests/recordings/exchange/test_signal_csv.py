@@ -65,6 +65,7 @@ def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) ->
         ("time_s,a,force_v\n0,1,2\n0.1,2\n", RecordingCode.FOREIGN_TITLES, "line 3, has 2 fields, expected 3"),
         ("time_s,force_v\n0,1\n0.1,2,3\n", RecordingCode.FOREIGN_TITLES, "line 3, has 3 fields"),
         ("time_s,force_v\n0,000,1,5\n0,100,1,25\n", RecordingCode.FOREIGN_TITLES, "decimals written with commas"),
+        ('time_s,"force_v\n0,1\n0.1,2\n', RecordingCode.FOREIGN_TITLES, "line 1, has a quote that does not end"),
         ('time_s,force_v\n"0,000","1,5"\n', RecordingCode.FOREIGN_NOT_A_NUMBER, "'0,000' in column 1"),
         ("time_s\tforce_v\n0.0\t1,250\n0.1\t1,251\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "'1,250' in column 2"),
         ("time_s;force_v\n0,0;1.250,5\n0,1;1.251,5\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "mark of thousands"),
