@@ -41,5 +41,5 @@ def list_sessions(folder: Path) -> list[ListedSession]:
 def _local(utc: str) -> datetime | None:
     try:
         return datetime.fromisoformat(utc).astimezone()
-    except (ValueError, OverflowError):
+    except (ValueError, OverflowError, OSError):  # Windows has no local time of most years
         return None

@@ -55,7 +55,7 @@ def test_the_picture_of_the_layout_is_the_tree() -> None:
             top = name if place == 4 else top
             drawn.add(name if is_top else f"{top}/{name}")
     folders = {
-        str(path.parent.relative_to(ROOT))
+        path.parent.relative_to(ROOT).as_posix()
         for folder in drawn
         if "/" not in folder
         for path in (ROOT / folder).glob("*/*.py")
