@@ -21,6 +21,7 @@ from station.live.published import SETUP, LiveSetup, LiveUpdate, update_line
 VIEW_BACKLOG = 50
 """Updates that may wait for a view before the oldest is dropped."""
 VIEW_RATE_HZ = 25.0
+DRAIN_S = 2.0  # a busy computer may not run the sender for half a second
 """Updates per second that a view gets; file and outlet get all."""
 LONGEST_COMMAND = 4096
 TOKEN_TIMEOUT_S = 5.0
@@ -165,12 +166,12 @@ class _View:
             self._has_work.notify()
 
     def finish(self) -> None:
-        """Send what waits, then end; a view that does not read ends at once."""
+        """Send what waits, then end; a view that does not read ends after DRAIN_S."""
         with self._has_work:
             self._is_over = True
             self._has_work.notify()
         if self._thread is not threading.current_thread():
-            self._thread.join(0.5)
+            self._thread.join(DRAIN_S)
         with suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
 
