@@ -167,7 +167,7 @@ def test_an_export_of_a_damaged_or_cut_file_says_what_is_missing(station, record
     damaged = _flipped(recorded, tmp_path, STATIC, starts[len(starts) // 2] + 200) / STATIC
     cut = tmp_path / STATIC
     cut.write_bytes((recorded / STATIC).read_bytes()[: starts[len(starts) * 2 // 3]])
-    for path, reason in ((damaged, "/force holds"), (cut, "there is no outcome")):
+    for path, reason in ((damaged, "crc validation failed"), (cut, "there is no outcome")):
         ran = station("export", path, "--to", "csv", "--output", tmp_path / "out", "--format", "json")
         assert ran.code == station("info", path).code == 3
         reasons = [
