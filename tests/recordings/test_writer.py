@@ -61,17 +61,23 @@ def test_what_has_no_time_of_its_own_has_the_latest_of_the_items_before(tmp_path
     assert (set(before), set(after)) == ({START_NS}, {times_ns[1]})
 
 
-@pytest.mark.parametrize(("waited_s", "is_synced"), [(0.799, False), (0.8, True)])
-def test_a_message_is_synced_to_the_disk_after_0_8_s(tmp_path: Path, waited_s: float, is_synced: bool) -> None:
+def _synced_writer(path: Path) -> tuple[RecordingWriter, WallClock, list[float]]:
+    """A writer, its clock, and the times at which it has synced its file to the disk."""
     wall, syncs = WallClock(), list[float]()
     writer = RecordingWriter(
-        tmp_path / "a.mcap",
+        path,
         MANIFEST,
         STREAMS,
         clock=wall,
         sync=lambda _: syncs.append(wall.now),
         background=lambda work: work(),
     )
+    return writer, wall, syncs
+
+
+@pytest.mark.parametrize(("waited_s", "is_synced"), [(0.799, False), (0.8, True)])
+def test_a_message_is_synced_to_the_disk_after_0_8_s(tmp_path: Path, waited_s: float, is_synced: bool) -> None:
+    writer, wall, syncs = _synced_writer(tmp_path / "a.mcap")
     wall.now = 0.0
     writer.write(scalars("/force", 0, 10))
     wall.now = waited_s
@@ -126,15 +132,7 @@ def test_the_last_item_is_flushed_without_a_further_one(tmp_path: Path) -> None:
 
 
 def test_no_message_waits_longer_than_a_second_for_the_disk(tmp_path: Path) -> None:
-    wall, syncs = WallClock(), list[float]()
-    writer = RecordingWriter(
-        tmp_path / "a.mcap",
-        MANIFEST,
-        STREAMS,
-        clock=wall,
-        sync=lambda _: syncs.append(wall.now),
-        background=lambda work: work(),
-    )
+    writer, wall, syncs = _synced_writer(tmp_path / "a.mcap")
     for i in range(1, 200):
         wall.now = i * 0.05
         if i < 150:
