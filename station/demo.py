@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -11,11 +11,6 @@ from pathlib import Path
 from rich.console import Console
 
 from drivers.simulators.settings import PUBLISHED_CUFFS
-from fitting.cuffs.cuff_fit import CuffFit
-from fitting.errors import FitError
-from solver.errors import SolverError
-from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessment
-from station.assessment.assessment_inputs import AssessmentInputs, wearable
 from station.assessment.compilation import CompilationAhead, compilation_shown
 from station.bench.bench_clock import BenchClock
 from station.bench.session_folder import SIMULATED_FOLDER
@@ -24,14 +19,14 @@ from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.config import StationConfig, parse_config
 from station.errors import StationError
 from station.exit_code import DONE, LOSSY
-from station.fit import fit_session_folder
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
 from station.progress import Progress, progress_bars
 from station.protocol import TrialSpec, published_plan
-from station.report.page import MISSING_FILE, TRUTH_FILE, write_report
+from station.report.page import TRUTH_FILE
 from station.second_attempt import RecordedTrial, record_plan
-from station.subject.subject_file import SUBJECT_FILE, SubjectError
+from station.session.summary import end_session
+from station.subject.subject_file import SUBJECT_FILE
 from station.tables import assessment_table, cuff_table
 from station.whole_file import write_whole
 
@@ -88,39 +83,19 @@ def run_demo(folder: Path | None, speed: float | None, seed: int, ahead: Compila
         ahead.show(progress)
         trials, truth = record_session(folder, demo_config(), speed, seed, progress, report)
         write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")
-        readings = {trial.reading.file: trial.reading for trial in trials if trial.reading}
-        fitted = fit_session_folder(folder, folder / "cuffs.json", progress, readings)
         write_whole(folder / SUBJECT_FILE, SUBJECT)
-        ahead.wait()
-        assessed, left_out = assess_available(folder, fitted.cuffs, progress)
-        missing = [f"{trial.title}: {trial.problem}" for trial in trials if trial.problem] + left_out
-        if missing:
-            write_whole(folder / MISSING_FILE, json.dumps(missing, indent=2, ensure_ascii=False) + "\n")
-        page = write_report(folder, fitted, progress)
-    results.print(cuff_table(fitted.cuffs, truth))
+        readings = {trial.reading.file: trial.reading for trial in trials if trial.reading}
+        failed = tuple(f"{trial.title}: {trial.problem}" for trial in trials if trial.problem)
+        ended = end_session(folder, progress, readings, failed, ahead.wait, MUSCLE_BOUNDS)
+    results.print(cuff_table(ended.fitted.cuffs, truth))
+    assessed = ended.assessed
     if assessed is not None:
-        results.print(assessment_table(assessed.assessment))
-    for sentence in missing:
+        results.print(assessment_table(assessed.assessment, assessed.total))
+    for sentence in ended.missing:
         report(f"missing: {sentence}")
-    print(page)
-    is_whole = not missing and not any(trial.result.lost_samples for trial in trials)
+    print(ended.page)
+    is_whole = not ended.missing and not any(trial.result.lost_samples for trial in trials)
     return DONE if is_whole and assessed is not None and not assessed.assessment.unsolved else LOSSY
-
-
-def assess_available(
-    folder: Path, cuffs: Mapping[str, CuffFit], progress: Progress
-) -> tuple[AssessedSuit | None, list[str]]:
-    """Write assessment.json of the cuffs that are identified. Returns None without an arm cuff, and the reasons."""
-    worn, left_out = wearable({name: fit.wearable() for name, fit in cuffs.items()})
-    missing = [f"not in the assessment: {reason}" for reason in left_out.values()]
-    subject = folder if any(folder.glob("*_test-motion_*.mcap")) else None
-    inputs = AssessmentInputs(folder / "cuffs.json", subject=subject)
-    try:
-        assessed = assess_cuffs(worn, inputs, **MUSCLE_BOUNDS, people=None, progress=progress)
-    except (SolverError, FitError, SubjectError) as error:
-        return None, [*missing, f"no assessment: {error}"]
-    write_assessment(assessed, folder)
-    return assessed, missing
 
 
 def record_session(

@@ -31,6 +31,15 @@ def pulls_in(folder: Path) -> list[Path]:
     return [path for path in recordings_in(folder) if not _is_of_wearer(path)]
 
 
+def motions_in(folder: Path) -> dict[Path, Manifest]:
+    """The motions of the wearer with their manifests, also those of a maximal contraction."""
+    found = {}
+    for path in recordings_in(folder):
+        with suppress(RecordingError, OSError):
+            found[path] = read_manifest(path)
+    return {path: manifest for path, manifest in found.items() if manifest.test == "motion"}
+
+
 def originals_in(folder: Path) -> list[Path]:
     """As recordings_in, without recovered copies whose original exists: they contain no other data."""
     others = copies_of_others_in(folder)

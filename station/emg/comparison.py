@@ -40,10 +40,12 @@ class WrongEmgFiles(EmgFileError):
 
 @dataclass(frozen=True)
 class ConditionFiles:
-    """EMG of the repeats of a condition, and activations of the model in the same order: none, or one per repeat."""
+    """EMG of the repeats of a condition, and activations of the model in the same order: none, or one per repeat, None
+    for a repeat that the model has not solved.
+    """
 
     emg: tuple[Path, ...]
-    activations: tuple[Path, ...] = ()
+    activations: tuple[Path | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

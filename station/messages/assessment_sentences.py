@@ -129,6 +129,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         _UNCONVERGED + "fibre and elastic tendon of at least one muscle did not come into balance; the last point is "
         "used."
     ),
+    AssessmentCode.WEARER_NOT_RECORDED: (
+        "Body and motion are the bundled ones: the session has no motion of its wearer."
+    ),
+    AssessmentCode.WEARER_NOT_ASSESSED: "Body and motion are the bundled ones, not the wearer's: {reason}.",
     AssessmentCode.NO_GLENOID: "No joint reaction was constrained: the model has no glenoid.",
     AssessmentCode.NO_ARM_SEGMENTS: (
         "Drawn people have the segment masses of the model: the budget has those of humerus, ulna, radius and hand "

@@ -310,6 +310,8 @@ class AssessmentCode(StrEnum):
     FIBER_NOT_CONVERGED = "muscles.fiber_not_converged"
     MUSCLES_SLACK = "muscles.slack"
     NEGATIVE_MIGRATION = "cuffs.negative_migration"
+    WEARER_NOT_RECORDED = "wearer.not_recorded"
+    WEARER_NOT_ASSESSED = "wearer.not_assessed"
     NO_GLENOID = "model.no_glenoid"
     NO_ARM_SEGMENTS = "model.no_arm_segments"
     LEFT_OUT = "model.left_out"

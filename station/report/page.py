@@ -60,7 +60,7 @@ from station.report.provenance import Provenance
 from station.report.report_file import FORMAT, PageEntry, ReportDocument, numbers_text
 from station.report.session_facts import session_facts
 from station.study.normative_file import NORMATIVE_FILE
-from station.whole_file import drafted
+from station.whole_file import drafted, write_whole
 
 T = TypeVar("T")
 _HERE = Path(__file__).parent
@@ -71,7 +71,7 @@ OVERVIEW_CAPTION = "Stiffness, damping and migration of all cuffs with 95 % inte
 TRUTH_FILE = "simulated_truth.json"
 """Beside the recordings of simulated devices: what the simulated cuffs carried."""
 MISSING_FILE = "missing.json"
-"""Beside them where the demo is not complete: a list of sentences, what is missing and why."""
+"""Beside them where the report is not complete: a list of sentences, what is missing and why."""
 
 
 class ReportError(StationError):
@@ -137,6 +137,12 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
         draft.write_bytes(content)
     write_checksums(path, beside)
     return path
+
+
+def write_missing(folder: Path, missing: Sequence[str]) -> None:
+    """Write what the report of a session lacks, in sentences; without any, remove what an earlier one lacked."""
+    if missing or (folder / MISSING_FILE).is_file():
+        write_whole(folder / MISSING_FILE, json.dumps(list(missing), indent=2, ensure_ascii=False) + "\n")
 
 
 def _read_results(folder: Path, fitted: SessionFit | None) -> Results:

@@ -1,20 +1,28 @@
-"""Summary of a session, made in the worker: cuffs.json, the assessment, the report, and their texts for the page."""
+"""End of a session, of the console, the terminal and the demo alike: fit, assessment on the wearer, EMG and report."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from fitting.uncertainty import Estimate
 from station.errors import StationError
 from station.interval import bracketed, of_cuff
+from station.messages.codes import AssessmentCode
+from station.messages.message import Message
+from station.progress import Progress, silent
+from station.recordings_of_session import motions_in
 
 if TYPE_CHECKING:
-    from fitting.cuffs.cuff_fit import CuffFit
+    from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+    from fitting.cuffs.wearable_cuff import WearableCuff
+    from fitting.trial.reader import TrialReading
+    from station.assessment.assess import AssessedSuit
 
-DRAWS = 50
+Options = Mapping[str, Any]
 
 
 class SummaryError(StationError):
@@ -23,19 +31,33 @@ class SummaryError(StationError):
 
 @dataclass(frozen=True)
 class Summary:
-    """rows: one per cuff, heading → text; findings: the assessment in sentences."""
+    """rows: one per cuff, heading → text; findings: the answer and the findings of the assessment, in sentences."""
 
     rows: tuple[dict[str, str], ...]
     findings: tuple[str, ...]
 
 
-def summarise(folder: Path) -> Summary:
-    """Write cuffs.json, assessment.json and report.html into the session's folder, from the trials recorded so far."""
-    from station.fit import SessionError, fit_session_folder
-    from station.report.page import write_report
+@dataclass(frozen=True)
+class EndedSession:
+    """The results of a session, which are written in its folder.
+
+    assumed  what was assumed of a cuff to wear it;  missing  what the report lacks, and why
+    """
+
+    fitted: SessionFit
+    assessed: AssessedSuit | None
+    assumed: tuple[str, ...]
+    missing: tuple[str, ...]
+    page: Path
+
+
+def summarise(folder: Path, progress: Progress = silent) -> Summary:
+    """End the session and return what its page shows. Raises SummaryError if no trial can be fitted."""
+    from station.assessment.assess import sentences_on
+    from station.fit import SessionError
 
     try:
-        fitted = fit_session_folder(folder, folder / "cuffs.json")
+        ended = end_session(folder, progress)
     except SessionError as error:
         raise SummaryError(error.cause) from error
     rows = tuple(
@@ -46,30 +68,79 @@ def summarise(folder: Path) -> Summary:
             "migration [mm]": of_cuff(cuff, "migration", _text(cuff.migration, 1e3)),
             "verdict": cuff.verdict,
         }
-        for name, cuff in fitted.cuffs.items()
+        for name, cuff in ended.fitted.cuffs.items()
     )
-    findings = _assess(folder, fitted.cuffs)
-    write_report(folder, fitted)
-    return Summary(rows, findings)
+    found = sentences_on(ended.assessed, folder / "cuffs.json") if ended.assessed else ()
+    return Summary(rows, tuple(dict.fromkeys((*ended.assumed, *ended.missing, *found))))
 
 
-def _assess(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[str, ...]:
-    """Write assessment.json of the cuffs that can be worn; return assumptions, omissions and findings as sentences."""
-    from solver.errors import MotionError
-    from solver.suit.suit import SuitError
-    from station.assessment.assess import assess_cuffs, write_assessment
-    from station.assessment.assessment_inputs import AssessmentInputs, InputError, wearable
-    from station.assessment.findings import findings
+def end_session(
+    folder: Path,
+    progress: Progress = silent,
+    readings: Mapping[str, TrialReading] = MappingProxyType({}),
+    missing: tuple[str, ...] = (),
+    ready: Callable[[], object] = lambda: None,
+    options: Options = MappingProxyType({}),
+) -> EndedSession:
+    """Write cuffs.json, assessment.json, emg.json and report.html into the folder, from the trials recorded so far.
+
+    readings: recordings by file name that are not read again; missing: trials that failed; ready is called before the
+    solver is needed; options: limits of the assessment. Raises SessionError if no trial can be fitted.
+    """
+    from station.assessment.assess import write_assessment
+    from station.fit import fit_session_folder
+    from station.report.page import write_missing, write_report
+    from station.session.wearer_emg import write_wearer_emg
+
+    fitted = fit_session_folder(folder, folder / "cuffs.json", progress, readings)
+    worn, left_out = _worn(fitted.cuffs)
+    assumed = tuple(f"{name}: {note}" for name, cuff in worn.items() for note in cuff.assumed)
+    ready()
+    assessed, reasons = _assess(folder, worn, options, progress)
+    if assessed is not None:
+        write_assessment(assessed, folder)
+    missing = (*missing, *left_out, *reasons, *write_wearer_emg(folder, assessed))
+    write_missing(folder, missing)
+    return EndedSession(fitted, assessed, assumed, missing, write_report(folder, fitted, progress))
+
+
+def _worn(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, WearableCuff], tuple[str, ...]]:
+    """The cuffs that can be worn, and a sentence for each of the others."""
+    from station.assessment.assessment_inputs import wearable
 
     worn, left_out = wearable({name: fit.wearable().without_migration() for name, fit in cuffs.items()})
-    remarks = [f"{name}: {note}" for name, cuff in worn.items() for note in cuff.assumed]
-    remarks += [f"not in the assessment: {reason}" for reason in left_out.values()]
+    return worn, tuple(f"not in the assessment: {reason}" for reason in left_out.values())
+
+
+def _assess(
+    folder: Path, worn: dict[str, WearableCuff], options: Options, progress: Progress
+) -> tuple[AssessedSuit | None, tuple[str, ...]]:
+    """Assess on the wearer's own body and motion; otherwise on the bundled ones, with the reason as a finding."""
+    from fitting.errors import FitError
+    from solver.errors import SolverError
+    from station.assessment.assess import assess_cuffs
+    from station.assessment.assessment_inputs import AssessmentInputs
+
+    inputs = AssessmentInputs(folder / "cuffs.json")
+    finding = Message(AssessmentCode.WEARER_NOT_RECORDED)
+    if any(manifest.condition != "mvc" for manifest in motions_in(folder).values()):
+        try:
+            return assess_cuffs(worn, replace(inputs, subject=folder), progress=progress, **options), ()
+        except (SolverError, FitError, StationError) as error:
+            figures = {"reason": str(error), "reason_code": _code_of(error)}
+            finding = Message(AssessmentCode.WEARER_NOT_ASSESSED, figures)
     try:
-        assessed = assess_cuffs(worn, AssessmentInputs(folder / "cuffs.json"), draws=DRAWS)
-    except (SuitError, MotionError, InputError) as error:
-        return (*remarks, f"no assessment: {error}")
-    write_assessment(assessed, folder)
-    return (*remarks, *map(str, findings(assessed.assessment)))
+        assessed = assess_cuffs(worn, inputs, progress=progress, **options)
+    except (SolverError, FitError, StationError) as error:
+        return None, (f"no assessment: {error}",)
+    return replace(assessed, on_inputs=(finding, *assessed.on_inputs)), ()
+
+
+def _code_of(error: Exception) -> str:
+    """The stable code of an error of any layer."""
+    from fitting.errors import CodedError
+
+    return str(error.reason.code if isinstance(error, CodedError) else getattr(error, "code", ""))
 
 
 def _text(estimate: Estimate | None, scale: float = 1.0) -> str:

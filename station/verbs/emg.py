@@ -49,9 +49,9 @@ def emg(
     compared_with = ConditionFiles(tuple(reference or ()), tuple(reference_activations or ()))
     files = {
         "emg": condition.emg,
-        "activations": condition.activations,
+        "activations": activations or (),
         "reference": compared_with.emg,
-        "reference_activations": compared_with.activations,
+        "reference_activations": reference_activations or (),
         "mvc": mvc or (),
         "setup": [setup] if setup else (),
     }

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_json import cuffs_json
-from fitting.results.codes import Verdict
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
-from solver.suit.suit import SuitError
 from station import demo
-from station.assessment.assessment_inputs import wearable
 from station.assessment.compilation import CompilationAhead
 from station.bench.trial_recorder import TrialResult
 from station.exit_code import LOSSY
-from station.progress import silent
 from station.protocol import TrialSpec
 from station.second_attempt import RecordedTrial
 from tests.fitting.experiment import Session, published
@@ -30,11 +25,6 @@ def fitted() -> SessionFit:
     """A waist cuff and no arm cuff, as if every trial of the arm cuff had failed."""
     session = Session(published("waist", hold=4.0, duration=12.0), 3)
     return fit_session([build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")])
-
-
-@pytest.fixture
-def waist(fitted: SessionFit) -> CuffFit:
-    return fitted.cuffs["waist"]
 
 
 def test_the_report_is_written_without_the_missing_part(
@@ -49,7 +39,7 @@ def test_the_report_is_written_without_the_missing_part(
         return fitted
 
     monkeypatch.setattr(demo, "record_session", lambda *_: ([failed], {}))
-    monkeypatch.setattr(demo, "fit_session_folder", fit)
+    monkeypatch.setattr("station.fit.fit_session_folder", fit)
     (tmp_path / "session").mkdir()
     assert demo.run_demo(tmp_path / "session", 30.0, 1, CompilationAhead()) == LOSSY
 
@@ -63,40 +53,3 @@ def test_the_report_is_written_without_the_missing_part(
         assert f"missing: {sentence}" in printed.err
     assert "waist" in printed.out
     assert printed.out.endswith("report.html\n")
-
-
-def test_a_cuff_without_migration_is_left_out_and_named(waist: CuffFit) -> None:
-    hand = replace(waist, name="hand", site="arm")
-    lost = replace(hand, name="tube", migration=None, verdicts=(Verdict.NOT_UNLOADED,))
-    worn, left_out = wearable({fit.name: fit.wearable() for fit in (waist, hand, lost)})
-    assert list(worn) == ["waist", "hand"]
-    assert list(left_out) == ["tube"]
-
-
-def test_the_identified_cuffs_are_assessed(waist: CuffFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    hand = replace(waist, name="hand", site="arm")
-    taken: list[list[str]] = []
-
-    def assess(cuffs: dict[str, CuffFit], *_: object, **_options: object) -> str:
-        taken.append(list(cuffs))
-        return "assessed"
-
-    monkeypatch.setattr(demo, "assess_cuffs", assess)
-    monkeypatch.setattr(demo, "write_assessment", lambda *_: None)
-    lost = replace(waist, migration=None)
-    assessed, missing = demo.assess_available(tmp_path, {"waist": lost, "hand": hand}, silent)
-    assert assessed == "assessed"
-    assert taken == [["hand"]]
-    assert len(missing) == 1 and "waist" in missing[0]
-
-
-def test_a_suit_that_cannot_be_assessed_is_missing_in_the_report(
-    waist: CuffFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def assess(*_: object, **_options: object) -> None:
-        raise SuitError("the cord never pulls")
-
-    monkeypatch.setattr(demo, "assess_cuffs", assess)
-    assessed, missing = demo.assess_available(tmp_path, {"waist": waist}, silent)
-    assert assessed is None
-    assert missing == ["no assessment: the cord never pulls"]

@@ -1,25 +1,85 @@
+"""The end of a session: its cuffs, on the wearer who was recorded, with EMG, in one function for every front end."""
+
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from drivers.simulators.settings import PersonSettings
 from fitting.results.codes import NoteCode, TrialNoteCode
 from fitting.results.rendering import Note, sentence_of
 from station.assessment.assessment_inputs import InputError
 from station.fit import fit_session_folder
 from station.journal import Assignment, write_assigned, write_verdict
+from station.messages.codes import AssessmentCode
 from station.messages.setup_codes import FolderCode
-from station.session.summary import SummaryError, summarise
+from station.session.summary import EndedSession, SummaryError, end_session, summarise
 from tests.station.foreign import static_and_dynamic
 from tests.station.refusals import raises_refusal
+from tests.station.wearer import SPECS, WearerSession
+
+POSE, FREE, TIGHT = (spec.file_name(1) for spec in SPECS)
+SHORT = {"most_frames": 45, "most_rest_lengths": 4, "draws": 0}
+"""EMG is compared with activations that are at most half a second apart."""
 
 
 def record_hand(folder: Path) -> None:
     for truth in static_and_dynamic():
         truth.record(folder / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
+
+
+def end_wearer_session(folder: Path, wearer: WearerSession, subject: str, *files: str) -> EndedSession:
+    """With the hand cuff, these recordings of the wearer, and subject.toml unless it is empty."""
+    record_hand(folder)
+    for file in files:
+        shutil.copy(wearer.folder / file, folder)
+    if subject:
+        (folder / "subject.toml").write_text(subject, encoding="utf-8")
+    return end_session(folder, options=SHORT)
+
+
+def codes_of(folder: Path) -> dict[str, dict[str, Any]]:
+    """Code → figures of the findings of the assessment."""
+    assessed = json.loads((folder / "assessment.json").read_text(encoding="utf-8"))
+    return {finding["code"]: finding["figures"] for finding in assessed["finding_codes"]}
+
+
+def test_a_session_is_assessed_on_the_wearer_who_was_recorded_with_emg(tmp_path: Path, wearer: WearerSession) -> None:
+    subject = f"mass_kg = 75.0\n[cord]\nrest_length_m = {PersonSettings().cord_rest_length_m}\n"
+    ended = end_wearer_session(tmp_path, wearer, subject, POSE, FREE, TIGHT)
+    assert ended.missing == () and ended.assessed is not None and ended.assessed.subject is not None
+    assert ended.assessed.subject["motion"] == FREE and ended.assessed.subject["mass_kg"] == 75.0
+    assert not {code for code in codes_of(tmp_path) if code.startswith("wearer.")}
+    emg = json.loads((tmp_path / "emg.json").read_text(encoding="utf-8"))
+    assert [change["channel"] for change in emg["changes"]] == ["deltoid", "trapezius"]
+    assert all(change["emg_ratio"]["value"] < 1 for change in emg["changes"]), "the tight cord carries a part"
+
+
+@pytest.mark.parametrize(
+    ("subject", "files", "code", "reason"),
+    [
+        ("mass_kg = 75.0\n", (POSE,), AssessmentCode.WEARER_NOT_RECORDED, None),
+        ("", (POSE, FREE), AssessmentCode.WEARER_NOT_ASSESSED, "subject.unreadable"),
+        ("mass = 75.0\n", (POSE, FREE), AssessmentCode.WEARER_NOT_ASSESSED, "subject.invalid_key"),
+    ],
+)
+def test_a_wearer_who_cannot_be_assessed_is_named_with_the_reason(
+    tmp_path: Path,
+    wearer: WearerSession,
+    subject: str,
+    files: tuple[str, ...],
+    code: AssessmentCode,
+    reason: str | None,
+) -> None:
+    ended = end_wearer_session(tmp_path, wearer, subject, *files)
+    assert ended.assessed is not None and ended.assessed.subject is None
+    assert codes_of(tmp_path)[code].get("reason_code") == reason
+    assert "Body and motion are the bundled ones" in ended.page.read_text(encoding="utf-8")
 
 
 def test_a_session_without_a_wearable_cuff_has_its_table_and_report(
