@@ -1,9 +1,9 @@
 """Size and mass of body segments in the population: what is known of a person before any marker is seen.
 
 Sizes: covariance of the logarithms of body dimensions in ANSUR II (Gordon et al. 2014, Anthropometric Survey of U.S.
-Army Personnel, NATICK/TR-15/007; public data), 4,082 men and 1,986 women, both sexes with equal weight. `python -m
-benchmarks.anthropometry` computes it again from the survey's two tables. The owner of a generic model is a member of
-the population like the person, so the ratio of their dimensions has twice this covariance.
+Army Personnel, NATICK/TR-15/007; public data), 4,082 men and 1,986 women, both sexes with equal weight
+(computed by `benchmarks/anthropometry.py` of commit eb3242d from the survey's two tables). The owner of a generic model
+is a member of the population like the person, so the ratio of their dimensions has twice this covariance.
 
 Masses: segment masses as parts of the body's mass, means of men and women of de Leva (1996), J. Biomech. 29:1223-1230,
 table 4.

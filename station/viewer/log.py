@@ -26,7 +26,7 @@ REFRESH_S = 0.5
 BACKLOG = 5000
 CURVE_RATE_HZ, MARKER_RATE_HZ = 100.0, 25.0
 """Rates of the display. The cost of Rerun depends on the number of calls: one per refresh and stream
-(`python -m benchmarks.rerun` measures it)."""
+(docs/reliability.md)."""
 
 STREAMS = ("/force", "/sync", "/markers")
 METRES_PER_MM = 1e-3

@@ -1,7 +1,6 @@
 """What a lab does with a station, in processes of its own on simulated devices; the same on Linux and Windows.
 
-The folder's name has a space and letters outside ASCII, and the configuration has a byte order mark and CRLF. The loss
-of a killed recorder is measured by `python -m benchmarks.kills`.
+The folder's name has a space and letters outside ASCII, and the configuration has a byte order mark and CRLF.
 """
 
 from __future__ import annotations

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from benchmarks.drift import residual
 from fitting.results.codes import TrialNoteCode, Verdict
 from fitting.session import fit_session
 from fitting.trial.sync_certificate import SyncCertificate
 from fitting.trial.trial import Trial, build_trial
-from recordings.manifest import Manifest, StopEdge, Timing
+from recordings.manifest import CuffSite, LoadCell, Manifest, StopEdge, Timing
 from recordings.reader import Track
-from tests.fitting.experiment import Session, published
+from tests.fitting.experiment import Session, published, track
 from tests.fitting.refusals import figures_by_code
+
+LABELS = ("a1", "a2", "a3", "cuff")
+SECONDS_PER_VOLT = 20.0
+LATENESS = 5e-3
+"""Mean of the exponential delay of a block [s]."""
 
 
 @cache
@@ -140,3 +144,55 @@ def test_clocks_up_to_200_ppm_apart_leave_less_than_a_millisecond_whatever_the_a
     assert both.worst < 1e-3
     assert both.stated < 1e-3
     assert start.worst > 25e-6 * abs(ppm), "the stop edge is what holds the clocks together"
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Largest error of a sample's time [s], and the standard uncertainty of the certificate [s]."""
+
+    worst: float
+    stated: float
+
+
+def residual(ppm: float, seed: int, *, duration: float, stops: bool = True) -> Residual:
+    """Residual of a trial of 1 kHz and 100 Hz whose DAQ is fast by ppm; stops: whether the stop edge was recorded."""
+    random = np.random.default_rng(seed)
+    edge, rate = 2.0 + random.uniform(0, 1e-3), 1000.0
+    numbers = np.arange(int((edge + duration + 0.5) * rate))
+    true = (numbers / rate - edge) / (1 + 1e-6 * ppm)
+    high = (true >= 0) & ((true < duration) | (not stops))
+    frames = np.arange(round(duration * 100))
+    markers = np.tile(1e3 * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]), (len(frames), 1, 1))
+    tracks = {
+        "/force": track("/force", "V", ("ai0",), rate, numbers, true, 0, true[:, None] / SECONDS_PER_VOLT),
+        "/sync": track("/sync", "V", ("ai1",), rate, numbers, true, 0, 5.0 * high[:, None]),
+        "/markers": track("/markers", "mm", LABELS, 100.0, frames + 1, frames / 100, 0, markers),
+    }
+    late = {name: _late(stream, random) for name, stream in tracks.items()}
+    trial = build_trial(_drifting(), late, "drift", "")
+    assert trial.sync is not None
+    return Residual(float(np.abs(trial.force_time - trial.force).max()), trial.sync.errors.time)
+
+
+def _late(arrived: Track, random: np.random.Generator) -> Track:
+    """Arrival times: every block of 50 ms is late at random, and blocks stay in order."""
+    block = np.arange(len(arrived.sample_numbers)) // max(1, int(arrived.stream.rate_hz / 20))
+    delay = random.exponential(LATENESS, block[-1] + 1)[block]
+    arrival = arrived.host_time_ns + np.round(1e9 * delay).astype(np.int64)
+    return replace(arrived, host_time_ns=np.maximum.accumulate(arrival))
+
+
+def _drifting() -> Manifest:
+    """Newtons are seconds."""
+    return Manifest(
+        cuff=CuffSite("hand", "arm", LABELS[:3], LABELS[3:]),
+        test="dynamic",
+        repeat=1,
+        run=1,
+        donning="1",
+        start="sync_edge",
+        sync_threshold_v=2.5,
+        load_cell=LoadCell("daq", SECONDS_PER_VOLT, 1),
+        start_utc_ns=0,
+        timing=Timing(stop_edge="end_of_frame"),
+    )
