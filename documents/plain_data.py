@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import tomllib
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NoReturn
@@ -69,6 +68,8 @@ def parse_json(content: str | bytes) -> Any:
 
 def parse_toml(content: str | bytes) -> dict[str, Any]:
     """Every integer has at most 64 bits. Raises PlainDataError."""
+    import tomllib
+
     text = _text(content)
     if any(_NUMBER_IN_A_LIST.sub("", line).count(".") > MOST_DOTS for line in text.split("\n")):
         raise PlainDataError(f"has a line with more than {MOST_DOTS} dots", PlainDataCode.TOO_MANY_DOTS)

@@ -42,11 +42,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """No test processes with --hardware, since there is one bench; else one more than cores.
+    """No test processes with --hardware, since there is one bench; else two more than cores.
 
-    A third of the time is spent waiting: for a simulated bench, a browser, another process.
+    Half of the time is spent waiting: for a simulated bench, a browser, another process.
     """
-    return 0 if config.getoption("--hardware") else count_cores() + 1
+    return 0 if config.getoption("--hardware") else count_cores() + 2
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -75,12 +75,32 @@ def _timeout_of(item: pytest.Item) -> float:
     return float(item.config.getini("timeout") if given is None else given)
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    items[:] = _longest_first(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
     for item in items:
         if "hardware" in item.keywords and not config.getoption("--hardware"):
             item.add_marker(pytest.mark.skip(reason="needs the bench: run with --hardware"))
         if "shared" in item.keywords and not SHARED.is_dir():
             item.add_marker(pytest.mark.skip(reason="the public data set is not beside the repository"))
+
+
+def _longest_first(items: list[pytest.Item], processes: int) -> list[pytest.Item]:
+    """Each process begins with its share of the tests that have a time-out of their own, the longest first.
+
+    At the end of the run, one of them would leave the other processes without work. A process begins with an equal part
+    of the list (worksteal in pyproject.toml); the other tests stay in their order.
+    """
+    markers = {item: item.get_closest_marker("timeout") for item in items}
+    long = sorted((item for item in items if markers[item]), key=_timeout_of, reverse=True)
+    others = [item for item in items if not markers[item]]
+    ordered: list[pytest.Item] = []
+    for process in range(processes):
+        share = long[process::processes]
+        count = max(0, (len(items) - len(ordered)) // (processes - process) - len(share))
+        ordered += share + others[:count]
+        others = others[count:]
+    return ordered + others
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from station.child import Child
 from station.exit_code import DONE, LOSSY
 from station.verbs.options import FormatOption, Rerun, Rrd, print_message
 
 if TYPE_CHECKING:
+    from station.child import Child
     from station.live.engine import LiveSink
     from station.live_config import LiveSection
     from station.viewer.live_scene import LiveScene
@@ -60,6 +60,8 @@ def live(
 
 def _serve_page(stack: ExitStack, folder: Path, port: int) -> Child:
     """In a process of its own, which does not slow the replay."""
+    from station.child import Child
+
     child = Child("station.console.live_server", str(folder), str(port), stdout=None)
     stack.callback(child.ensure_ended)
     return child

@@ -32,7 +32,7 @@ SESSION = Path("simulated", "monday")
 PLAN = ("--config", "station.toml", "--simulated", "--speed", "30", "--subject", "P01")
 KILLS = 20
 PATIENCE_S = 600.0
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
+pytestmark = pytest.mark.slow
 
 
 def lab_folder(parent: Path) -> Path:
@@ -114,6 +114,7 @@ def test_the_page_is_served_without_a_bench(lab: Path) -> None:
         assert b"<html" in urllib.request.urlopen(console.address).read().lower()  # noqa: S310  (our own page)
 
 
+@pytest.mark.timeout(1200)
 def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments(tmp_path: Path) -> None:
     """The station recovers the file of a killed recorder. The recorder of a killed terminal closes its own: the
     simulated devices end with the terminal, which is a lost device."""
