@@ -1,4 +1,4 @@
-"""Displacement of the cuff against its anchor along the rope, live; the fit computes the recorded one."""
+"""Displacement of a cuff against its anchor, or of a bouncing weight, live; the fit computes the recorded one."""
 
 from __future__ import annotations
 
@@ -6,23 +6,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.pull.rigid import MIN_ANCHOR_MARKERS, fit_pose
-from recordings.manifest import CuffSite
+from recordings.manifest import BounceRig, CuffSite
 
 REFERENCE_FRAMES = 20
 """Complete frames that are averaged as the reference; the sway of the wearer during them blurs the mean."""
 
 
 class LiveDisplacement:
-    """Displacement since the first frames, in millimetres.
+    """Displacement since the first frames, in millimetres: of a cuff in its anchor, or of a weight in the laboratory.
 
     Along the rope while its markers are visible, else along the direction of the largest displacement so far.
     """
 
-    def __init__(self, cuff: CuffSite, labels: tuple[str, ...]) -> None:
-        self._anchor = [labels.index(name) for name in cuff.anchor_markers if name in labels]
-        self._cuff = [labels.index(name) for name in cuff.cuff_markers if name in labels]
-        rope = [labels.index(name) for name in cuff.rope_markers if name in labels]
-        self._rope = (rope[0], rope[-1]) if len(rope) >= 2 else None
+    def __init__(self, subject: CuffSite | BounceRig, labels: tuple[str, ...]) -> None:
+        self._has_anchor = isinstance(subject, CuffSite)
+        anchor, moving, rope = (
+            (subject.anchor_markers, subject.cuff_markers, subject.rope_markers)
+            if isinstance(subject, CuffSite)
+            else ((), (subject.marker,), ())
+        )
+        self._anchor, self._moving, rope_places = (
+            [labels.index(name) for name in names if name in labels] for names in (anchor, moving, rope)
+        )
+        self._rope = (rope_places[0], rope_places[-1]) if len(rope_places) >= 2 else None
         self._collected: list[NDArray[np.float64]] = []
         self._reference: NDArray[np.float64] | None = None
         self._direction: NDArray[np.float64] | None = None
@@ -31,21 +37,24 @@ class LiveDisplacement:
     def update(self, frames: NDArray[np.floating]) -> NDArray[np.float64]:
         """(frames, markers, ≥ 3) mm → (frames,) mm; NaN while anchor or cuff is hidden or the reference is missing."""
         unknown = np.full(len(frames), np.nan)
-        if len(self._anchor) < MIN_ANCHOR_MARKERS or not self._cuff:
+        if (self._has_anchor and len(self._anchor) < MIN_ANCHOR_MARKERS) or not self._moving:
             return unknown
         points = np.asarray(frames[..., :3], np.float64)
         if self._reference is None:
             self._collect_reference(points)
         if self._reference is None:
             return unknown
-        anchors = len(self._anchor)
-        pose = fit_pose(self._reference[:anchors], points[:, self._anchor])
-        displacement = (pose.to_reference(points[:, self._cuff]) - self._reference[anchors:]).mean(axis=1)
-        self._update_direction(pose.to_reference(points[:, list(self._rope)]) if self._rope else None, displacement)
+        anchors, moving = len(self._anchor), points[:, self._moving]
+        rope = points[:, list(self._rope)] if self._rope else None
+        if self._has_anchor:
+            pose = fit_pose(self._reference[:anchors], points[:, self._anchor])
+            moving, rope = pose.to_reference(moving), pose.to_reference(rope) if rope is not None else None
+        displacement = (moving - self._reference[anchors:]).mean(axis=1)
+        self._update_direction(rope, displacement)
         return unknown if self._direction is None else np.asarray(displacement @ self._direction)
 
     def _collect_reference(self, points: NDArray[np.float64]) -> None:
-        both = points[:, [*self._anchor, *self._cuff]]
+        both = points[:, [*self._anchor, *self._moving]]
         self._collected.extend(both[np.isfinite(both).all(axis=(1, 2))])
         if len(self._collected) >= REFERENCE_FRAMES:
             self._reference = np.mean(self._collected, axis=0)

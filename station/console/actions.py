@@ -1,30 +1,39 @@
-"""The actions of a view: buttons in the bar at the bottom of the page, and their keys."""
+"""The actions of a view: buttons in the bar at the bottom of the page, and their keys.
+
+A key presses its button in the browser (keys.js), so that it acts only where the button is shown, and never in a field.
+"""
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Awaitable, Callable
+from html import escape
 from typing import Literal
 
 from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+from station.messages.codes import CommandCode
+from station.session.open_session import CommandRefused
 
 Action = Callable[[], Awaitable[None] | None]
 Run = Callable[[Action], Awaitable[None]]
 Kind = Literal["main", "other", "danger"]
 
 PROPS = {"main": "unelevated color=primary", "other": "outline", "danger": "unelevated color=red-10"}
+LATE_S = 3.0
+"""A press that arrives later was made while the console did not answer, and may no longer be wanted."""
 
 
 class Actions:
-    """run() performs an action and shows its refusal; row is the bar of the buttons, in two groups.
-
-    form is for input above the buttons; is_covered: a dialog is open and takes the keys.
+    """run() performs an action and shows its refusal; row is the bar of the buttons, in two groups; form is for input
+    above the buttons.
     """
 
     def __init__(self, run: Run, row: ui.row, form: ui.column) -> None:
         self.run = run
-        self.by_key: dict[str, Action] = {}
         self.form = form
-        self.is_covered = False
         form.clear()
         row.clear()
         with row:
@@ -32,10 +41,44 @@ class Actions:
             self._apart = ui.row().classes("apart")
 
     def add(
-        self, name: str, key: str, action: Action, *, kind: Kind = "other", mark: str = "", is_apart: bool = False
+        self, name: str, keys: str, action: Action, *, kind: Kind = "other", mark: str = "", is_apart: bool = False
     ) -> ui.button:
-        """Add a button and its key; is_apart: in the group at the other end of the bar, at every width."""
-        self.by_key[key] = action
+        """Add a button and its keys, of which it shows the first; is_apart: at the other end of the bar."""
         with self._apart if is_apart else self._main:
-            button = ui.button(f"{name} ({key})", on_click=lambda: self.run(action)).props(PROPS[kind])
+            return self._button(name, keys, action, kind, mark)
+
+    def ask(self, question: str, yes: tuple[str, Action], no: str) -> None:
+        """Ask for confirmation above the buttons: one key must not end what cannot be continued."""
+
+        def decline() -> None:
+            self.form.clear()
+
+        def agree() -> Awaitable[None] | None:
+            self.form.clear()
+            return yes[1]()
+
+        self.form.clear()
+        with self.form, ui.row().classes("items-center gap-3").props("role=alertdialog").mark("question") as asked:
+            asked.props(f'aria-label="{escape(question)}"')
+            ui.label(question).classes("text-xl doubtful")
+            self._button(yes[0], "y", agree, "danger", "yes")
+            self._button(no, "n", decline, "other", "no")
+
+    def _button(self, name: str, keys: str, action: Action, kind: Kind, mark: str) -> ui.button:
+        async def press(event: GenericEventArguments) -> None:
+            ui.run_javascript("station.confirmPress()")
+            await self.run(lambda: _unless_late(name, float(event.args), action))
+
+        with ui.button().props(PROPS[kind]) as button:
+            ui.html(f'{escape(name)} <span class="key">({keys[0]})</span>', sanitize=False)
+        button.props(f'data-keys="{keys}" aria-keyshortcuts="{keys[0]}"')
+        button.on("click", press, js_handler=f"() => emit(station.press({json.dumps(name)}))")
         return button.mark(mark or name.lower().replace(" ", "-"))
+
+
+def _unless_late(name: str, pressed_ms: float, action: Action) -> Awaitable[None] | None:
+    """Raises CommandRefused for a press that waited in a lost connection."""
+    late_s = time.time() - pressed_ms / 1000
+    if late_s > LATE_S:
+        raise CommandRefused.of(CommandCode.PRESSED_LATE, name=name, late_s=late_s)
+    return action()

@@ -46,6 +46,7 @@ window.station = (() => {
   function showConnected() {
     lostSince = null;
     document.body.classList.remove("no-console");
+    station.showUnconfirmed?.();
   }
 
   function render() {
@@ -74,36 +75,16 @@ window.station = (() => {
     poll();
   }
 
-  const isTyping = () => document.activeElement?.matches("input, textarea");
   window.addEventListener("keydown", (event) => {
-    if (lostSince !== null) { // a key must not be queued until the console answers again
-      event.stopImmediatePropagation();
-      event.preventDefault();
-    } else if (event.key === "Escape" && isTyping()) {
-      document.activeElement.blur(); // keys are actions again
-    }
+    if (lostSince === null) return;
+    station.missKey?.(event); // a key must not be queued until the console answers again, nor be lost without a notice
+    event.stopImmediatePropagation();
+    event.preventDefault();
   }, true);
-  // The browser itself moves the focus to the name of a mark, so that no later key acts as a command. On the window: the
-  // framework handles the key or the click first.
-  function focusNote() {
-    const note = document.querySelector(".note input");
-    if (!note) return false;
-    note.value = "";
-    note.dispatchEvent(new Event("input")); // an unfinished name belongs to the previous mark
-    note.focus();
-    return true;
-  }
-  window.addEventListener("keydown", (event) => {
-    const isMark = event.key.toLowerCase() === "m" || event.code === "KeyM"; // the code: keyboards of other scripts
-    const hasModifier = event.ctrlKey || event.altKey || event.metaKey;
-    if (isMark && !hasModifier && !event.repeat && !isTyping() && focusNote()) event.preventDefault(); // no m in the name
-  });
-  window.addEventListener("click", (event) => {
-    if (event.target.closest?.(".mark-button")) focusNote();
-  });
   document.addEventListener("DOMContentLoaded", build);
 
   return {
+    now,
     // One update of the charts; at is the time at which its data left the recorder [Unix s].
     draw({ at, charts, markers }) {
       for (const [id, series] of charts) getElement(id)?.chart?.setOption({ series });

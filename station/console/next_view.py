@@ -13,7 +13,7 @@ from station.session.plan_status import PlanStatus, preparation
 def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
     spec = plan.spec
     assert spec is not None  # noqa: S101  (without one the page shows the summary)
-    ui.label(preparation(plan, controller.session.config.protocol.pause_s)).classes("cue").mark("order")
+    ui.label(preparation(plan, controller.session.config)).classes("cue").mark("order")
     ui.label(f"next: {spec.title}").classes("text-3xl").mark("next")
     if plan.has_pause:
         _show_pause(controller)

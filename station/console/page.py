@@ -25,7 +25,7 @@ REFRESH_S = 0.08
 HERE = Path(__file__).parent
 SCRIPTS = "".join(
     f"<script>{(HERE / name).read_text(encoding='utf-8')}</script>"
-    for name in ("freshness.js", "view3d.js", "markers.js")
+    for name in ("freshness.js", "keys.js", "view3d.js", "markers.js")
 )
 
 
@@ -43,7 +43,6 @@ class _Page:
         self._controller = controller
         self._shown: tuple[Any, ...] = ()
         self._tick_view: Callable[[], None] = lambda: None
-        self._actions: Actions | None = None
 
     def build(self) -> None:
         self._client = ui.context.client
@@ -81,14 +80,13 @@ class _Page:
             self._buttons = ui.row().classes("actions")
         self._refuse("")
         self._body()  # empty until the first tick, when the page is connected: input before it would be lost
-        ui.keyboard(on_key=self._on_key, ignore=["input", "select", "textarea"])
         ui.timer(REFRESH_S, self._tick)
 
     @ui.refreshable_method
     def _body(self) -> None:
         controller = self._controller
         self._tick_view = lambda: None
-        actions = self._actions = Actions(self.run, self._buttons, self._form)
+        actions = Actions(self.run, self._buttons, self._form)
         if not self._shown:
             ui.label("connecting to the station").classes("text-xl")
             return
@@ -139,16 +137,6 @@ class _Page:
     def _refuse(self, sentence: str) -> None:
         self._refusal_label.text = sentence
         self._refusal.set_visibility(bool(sentence))
-
-    async def _on_key(self, event: Any) -> None:
-        # The code of the key is for keyboards of other scripts.
-        letters = (str(event.key).lower(), str(event.key.code).removeprefix("Key").lower())
-        by_key = {} if self._actions is None or self._actions.is_covered else self._actions.by_key
-        action = next((by_key[letter] for letter in letters if letter in by_key), None)
-        modifiers = event.modifiers
-        has_modifier = modifiers.ctrl or modifiers.alt or modifiers.meta  # Ctrl+R reloads, and must not redo a trial
-        if action is not None and event.action.keydown and not event.action.repeat and not has_modifier:
-            await self.run(action)
 
     def _tick(self) -> None:
         controller, plan = self._controller, self._controller.session.plan

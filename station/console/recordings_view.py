@@ -33,13 +33,7 @@ def _open(controller: SessionController, actions: Actions) -> None:
             for recorded in journal.recorded:
                 _row(controller, actions, dialog, journal, recorded)
         ui.button("Close", on_click=dialog.close).props("outline")
-    actions.is_covered = True
-
-    def close() -> None:
-        actions.is_covered = False
-        dialog.delete()
-
-    dialog.on("hide", close)
+    dialog.on("hide", dialog.delete)
 
 
 def _row(

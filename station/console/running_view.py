@@ -54,13 +54,13 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
     charts = _Charts(controller, live)
     receipt = MarkReceipt(controller, live, actions)
     status = ui.label().classes("status quiet whitespace-pre-line").mark("status")
-    actions.add("Stop", "s", controller.runner.stop, kind="danger")
+    actions.add("Stop", "s", lambda: _stop(controller, live, actions), kind="danger")
     actions.add("Mark", "m", receipt.mark, kind="main").classes("mark-button")
     actions.add("Tare", "z", controller.runner.tare)
     silence = actions.add(
         "Silence the alarm", "i", controller.runner.acknowledge_alarm, kind="danger", mark="alarm-seen"
     )
-    actions.add("Skip to report", "e", lambda: _confirm_end(controller, actions), mark="end-early", is_apart=True)
+    actions.add("Skip to report", "e", lambda: _skip_to_report(controller, actions), mark="end-early", is_apart=True)
 
     needed = marker_roles(controller.session.config, live.spec)
 
@@ -81,21 +81,18 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
     return tick
 
 
-def _confirm_end(controller: SessionController, actions: Actions) -> None:
-    """Ask for confirmation: one key must not end both the trial and the session."""
+async def _stop(controller: SessionController, live: LiveTrial, actions: Actions) -> None:
+    """Cancel an armed trial at once; ask before a recording ends."""
+    if live.latest["state"] != "recording":
+        await controller.runner.stop()
+        return
+    question = "End this recording now? What is recorded so far is kept."
+    actions.ask(question, ("End the recording", controller.runner.stop), "Continue the recording")
 
-    def cancel() -> None:
-        actions.form.clear()
-        actions.by_key.pop("y", None)
 
-    cancel()
-    with actions.form, ui.row().classes("items-center gap-3"):
-        ui.label("End this trial now and skip to the report of the trials so far?").classes("text-xl doubtful")
-        ui.button("End the trial (y)", on_click=lambda: actions.run(controller.runner.end_early)).props(
-            "unelevated color=red-10"
-        )
-        ui.button("Continue the trial (n)", on_click=cancel).props("outline")
-    actions.by_key |= {"y": controller.runner.end_early, "n": cancel}
+def _skip_to_report(controller: SessionController, actions: Actions) -> None:
+    question = "End this trial now and skip to the report of the trials so far?"
+    actions.ask(question, ("End the trial", controller.runner.end_early), "Continue the trial")
 
 
 def instruction_of(live: LiveTrial) -> str:
@@ -161,11 +158,6 @@ def motion_of(live: LiveTrial) -> str:
     return f"{live.motion[-1][1]:+.1f} mm" if live.motion else "\u2013 mm"
 
 
-def has_motion(spec: TrialSpec) -> bool:
-    """Whether the trial has a displacement or elevation: a bounce has no cuff."""
-    return spec.test != "bounce"
-
-
 def motion_axis(live: LiveTrial) -> str:
     return ELEVATION_AXIS if live.is_of_wearer else DISPLACEMENT_AXIS
 
@@ -183,6 +175,8 @@ def marker_roles(config: StationConfig, spec: TrialSpec) -> dict[str, str]:
     elif spec.test in BODY_TESTS and body is not None:
         worn = body.markers_in(spec.condition)
         named = {"body": worn.body, "suit": worn.suit, "arm": worn.arm}
+    elif spec.test == "bounce" and config.bounce is not None:
+        named = {"cuff": (config.bounce.marker,)}
     return {label: role for role, labels in named.items() for label in labels}
 
 
@@ -205,10 +199,9 @@ class _Figures:
                 with self._bar:
                     self._level = ui.element("div")
                 self._net = ui.label().classes("under").mark("net")
-            with ui.column().classes("gap-1") as motion:
+            with ui.column().classes("gap-1"):
                 self._motion = ui.label().classes("figure").mark("displacement")
                 ui.label("elevation" if live.is_of_wearer else "displacement").classes("under")
-            motion.set_visibility(has_motion(live.spec))
             with ui.column().classes("gap-1"):
                 self._left = ui.label().classes("figure").mark("left")
                 self._left_unit = ui.label().classes("under")
@@ -242,10 +235,9 @@ class _Charts:
         self._sender = UpdateSender(self._draw)
         self._roles = marker_roles(controller.session.config, live.spec)
         motion = motion_axis(live)
-        self._has_motion = has_motion(live.spec)
-        with ui.element("div").classes("charts" if self._has_motion else "charts without-motion"):
-            self._over_time = ui.echart(_over_time(motion if self._has_motion else None)).mark("over-time")
-            self._loop = ui.echart(force_over_motion([], motion)).mark("loop") if self._has_motion else None
+        with ui.element("div").classes("charts"):
+            self._over_time = ui.echart(_over_time(motion)).mark("over-time")
+            self._loop = ui.echart(force_over_motion([], motion)).mark("loop")
             self._markers = ui.element("canvas").classes("markers").props('aria-label="markers, drag to turn"')
 
     def tick(self) -> None:
@@ -267,8 +259,6 @@ class _Charts:
     def _curves(self) -> list[tuple[int, list[dict[str, Any]]]]:
         """Id of each chart and its series."""
         curves = curves_over_time(self._live)
-        if self._loop is None:
-            return [(self._over_time.id, [{"data": curves[0]}])]
         loop = (self._loop.id, [{"data": _force_over_motion(self._live)}])
         return [(self._over_time.id, [{"data": points} for points in curves]), loop]
 
@@ -294,13 +284,13 @@ def _force_over_motion(live: LiveTrial) -> list[list[float]]:
     return pairs
 
 
-def _over_time(motion: str | None = DISPLACEMENT_AXIS) -> dict[str, Any]:
-    """Chart of the force and, on the right axis, of the motion of that name; None without one."""
-    right = axis(motion, DISPLACEMENT, splitLine={"show": False}) if motion is not None else None
+def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
+    """Chart of the force and, on the right axis, of the motion of that name."""
+    right = axis(motion, DISPLACEMENT, splitLine={"show": False})
     return {
         "animation": False,
         "grid": {"left": 60, "right": 60, "top": 40, "bottom": 60},
         "xAxis": axis_below(TIME_AXIS, splitNumber=5),
-        "yAxis": [axis(FORCE_AXIS, FORCE), *([right] if right else [])],
-        "series": [line(FORCE), *([line(DISPLACEMENT, yAxisIndex=1)] if right else [])],
+        "yAxis": [axis(FORCE_AXIS, FORCE), right],
+        "series": [line(FORCE), line(DISPLACEMENT, yAxisIndex=1)],
     }

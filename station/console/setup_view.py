@@ -9,12 +9,17 @@ from typing import Any
 from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
+from recordings.manifest import TrialCondition
 from station.bench.check import CheckResult
 from station.console.actions import Actions
+from station.console.kept_form import forget_form, keep_form
+from station.console.wearer_form import WearerForm, number_of
 from station.journal import Setup
+from station.kinematics.marker_sets import published_sets
 from station.messages.codes import CommandCode
 from station.protocol import CONDITION_NAMES
 from station.session.controller import SessionController
+from station.session.earlier_sessions import EarlierSessions
 from station.session.listing import ListedSession, list_sessions
 from station.session.open_session import CommandRefused
 from station.session.plan_check import is_subject_code, looks_like_a_name
@@ -23,70 +28,106 @@ ICONS = {"good": "check_circle", "doubtful": "help_outline", "bad": "cancel"}
 
 
 def show(controller: SessionController, actions: Actions) -> None:
+    listed = list_sessions(controller.session.config.session.folder)
     with ui.row().classes("w-full gap-8 items-start lg:flex-nowrap"):
         with ui.card().classes("w-full lg:w-1/2"):
             ui.label("New session").classes("heading")
-            _form(controller, actions)
+            form = _SetupForm(controller, EarlierSessions(listed, controller.session.config))
         with ui.column().classes("w-full lg:w-1/2 gap-4"):
-            with ui.card().classes("w-full"):
-                _sessions(controller, actions)
             with ui.card().classes("w-full").mark("bench"):
                 _preflight(controller, actions)
-
-
-def _form(controller: SessionController, actions: Actions) -> None:
-    subject = ui.input("Subject code", placeholder="P01").mark("subject").classes("w-full")
-    ui.timer(0.0, lambda: subject.run_method("focus"), once=True)  # once it is on the page
-    warning = ui.label("this looks like a name: use a code, because it becomes part of file names").classes(
-        "text-xl text-negative"
-    )
-    warning.bind_visibility_from(subject, "value", backward=looks_like_a_name)
-    chosen = _choice(list(controller.session.config.cuffs))
-    with ui.grid(columns=2).classes("w-full gap-x-8"):
-        operator = ui.input("Operator").mark("operator")
-        number = ui.input("Session", value="1").mark("number")
-        repeats = ui.number(
-            "Repeats of each test", value=controller.session.config.protocol.repeats, min=1, precision=0
-        )
-        repeats.mark("repeats")
-        masses = ui.input(
-            "Load steps [kg], in order", value=_format_masses(controller.session.config.protocol.step_masses_kg)
-        )
-        masses.mark("load-steps")
-    conditions = _conditions(controller)
-    bounce = ui.switch("Bounce calibration first", value=controller.session.config.bounce is not None)
-    bounce.set_enabled(controller.session.config.bounce is not None)
-
-    def setup() -> Setup:
-        return Setup(
-            (subject.value or "").strip(),
-            (operator.value or "").strip(),
-            tuple(chosen.value),
-            int(repeats.value or 1),
-            bool(bounce.value),
-            (number.value or "").strip(),
-            _parse_masses(masses.value or ""),
-            tuple(conditions.value) if conditions is not None else (),
-        )
-
-    preview = ui.label().classes("text-lg quiet break-all").mark("preview")
-
-    def show_file() -> None:
-        named = Setup((subject.value or "").strip(), "", tuple(chosen.value), 1, number=(number.value or "").strip())
-        is_possible = is_subject_code(named.subject) and is_subject_code(named.number)
-        preview.set_text(f"files such as {_example_file(controller, named)}" if is_possible else "")
+            with ui.card().classes("w-full"):
+                _sessions(controller, actions, listed)
+    keep_form("setup", form.fields)
 
     def begin() -> None:
-        controller.session.begin(setup())
+        form.begin()
+        forget_form("setup")
 
-    shown: tuple[ValueElement[Any], ...] = (subject, number, chosen)
-    for field in shown:
-        field.on_value_change(show_file)
-    typed: tuple[ui.element, ...] = (subject, operator, number, repeats, masses)
-    for box in typed:
+    for box in form.boxes:
         box.on("keydown.enter", lambda: actions.run(begin))
     actions.add("Begin", "b", begin, kind="main")
-    actions.add("Rehearse", "r", lambda: controller.session.begin(setup(), is_rehearsal=True))
+    actions.add("Rehearse", "r", lambda: form.begin(is_rehearsal=True))
+
+
+class _SetupForm:
+    """Fields of a new session, filled with the plan of the last one. fields are by name, boxes are those of text."""
+
+    def __init__(self, controller: SessionController, earlier: EarlierSessions) -> None:
+        self._controller, self._earlier = controller, earlier
+        config, suggested = controller.session.config, earlier.setup
+        self._subject = ui.input("Subject code", placeholder="P01").mark("subject").classes("w-full")
+        ui.timer(0.0, lambda: self._subject.run_method("focus"), once=True)  # once it is on the page
+        warning = ui.label("this looks like a name: use a code, because it becomes part of file names")
+        warning.classes("text-xl text-negative")
+        warning.bind_visibility_from(self._subject, "value", backward=looks_like_a_name)
+        cuffs = ui.select(list(config.cuffs), label="Cuffs, in this order", value=list(suggested.cuffs), multiple=True)
+        self._cuffs = cuffs.props("use-chips").classes("w-full").mark("cuffs")
+        with ui.grid(columns=2).classes("w-full gap-x-8 gap-y-0"):
+            self._operator = ui.input("Operator", value=suggested.operator).mark("operator")
+            self._number = ui.input("Session", value="1").mark("number")
+            self._repeats = ui.number("Repeats of each test", value=suggested.repeats, min=1, precision=0)
+            self._repeats.mark("repeats")
+            masses = _format_masses(suggested.step_masses_kg)
+            self._masses = ui.input("Load steps [kg], in order", value=masses).mark("load-steps")
+        self._conditions = _conditions(controller, suggested.conditions)
+        self._wearer = None if config.body is None else WearerForm(tuple(config.cuffs), published_sets())
+        self._bounce = ui.switch("Bounce calibration first", value=suggested.has_bounce)
+        self._bounce.set_enabled(config.bounce is not None)
+        self._preview = ui.label().classes("text-lg quiet break-all").mark("preview")
+        self.boxes = [self._subject, self._operator, self._number, self._repeats, self._masses]
+        self.fields = self._fields()
+        if self._wearer is not None:
+            self._wearer.show(earlier.wearer(""))
+        self._subject.on_value_change(self._suggest)
+        for field in (self._subject, self._number, self._cuffs):
+            field.on_value_change(self._show_file)
+
+    def begin(self, *, is_rehearsal: bool = False) -> None:
+        """Raises CommandRefused, JournalError."""
+        wearer = None if self._wearer is None else self._wearer.wearer
+        self._controller.session.begin(self._setup(), wearer=wearer, is_rehearsal=is_rehearsal)
+
+    def _fields(self) -> dict[str, ValueElement[Any]]:
+        fields: dict[str, ValueElement[Any]] = {
+            "subject": self._subject,
+            "operator": self._operator,
+            "number": self._number,
+            "cuffs": self._cuffs,
+            "repeats": self._repeats,
+            "masses": self._masses,
+            "bounce": self._bounce,
+        }
+        fields |= {} if self._conditions is None else {"conditions": self._conditions}
+        return fields | ({} if self._wearer is None else self._wearer.fields)
+
+    def _setup(self) -> Setup:
+        masses = _parse_masses(self._masses.value or "")
+        if not masses and self._controller.session.config.protocol.step_masses_kg:
+            raise CommandRefused.of(CommandCode.NO_MASSES)
+        return Setup(
+            (self._subject.value or "").strip(),
+            (self._operator.value or "").strip(),
+            tuple(self._cuffs.value),
+            int(self._repeats.value or 0),
+            bool(self._bounce.value),
+            (self._number.value or "").strip(),
+            masses,
+            tuple(self._conditions.value) if self._conditions is not None else (),
+        )
+
+    def _suggest(self) -> None:
+        """The next number and the mass of the subject, until the operator enters others."""
+        subject = (self._subject.value or "").strip()
+        self._number.value = self._earlier.number_of(subject)
+        if self._wearer is not None:
+            self._wearer.show_mass(self._earlier.wearer(subject).mass_kg)
+
+    def _show_file(self) -> None:
+        number, subject = (self._number.value or "").strip(), (self._subject.value or "").strip()
+        named = Setup(subject, "", tuple(self._cuffs.value), 1, number=number)
+        is_possible = is_subject_code(named.subject) and is_subject_code(named.number)
+        self._preview.set_text(f"files such as {_example_file(self._controller, named)}" if is_possible else "")
 
 
 def _example_file(controller: SessionController, setup: Setup) -> Path:
@@ -96,22 +137,12 @@ def _example_file(controller: SessionController, setup: Setup) -> Path:
     return controller.session.folder_of(setup) / f"{controller.session.config.session.file_name.format(**names)}.mcap"
 
 
-def _choice(cuffs: list[str]) -> ui.select:
-    choice = ui.select(cuffs, label="Cuffs, in this order", value=cuffs, multiple=True).props("use-chips")
-    return choice.classes("w-full").mark("cuffs")
-
-
-def _conditions(controller: SessionController) -> ui.select | None:
+def _conditions(controller: SessionController, suggested: tuple[TrialCondition, ...]) -> ui.select | None:
     """Conditions of the wearer's motions; None without markers of the wearer."""
-    body = controller.session.config.body
-    if body is None:
+    if controller.session.config.body is None:
         return None
-    choice = ui.select(
-        dict(CONDITION_NAMES),
-        label="Pose of the wearer, and motions in these conditions",
-        value=list(body.conditions),
-        multiple=True,
-    )
+    label = "Pose of the wearer, and motions in these conditions"
+    choice = ui.select(dict(CONDITION_NAMES), label=label, value=list(suggested), multiple=True)
     return choice.props("use-chips").classes("w-full").mark("conditions")
 
 
@@ -122,14 +153,13 @@ def _format_masses(masses: tuple[float, ...]) -> str:
 def _parse_masses(text: str) -> tuple[float, ...]:
     """Kilograms separated by spaces, with a decimal point or comma. Raises CommandRefused."""
     try:
-        return tuple(float(mass.replace(",", ".")) for mass in re.sub(r";|,(?=\s|$)", " ", text).split())
+        return tuple(number_of(mass) for mass in re.sub(r";|,(?=\s|$)", " ", text).split())
     except ValueError as error:
         raise CommandRefused.of(CommandCode.MASSES_NOT_NUMBERS, text=repr(text)) from error
 
 
-def _sessions(controller: SessionController, actions: Actions) -> None:
+def _sessions(controller: SessionController, actions: Actions, listed: list[ListedSession]) -> None:
     ui.label("Resume a session").classes("heading")
-    listed = list_sessions(controller.session.config.session.folder)
     if not listed:
         ui.label("no session yet").classes("text-xl quiet")
         return
@@ -140,7 +170,8 @@ def _sessions(controller: SessionController, actions: Actions) -> None:
 
 def _session(controller: SessionController, actions: Actions, session: ListedSession) -> None:
     setup, folder = session.setup, session.folder
-    name = f"{setup.subject}, session {setup.number}: {', '.join((*setup.cuffs, *setup.conditions))}"
+    trials = "; ".join((", ".join(setup.cuffs), *(CONDITION_NAMES[worn] for worn in setup.conditions)))
+    name = f"{setup.subject}, session {setup.number}: {trials.removeprefix('; ')}"
     when = f"{session.begun.day} {session.begun:%B %Y, %H:%M}" if session.begun else "date unknown"
     progress = f"{session.done} of {session.trials}"
     button = ui.button(on_click=lambda: actions.run(lambda: controller.session.resume(folder))).props(

@@ -8,6 +8,7 @@ from nicegui import ui
 
 from station.console.actions import Actions, Kind
 from station.console.charts import force_over_motion
+from station.console.kept_form import forget_form, keep_form
 from station.console.next_view import add_exits
 from station.journal import Recorded
 from station.journal_lines import Choice
@@ -90,12 +91,15 @@ def _decision(
             "Reason (needed to redo)", value="" if judgement.advice == "accept" else join_sentences(judgement.reasons)
         )
         reason.classes("w-full").mark("why")
+    form = f"verdict of {recorded.file}"
+    keep_form(form, {"reason": reason} | {str(number): field for number, field in enumerate(marks, 1)})
 
     def decide(choice: Choice, *, is_donned_anew: bool = False) -> None:
         for number, name in enumerate(marks, 1):
             if name.value:
                 controller.reviewer.name_mark(number, name.value)
         controller.reviewer.decide(choice, reason.value or "", is_donned_anew=is_donned_anew)
+        forget_form(form)
 
     def keep() -> None:
         decide("accept")
@@ -110,8 +114,7 @@ def _decision(
     actions.add("Keep", "k", keep, kind="main" if is_kept else "other")
     advised: Kind = "other" if is_kept else "main"
     if is_costly:
-        actions.add("Don the cuff anew and redo", "d", redo_donned_anew, kind=advised, mark="don-anew")
-        actions.by_key["r"] = redo_donned_anew
+        actions.add("Don the cuff anew and redo", "dr", redo_donned_anew, kind=advised, mark="don-anew")
         actions.add("Redo as worn", "w", redo, mark="redo")
     else:
         actions.add("Redo", "r", redo, kind=advised)

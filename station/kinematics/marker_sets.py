@@ -53,11 +53,18 @@ class PlacedMarkers:
     elsewhere: tuple[str, ...]
 
 
+def published_sets() -> tuple[str, ...]:
+    """Names of the sets of marker_sets.toml."""
+    return tuple(_published())
+
+
 def read_marker_set(name: str) -> LabelledMarkers:
     """A set of marker_sets.toml by its name, or of a file that ends in .toml. Raises MarkerSetError."""
     if not name.endswith(".toml"):
         if name not in _published():
-            raise MarkerSetError(Message(KinematicsCode.UNKNOWN_SET, {"name": name, "known": ", ".join(_published())}))
+            raise MarkerSetError(
+                Message(KinematicsCode.UNKNOWN_SET, {"name": name, "known": ", ".join(published_sets())})
+            )
         return _published()[name]
     try:
         return LabelledMarkers.model_validate(read_toml(Path(name)))

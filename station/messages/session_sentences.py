@@ -25,14 +25,15 @@ _JOURNAL: Mapping[StrEnum, str] = {
 
 _CUES: Mapping[StrEnum, str] = {
     CueCode.EMPTY_HOOK: "leave the hook empty and stand still",
-    CueCode.ADD_WEIGHT: "add weight {weight} of {weights}: {target_n:.0f} N, hold {hold_s:g} s",
-    CueCode.REMOVE_WEIGHT: "take weight {weight} off: {target_n:.0f} N, hold {hold_s:g} s",
+    CueCode.ADD_WEIGHT: "hang weight {weight} of {weights}: {mass_kg:g} kg ({target_n:.0f} N in all)",
+    CueCode.REMOVE_WEIGHT: "take weight {weight} off: {mass_kg:g} kg ({target_n:.0f} N left)",
     CueCode.WRONG_FORCE: "{force_n:.1f} N, expected {target_n:.1f} N: check the weight, and that the rope runs freely",
     CueCode.STATIC_DONE: "all weights are off and held: end the capture",
     CueCode.FIRST_LEVEL: "add a weight or take one off, and hold it for {hold_s:g} s",
     CueCode.HOLD: "hold it at {force_n:.0f} N",
     CueCode.NEXT_LEVEL: "levels held: {levels:.0f}; add a weight or take one off, and hold it for {hold_s:g} s",
     CueCode.STAND_STILL: "stand still",
+    CueCode.HANG_STILL: "let the weight hang still",
     CueCode.PULL_SPRING: "pull the spring, about once a second",
     CueCode.BOUNCE: "bounce the weight, about once a second",
     CueCode.KEEP_SWINGING: "keep it swinging: {frequency_hz:.2f} Hz, ±{amplitude_n:.0f} N",
@@ -59,6 +60,11 @@ _COMMANDS: Mapping[StrEnum, str] = {
         "the plan names {repeated} more than once; name every cuff once, and set the number of repeats instead"
     ),
     CommandCode.WRONG_MASSES: "the load steps are {masses} kg, expected masses above 0",
+    CommandCode.NO_MASSES: "the load steps are empty; enter the weights in the order of loading, such as 1.53 1.53",
+    CommandCode.WRONG_REPEATS: "the repeats are {repeats}, expected a whole number from 1 to {most}",
+    CommandCode.WRONG_QUANTITY: (
+        "the {quantity} is {text}, expected {lowest:g} to {highest:g} {unit}; leave the field empty if it is not known"
+    ),
     CommandCode.MASSES_NOT_NUMBERS: (
         "the load steps are {text}, expected kilograms separated by spaces, such as 1.53 1.53"
     ),
@@ -81,6 +87,9 @@ _COMMANDS: Mapping[StrEnum, str] = {
     CommandCode.UNKNOWN_RECORDING: "{file} is not a recording of this session",
     CommandCode.BOUNCE_NOT_ASSIGNABLE: "{file} is not a trial of a cuff; it cannot be assigned to one",
     CommandCode.NOT_IN_PLAN: "the plan has no {cuff}, {test}, repeat {repeat}; it has {plan}",
+    CommandCode.PRESSED_LATE: (
+        "{name} was pressed {late_s:.0f} s ago, while the console did not answer, and is not executed; press it again"
+    ),
     CommandCode.NOT_NOW: "{action} is not possible now",
     CommandCode.NOT_WHILE_RUNNING: "{action} is not possible while a trial runs",
     CommandCode.BEING_RECORDED: "this trial is being recorded; stop it, or redo it and give the reason",
@@ -111,6 +120,16 @@ _REASONS: Mapping[StrEnum, str] = {
     ),
     ReasonCode.NO_DYNAMIC_RESULT: (
         "this dynamic trial yields neither stiffness nor damping; pull the spring about once a second throughout"
+    ),
+    ReasonCode.WEIGHTS_MISSING: (
+        "stopped after {found:.0f} of {planned:.0f} weights; redo the trial, and hang all of them one by one"
+    ),
+    ReasonCode.UNLOADING_MISSING: (
+        "stopped after {found:.0f} of {planned:.0f} weights were taken off; redo the trial, and take all of them off "
+        "one by one"
+    ),
+    ReasonCode.SWING_SHORT: (
+        "stopped after {found_s:.0f} of {planned_s:.0f} s of swinging; redo the trial, and keep the weight swinging"
     ),
     ReasonCode.SLIPPED: (
         "the cuff slipped by {slip_mm:.0f} mm in this trial, expected at most {limit_mm:.0f} mm; tighten its straps, "

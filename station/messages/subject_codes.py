@@ -10,6 +10,7 @@ class SubjectCode(StrEnum):
 
     UNREADABLE = "subject.unreadable"
     INVALID_KEY = "subject.invalid_key"
+    NO_MASS = "subject.no_mass"
     UNKNOWN_MARKERS = "subject.unknown_markers"
     NO_MOTION = "subject.no_motion"
     UNKNOWN_CUFF = "subject.unknown_cuff"

@@ -12,6 +12,10 @@ SUBJECT: Mapping[StrEnum, str] = {
         "{path} should describe the wearer, mass_kg at least, and cannot be read ({reason}); write it"
     ),
     SubjectCode.INVALID_KEY: "{path}: {reason}; correct it",
+    SubjectCode.NO_MASS: (
+        "the body mass of the wearer is not known, and the masses of the arm follow from it; enter it in the session's "
+        "set-up, or as mass_kg in subject.toml"
+    ),
     SubjectCode.UNKNOWN_MARKERS: (
         "subject.toml names the markers {markers}, which {model} does not have; it has {known}"
     ),

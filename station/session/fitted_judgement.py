@@ -27,10 +27,13 @@ from station.journal_lines import Choice
 from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, describe_trial
-from station.session.judgement import MISSING, Figure, Judgement, Reason, Row
+from station.session.judgement import MISSING, Figure, Judgement, Reason, Row, notes_at_the_bench
+from station.session.unfinished_trial import find_unfinished
 from station.session.wearer_findings import WearerFindings, examine_wearer_trial
 
 NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYNAMIC_RESULT}
+GENERAL = (*NO_RESULT.values(), ReasonCode.UNUSABLE)
+"""Reasons that state a consequence where the trial ended before its last step."""
 SHOWN_POINTS = 400
 QUANTITIES = {
     "stiffness": ("k", 1.0, "N/m", 0),
@@ -54,7 +57,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
     judgement = _judge(folder, file, recorded)
     reasons = tuple(_recorder_reasons(recorded))
     if recorded is None or not reasons:
-        return judgement
+        return _led_by_cause(judgement, folder / file) if recorded is not None else judgement
     notes = tuple(note for note in judgement.notes if note not in map(str, reasons))
     details = _details_of_kill(recorded)
     if details is not None:
@@ -89,6 +92,21 @@ def _judge(folder: Path, file: str, recorded: Recorded | None) -> Judgement:
     return _judge_trial(trial, cuff, recorded, fitted.pulls.get(file), marks)
 
 
+def _led_by_cause(judgement: Judgement, path: Path) -> Judgement:
+    """Replace the reasons to redo a trial by the step at which it ended, where it is that what they follow from."""
+    if not any(reason.code in GENERAL for reason in judgement.reasons):
+        return judgement
+    try:
+        cause = find_unfinished(path)
+    except RecordingError:
+        return judgement
+    if cause is None:
+        return judgement
+    others = tuple(reason for reason in judgement.reasons if reason.code not in GENERAL)
+    followed = (*map(str, (reason for reason in judgement.reasons if reason.code in GENERAL)), *judgement.doubts)
+    return replace(judgement, reasons=(cause, *others), notes=(*followed, *judgement.notes), verdicts=())
+
+
 def _judge_trial(
     trial: TrialFit, cuff: CuffFit, recorded: Recorded | None, fitted: FittedPull | None, marks: int
 ) -> Judgement:
@@ -110,9 +128,8 @@ def _judge_trial(
         reasons=reasons,
         rows=tuple(_rows(trial, others, cuff)),
         notes=(
-            *(note for note in map(str, trial.notes) if note not in shown),
-            *map(str, cuff.notes),
-            *(sentence_of(verdict) for verdict in cuff.verdicts if verdict is Verdict.IDENTIFIED),
+            *(note for note in notes_at_the_bench(trial.notes) if note not in shown),
+            *notes_at_the_bench(cuff.notes),
         ),
         path=_path(fitted),
         marks=marks,
@@ -137,7 +154,7 @@ def _judge_bounce(bounce: BounceTrial, recorded: Recorded | None) -> Judgement:
         Row(name, _text(repeat.estimate, scale), MISSING, MISSING) for name, (repeat, scale) in figures.items()
     )
     measured = _figures({"lag_s": fit.lag.estimate, "gain": fit.gain.estimate, "zero_n": fit.zero.estimate})
-    notes = tuple(map(str, fit.notes))
+    notes = notes_at_the_bench(fit.notes)
     return Judgement(
         bounce.file,
         _title(recorded, bounce.file),

@@ -86,7 +86,7 @@ def guide_for(test: TestKind, protocol: ProtocolSection) -> Guide:
         return StaticGuide(protocol.step_masses_kg, protocol.hold_s)
     if test == "static":
         return FreeStaticGuide(protocol.hold_s)
-    return SwingGuide(CueCode.BOUNCE if test == "bounce" else CueCode.PULL_SPRING, protocol.swing_s)
+    return BounceGuide(protocol.swing_s) if test == "bounce" else SwingGuide(protocol.swing_s)
 
 
 class RecentForce:
@@ -139,6 +139,7 @@ class StaticGuide:
     def __init__(self, step_masses_kg: Sequence[float], hold_s: float) -> None:
         steps = [mass * g for mass in step_masses_kg]
         rising = np.cumsum([0.0, *steps])
+        self._masses_kg = tuple(step_masses_kg)
         self._levels = [*rising, *rising[-2::-1]]  # N above the empty hook
         self._hold_s = hold_s
         self._force = RecentForce(WINDOW_S)
@@ -220,16 +221,11 @@ class StaticGuide:
         if not self._step or target is None:
             return Message(CueCode.EMPTY_HOOK)
         weights = (len(self._levels) - 1) // 2
-        if self._step <= weights:
-            figures: Figures = {"weight": self._step, "weights": weights, "target_n": target, "hold_s": self._hold_s}
-            return Message(CueCode.ADD_WEIGHT, figures)
-        figures = {
-            "weight": 2 * weights + 1 - self._step,
-            "weights": weights,
-            "target_n": max(target, 0.0),
-            "hold_s": self._hold_s,
-        }
-        return Message(CueCode.REMOVE_WEIGHT, figures)
+        is_added = self._step <= weights
+        weight = self._step if is_added else 2 * weights + 1 - self._step
+        figures: Figures = {"weight": weight, "weights": weights, "mass_kg": self._masses_kg[weight - 1]}
+        code = CueCode.ADD_WEIGHT if is_added else CueCode.REMOVE_WEIGHT
+        return Message(code, {**figures, "target_n": max(target, 0.0), "hold_s": self._hold_s})
 
 
 class FreeStaticGuide:
@@ -270,13 +266,13 @@ class FreeStaticGuide:
 
 
 class SwingGuide:
-    """A weight on a spring that oscillates for swing_s, for the dynamic test and for the bounce calibration."""
+    """A spring that is pulled about once a second for swing_s: the dynamic test."""
 
-    stages = ("stand still", "swing", "rest")
+    stages: tuple[str, ...] = ("stand still", "swing", "rest")
+    still, start = CueCode.STAND_STILL, CueCode.PULL_SPRING
 
-    def __init__(self, start: CueCode, swing_s: float) -> None:
-        """start: the instruction that begins the oscillation."""
-        self._start, self._swing_s = start, swing_s
+    def __init__(self, swing_s: float) -> None:
+        self._swing_s = swing_s
         self._force, self._still = RecentForce(SWING_WINDOW_S), RecentForce(WINDOW_S)
         self._swung_s = self._rested_s = 0.0
         self._now: float | None = None
@@ -303,9 +299,16 @@ class SwingGuide:
             message = Message(CueCode.KEEP_SWINGING, {"frequency_hz": frequency, "amplitude_n": amplitude})
             return Cue(message, RestState.SWINGING, 1, 3, left)
         if self._rested_s < REST_S and not self._swung_s:
-            return Cue(Message(CueCode.STAND_STILL), rest, 0, 3, REST_S - self._rested_s)
-        return Cue(Message(self._start), rest, 1, 3, left)
+            return Cue(Message(self.still), rest, 0, 3, REST_S - self._rested_s)
+        return Cue(Message(self.start), rest, 1, 3, left)
 
     def _is_swinging(self) -> bool:
         frequency, amplitude = self._force.swing()
         return amplitude > LEAST_SWING_N and frequency > LEAST_SWING_HZ
+
+
+class BounceGuide(SwingGuide):
+    """The known mass that bounces on its spring, without a wearer: the calibration."""
+
+    stages = ("hang still", "bounce", "rest")
+    still, start = CueCode.HANG_STILL, CueCode.BOUNCE

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from fitting.results.codes import Verdict
-from fitting.results.rendering import sentence_of
+from fitting.results.codes import NoteCode, TrialNoteCode, Verdict
+from fitting.results.rendering import Note, sentence_of
 from station.journal_lines import Choice
 from station.messages.codes import ReasonCode
 from station.messages.message import Message
@@ -15,6 +16,37 @@ Grade = Literal["good", "doubtful", "bad"]
 Reason = Message[ReasonCode]
 MISSING = "-"
 """In the place of a figure that there is not."""
+FOR_THE_REPORT = {
+    TrialNoteCode.ASSIGNED,
+    TrialNoteCode.SYNC_CERTIFICATE,
+    TrialNoteCode.SYNC_NO_STOP,
+    TrialNoteCode.SYNC_CONTRADICTION,
+    TrialNoteCode.CLOCKS_OR_FRAMES,
+    TrialNoteCode.CLOCKS_OPEN,
+    TrialNoteCode.ANOTHER_LINE,
+    TrialNoteCode.START_LEFT_OUT,
+    TrialNoteCode.DISAGREES,
+    TrialNoteCode.CHECK_NOT_CONVERGED,
+    TrialNoteCode.BOUNCES_NOT_CONVERGED,
+    NoteCode.FRICTION_OR_CREEP,
+    NoteCode.ONLY_ROSE,
+    NoteCode.STATIC_STIFFNESS_USED,
+    NoteCode.STIFFNESS_RATIO,
+    NoteCode.MIGRATED_BEFORE,
+    NoteCode.MIXED_ORIGIN,
+    NoteCode.NOT_CALIBRATED,
+    NoteCode.CREEPS,
+    NoteCode.YIELDS,
+    NoteCode.STIFFENS,
+    NoteCode.SOFTENS,
+    NoteCode.NO_ROPE,
+    NoteCode.PUBLISHED_DAMPING,
+    NoteCode.KNOWN_MASS,
+    NoteCode.KNOWN_MASS_ZERO_DRIFT,
+    NoteCode.KNOWN_MASS_GAIN_DRIFT,
+    NoteCode.NO_SHIFT,
+}
+"""Notes for the analyst: the operator can do nothing about them between two trials."""
 
 
 @dataclass(frozen=True)
@@ -71,3 +103,7 @@ class Judgement:
 def judgement_without_fit(file: str) -> Judgement:
     """The judgement of a recording whose fit was killed twice: the operator decides without figures."""
     return Judgement(file, file, "accept", (Message(ReasonCode.FIT_KILLED),))
+
+
+def notes_at_the_bench(notes: Iterable[Note]) -> tuple[str, ...]:
+    return tuple(str(note) for note in notes if note.code not in FOR_THE_REPORT)

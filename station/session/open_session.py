@@ -20,6 +20,7 @@ from station.session.judgement import Judgement
 from station.session.plan_check import check_setup, describe_plan, load_steps
 from station.session.plan_status import PlanStatus, plan_status
 from station.session.summary import Summary
+from station.subject.subject_file import SUBJECT_FILE, Subject, read_subject, write_subject
 
 
 class CommandRefused(StationError):
@@ -83,8 +84,10 @@ class OpenSession:
     def folder_of(self, setup: Setup) -> Path:
         return self.config.session.folder / f"sub-{setup.subject}_ses-{setup.number}"
 
-    def begin(self, setup: Setup, *, is_rehearsal: bool = False, folder: Path | None = None) -> None:
-        """Open a session, by default in the folder of its name; an existing one is resumed."""
+    def begin(
+        self, setup: Setup, *, wearer: Subject | None = None, is_rehearsal: bool = False, folder: Path | None = None
+    ) -> None:
+        """Open a session, by default in the folder of its name; an existing one is resumed, with its wearer."""
         self.refuse_while_running()
         fault = check_setup(setup, self.config)
         if fault is not None:
@@ -97,6 +100,8 @@ class OpenSession:
         if before is None:
             write_setup(folder, setup)
         self._open(folder, is_rehearsal=is_rehearsal)
+        if wearer is not None and not (folder / SUBJECT_FILE).exists():
+            write_subject(folder, wearer)
 
     def resume(self, folder: Path) -> None:
         """Resume the session of this folder, also one of another console or of a terminal."""
@@ -111,6 +116,19 @@ class OpenSession:
         if self.is_rehearsal and self.folder is not None:
             shutil.rmtree(self.folder.parent, ignore_errors=True)
         self.folder, self.is_rehearsal, self.judgement, self.message = None, False, None, ""
+
+    @property
+    def wearer(self) -> Subject:
+        """What subject.toml states; nothing is known without it. Raises SubjectError for one that is damaged."""
+        is_declared = self.folder is not None and (self.folder / SUBJECT_FILE).exists()
+        return read_subject(self.folder) if is_declared and self.folder is not None else Subject()
+
+    def declare_wearer(self, wearer: Subject) -> None:
+        """Write subject.toml; the summary so far is of another body."""
+        if self.folder is None:
+            raise CommandRefused.of(CommandCode.NO_SESSION)
+        write_subject(self.folder, wearer)
+        self.summary = None
 
     def resume_plan(self) -> None:
         """Return from an early end to the plan."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from station.config import StationConfig
 from station.journal import Setup
+from station.journal_lines import MOST_REPEATS
 from station.messages.codes import CommandCode
 from station.messages.message import Message
 
@@ -31,7 +33,9 @@ def check_setup(setup: Setup, config: StationConfig) -> Message[CommandCode] | N
         return Message(CommandCode.WRONG_SUBJECT, {"subject": repr(setup.subject)})
     if not SUBJECT.fullmatch(setup.number):
         return Message(CommandCode.WRONG_NUMBER, {"number": repr(setup.number)})
-    if not all(mass > 0 for mass in setup.step_masses_kg):
+    if not 1 <= setup.repeats <= MOST_REPEATS:
+        return Message(CommandCode.WRONG_REPEATS, {"repeats": setup.repeats, "most": MOST_REPEATS})
+    if not all(0 < mass < math.inf for mass in setup.step_masses_kg):
         return Message(CommandCode.WRONG_MASSES, {"masses": str(setup.step_masses_kg)})
     return _check_subjects(setup, config)
 

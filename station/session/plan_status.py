@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recordings.manifest import TrialCondition
+from station.config import StationConfig
 from station.journal import Journal, Recorded, Setup
 from station.protocol import TrialSpec, published_plan
 
@@ -68,25 +69,26 @@ def plan_status(setup: Setup, journal: Journal, folder: Path) -> PlanStatus:
     )
 
 
-def preparation(plan: PlanStatus, pause_s: float) -> str:
+def preparation(plan: PlanStatus, config: StationConfig) -> str:
     """What to do at the bench before the next trial."""
     if plan.spec is None:
         return "The plan is complete"
     if plan.spec.cuff is None:
-        return _preparation_without_cuff(plan.spec)
+        return _preparation_without_cuff(plan.spec, config)
     if plan.is_new_cuff:
         return f"Don the {plan.spec.cuff} cuff, rope slack"
     if plan.has_pause:
-        return f"Let the wearer rest for {pause_s:.0f} s"
+        return f"Let the wearer rest for {config.protocol.pause_s:.0f} s"
     return "Rope slack, wearer at ease"
 
 
-def _preparation_without_cuff(spec: TrialSpec) -> str:
+def _preparation_without_cuff(spec: TrialSpec, config: StationConfig) -> str:
     if spec.test == "pose":
         return "Wearer without the suit, all markers on: stand upright, arm hanging"
     if spec.condition is not None:
         return f"{PREPARATIONS[spec.condition]}; wearer at ease, arm hanging"
-    return "Hang the calibration weight on its spring under the load cell"
+    mass = f"{config.bounce.mass_kg:g} kg " if config.bounce is not None else ""
+    return f"Hang the {mass}calibration weight on its spring under the load cell"
 
 
 def redo_loses_migration(recorded: Recorded, journal: Journal) -> bool:

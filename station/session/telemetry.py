@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.arm_cycles import elevation_of
-from recordings.manifest import BodyMarkers, CuffSite, EmgAmplifier, LoadCell
+from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from recordings.topics import EMG
 from station.bench.background_view import BackgroundView
@@ -60,7 +60,7 @@ class Telemetry(BackgroundView):
     def __init__(
         self,
         send: Callable[[dict[str, Any]], None],
-        markers: CuffSite | BodyMarkers | None,
+        markers: CuffSite | BounceRig | BodyMarkers,
         load_cell: LoadCell,
         folder: Path,
         bench_clock: BenchClock | None = None,
@@ -68,7 +68,7 @@ class Telemetry(BackgroundView):
     ) -> None:
         super().__init__("telemetry", REFRESH_S, BACKLOG)
         self._send, self._load_cell = send, load_cell
-        self._cuff = markers if isinstance(markers, CuffSite) else None
+        self._pulled = None if isinstance(markers, BodyMarkers) else markers
         self._body = markers if isinstance(markers, BodyMarkers) else None
         self._disk = _DiskTime(folder)
         self._bench_clock, self._emg = bench_clock, emg
@@ -171,9 +171,9 @@ class Telemetry(BackgroundView):
         last = samples.values[-1, :, :3].astype(np.float64)
         self._points = [point.round(1).tolist() if np.isfinite(point).all() else None for point in last]
         self._seen = {name: point is not None for name, point in zip(names, self._points, strict=True)}
-        if self._cuff is not None:
+        if self._pulled is not None:
             if self._displacement is None:
-                self._displacement = LiveDisplacement(self._cuff, names)
+                self._displacement = LiveDisplacement(self._pulled, names)
             self._new.displacement += _decimated(times, self._displacement.update(samples.values))
         elif self._body is not None:
             places = samples.values[..., :3].astype(np.float64)

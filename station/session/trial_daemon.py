@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from drivers.errors import DeviceError
-from recordings.manifest import BodyMarkers, CuffSite
 from station.bench.bench_clock import BenchClock
 from station.bench.session_folder import check_folder
 from station.bench.trial_recorder import TrialRecorder, TrialResult
@@ -54,13 +53,11 @@ def _outcome(console: ProcessLink, request: dict[str, Any]) -> dict[str, Any]:
 def _record(console: ProcessLink, request: dict[str, Any]) -> Recorded:
     config, spec = parse_config(request["config"], "the console"), TrialSpec(**request["spec"])
     folder, clock_port = Path(request["folder"]), request["clock_port"]
-    subject = config.subject(spec)
-    markers = subject if isinstance(subject, CuffSite | BodyMarkers) else None
     with ExitStack() as stack:
         bench_clock = None if clock_port is None else stack.enter_context(BenchClock(clock_port, request["speed"]))
         clock: Clock = bench_clock or RealClock()
         emg = config.emg.amplifier() if config.emg is not None else None
-        view = Telemetry(console.send, markers, config.calibration(), folder, bench_clock, emg)
+        view = Telemetry(console.send, config.subject(spec), config.calibration(), folder, bench_clock, emg)
         telemetry = stack.enter_context(view)
         taps = [stack.enter_context(tap) for tap in live_views(config, folder, spec, clock)]
         recorder = TrialRecorder(config, clock, [telemetry, *taps], check_folder=check_folder)

@@ -17,6 +17,7 @@ from station.interval import rounded
 from station.kinematics.person_findings import MOVING
 from station.messages.codes import ReasonCode
 from station.messages.message import Message
+from station.session.judgement import notes_at_the_bench
 
 MOST_HIDDEN = 0.1
 """Part of the frames in which a marker may be hidden."""
@@ -39,7 +40,7 @@ def examine_wearer_trial(path: Path) -> WearerFindings:
     return WearerFindings(
         tuple(reason for part in parts for reason in part.reasons),
         {name: text for part in parts for name, text in part.quantities.items()},
-        (*map(str, trial.notes), *(note for part in parts for note in part.notes)),
+        (*notes_at_the_bench(trial.notes), *(note for part in parts for note in part.notes)),
         trial.marks,
     )
 

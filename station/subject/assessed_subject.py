@@ -117,6 +117,8 @@ def measure_subject(
     declared: Subject, trials: tuple[WearerTrial, ...], generic: Model, progress: Progress = silent
 ) -> MeasuredSubject:
     """Estimate the body from these trials; raises as build_subject does."""
+    if declared.mass_kg is None:
+        raise refuse_subject(SubjectCode.NO_MASS)
     generic, _, on_marker_set = with_marker_set(generic, declared.marker_set)
     _ensure_known(declared, generic)
     tables = {trial.file: _table(trial, declared) for trial in trials}

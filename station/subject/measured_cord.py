@@ -27,7 +27,7 @@ def compare_cord(
     """
     cord = subject.declared.cord
     tight = [trial for trial in subject.trials if trial.manifest.condition == "tight" and trial.body.is_cord_measured]
-    if cord is None or not tight:
+    if cord is None or cord.rest_length_m is None or not tight:
         return None
     if cord.cuff is not None and cord.cuff not in cuffs:
         raise refuse_subject(SubjectCode.UNKNOWN_CUFF, cuff=cord.cuff, known=", ".join(cuffs))

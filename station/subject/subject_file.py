@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -13,8 +16,10 @@ from documents.validation import NonNegative, Positive, Section, describe_error
 from station.errors import StationError
 from station.messages.message import Message
 from station.messages.subject_codes import SubjectCode
+from station.whole_file import write_whole
 
 SUBJECT_FILE = "subject.toml"
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class SubjectError(StationError):
@@ -24,14 +29,17 @@ class SubjectError(StationError):
 class Cord(Section):
     """The cord in the trials in which it was tight: its rest length, and the arm cuff that was worn."""
 
-    rest_length_m: Positive
+    rest_length_m: Positive | None = None
     cuff: str | None = None
 
 
 class Subject(Section):
-    """The wearer. Labels that differ from the names of the model's markers are listed in markers, label = name."""
+    """The wearer. Labels that differ from the names of the model's markers are listed in markers, label = name.
 
-    mass_kg: Positive
+    Without mass_kg the wearer cannot be assessed; the laboratory's axis and markers are known all the same.
+    """
+
+    mass_kg: Positive | None = None
     hand_load_kg: NonNegative = 0.0
     vertical: Literal["x", "y", "z"] = "z"  # the laboratory's vertical axis
     marker_set: str = ""  # its name or file, as for `station scale`; without it the markers of the model
@@ -48,6 +56,23 @@ def read_subject(folder: Path) -> Subject:
         raise refuse_subject(SubjectCode.UNREADABLE, path=str(path), reason=describe_failure(error)) from error
     except ValidationError as error:
         raise refuse_subject(SubjectCode.INVALID_KEY, path=str(path), reason=describe_error(error)) from error
+
+
+def write_subject(folder: Path, subject: Subject) -> None:
+    """Replace subject.toml; what is not known is left out."""
+    known = {name: value for name, value in subject.model_dump(exclude_none=True).items() if value not in ("", {})}
+    tables = {name: value for name, value in known.items() if isinstance(value, Mapping)}
+    keys = _key_lines({name: value for name, value in known.items() if name not in tables})
+    write_whole(folder / SUBJECT_FILE, keys + "".join(f"\n[{name}]\n{_key_lines(tables[name])}" for name in tables))
+
+
+def _key_lines(table: Mapping[str, Any]) -> str:
+    return "".join(f"{key if BARE_KEY.fullmatch(key) else _text(key)} = {_text(table[key])}\n" for key in table)
+
+
+def _text(value: float | str) -> str:
+    """A number or text as TOML, which escapes texts as JSON does and one character more."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def refuse_subject(code: SubjectCode, **figures: float | str) -> SubjectError:

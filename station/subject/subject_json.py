@@ -26,7 +26,7 @@ def plain_subject(subject: AssessedSubject, spread: dict[str, float] | None, cor
         for factor, value, e in zip(estimate.priors.factors, estimate.factors, errors, strict=True)
     }
     return SubjectDocument(
-        mass_kg=subject.declared.mass_kg,
+        mass_kg=subject.body.body_mass,
         hand_load_kg=subject.declared.hand_load_kg,
         origin=subject.origin,
         motion=subject.assessed.file,

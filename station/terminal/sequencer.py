@@ -119,7 +119,7 @@ class SessionSequencer:
 
     async def _may_arm(self, plan: PlanStatus) -> bool:
         """Whether to arm the next trial now; False if the plan may have changed."""
-        spec, instruction = plan.spec, preparation(plan, self._controller.session.config.protocol.pause_s)
+        spec, instruction = plan.spec, preparation(plan, self._controller.session.config)
         if spec is not None:
             trial = spec.cuff, spec.test, spec.repeat, spec.donning
             place = plan.trials.index(spec) + 1, len(plan.trials)

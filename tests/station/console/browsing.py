@@ -43,6 +43,13 @@ def begin(page: Page, subject: str = "P01") -> None:
     expect(page.get_by_text("next: hand")).to_be_visible(timeout=patience_ms())
 
 
+def stop(page: Page) -> None:
+    """End the recording that runs, and confirm."""
+    page.keyboard.press("s")
+    seen(page, "End this recording now?")
+    page.keyboard.press("y")
+
+
 def fits_on_the_screen(page: Page) -> bool:
     """Whether nothing has to be scrolled, and every button is in view and covered by nothing."""
     return bool(

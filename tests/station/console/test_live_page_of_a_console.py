@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page
 from recordings.contents import contents_of
 from recordings.topics import MARKERS
 from station.live.warm_up import warm_up
-from tests.station.console.browsing import CHROMIUM, open_page, runs, seen, until
+from tests.station.console.browsing import CHROMIUM, open_page, runs, seen, stop, until
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.console.test_wearer_in_a_browser import WEARER
 from tests.station.live.trials import generic_plan
@@ -47,7 +47,7 @@ def test_a_frozen_live_page_does_not_affect_the_recording(polite_browser: Browse
         session.send("Debugger.pause")
         frozen_s = recorded_s(page)
         until(page, lambda: recorded_s(page) > frozen_s + 3.0)
-        page.keyboard.press("s")
+        stop(page)
         seen(page, "Keep (k)")
     contents = contents_of(next((tmp_path / "sessions").rglob("*task-pose*.mcap")))
     assert contents.complete and not contents.gaps

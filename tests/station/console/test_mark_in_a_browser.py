@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.station.console.browsing import CHROMIUM, begin, open_page, runs, seen
+from tests.station.console.browsing import CHROMIUM, begin, open_page, runs, seen, stop
 from tests.station.console.served import ServedConsole, write_config
 
 pytestmark = [
@@ -33,7 +33,7 @@ def test_the_name_of_a_mark_has_the_focus_before_the_console_answers(browser: Br
         begin(page)
         page.keyboard.press("a")
         runs(page)
-        seen(page, "add weight 1 of 3")
+        seen(page, "hang weight 1 of 3")
         for action in ("click", *({"key": key, "code": "KeyM"} for key in ("m", "M", "ь"))):
             assert page.evaluate(FOCUS_AFTER, action) == "name, then Enter"
         page.keyboard.type("slips")  # with an s: Stop
@@ -43,5 +43,5 @@ def test_the_name_of_a_mark_has_the_focus_before_the_console_answers(browser: Br
         seen(page, re.compile(r"^mark 4 at \d+\.\d s is in the recording: slips$"))
         runs(page)
         assert page.evaluate(FOCUS_AFTER, {"key": "m", "code": "KeyM", "ctrlKey": True}) is None, "the browser's own"
-        page.keyboard.press("s")
+        stop(page)
         seen(page, "Keep (k)")

@@ -18,6 +18,7 @@ from tests.station.console.browsing import (
     picture_updates,
     runs,
     seen,
+    stop,
     until,
 )
 from tests.station.console.served import ServedConsole, write_config
@@ -56,16 +57,18 @@ def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects
         box = page.locator(".console-lost > div").bounding_box()
         assert box is not None and abs(box["x"] + box["width"] / 2 - 683) < 20 and 150 < box["y"] < 450, "in the middle"
         assert "grayscale" in page.evaluate("getComputedStyle(document.querySelector('#app')).filter")
-        page.keyboard.press("a")  # a key must not wait and act later
+        page.keyboard.press("a")  # a key must neither act later nor be lost without a notice
         page.clock.resume()
         if death == "frozen":
             psutil.Process(console.pid).resume()
             expect(lost).to_be_hidden()
+            expect(page.locator(".unconfirmed")).to_contain_text("Arm")
             seen(page, "next: hand, static, repeat 1")
         else:
             with ServedConsole(config, "--simulated", port=console.port):
                 seen(page, "P01, session 1: hand")
                 expect(lost).to_be_hidden()
+                expect(page.locator(".unconfirmed")).to_contain_text("Arm")
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the recorder is found by /proc")
@@ -84,7 +87,7 @@ def test_old_data_are_marked_while_the_console_answers(browser: Browser, tmp_pat
         finally:
             recorder.resume()
         seen(page, re.compile(r"^data \d\.\d s old$"))
-        page.keyboard.press("s")
+        stop(page)
         seen(page, "Keep (k)")
 
 
@@ -105,7 +108,7 @@ def test_a_page_that_does_not_draw_receives_no_further_updates(browser: Browser,
         assert len(sent) - before <= 4, "two on their way, and what was sent while the page was being frozen"
         session.send("Debugger.resume")
         until(other, lambda: len(sent) > before + 8)
-        other.keyboard.press("s")
+        stop(other)
 
 
 def test_the_markers_are_rotated_by_the_mouse_and_reset(browser: Browser, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from tests.station.console.browsing import (
     runs,
     says_simulated,
     seen,
+    stop,
     until,
 )
 from tests.station.console.readable import unreadable
@@ -82,7 +83,7 @@ def record_with_a_mark(page: Page, pictures: Path) -> None:
     seen(page, re.compile(r"^REC \d"))
     seen(page, "hand, static, repeat 1 of 1")
     seen(page, "trial 1 of 2 · subject P01 · session 1")
-    seen(page, re.compile(r"add weight \d of 3"))
+    seen(page, re.compile(r"hang weight \d of 3"))
     before = drawn(page)
     page.keyboard.press("m")
     page.keyboard.type("coughed")  # at once: the text is the name of the mark, and no key
@@ -113,7 +114,7 @@ def keep_both_trials(page: Page) -> None:
         page.keyboard.press("a")
         seen(page, "Keep (k)")
         page.get_by_label("Reason (needed to redo)").fill("this cuff always slips so far")
-        page.get_by_role("button", name="Keep (k)").click()
+        page.get_by_role("button", name="Keep").click()
 
 
 def finish(page: Page, pictures: Path) -> None:
@@ -273,7 +274,7 @@ def test_a_rehearsal_by_keyboard_is_readable_on_a_tablet_in_light_and_dark(brows
         page.keyboard.press("n")
         so_far = len(updates)
         until(page, lambda: len(updates) >= so_far + 10)
-        page.keyboard.press("s")
+        stop(page)
         seen(page, "stopped by the operator")
         seen(page, "Keep (k)")
         assert unreadable(page) == []
@@ -303,7 +304,7 @@ def test_a_trial_with_a_slow_bench_fits_the_screen_and_shows_the_rate(
         page.keyboard.press("a")
         seen(page, re.compile(r"simulated bench runs at \d+\.\d\d of real time"))
         assert fits_on_the_screen(page)
-        page.keyboard.press("s")
+        stop(page)
         seen(page, "Keep (k)")
 
 

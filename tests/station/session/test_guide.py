@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from station.config import parse_config
+from station.config import ProtocolSection, parse_config
 from station.messages.codes import AlarmCode, CueCode
 from station.messages.message import Message
 from station.session.force_limits import ForceLimits, force_limits
-from station.session.guide import Cue, FreeStaticGuide, Guide, RestState, StaticGuide, SwingGuide
+from station.session.guide import Cue, FreeStaticGuide, Guide, RestState, StaticGuide, SwingGuide, guide_for
 
 RNG = np.random.default_rng(7)
 MASSES = (1.5, 1.5, 1.5)
@@ -134,7 +134,7 @@ def test_a_swing_is_counted_and_brought_to_rest() -> None:
     def force(t: float) -> float:
         return 25.0 + (12.0 * np.sin(2 * np.pi * 0.9 * t) if 4.0 < t < 26.0 else 0.0)
 
-    cues = cues_of(SwingGuide(CueCode.PULL_SPRING, 15.0), 34.0, force)
+    cues = cues_of(SwingGuide(15.0), 34.0, force)
     assert cues[10].message.code is CueCode.STAND_STILL
     swinging = cues[150]
     assert swinging.message.figures["frequency_hz"] == approx(0.9, abs=0.05) and swinging.rest is RestState.SWINGING
@@ -150,7 +150,7 @@ def test_a_swing_that_begins_from_a_noisy_level_is_counted_at_its_own_pace() -> 
         swing = 12.0 * np.sin(2 * np.pi * (t - 6.5)) if t > 6.5 else 0.0
         return 22.0 + swing + float(RNG.normal(0, 1.0))
 
-    messages = [cue.message for cue in cues_of(SwingGuide(CueCode.PULL_SPRING, 15.0), 14.0, force)]
+    messages = [cue.message for cue in cues_of(SwingGuide(15.0), 14.0, force)]
     counted = [float(found.figures["frequency_hz"]) for found in messages if found.code is CueCode.KEEP_SWINGING]
     assert len(counted) > 50
     assert max(counted) < 1.2 and counted[-1] == approx(1.0, abs=0.02)
@@ -179,7 +179,14 @@ def test_the_force_ceiling_follows_a_small_load_cell() -> None:
 
 def test_the_stages_of_a_trial_are_named_from_the_first_to_the_last() -> None:
     assert StaticGuide((1.0, 1.0), 7.0).stages == ("empty", "+1", "+2", "\u22122", "\u22121")
-    assert SwingGuide(CueCode.PULL_SPRING, 20.0).stages == ("stand still", "swing", "rest")
+    assert SwingGuide(20.0).stages == ("stand still", "swing", "rest")
+
+
+def test_a_bounce_has_no_wearer_to_stand_still() -> None:
+    bounce = guide_for("bounce", ProtocolSection())
+    assert bounce.stages == ("hang still", "bounce", "rest")
+    cues = cues_of(bounce, 5.0, lambda _: 25.0)
+    assert [cues[at].message.code for at in (10, -1)] == [CueCode.HANG_STILL, CueCode.BOUNCE]
 
 
 def test_below_the_limits_there_is_no_alarm() -> None:

@@ -143,6 +143,16 @@ def test_a_trial_without_a_result_is_to_be_redone(
     assert (judgement.advice, codes(judgement)) == ("redo", [code])
 
 
+def test_the_step_at_which_a_trial_ended_leads_and_its_consequences_are_notes(
+    judged: Callable[..., Judgement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cause = Message(ReasonCode.WEIGHTS_MISSING, {"found": 2, "planned": 5})
+    monkeypatch.setattr("station.session.fitted_judgement.find_unfinished", lambda _: cause)
+    judgement = judged(stiffness=None, damping=None)
+    assert judgement.reasons == (cause,) and judgement.verdicts == ()
+    assert judgement.notes[0] == str(Message(ReasonCode.NO_STATIC_RESULT))
+
+
 def test_a_dynamic_trial_whose_lag_is_unknown_is_doubtful_and_not_redone(
     session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+from typing import Any
+
 import pytest
 
 from station.config import parse_config
@@ -18,6 +22,23 @@ def test_a_name_is_recognised(word: str) -> None:
 @pytest.mark.parametrize("word", ["P01", "S12b", "AB", "x3", ""])
 def test_a_code_is_not_a_name(word: str) -> None:
     assert not looks_like_a_name(word)
+
+
+@pytest.mark.parametrize(
+    ("changed", "code"),
+    [
+        ({"repeats": 0}, CommandCode.WRONG_REPEATS),
+        ({"repeats": 1001}, CommandCode.WRONG_REPEATS),
+        ({"step_masses_kg": (1.5, 0.0)}, CommandCode.WRONG_MASSES),
+        ({"step_masses_kg": (math.inf,)}, CommandCode.WRONG_MASSES),
+        ({"step_masses_kg": (math.nan,)}, CommandCode.WRONG_MASSES),
+    ],
+)
+def test_impossible_numbers_are_refused(changed: dict[str, Any], code: CommandCode) -> None:
+    fault = check_setup(
+        replace(Setup("P01", "", ("hand",), 1), **changed), parse_config({"cuffs": {"hand": CUFF}}, "test")
+    )
+    assert fault is not None and fault.code == code
 
 
 CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from station.config import parse_config
 from station.journal import Decision, Journal, Recorded, Setup
 from station.protocol import TrialSpec
 from station.session.plan_status import (
@@ -55,7 +56,7 @@ def session(tmp_path: Path):
             replace(SETUP, has_bounce=True),
             0,
             "bounce calibration",
-            "Hang the calibration weight on its spring under the load cell",
+            "Hang the 2.5 kg calibration weight on its spring under the load cell",
         ),
         (SETUP, 0, "hand, static, repeat 1", "Don the hand cuff, rope slack"),
         (ONE_CUFF, 0, "hand, static, repeat 1", "Don the hand cuff, rope slack"),
@@ -83,7 +84,7 @@ def test_the_next_trial_and_its_preparation_follow_the_order_of_the_plan(
     assert plan.done == frozenset(plan.trials[:done]) and plan.undecided is None
     assert plan.spec == (plan.trials[done] if title else None)
     assert (plan.spec and plan.spec.title) == title
-    assert preparation(plan, 60.0) == prepared
+    assert preparation(plan, parse_config({"bounce": {"mass_kg": 2.5, "marker": "weight"}}, "test")) == prepared
     assert plan.is_new_cuff is prepared.endswith("rope slack") and plan.has_pause is prepared.startswith("Let ")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recordings.manifest import BodyMarkers, CuffSite, EmgAmplifier, LoadCell
+from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.live_displacement import LiveDisplacement
 from station.bench.snapshot import Snapshot, TrialState
@@ -61,6 +61,14 @@ def test_a_hidden_cuff_has_no_displacement() -> None:
     hidden = moved(4, 3.0)
     hidden[1:3, 3] = np.nan
     assert np.isnan(live.update(hidden)).tolist() == [False, True, True, False]
+
+
+def test_a_bouncing_weight_is_displaced_in_the_laboratory() -> None:
+    live = LiveDisplacement(BounceRig(2.5, "weight"), ("other", "weight"))
+    frames = np.zeros((60, 2, 3))
+    frames[:, 0] = np.nan
+    frames[:, 1, 2] = 900.0 + np.concatenate([np.zeros(30), 40.0 * np.sin(np.linspace(0, 6 * np.pi, 30))])
+    assert live.update(frames)[30:] == pytest.approx(frames[30:, 1, 2] - 900.0, abs=1e-6)
 
 
 def test_an_anchor_of_two_markers_gives_no_displacement() -> None:

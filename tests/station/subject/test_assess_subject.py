@@ -124,7 +124,8 @@ def test_the_report_names_body_and_motion(plain: dict[str, Any], folder: Path) -
 @pytest.mark.parametrize(
     ("text", "code", "named"),
     [
-        ("", SubjectCode.INVALID_KEY, "mass_kg is missing"),
+        ("", SubjectCode.NO_MASS, "mass_kg"),
+        ('vertical = "y"', SubjectCode.NO_MASS, "mass_kg"),
         ("mass_kg = -3", SubjectCode.INVALID_KEY, "mass_kg"),
         ("mass_kg = 70\nheight = 2", SubjectCode.INVALID_KEY, "height"),
         ('mass_kg = 70\nmarkers = { ij = "nose" }', SubjectCode.UNKNOWN_MARKERS, "nose"),

@@ -1,0 +1,75 @@
+// Keys of the page. A key clicks the button that shows it; while a field has the focus, letters are text. A press that the
+// console has not confirmed is kept in the tab, so that neither a lost connection nor a reload hides it.
+(() => {
+  const PRESSED = "station.pressed", FORM = "station.form.";
+  const isTyping = () => document.activeElement?.matches("input, textarea, select, [contenteditable=true]");
+  const hasDialog = () => document.querySelector(".q-dialog, .q-menu");
+
+  function buttonOf(event) {
+    const letters = [event.key.toLowerCase(), event.code.replace(/^Key/, "").toLowerCase()]; // keyboards of other scripts
+    const buttons = [...document.querySelectorAll("footer [data-keys]")].filter((button) => button.checkVisibility() && !button.disabled);
+    return letters.map((letter) => buttons.find((button) => button.dataset.keys.includes(letter))).find(Boolean);
+  }
+
+  function showUnconfirmed() {
+    const names = JSON.parse(sessionStorage.getItem(PRESSED) || "[]"), notice = document.querySelector(".unconfirmed");
+    if (!notice) return;
+    notice.hidden = !names.length;
+    notice.querySelector(".names").textContent = names.join(", ");
+  }
+
+  function build() {
+    const notice = document.createElement("div");
+    notice.className = "unconfirmed";
+    notice.setAttribute("role", "alert");
+    notice.innerHTML = "<div>Pressed while the console did not answer, and not executed: <b class=names></b>. " +
+      "Press it again if it is still wanted.</div><button>Close</button>";
+    notice.querySelector("button").addEventListener("click", () => station.confirmPress());
+    document.body.append(notice);
+    showUnconfirmed();
+  }
+
+  Object.assign(window.station, {
+    // Called by a button that is pressed; returns the time of the press [Unix ms, clock of the console].
+    press(name) {
+      sessionStorage.setItem(PRESSED, JSON.stringify([name]));
+      return station.now();
+    },
+    confirmPress() {
+      sessionStorage.removeItem(PRESSED);
+      showUnconfirmed();
+    },
+    // A key was pressed while the console did not answer.
+    missKey(event) {
+      const name = isTyping() || event.key.length > 1 ? null : buttonOf(event)?.innerText ?? null;
+      if (name === null) return;
+      const names = JSON.parse(sessionStorage.getItem(PRESSED) || "[]");
+      if (!names.includes(name)) sessionStorage.setItem(PRESSED, JSON.stringify([...names, name]));
+    },
+    showUnconfirmed,
+    keepForm(name, content) { sessionStorage.setItem(FORM + name, JSON.stringify(content)); },
+    keptForm(name) { return JSON.parse(sessionStorage.getItem(FORM + name) || "{}"); },
+  });
+
+  document.addEventListener("DOMContentLoaded", build);
+  window.addEventListener("keydown", (event) => {
+    if (event.key === "Escape" && isTyping()) return document.activeElement.blur(); // letters are keys again
+    if (isTyping() || hasDialog() || event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+    const button = event.key.length === 1 ? buttonOf(event) : null;
+    if (!button) return;
+    event.preventDefault(); // the name of a mark must not begin with its key
+    button.click();
+  });
+  // The browser itself moves the focus to the name of a mark, so that no later key acts as a command. On the window: the
+  // framework handles the click first.
+  window.addEventListener("click", (event) => {
+    const note = event.target.closest?.(".mark-button") && document.querySelector(".note input");
+    if (!note) return;
+    note.value = "";
+    note.dispatchEvent(new Event("input")); // an unfinished name belongs to the previous mark
+    note.focus();
+  });
+  for (const kind of ["focusin", "focusout"]) {
+    document.addEventListener(kind, () => setTimeout(() => document.body.classList.toggle("typing", Boolean(isTyping()))));
+  }
+})();

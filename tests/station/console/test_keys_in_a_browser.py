@@ -1,0 +1,60 @@
+"""A letter is text in a field and a key elsewhere; what is typed survives the console."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from station.subject.subject_file import Cord, Subject, read_subject
+from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, seen
+from tests.station.console.served import ServedConsole, write_config
+from tests.station.console.test_wearer_in_a_browser import WEARER
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+    pytest.mark.timeout(300),
+]
+MASS, NUMBER = "Body mass [kg]", "Session"
+
+
+def test_a_letter_typed_in_a_field_is_text_and_no_button_shows_its_key(browser: Browser, tmp_path: Path) -> None:
+    with ServedConsole(write_config(tmp_path)) as console:
+        page = open_page(browser, console.address)
+        subject, key = page.get_by_label("Subject code"), page.locator("footer .key").first
+        subject.click()
+        page.keyboard.type("P01b")
+        expect(subject).to_have_value("P01b")
+        expect(key).to_be_hidden()
+        page.keyboard.press("Escape")
+        expect(key).to_be_visible()
+        seen(page, "New session")
+    assert not (tmp_path / "sessions").exists()
+
+
+def test_a_form_survives_a_new_console_and_describes_the_wearer_of_its_session(
+    browser: Browser, tmp_path: Path
+) -> None:
+    config = write_config(tmp_path)
+    config.write_text(config.read_text() + WEARER)
+    with ServedConsole(config) as console:
+        page = open_page(browser, console.address)
+        page.get_by_label("Subject code").fill("P01")
+        expect(page.get_by_label(NUMBER, exact=True)).to_have_value("1")
+        page.get_by_label(NUMBER, exact=True).fill("4")
+        page.get_by_label(MASS).fill("615")
+        page.get_by_label("Rest length of the cord [m]").fill("0,73")
+        page.get_by_text("files such as").wait_for()
+        page.wait_for_function("station.keptForm('setup').rest === '0,73'")
+    with ServedConsole(config, port=console.port):
+        for label, value in (("Subject code", "P01"), (NUMBER, "4"), (MASS, "615")):
+            expect(page.get_by_label(label, exact=True)).to_have_value(value, timeout=patience_ms())
+        page.get_by_role("button", name="Begin").click()
+        seen(page, "the body mass is '615', expected 20 to 300 kg")
+        page.get_by_label(MASS).fill("61.5")
+        page.get_by_role("button", name="Begin").click()
+        seen(page, "next: pose")
+    expected = Subject(mass_kg=61.5, cord=Cord(rest_length_m=0.73))
+    assert read_subject(tmp_path / "sessions" / "sub-P01_ses-4") == expected
