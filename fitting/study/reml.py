@@ -27,8 +27,8 @@ ROUNDS = 200
 SMALLEST_STEP = 1e-5
 """Standard errors by which a component may still change in the last round."""
 HALVINGS = 40
-ROUNDING = 1e-10
-"""Of the deviance: a step may raise it by so much, else rounding would hold the search before its end."""
+ROUNDING = 1e-9
+"""A step may raise the deviance by so much, else rounding would end the search before it converges."""
 SEPARATE = 1e-8
 """Part of a matrix that has to be independent of the others, for its component to be separated from theirs."""
 
@@ -51,8 +51,7 @@ class ErrorContrasts:
         """K'V(θ)K (m, m)."""
         covariance = self.known.copy()
         for variance, root in zip(theta, self.roots, strict=True):
-            if variance > 0:
-                covariance += variance * (root @ root.T)
+            covariance += variance * (root @ root.T)
         return covariance
 
 
@@ -118,9 +117,8 @@ def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
     information, observed, gradient = np.zeros((count, count)), np.zeros((count, count)), np.zeros(count)
     projected = [root.T @ solved for root in contrasts.roots]  # Z_i' V⁻¹ y
     for i, root in enumerate(contrasts.roots):
-        is_identity = _is_identity(root)
-        for j, solved_root in enumerate(solved_roots[: i + 1]):
-            cross = solved_root if is_identity else root.T @ solved_root  # Z_i' V⁻¹ Z_j
+        for j in range(i + 1):
+            cross = root.T @ solved_roots[j]  # Z_i' V⁻¹ Z_j
             information[i, j] = information[j, i] = np.vdot(cross, cross) / 2
             observed[i, j] = observed[j, i] = projected[i] @ cross @ projected[j] - information[i, j]
         gradient[i] = np.vdot(root, solved_roots[i]) - projected[i] @ projected[i]
@@ -165,7 +163,7 @@ def _descend(contrasts: ErrorContrasts, theta: Array, here: Curvature, step: Arr
             there = evaluate(contrasts, tried)
         except scipy.linalg.LinAlgError:
             continue
-        if there.deviance <= here.deviance + ROUNDING * (1 + abs(here.deviance)) and not np.array_equal(tried, theta):
+        if there.deviance <= here.deviance + ROUNDING and not np.array_equal(tried, theta):
             return tried, there
     return None
 
@@ -178,7 +176,3 @@ def _root(basis: Array, incidence: Array) -> Array:
     if np.linalg.norm(root) < SEPARATE * np.linalg.norm(incidence):
         root[:] = 0.0  # a factor of one level is in the fixed effects
     return root
-
-
-def _is_identity(root: Array) -> bool:
-    return np.array_equal(root, np.eye(len(root)))
