@@ -1,17 +1,24 @@
-"""The published method on sessions whose truth is known: it gives what its equations give, with their errors."""
+"""The published method on sessions whose truth is known; the repeat that disagrees; a cuff as OpenSim's force."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
-from fitting.cuffs.cuff_fit import SessionFit
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.published_method import PublishedFit, plain_published, published_fits
-from fitting.results.codes import NoteCode
+from fitting.cuffs.trial_fit import TrialFit, find_outliers, has_slipped
+from fitting.cuffs.wearable_cuff import bushing_force
+from fitting.results.codes import FitErrorCode, NoteCode, Verdict
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
+from fitting.uncertainty import normal_estimate
 from tests.fitting.experiment import Session, published
+from tests.fitting.refusals import raises_refusal
 
 
 @cache
@@ -68,3 +75,73 @@ def test_without_dynamic_trials_there_is_no_damping() -> None:
     assert paper.stiffness
     assert paper.damping is None
     assert paper.observed_attenuation is None
+
+
+def _trial(stiffness: float, sd: float = 10.0, migration: float = 0.0) -> TrialFit:
+    return TrialFit(
+        "a.mcap",
+        "hash",
+        "static",
+        1,
+        1,
+        "used",
+        stiffness=normal_estimate(stiffness, sd),
+        migration=normal_estimate(migration, 1e-4),
+    )
+
+
+def test_a_repeat_is_outlying_beyond_three_combined_standard_errors() -> None:
+    others = [_trial(1000.0), _trial(1000.0)]
+    assert find_outliers(_trial(1000.0 + 2.9 * 10 * 2**0.5), others) == ()
+    (outlier,) = find_outliers(_trial(1000.0 + 3.1 * 10 * 2**0.5), others)
+    assert (outlier.quantity, outlier.mean) == ("stiffness", 1000.0)
+    assert round(outlier.distance, 6) == 3.1
+
+
+def test_the_spread_of_the_others_counts_where_it_exceeds_their_errors() -> None:
+    assert find_outliers(_trial(1200.0), [_trial(900.0), _trial(1100.0)]) == ()
+
+
+def test_a_first_repeat_is_compared_with_nothing() -> None:
+    assert find_outliers(_trial(1.0), []) == ()
+
+
+def test_a_cuff_that_migrates_further_than_any_published_one_has_slipped() -> None:
+    assert not has_slipped(_trial(1000.0, migration=0.022))
+    assert has_slipped(_trial(1000.0, migration=0.026))
+
+
+FIT = CuffFit(
+    name="hand",
+    site="arm",
+    donning="1",
+    stiffness=normal_estimate(8520.5, 10.0),
+    damping=normal_estimate(210.25, 6.0),
+    migration=normal_estimate(0.012, 1e-5),
+    verdicts=(Verdict.IDENTIFIED,),
+    covariance=np.zeros((3, 3)),
+)
+
+
+def test_its_translational_terms_are_the_cuffs_figures() -> None:
+    element = ElementTree.fromstring(bushing_force(FIT.wearable()))  # noqa: S314
+    assert element.tag == "BushingForce"
+    assert element.get("name") == "hand_cuff"
+    texts = {child.tag: child.text for child in element if isinstance(child.tag, str)}
+    assert texts["translational_stiffness"] == "8520.5 8520.5 8520.5"
+    assert texts["translational_damping"] == "210.25 210.25 210.25"
+    assert texts["rotational_stiffness"] == "0 0 0"
+
+
+def test_a_cuff_without_damping_has_no_bushing() -> None:
+    with raises_refusal(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping"):
+        bushing_force(replace(FIT, damping=None).wearable())
+
+
+@pytest.mark.oracle
+def test_opensim_knows_every_element_of_it() -> None:
+    simulation = pytest.importorskip("opensim.simulation", reason="OpenSim is not installed")
+    force = simulation.BushingForce()
+    element = ElementTree.fromstring(bushing_force(FIT.wearable()))  # noqa: S314
+    known = {force.getPropertyByIndex(i).getName() for i in range(force.getNumProperties())}
+    assert {child.tag for child in element if isinstance(child.tag, str) and "socket" not in child.tag} <= known

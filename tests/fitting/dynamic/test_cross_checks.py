@@ -1,4 +1,4 @@
-"""What the cross-checks say of a record, and when they contradict the default."""
+"""Cross-checks of the default: output error, weak form and complex stiffness on records whose truth is known."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from fitting.dynamic.cross_checks import Checks, check, disagreements, without_lag
-from fitting.dynamic.errors_in_variables import Solution, estimate
+from fitting.dynamic.errors_in_variables import C, Solution, estimate
+from fitting.dynamic.output_error import output_error
 from fitting.dynamic.swing import Swing
+from fitting.dynamic.weak_form import complex_stiffness, fit_lines, tapered_lines
 from fitting.results.codes import TrialNoteCode
-from tests.fitting.swinging import swing
+from fitting.results.outcome import FitOutcome
+from tests.fitting.swinging import DAMPING, MASS, STIFFNESS, swing
 
 
 def _checked(record: Swing) -> tuple[Solution, Checks]:
@@ -55,3 +59,95 @@ def test_a_bent_spring_shows_at_twice_the_swings_frequency() -> None:
     assert straight.harmonics[0] < 5 * straight.harmonic_noise
     assert bent.harmonics[0] > 5 * bent.harmonic_noise
     assert bent.harmonics[0] == pytest.approx(4e5 * np.var(way), rel=0.3)
+
+
+def test_without_noise_it_returns_what_was_put_in() -> None:
+    fitted = output_error(swing(1, force_noise=0.0, marker_noise=0.0), 5000.0, 100.0).estimates
+    assert fitted
+    assert fitted[0].value == pytest.approx(STIFFNESS, rel=2e-3)
+    assert fitted[1].value == pytest.approx(DAMPING, rel=1e-2)
+
+
+def test_noise_in_the_force_does_not_bias_the_damping_of_a_light_damper() -> None:
+    found = [output_error(swing(seed, c=38.0), STIFFNESS, 38.0).estimates for seed in range(20)]
+    assert np.mean([fit[1].value for fit in found if fit]) == pytest.approx(38.0, abs=2.0)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.05])
+def test_its_standard_error_is_honest_whatever_the_colour_of_the_noise(colour: float) -> None:
+    z = []
+    for seed in range(60):
+        fitted = output_error(swing(seed, colour=colour), STIFFNESS, DAMPING).estimates
+        assert fitted
+        z.append((fitted[1].value - DAMPING) / fitted[1].standard_error)
+    low, high = stats.chi2.ppf([0.0005, 0.9995], 60)
+    total = float(np.dot(z, z))
+    assert low < total < high
+    assert 4 * total > high
+
+
+def test_coloured_noise_is_what_errors_in_variables_cannot_stand() -> None:
+    z = []
+    for seed in range(20):
+        solution = estimate(swing(seed, colour=0.05, seconds=10.0))
+        z.append((solution.parameters[C] - DAMPING) / np.sqrt(solution.covariance[C, C]))
+    assert np.dot(z, z) > stats.chi2.ppf(0.9995, 20)
+
+
+def test_a_force_that_falls_as_the_cuff_goes_has_no_answer() -> None:
+    record = swing(1)
+    backwards = output_error(replace(record, force=-record.force), STIFFNESS, DAMPING)
+    assert (backwards.outcome, backwards.estimates) == (FitOutcome.NO_SOLUTION, None)
+
+
+def test_without_noise_the_weak_form_returns_what_was_put_in() -> None:
+    fitted = fit_lines(tapered_lines(swing(1, force_noise=0.0, marker_noise=0.0), 0.0), MASS)
+    assert fitted
+    assert fitted[0].value == pytest.approx(STIFFNESS, rel=1e-4)
+    assert fitted[1].value == pytest.approx(DAMPING, rel=1e-3)
+
+
+def test_its_interval_covers_as_student_says() -> None:
+    places = []
+    for seed in range(120):
+        fitted = fit_lines(tapered_lines(swing(seed), 0.157e-3), MASS)
+        assert fitted
+        low, high = fitted[0].ci95
+        places.append((STIFFNESS - low) / (high - low))
+    covered, halved = (np.mean([0.5 - reach < place < 0.5 + reach for place in places]) for reach in (0.5, 0.25))
+    assert covered > 0.89  # 95 % less three standard errors
+    assert halved < 0.89
+
+
+def test_a_mass_left_out_is_missed() -> None:
+    with_mass, without = (
+        fit_lines(tapered_lines(swing(1, force_noise=0.0, marker_noise=0.0), 0.0), mass) for mass in (MASS, 0.0)
+    )
+    assert with_mass
+    assert without
+    assert with_mass[0].value - without[0].value == pytest.approx(MASS * (2 * np.pi) ** 2, rel=0.15)
+
+
+def test_the_complex_stiffness_of_a_spring_and_damper_is_the_same_in_every_band() -> None:
+    slow, fast = (swing(3, force_noise=0.02, marker_noise=0.01e-3, frequency=f) for f in (1.0, 2.0))
+    bands = complex_stiffness([*tapered_lines(slow, 0.01e-3), *tapered_lines(fast, 0.01e-3)], MASS, 1.0)
+    assert len(bands) >= 2
+    for band in bands:
+        assert abs(band.stiffness.value - STIFFNESS) < 4 * band.stiffness.standard_error
+        assert abs(band.damping.value - DAMPING) < 4 * band.damping.standard_error
+    assert any(abs(band.frequency - 1.0) < 0.05 for band in bands)
+
+
+def test_a_hole_in_the_markers_splits_the_record() -> None:
+    record = swing(4)
+    seen = (record.marker_time < 9.0) | (record.marker_time > 10.0)
+    holed = replace(record, marker_time=record.marker_time[seen], displacement=record.displacement[seen])
+    lines = tapered_lines(holed, 0.157e-3)
+    assert len(lines) == 2
+    fitted = fit_lines(lines, MASS)
+    assert fitted
+    assert abs(fitted[0].value - STIFFNESS) < 4 * fitted[0].standard_error
+
+
+def test_a_motion_within_the_noise_has_no_lines() -> None:
+    assert fit_lines(tapered_lines(swing(5, marker_noise=5e-3), 5e-3), MASS) is None

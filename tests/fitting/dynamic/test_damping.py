@@ -1,4 +1,4 @@
-"""Which stretch of a dynamic trial is fitted, and which trials cannot tell damping."""
+"""Stretch of a dynamic trial that is fitted, trials without damping, the lag from a known stiffness, and slip."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fitting.dynamic import errors_in_variables
 from fitting.dynamic.damping import fit_damping
+from fitting.dynamic.errors_in_variables import LagPosterior, Solution, estimate, lag_from_magnitude
+from fitting.dynamic.slip import Slip, find_slip
 from fitting.pull.pull import Pull
 from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.session import fit_session
 from fitting.trial.clocks import LagUncertainty
-from fitting.trial.oscillation import find_oscillation
-from fitting.trial.trial import Trial
+from fitting.trial.oscillation import Oscillation, find_oscillation
+from fitting.trial.trial import Trial, build_trial
+from fitting.uncertainty import normal_estimate
 from recordings.manifest import CuffSite
+from tests.fitting.experiment import Session, published
 from tests.fitting.pulls import pull_of
 from tests.fitting.refusals import figures_by_code, raises_refusal
+from tests.fitting.swinging import MASS, swing
 
 K, C = 2140.0, 124.0
 
@@ -140,3 +147,103 @@ def test_the_energy_of_a_cycle_is_the_loops_area() -> None:
     assert fit.energy.standard_error / fit.energy.value == pytest.approx(
         fit.damping.estimate.standard_error / fit.damping.value, rel=1e-6
     )
+
+
+SPREAD = 0.025 / np.sqrt(3)
+"""Seconds: a lag anywhere within half a sample at 20 Hz."""
+
+
+def _posterior(seed: int, k: float, c: float, lag: float) -> tuple[LagPosterior, float]:
+    """What is found, and c at the lag that was found; the stiffness is known to 0.5 %, and drawn so."""
+    record = swing(seed, k=k, c=c, rate=100.0, seconds=15.0, lag_error=lag)
+    known = normal_estimate(k * (1 + 0.005 * float(np.random.default_rng(seed).standard_normal())), 0.005 * k)
+    posterior = lag_from_magnitude(estimate(record), MASS, 1.0, known, SPREAD)
+    at_lag: Solution = estimate(replace(record, force_time=record.force_time + posterior.lag))
+    return posterior, float(at_lag.parameters[errors_in_variables.C])
+
+
+@pytest.mark.parametrize("lag", [-0.025, 0.0, 0.025])
+def test_a_damping_that_makes_much_of_the_magnitude_is_found_under_any_lag(lag: float) -> None:
+    posterior, damping = _posterior(1, 2530.0, 139.0, lag)
+    assert abs(damping - 139.0) < 3 * posterior.damping_sd < 0.2 * 139.0
+    assert abs(posterior.lag - lag) < 3 * posterior.lag_sd
+
+
+@pytest.mark.parametrize("lag", [-0.02, 0.02])
+def test_one_that_makes_little_of_it_is_not_said_to_be_known(lag: float) -> None:
+    """At c = 38 the magnitude is that of the spring alone within 0.1 %: whatever comes out, its error must hold it."""
+    found = [_posterior(seed, 5530.0, 38.0, lag) for seed in range(12)]
+    assert all(abs(damping - 38.0) < 3 * posterior.damping_sd for posterior, damping in found)
+    assert min(posterior.damping_sd / damping for posterior, damping in found) > 0.15
+
+
+def test_errors_are_those_of_the_draw() -> None:
+    random = np.random.default_rng(9)
+    z = []
+    for seed in range(40):
+        posterior, damping = _posterior(seed, 2530.0, 139.0, SPREAD * random.standard_normal())
+        z.append((damping - 139.0) / posterior.damping_sd)
+    assert 0.6 < float(np.std(z)) < 1.4
+
+
+def test_a_lag_that_would_leave_a_negative_damping_does_not_count() -> None:
+    posterior, damping = _posterior(2, 5530.0, 38.0, -0.025)
+    assert damping > 0
+    assert posterior.lag < 0
+
+
+SLIPPING_K = 8000.0
+SWING = Oscillation(2.0, 14.0, 1.0, 16.0)
+time = np.arange(2.0, 14.0, 0.01)
+
+
+def _find(offset: np.ndarray) -> Slip:
+    noise = 2e-4 * np.random.default_rng(2).standard_normal(len(time))
+    return find_slip(time, offset + noise, 2e-4, SWING, SLIPPING_K, 2.0)
+
+
+def test_a_cuff_that_holds_loses_no_cycle() -> None:
+    slip = _find(np.full(len(time), 0.011))
+    assert (slip.settles, slip.cycles) == (True, 0)
+    assert slip.damping < 10
+
+
+def test_slip_of_negligible_apparent_damping_costs_no_cycle() -> None:
+    assert _find(np.minimum(time - 2.0, 2.0) * 1.5e-5).cycles == 0
+
+
+def test_the_cycles_before_it_settles_are_counted() -> None:
+    slip = _find(np.minimum((time - 2.0) / 3.0, 1.0) * 1e-3)
+    assert slip.settles
+    assert 2 <= slip.cycles <= 3
+    assert slip.distance == pytest.approx(0.83e-3, abs=0.1e-3)
+    assert slip.damping < 20
+
+
+def test_slip_without_an_end_is_found_by_its_dissipated_work() -> None:
+    slip = _find(0.5e-3 * (time - 2.0))
+    assert not slip.settles
+    assert slip.damping == pytest.approx(16 * 0.5e-3 / (np.pi * 2 * np.pi * (16 / SLIPPING_K) ** 2), rel=0.05)
+
+
+def test_a_hidden_cycle_is_no_slip() -> None:
+    seen = (time < 6.0) | (time > 7.0)
+    slip = find_slip(time[seen], np.full(np.count_nonzero(seen), 0.01), 2e-4, SWING, SLIPPING_K, 2.0)
+    assert slip == Slip(settles=True, cycles=0, distance=0.0, damping=pytest.approx(0.0, abs=1e-6))
+
+
+def test_too_few_cycles_cannot_tell() -> None:
+    assert find_slip(time, 1e-3 * time, 2e-4, replace(SWING, end=5.0), SLIPPING_K, 2.0) == Slip(
+        settles=True, cycles=0, distance=0.0, damping=0.0
+    )
+
+
+def test_damping_of_a_cuff_that_slips_anew_in_the_swing_is_from_the_cycles_after() -> None:
+    """The static loads end below the crest of the swing, so that the swing carries the cuff on."""
+    truth = published("hand", weights=(15.0, 25.0, 35.0), hold=4.0, amplitude=20.0, slowness=2000.0, duration=18.0)
+    session = Session(truth, 5)
+    trials = [build_trial(*session.static(), "s.mcap", "s"), build_trial(*session.dynamic(), "d.mcap", "d")]
+    fit = fit_session(trials).cuffs["hand"]
+    assert fit.damping
+    assert abs(fit.damping.value - truth.damping) < 3 * fit.damping.standard_error
+    assert fit.trials[1].notes[-1].code is TrialNoteCode.START_LEFT_OUT

@@ -1,4 +1,4 @@
-"""Displacement in the anchor's frame: sway, missing markers, ghosts, and anchors that are no frame."""
+"""Displacement in the anchor's frame: sway, missing, frozen and loose markers, ghosts, slow noise."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import along, cuff_motion, pull_direction, reference_posture
-from fitting.pull.marker_quality import turn_notes
-from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.pull.marker_quality import loose_marker, turn_notes
+from fitting.pull.plateaus import BATCH, find_plateaus, slow_noise
+from fitting.pull.plausibility import require_live_markers
+from fitting.results.codes import CauseCode, RejectionCode, TrialNoteCode
+from fitting.session import fit_session
 from fitting.trial.clocks import LagUncertainty
-from fitting.trial.trial import Trial
+from fitting.trial.trial import Trial, build_trial
 from recordings.manifest import CuffSite
-from tests.fitting.refusals import raises_refusal
+from tests.fitting.experiment import Session, published
+from tests.fitting.refusals import figures_by_code, raises_refusal
 
 ANCHOR = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22]])
 CUFF = np.array([[0.03, 0.07, 0.12], [0.05, 0.06, 0.10]])
@@ -216,3 +222,148 @@ def test_a_cuff_that_does_not_follow_the_force_has_no_direction() -> None:
     trial = replace(_trial(), force=np.full(len(TIME), 3.0))
     with raises_refusal(RejectionCode.NO_MOTION):
         _displacement(trial)
+
+
+FROZEN_TIME = np.arange(2000) / 100
+FORCE = 25 + 12 * np.sin(FROZEN_TIME)
+
+
+def _markers(still: slice, hidden: bool = False) -> np.ndarray:
+    markers = np.random.default_rng(3).standard_normal((len(FROZEN_TIME), 5, 3))
+    markers[still] = markers[still][:1]
+    markers[still, 0] = np.nan if hidden else markers[still, 0]
+    return markers
+
+
+def _is_refused(markers: np.ndarray, force: np.ndarray = FORCE) -> bool:
+    try:
+        require_live_markers(FROZEN_TIME, markers, FROZEN_TIME, force)
+    except UnusableTrial:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_markers_that_stand_still_while_the_force_swings_are_refused(hidden: bool) -> None:
+    with raises_refusal(
+        RejectionCode.MARKERS_FROZEN, duration_s=pytest.approx(4.0, abs=0.05), start_s=pytest.approx(5.0, abs=0.05)
+    ):
+        require_live_markers(FROZEN_TIME, _markers(slice(500, 900), hidden), FROZEN_TIME, FORCE)
+
+
+@pytest.mark.parametrize(
+    ("still", "force"),
+    [(slice(500, 590), FORCE), (slice(500, 900), np.where(FROZEN_TIME < 10, 0.0, FORCE)), (slice(0, 0), FORCE)],
+)
+def test_for_less_than_a_second_or_under_a_force_that_rests_they_may(still: slice, force: np.ndarray) -> None:
+    assert not _is_refused(_markers(still), force)
+
+
+def test_a_stretch_without_any_marker_is_no_standing_still() -> None:
+    markers = _markers(slice(0, 0))
+    markers[500:900] = np.nan
+    assert not _is_refused(markers)
+
+
+PLACES = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22], [0.06, 0.0, 0.05]])
+NAMES = tuple(f"anchor_{i}" for i in range(1, 6))
+
+
+def _seen(seed: int, count: int, loose: int | None, way: float) -> np.ndarray:
+    """(frames, markers, 3) with noise of 0.2 mm; the body rests, as a pose takes its motion out anyway."""
+    random = np.random.default_rng(seed)
+    points = PLACES[:count] + 0.2e-3 * random.standard_normal((3000, count, 3))
+    if loose is not None:
+        slow = np.repeat(random.standard_normal((100, 3)), 30, axis=0)
+        points[:, loose] += way * slow / np.sqrt(3)
+    return points
+
+
+@pytest.mark.parametrize("count", [4, 5])
+@pytest.mark.parametrize("loose", range(4))
+def test_a_marker_that_moves_by_a_millimetre_is_named_with_its_way(count: int, loose: int) -> None:
+    found = loose_marker(NAMES[:count], PLACES[:count], _seen(loose, count, loose, 1e-3))
+    assert found
+    label, way = found
+    assert label == NAMES[loose]
+    assert way == pytest.approx(1e-3, rel=0.35)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_of_the_cameras_names_no_marker(seed: int) -> None:
+    assert loose_marker(NAMES[:4], PLACES[:4], _seen(seed, 4, None, 0.0)) is None
+    assert loose_marker(NAMES[:4], PLACES[:4], _seen(seed, 4, 1, 0.2e-3)) is None
+
+
+def test_with_three_markers_the_loose_one_is_unknown() -> None:
+    assert loose_marker(NAMES[:3], PLACES[:3], _seen(1, 3, 1, 3e-3)) is None
+
+
+def test_a_loose_marker_is_a_cause_and_a_note_of_its_trials() -> None:
+    session = Session(published("hand", friction=1e9, migration=0.0, hold=4.0, duration=12.0), 5)
+    firm = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
+    (fit,) = fit_session([_with_loose(each) for each in firm]).cuffs.values()
+    assert fit.diagnosis
+    assert CauseCode.LOOSE_MARKER in [cause.code for cause in fit.diagnosis.causes[:2]]
+    assert all(figures_by_code(trial.notes)[TrialNoteCode.LOOSE_MARKER]["marker"] == "anchor_3" for trial in fit.trials)
+    (fit,) = fit_session(firm).cuffs.values()
+    assert fit.diagnosis
+    assert fit.diagnosis.causes == ()
+
+
+def _with_loose(trial: Trial) -> Trial:
+    markers = trial.markers.copy()
+    slow = np.random.default_rng(2).standard_normal((len(markers) // 30 + 1, 3)).repeat(30, axis=0)[: len(markers)]
+    markers[:, trial.labels.index("anchor_3")] += 1e-3 / np.sqrt(3) * slow
+    return replace(trial, markers=markers)
+
+
+LOADS = np.array([2.0, 17, 32, 47, 62, 77, 62, 47, 32, 17, 2])
+STIFFNESS, NOISE = 8520.0, 0.15e-3
+
+
+def _coloured(seed: int, count: int, memory: float) -> np.ndarray:
+    """count frames at 100 Hz of first-order autoregressive noise with a memory [s]."""
+    a = np.exp(-0.01 / memory) if memory else 0.0
+    white = np.random.default_rng(seed).standard_normal(count + 1000)
+    return NOISE * lfilter([np.sqrt(1 - a * a)], [1.0, -a], white)[1000:]
+
+
+def _scores(memory: float, hold: float, runs: int = 40) -> np.ndarray:
+    """Errors of the held displacements and of where each hold ended, in their standard errors: (holds, 2)."""
+    time, frames = np.arange(0, hold * len(LOADS), 0.005), np.arange(0, hold * len(LOADS), 0.01)
+    force = LOADS[np.minimum(time / hold, len(LOADS) - 1).astype(int)]
+    way = LOADS[np.minimum(frames / hold, len(LOADS) - 1).astype(int)] / STIFFNESS
+    scores = []
+    for seed in range(runs):
+        found = find_plateaus(time, force, 0.0, frames, way + _coloured(seed, len(frames), memory))
+        assert len(found) == len(LOADS)
+        for each in found:
+            true = each.force / STIFFNESS
+            scores.append([(each.displacement - true) / each.displacement_sd, (each.late[0] - true) / each.late[1]])
+    return np.array(scores)
+
+
+@pytest.mark.parametrize(("memory", "hold"), [(0.0, 5.0), (0.05, 5.0), (0.5, 8.0)])
+def test_errors_of_held_displacements_are_what_they_claim(memory: float, hold: float) -> None:
+    spread = _scores(memory, hold).std(axis=0)
+    assert (spread > 0.6).all()
+    assert (spread < 1.15).all()
+
+
+def test_white_noise_errs_as_white_noise_does() -> None:
+    holds = [np.random.default_rng(seed).standard_normal(14) for seed in range(200)]
+    assert slow_noise(holds) == pytest.approx(np.sqrt(BATCH), rel=0.05)
+
+
+def test_creep_within_holds_is_no_noise() -> None:
+    creep = np.exp(-np.arange(14) * BATCH / 15.0)
+    noise = [1e-3 * np.random.default_rng(seed).standard_normal(14) for seed in range(11)]
+    with_creep, without = slow_noise([creep + each for each in noise]), slow_noise(noise)
+    assert with_creep == pytest.approx(without, rel=0.5)
+
+
+def test_few_or_short_holds_do_not_determine_the_noise() -> None:
+    assert slow_noise([np.arange(14.0)]) == 0.0
+    assert slow_noise([np.arange(5.0)] * 8) == 0.0
+    assert slow_noise([np.zeros(14)] * 8) == 0.0

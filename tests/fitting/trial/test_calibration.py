@@ -1,14 +1,22 @@
-"""Volts, newtons and codes."""
+"""Volts, newtons and codes; lag, gain and zero from a bounce of a rig that another physics moved."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
+from scipy import stats
 
-from fitting.results.codes import GainMistake
+from fitting.results.codes import GainMistake, RejectionCode, TrialNoteCode
+from fitting.trial.bounce import BounceFit, BounceTrial, calibrate, fit_bounce
 from fitting.trial.calibration import Calibration, code_width, find_mistake, full_scale, level_bias, to_newtons
+from fitting.trial.trial import build_bounce
 from fitting.uncertainty import normal_estimate
-from recordings.manifest import LoadCell
+from recordings.manifest import LoadCell, Timing
+from tests.fitting.bouncing import Bounce, recorded
+from tests.fitting.refusals import raises_refusal
 
 CODE = 20 / 4096
 
@@ -115,3 +123,153 @@ def test_the_bias_covers_what_a_converter_does_to_levels_and_not_much_more() -> 
         found = np.sqrt(np.mean((read.mean(axis=1) - levels) ** 2))
         said = np.mean([level_bias(1.0, float(np.std(row))) for row in read])
         assert 0.9 * found < said < 2.5 * found
+
+
+COUNT = 30
+ODD = Bounce(lag=0.004, gain=1.01)
+
+
+def _trial(truth: Bounce, seed: int = 1, run: int = 1) -> BounceTrial:
+    return build_bounce(*recorded(truth, seed, run), f"test-bounce_run-{run}.mcap", f"hash {run}")
+
+
+@cache
+def _fits(truth: Bounce) -> tuple[BounceFit, ...]:
+    return tuple(fit_bounce(_trial(truth, seed)) for seed in range(COUNT))
+
+
+def _scores(truth: Bounce, shifted: float = 0.0, shrunk: float = 1.0) -> np.ndarray:
+    """(fits, 3) errors of lag, gain, zero in their standard errors; with a lag that is off and errors made smaller."""
+    true = np.array([truth.lag + shifted, truth.gain, truth.zero])
+    found = [[each.estimate for each in (fit.lag, fit.gain, fit.zero)] for fit in _fits(truth)]
+    values = np.array([[each.value for each in fit] for fit in found])
+    errors = np.array([[each.standard_error for each in fit] for fit in found])
+    return (values - true) / (shrunk * errors)
+
+
+@pytest.mark.parametrize(
+    ("rate", "lag_rmse", "gain_rmse"), [(1000.0, 0.3e-3, 0.003), (20.0, 1.5e-3, 0.01)], ids=["1 kHz", "20 Hz"]
+)
+def test_lag_gain_and_zero_come_back_as_closely_as_they_claim(rate: float, lag_rmse: float, gain_rmse: float) -> None:
+    truth = replace(ODD, force_rate=rate)
+    scores, fits = _scores(truth), _fits(truth)
+    assert np.sqrt(np.mean([(fit.lag.value - truth.lag) ** 2 for fit in fits])) < lag_rmse
+    assert np.sqrt(np.mean([(fit.gain.value - truth.gain) ** 2 for fit in fits])) < gain_rmse
+    low, high = stats.chi2.ppf([0.0005, 0.9995], COUNT)
+    chi_square = np.sum(scores**2, axis=0)
+    assert np.all(chi_square < high)
+    assert chi_square[0] > low, "the interval of the lag is no wider than it need be"
+
+
+def test_a_biased_lag_or_halved_standard_errors_would_fail_the_test() -> None:
+    high = stats.chi2.ppf(0.9995, COUNT)
+    assert np.sum(_scores(ODD, shifted=0.5e-3)[:, 0] ** 2) > high
+    assert np.sum(_scores(ODD, shrunk=0.5)[:, 0] ** 2) > high
+
+
+def test_an_amplifier_s_filter_is_part_of_the_lag_and_widens_the_gain() -> None:
+    fit = fit_bounce(_trial(Bounce(filter_hz=10.0)))
+    assert fit.lag.value == pytest.approx(-np.arctan(0.1) / (2 * np.pi), abs=0.4e-3)
+    assert abs(fit.gain.value - 1) < 0.01
+    assert abs(fit.gain.value - 1) < 2.5 * fit.gain.estimate.standard_error
+
+
+def test_the_spring_s_own_mass_is_counted() -> None:
+    fit = fit_bounce(_trial(Bounce(spring_mass=0.4)))
+    assert fit.gain.value == pytest.approx(1.0, abs=0.004)
+    assert fit.zero.value == pytest.approx(1.5, abs=0.1)
+
+
+def test_which_way_is_down_ghosts_and_hidden_frames_do_not_matter() -> None:
+    plain = fit_bounce(_trial(Bounce()))
+    turned = fit_bounce(_trial(Bounce(down=(0.6, 0.0, 0.8), ghosts=0.01, occlusion=0.05)))
+    assert turned.lag.value == pytest.approx(plain.lag.value, abs=2e-4)
+    assert turned.gain.value == pytest.approx(plain.gain.value, rel=2e-3)
+
+
+def test_a_lag_that_the_configuration_knew_is_not_counted_twice() -> None:
+    truth = Bounce(lag=0.03)
+    manifest, tracks = recorded(truth, 1)
+    told = replace(manifest, timing=Timing(lag_s=0.025, lag_sd_s=0.001, stop_edge="end_of_frame"))
+    assert fit_bounce(build_bounce(told, tracks, "a", "a")).lag.value == pytest.approx(0.03, abs=4e-4)
+
+
+@pytest.mark.parametrize(
+    ("truth", "code", "figures"),
+    [
+        (
+            Bounce(polarity=-1, zero=0.0),
+            RejectionCode.BOUNCE_POLARITY,
+            {"force_n": pytest.approx(-24.5, abs=0.5), "mass_kg": 2.5},
+        ),
+        (Bounce(duration=8.0), RejectionCode.BOUNCE_FEW_CYCLES, {"expected": 10}),
+        (
+            Bounce(force_rate=20.0, frequency=3.0, amplitude=0.01),
+            RejectionCode.BOUNCE_FEW_SAMPLES,
+            {"samples": pytest.approx(6.7, abs=0.05)},
+        ),
+        (
+            Bounce(occlusion=0.5),
+            RejectionCode.BOUNCE_HIDDEN,
+            {"marker": "weight", "seen": pytest.approx(0.55, abs=0.05)},
+        ),
+        (Bounce(marker_noise=0.02), RejectionCode.BOUNCE_STILL, {}),
+        (Bounce(down=(0.0, 0.0, 0.0), marker_noise=0.0), RejectionCode.BOUNCE_STILL, {}),
+    ],
+)
+def test_a_bounce_that_cannot_calibrate_is_refused(
+    truth: Bounce, code: RejectionCode, figures: dict[str, object]
+) -> None:
+    with raises_refusal(code, **figures):
+        fit_bounce(_trial(truth))
+
+
+@pytest.mark.parametrize(
+    ("gain", "mistake"),
+    [
+        (2.0, GainMistake.CAPACITY_DOUBLED),
+        (0.5, GainMistake.CAPACITY_HALVED),
+        (1 / 4.448, GainMistake.POUNDS_FOR_NEWTONS),
+        (4.448, GainMistake.NEWTONS_FOR_POUNDS),
+        (1.134, GainMistake.CAPACITY_25_LB),
+        (1.3, GainMistake.UNKNOWN),
+    ],
+)
+def test_a_gain_that_is_a_mistake_is_named_and_not_used(gain: float, mistake: GainMistake) -> None:
+    calibration, refused = calibrate([_trial(Bounce(gain=gain))])
+    assert refused == {}
+    assert calibration is not None
+    assert calibration.notes[0].figures["mistake"] is mistake
+    assert calibration.gain_with(0.002) == (1.0, 0.002)
+    assert calibration.lag.value == pytest.approx(0.0, abs=5e-4)
+
+
+def test_a_cell_that_was_zeroed_with_the_weight_on_is_reported() -> None:
+    fit = fit_bounce(_trial(Bounce(zero=-2.5 * 9.81)))
+    assert fit.notes[0].code is TrialNoteCode.BOUNCE_TARED
+
+
+def test_bounces_are_put_together_and_the_newest_run_of_each_counts() -> None:
+    early, late = _trial(Bounce(lag=0.01), run=1), _trial(Bounce(lag=0.002), run=2)
+    second = replace(_trial(Bounce(lag=0.002), seed=5, run=3), repeat=2, start_utc_ns=99)
+    broken = replace(_trial(Bounce(duration=8.0), run=4), repeat=3)
+    calibration, refused = calibrate([late, early, second, broken])
+    assert calibration is not None
+    assert calibration.lag.value == pytest.approx(0.002, abs=3e-4)
+    assert set(calibration.sources) == {"test-bounce_run-2.mcap", "test-bounce_run-3.mcap"}
+    assert calibration.recorded_utc_ns == max(late.start_utc_ns, 99)
+    assert list(refused) == ["test-bounce_run-4.mcap"]
+
+
+def test_without_a_bounce_there_is_no_calibration() -> None:
+    assert calibrate([]) == (None, {})
+
+
+def test_a_certificate_and_a_bounce_share_the_gain_by_what_they_know() -> None:
+    calibration, _ = calibrate([_trial(Bounce(gain=1.01))])
+    assert calibration is not None
+    gain, sd = calibration.gain_with(0.0)
+    assert gain == calibration.gain.value
+    shared, shared_sd = calibration.gain_with(sd)
+    assert shared == pytest.approx(1 + (gain - 1) / 2)
+    assert shared_sd == pytest.approx(sd / np.sqrt(2))
