@@ -56,7 +56,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "solver.suit.quantity": (),
     "station.bench.sync_line": (),
     "station.bench.trial_state_machine": ("tests/station/bench/test_silence.py",),
-    "station.interval": (),
+    "documents.interval": (),
     "station.journal": (),
     "station.session.plan_status": (),
 }

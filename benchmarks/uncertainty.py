@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.assessment import CUFFS, PUBLISHED
+from documents.interval import plus_minus
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.motion import differentiate
@@ -33,7 +34,6 @@ from station.assessment.budget_file import read_budget
 from station.assessment.case import AssessedCase
 from station.assessment.decision_json import plain_decision
 from station.assessment.people_run import PeopleRun, assess_people
-from station.interval import plus_minus
 from station.sources import motion_of
 
 RELATIVE_ERRORS = (0.01, 0.05, 0.02)

@@ -5,7 +5,7 @@
     cuffs = cs.fit_session("simulated/demo").cuffs           # stiffness, damping, migration with their uncertainty
     cs.plot(cs.assess(cuffs)).savefig("effort.png")   # muscle effort over the cord's rest length
 
-The twelve functions below, the types of their results and the roots of their exceptions follow semantic versioning;
+The functions below, the types of their results and the roots of their exceptions follow semantic versioning;
 everything else may change. Units are SI from a trial on; a recording keeps the unit of its device in Stream.unit.
 
 A name is imported at its first use (PEP 562), so that reading a recording loads neither SciPy nor the solver.
@@ -20,9 +20,10 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from drivers.errors import DeviceError as DeviceError
     from fitting.cuffs.cuff_fit import CuffFit as CuffFit
     from fitting.cuffs.cuff_fit import SessionFit as SessionFit
+    from fitting.cuffs.cuff_tables import published_cuffs as published_cuffs
     from fitting.cuffs.cuffs_file import read_cuffs as read_cuffs
     from fitting.cuffs.cuffs_file import write_cuffs as write_cuffs
-    from fitting.cuffs.wearable_cuff import WearableCuff as WearableCuff
+    from fitting.cuffs.wearable_cuff import Cuff as Cuff
     from fitting.errors import FitError as FitError
     from fitting.uncertainty import Estimate as Estimate
     from recordings.errors import RecordingError as RecordingError
@@ -45,6 +46,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from station.library import fit_session as fit_session
     from station.library import read_recording as read_recording
     from station.report.plot import plot as plot
+    from station.sample import sample_session as sample_session
     from station.solver_library import assess as assess
     from station.solver_library import load_model as load_model
     from station.solver_library import load_motion as load_motion
@@ -55,6 +57,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
 
 _MODULES = {
     "Assessment": "solver.suit.assessment",
+    "Cuff": "fitting.cuffs.wearable_cuff",
     "CuffFit": "fitting.cuffs.cuff_fit",
     "DeviceError": "drivers.errors",
     "Estimate": "fitting.uncertainty",
@@ -74,7 +77,6 @@ _MODULES = {
     "StreamSolver": "solver.stream.stream_solver",
     "StreamSuitFrame": "solver.stream.stream_frame",
     "Track": "recordings.reader",
-    "WearableCuff": "fitting.cuffs.wearable_cuff",
     "assess": "station.solver_library",
     "fit_donning": "station.library",
     "fit_session": "station.library",
@@ -82,8 +84,10 @@ _MODULES = {
     "load_motion": "station.solver_library",
     "open_stream": "station.solver_library",
     "plot": "station.report.plot",
+    "published_cuffs": "fitting.cuffs.cuff_tables",
     "read_cuffs": "fitting.cuffs.cuffs_file",
     "read_recording": "station.library",
+    "sample_session": "station.sample",
     "solve_motion": "station.solver_library",
     "with_reserves": "solver.redundancy.reserves",
     "write_cuffs": "fitting.cuffs.cuffs_file",

@@ -1,22 +1,16 @@
 # %% [markdown]
 # # Look at a recording
 #
-# Streams as arrays and tables, lost samples, and the load cell in newtons. `station demo` records `simulated/demo`.
-# Give another session folder as the first argument, or edit `SESSION` in a notebook.
+# Streams as arrays and tables, lost samples, and the load cell in newtons. For your own recordings, set SESSION to
+# their folder.
 
 # %%
-import sys
-from pathlib import Path
-
 import numpy as np
 
 import cuffstation as cs
 
-SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "simulated/demo")
-files = sorted(SESSION.glob("*static*.mcap"))
-if not files:
-    sys.exit(f"{SESSION} has no recording of a static test; record simulated/demo with `station demo`")
-recording = cs.read_recording(files[0])
+SESSION = cs.sample_session()
+recording = cs.read_recording(next(SESSION.glob("*static*.mcap")))
 print(recording)
 
 # %% [markdown]
@@ -24,9 +18,9 @@ print(recording)
 
 # %%
 force = recording.load("/force").to_dataframe()
-print(force.head())
 missing = np.diff(force["sample_number"]) - 1
 print(f"{len(force)} samples, {int(missing.sum())} missing; complete: {recording.complete}")
+print(force.head())
 
 # %% [markdown]
 # A recording contains raw values in the unit of the device, and the calibration to newtons.
@@ -43,4 +37,4 @@ for label, part in zip(markers.stream.labels, hidden, strict=True):
     print(f"{label:12} hidden in {100 * part:.1f} % of {len(markers.values)} frames")
 
 # %%
-cs.plot(recording).savefig("recording.png")
+cs.plot(recording)

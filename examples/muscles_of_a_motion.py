@@ -1,19 +1,16 @@
 # %% [markdown]
 # # Muscles of a motion
 #
-# The muscle-redundancy problem with the glenohumeral constraint. Without arguments: the bundled model and arm raise.
-# With arguments: `muscles_of_a_motion.py MODEL.osim MOTION.mot`.
+# The muscle-redundancy problem with the glenohumeral constraint, of the bundled model in the bundled arm raise. For
+# your own: `cs.load_model("model.osim")` and `cs.load_motion(model, "motion.mot")`.
 
 # %%
-import sys
-
 import numpy as np
 
 import cuffstation as cs
 
-source, path = sys.argv[1:3] if len(sys.argv) > 2 else ("bundled", None)
-model = cs.load_model(source)
-motion = cs.load_motion(model, path, cutoff_hz=3.0, every=5)
+model = cs.load_model()
+motion = cs.load_motion(model, cutoff_hz=3.0, every=5)
 print(model, motion, sep="\n")
 
 # %%
@@ -31,4 +28,4 @@ more = np.nanmean(solution.effort) / np.nanmean(free.effort) - 1
 print(f"the glenohumeral constraint increases the effort by {100 * more:.0f} %")
 
 # %%
-cs.plot(solution).savefig("muscles.png")
+cs.plot(solution)

@@ -35,8 +35,9 @@ suit = FOLDER / "shank_suit.toml"
 assessment = cs.assess(cuffs, leg, stride, suit, options=options, external_loads=LOADS, draws=0)
 table = assessment.to_dataframe().set_index("condition")
 for condition, kind in (("rigid", "rigid"), ("visco_elastic", "yielding"), ("both", "yielding and migrated")):
-    least, length = table.loc[condition, ["least_effort", "rest_length_m"]]
-    print(f"{kind} cuff: {100 * (1 - least):.0f} % less effort, at a rest length of {1000 * length:.0f} mm")
+    row = table.loc[condition]
+    saved, length = 100 * (1 - row["least_effort"]), 1000 * row["rest_length_m"]
+    print(f"{kind} cuff: {saved:.0f} % less effort, at a rest length of {length:.0f} mm")
 
 # %% [markdown]
 # The same as a report:
@@ -45,4 +46,4 @@ for condition, kind in (("rigid", "rigid"), ("visco_elastic", "yielding"), ("bot
 #         --effort effort.toml --suit shank_suit.toml --cuffs shank.json --output out
 
 # %%
-cs.plot(assessment).savefig("effort.png")
+cs.plot(assessment)

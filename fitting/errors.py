@@ -6,6 +6,8 @@ FitError
 │   │   └── NotConverged   as a fit that it needs did not converge
 │   ├── NoTensor           directions that determine no stiffness tensor (spatial/tensor.py)
 │   ├── NotIdentified      a cuff without a parameter that is needed (cuffs/wearable_cuff.py)
+│   ├── ImpossibleCuff     a figure that no cuff on a body has (cuffs/wearable_cuff.py)
+│   ├── UnnamedCuff        keys that do not make a cuff (cuffs/cuff_tables.py)
 │   ├── MassCheckError     a known mass that cannot be compared (trial/mass_checks.py)
 │   ├── ProtocolFileError  a protocol.toml that cannot be used (trial/protocol_file.py)
 │   ├── CuffsFileError     a cuffs.json that cannot be used (cuffs/cuffs_file.py)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.equality import EqualByFields
+from documents.labelled_arrays import labelled_dataset
 from recordings import topics
 from recordings.chunks import Damage, Entry, read_entries
 from recordings.errors import DamagedFile, RecordingCode, RecordingError
@@ -24,10 +26,11 @@ WIDENED, WIDENED_PER_BYTE = 64 * 2**20, 20
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 
-@dataclass(frozen=True, repr=False)
-class Track:
+@dataclass(frozen=True, eq=False, repr=False)
+class Track(EqualByFields):
     """All samples of one stream in file order, as arrays.
 
     stream          its description; labels are those of the whole recording, in order of first appearance
@@ -49,7 +52,7 @@ class Track:
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row per sample: sample_number, device_time_ns, host_time_ns, then a column per label in Stream.unit; of a
-        marker three, "label_x" and so on, and "label_residual".
+        marker three, "label_x" and so on, and "label_residual". attrs["units"] has the unit of each column.
         """
         import pandas as pd
 
@@ -59,7 +62,22 @@ class Track:
         table = pd.DataFrame(self.values.reshape(len(self.values), len(names)), columns=names)
         for place, name in enumerate(("sample_number", "device_time_ns", "host_time_ns")):
             table.insert(place, name, getattr(self, name + "s" * (name == "sample_number")))
+        table.attrs["units"] = {"device_time_ns": "ns", "host_time_ns": "ns"} | dict.fromkeys(names, self.stream.unit)
         return table
+
+    def to_xarray(self) -> xr.Dataset:
+        """values over (sample, label), of markers over (sample, label, axis). Needs the extra xarray."""
+        labels = {"label": (list(self.stream.labels), "")}
+        axes: tuple[str, ...] = ("sample", "label")
+        if self.values.ndim == 3:
+            axes, labels = (*axes, "axis"), labels | {"axis": (["x", "y", "z", "residual"], "")}
+        variables = {
+            "values": (axes, self.values, self.stream.unit),
+            "sample_number": (("sample",), self.sample_numbers, ""),
+            "device_time_ns": (("sample",), self.device_time_ns, "ns"),
+            "host_time_ns": (("sample",), self.host_time_ns, "ns"),
+        }
+        return labelled_dataset(variables, labels)
 
 
 @dataclass(frozen=True, repr=False)

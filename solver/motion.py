@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.equality import EqualByFields
+from documents.labelled_arrays import labelled_dataset
 from solver.coded_finding import CodedFinding, describe_codes
 from solver.errors import MotionError, SolverCode
 from solver.model import Model
 from solver.option_values import ensure_at_least
 from solver.time_grid import LONGEST_STEP, even_grid, interpolated, is_even
-from solver.time_series_table import LONGEST_STEP_S, ensure_seconds, read_table
+from solver.time_series_table import LONGEST_STEP_S, TableHeader, ensure_seconds, read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 Array = NDArray[np.float64]
 Derivatives = Literal["differences", "splines"]
@@ -24,6 +30,8 @@ SHORT_STEP_PERIODS = 0.1
 """Longest step between samples, in periods of the cut-off, that a spline bridges."""
 LARGEST_COORDINATE = 1e6
 """[rad or m] Beyond any motion, also one in degrees or millimetres; a filter would spread it over all frames."""
+_SCALES = {"": 1.0, "s": 1.0, "rad": 1.0, "m": 1.0, "deg": np.pi / 180, "mm": 1e-3}
+"""Unit of a column of a DataFrame → factor to SI."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +58,8 @@ class Motion:
     repeated_rows: int = 0
 
 
-@dataclass(frozen=True, repr=False)
-class Kinematics:
+@dataclass(frozen=True, eq=False, repr=False)
+class Kinematics(EqualByFields):
     """Time, coordinates, speeds and accelerations of a motion.
 
     time          (frames,) [s];  interval [s] between neighbours
@@ -61,6 +69,7 @@ class Kinematics:
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
     steps, missing, largest_degrees, row_counts, repeated_rows  of the recorded motion, as in Motion
     findings      of cuffstation.load_motion: what is unusual in the motion
+    units         name of a coordinate → rad or m, in the order of positions; of cuffstation.load_motion, else empty
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
     angular velocity. Over a slow arm raise the two differ by up to 0.1 rad/s; published activations compare only so.
@@ -79,6 +88,7 @@ class Kinematics:
     row_counts: tuple[int, int] | None = None
     repeated_rows: int = 0
     findings: tuple[CodedFinding, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raise MotionError without a frame: there is nothing to check, to solve or to average."""
@@ -106,6 +116,30 @@ class Kinematics:
             described += f"; without data: {', '.join(self.missing)}"
         return described + describe_codes(self.findings)
 
+    def to_dataframe(self, quantity: Literal["positions", "speeds", "accelerations"] = "positions") -> pd.DataFrame:
+        """A row per frame: time_s, then a column per coordinate, with its unit in attrs["units"].
+
+        cuffstation.load_motion(model, table) reads a table of positions.
+        """
+        import pandas as pd
+
+        per = {"positions": "", "speeds": "/s", "accelerations": "/s²"}[quantity]
+        table = pd.DataFrame(getattr(self, quantity), columns=self._coordinates)
+        table.insert(0, "time_s", self.time)
+        table.attrs["units"] = {"time_s": "s"} | {name: unit + per for name, unit in self.units.items()}
+        return table
+
+    def to_xarray(self) -> xr.Dataset:
+        """positions, speeds and accelerations (time, coordinate). Needs the extra xarray."""
+        dims, names = ("time", "coordinate"), ("positions", "speeds", "accelerations")
+        variables = {name: (dims, getattr(self, name), "SI") for name in names}
+        return labelled_dataset(variables, {"time": (self.time, "s"), "coordinate": (self._coordinates, "")})
+
+    @property
+    def _coordinates(self) -> list[str]:
+        """Names of the coordinates, or their numbers where they are not known."""
+        return list(self.units) or [f"q{number}" for number in range(self.positions.shape[1])]
+
     @property
     def filter(self) -> str:
         """As results state it."""
@@ -127,7 +161,40 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
     which names the file and the missing or malformed part.
     """
     columns, table, header = read_table(path)
-    columns = [_coordinate_of(column) for column in columns]
+    return _motion(
+        path, [_coordinate_of(column) for column in columns], table, header, model, with_defaults=with_defaults
+    )
+
+
+def motion_from_dataframe(table: pd.DataFrame, model: Model) -> Motion:
+    """Motion of a table with the columns "time" (or "time_s") [s] and the names of coordinates [rad or m].
+
+    attrs["units"] of the table may name the unit of a column: rad, deg, m or mm. Other columns are ignored, and a
+    coordinate without a column keeps its default. Raises MotionError as read_motion does.
+    """
+    columns = ["time" if column == "time_s" else _coordinate_of(str(column)) for column in table.columns]
+    units = table.attrs.get("units", {})
+    try:
+        values = np.array(table.to_numpy(dtype=float))
+    except (TypeError, ValueError) as error:
+        sentence = f"the DataFrame should hold numbers ({error}); leave the other columns out"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE) from error
+    if len(values) < 2 or not np.isfinite(values).all():
+        sentence = f"the DataFrame should hold finite numbers in at least 2 rows and has {len(values)} rows, "
+        sentence += f"{int(np.isnan(values).any(axis=1).sum())} of them with a gap; fill or cut it"
+        raise MotionError(sentence, SolverCode.NOT_FINITE)
+    for index, column in enumerate(table.columns):
+        values[:, index] *= _SCALES.get(units.get(column, ""), np.nan)
+        if np.isnan(values[:, index]).any():
+            sentence = f"the DataFrame has {column} in {units[column]}, expected {', '.join(filter(None, _SCALES))}"
+            raise MotionError(f"{sentence}; correct attrs['units']", SolverCode.MALFORMED_TABLE)
+    return _motion(Path("the DataFrame"), columns, values, TableHeader(), model, with_defaults=True)
+
+
+def _motion(
+    path: Path, columns: list[str], table: Array, header: TableHeader, model: Model, *, with_defaults: bool
+) -> Motion:
+    """The motion of columns; path is the source that messages name."""
     missing = _missing(path, model, columns, with_defaults=with_defaults)
     time = table[:, columns.index("time")]
     coordinates = np.tile(model.default_coordinates, (len(time), 1))

@@ -24,6 +24,7 @@ PACKAGES = {
     "sensitivity": ("SALib",),
     "formats": ("foxglove_schemas_protobuf", "mcap_protobuf", "pyarrow"),
     "catalogue": ("duckdb",),
+    "xarray": ("xarray",),
     "pdf": ("playwright",),
 }
 """Extra → the modules that are imported from its packages."""

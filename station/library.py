@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.session import fit_session as fit_trials
-from fitting.trial.reader import read_trials
+from fitting.trial.protocol_file import read_protocol
+from fitting.trial.reader import TrialReading, read_alone, read_trials
+from fitting.trial.trial import Trial, within
 from recordings.reader import Recording, open_recording
 from station.fit import SessionError, fit_session_folder
+from station.fit import read_recording as read_assigned
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
+from station.recordings_of_session import pulls_in
 
 File = Path | str
+Window = tuple[float, float] | Mapping[str, tuple[float, float]]
 
 
 def read_recording(path: File) -> Recording:
@@ -25,8 +30,10 @@ def read_recording(path: File) -> Recording:
     return open_recording(Path(path))
 
 
-def fit_donning(recordings: Sequence[File]) -> CuffFit:
+def fit_donning(recordings: Sequence[File], *, window: Window | None = None) -> CuffFit:
     """Fit stiffness [N/m], damping [N s/m] and migration [m] of one cuff from all trials of one donning.
+
+    window: as in fit_session.
 
     Bounce trials among them calibrate lag and gain of the load cell (SessionFit.bounces names those of a session);
     without one, the notes of the fit have note.not_calibrated. Raises SessionError if no trial can be used, or if the
@@ -35,7 +42,8 @@ def fit_donning(recordings: Sequence[File]) -> CuffFit:
     if isinstance(recordings, str | PathLike) or not isinstance(recordings, Iterable):
         raise TypeError(f"recordings should be a list of paths, and got a {type(recordings).__name__}")
     paths = [Path(path) for path in recordings]
-    trials, rejected = read_trials(paths)
+    windowed = _windowed(paths, window, lambda path: read_alone(path, read_protocol(path.parent)))
+    trials, rejected = read_trials(paths, windowed)
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
         reasons = reasons or ("there are only bounce trials; add the trials of a cuff" if paths else "none was given")
@@ -48,6 +56,28 @@ def fit_donning(recordings: Sequence[File]) -> CuffFit:
     return found[0]
 
 
-def fit_session(folder: File) -> SessionFit:
-    """Fit every cuff of a session folder by donning, with the decisions of the journal. Raises SessionError."""
-    return fit_session_folder(Path(folder), None)
+def fit_session(folder: File, *, window: Window | None = None) -> SessionFit:
+    """Fit every cuff of a session folder by donning, with the decisions of the journal. Raises SessionError.
+
+    window: start and end [s after the sync edge] of the part of every trial that is used, or file name → start and end;
+    its trials have a note on it. Raises ValueError for a window outside of the trial.
+    """
+    folder = Path(folder)
+    return fit_session_folder(folder, None, readings=_windowed(pulls_in(folder), window, read_assigned))
+
+
+def _windowed(
+    paths: Sequence[Path], window: Window | None, read: Callable[[Path], TrialReading]
+) -> dict[str, TrialReading]:
+    """File name → the part of a trial in its window. Raises ValueError for a window of no recording."""
+    if window is None:
+        return {}
+    windows = window if isinstance(window, Mapping) else {path.name: window for path in paths}
+    if unknown := sorted(set(windows) - {path.name for path in paths}):
+        raise ValueError(f"window names {unknown[0]}, expected the name of one of the recordings; correct it")
+    readings = {path.name: read(path) for path in paths if path.name in windows}
+    return {
+        name: within(reading, *windows[name])
+        for name, reading in readings.items()
+        if isinstance(reading, Trial)  # a bounce calibrates as a whole
+    }

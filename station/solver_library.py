@@ -6,14 +6,15 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
+from os import PathLike
 from pathlib import Path
 from types import NoneType
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fitting.cuffs.cuff_fit import CuffFit
-from fitting.cuffs.cuffs_file import ensure_by_name
-from fitting.cuffs.wearable_cuff import WearableCuff
+from fitting.cuffs.cuff_tables import CuffsLike, cuffs_of
 from solver.cuff import by_site
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
@@ -43,6 +44,9 @@ from station.assessment.slack_muscles import slack_findings, slack_muscles
 from station.motion_filter import CUTOFF_HZ
 from station.sources import BUNDLED, kinematics_of, loads_of, model_of
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 File = Path | str
 
 
@@ -58,20 +62,22 @@ def load_model(source: File = BUNDLED, *, actuators: Sequence[File] = (), ignore
 
 
 def load_motion(
-    model: Model, path: File | None = None, cutoff_hz: float | None = CUTOFF_HZ, every: int = 1
+    model: Model, path: File | pd.DataFrame | None = None, cutoff_hz: float | None = CUTOFF_HZ, every: int = 1
 ) -> Kinematics:
     """Read a motion (.mot, .sto, .csv) and differentiate it; without a path, the bundled raise of the arm.
 
-    cutoff_hz: of the low-pass filter (Butterworth of order 4, forwards and backwards), None for no filter. every: keep
-    every n-th frame. Uneven steps are interpolated to even ones, and a coordinate without a column keeps its default or
-    is where a constraint holds it. The findings of the result say so, as the terminal does. Raises MotionError, and
-    ModelError for an n below 1.
+    In place of a path, a DataFrame with the column time [s] and columns named as coordinates [rad, m]; attrs["units"]
+    may name other units (deg, mm), and Kinematics.to_dataframe() is such a table. cutoff_hz: of the low-pass filter
+    (Butterworth of order 4, forwards and backwards), None for no filter. every: keep every n-th frame. Uneven steps are
+    interpolated to even ones, and a coordinate without a column keeps its default or is where a constraint holds it.
+    The findings of the result say so, as the terminal does. Raises MotionError, and ModelError for an n below 1.
     """
     _ensure_model(model)
     ensure_type("cutoff_hz", cutoff_hz, (Real, NoneType), "a number or None")
-    kinematics = kinematics_of(None if path is None else Path(path), model, cutoff_hz)
+    kinematics = kinematics_of(Path(path) if isinstance(path, str | PathLike) else path, model, cutoff_hz)
     findings = tuple(motion_findings(motion_checks(model, kinematics)))
-    return replace(decimate(kinematics, every), findings=findings)
+    units = {coordinate.name: "m" if coordinate.motion == "translation" else "rad" for coordinate in model.coordinates}
+    return replace(decimate(kinematics, every), findings=findings, units=units)
 
 
 def solve_motion(
@@ -105,7 +111,7 @@ def open_stream(
     markers: Sequence[str] | Mapping[str, float],
     model: Model | None = None,
     rest_lengths: Mapping[str, float] | None = None,
-    cuffs: Mapping[str, CuffFit | WearableCuff] | None = None,
+    cuffs: CuffsLike | None = None,
     suit: File | None = None,
     *,
     lag_s: float = DEFAULT_LAG,
@@ -128,7 +134,7 @@ def open_stream(
     if not weights:
         raise ModelError("markers is empty, expected names of markers of the model; give them", SolverCode.WRONG_OPTION)
     tasks = TrackingTasks(tuple(model.marker(name) for name in weights), np.array(list(weights.values())))
-    arms, waists = by_site(worn_cuffs(_wearable(cuffs or {}), ()))
+    arms, waists = by_site(worn_cuffs({} if cuffs is None else cuffs_of(cuffs), ()))
     if len(arms) > 1 or len(waists) > 1:
         named = ", ".join(cuff.name for cuff in (*arms, *waists))
         raise SuitError(f"a suit has one cuff at the arm and one at the waist, got {named}", SolverCode.WRONG_CUFF)
@@ -140,12 +146,14 @@ def open_stream(
     return StreamSolver(model, tasks, scenarios, suit=_suit(suit), options=_options(options), lag_s=lag_s)
 
 
-def assess(
-    cuffs: Mapping[str, CuffFit | WearableCuff],
+def assess(  # noqa: PLR0913 (a notebook names what it changes)
+    cuffs: CuffsLike,
     model: Model | None = None,
     kinematics: Kinematics | None = None,
     suit: File | None = None,
     *,
+    rest_lengths: ArrayLike | None = None,
+    reference_rest_length: float | None = None,
     draws: int = 200,
     most_frames: int | None = None,
     options: RedundancyOptions | None = None,
@@ -153,13 +161,15 @@ def assess(
 ) -> Assessment:
     """Assess a suit with these cuffs in a motion: muscle effort over the rest length of the cord, in four conditions.
 
-    The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. draws:
+    The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. cuffs: as
+    cuffs_of() takes them: cuffs or fits, mappings, a DataFrame, or the path of a cuffs.json. rest_lengths [m] and
+    reference_rest_length [m] replace those of the suit; activations() of the result is at the latter. draws:
     number of draws of the cuffs from the covariance of their fit, at least 40, or 0 for no intervals; most_frames:
     limit of the frames that are solved;
     external_loads: OpenSim's ExternalLoads (.xml). The findings of the result are those that `station assess` prints.
-    Raises NotIdentified, ModelError, SuitError, and TypeError for cuffs without names.
+    Raises FitError for cuffs that cannot be worn, ModelError, SuitError.
     """
-    fits, drawn = _wearable(cuffs), DrawSettings(count=draws)
+    fits, drawn = cuffs_of(cuffs), DrawSettings(count=draws)
     if draws:
         ensure_at_least("draws", draws, LEAST_DRAWS)
     worn = worn_cuffs(fits, ())
@@ -173,7 +183,8 @@ def assess(
         every = math.ceil(len(kinematics.time) / most_frames)
     loads, on_inputs = _loads(external_loads, model, kinematics)
     motion = LoadedMotion(model, kinematics, loads, _options(options))
-    found = assess_suit(motion, _suit(suit), worn, every=every, draws=drawn)
+    worn_suit = _with_lengths(_suit(suit), rest_lengths, reference_rest_length)
+    found = assess_suit(motion, worn_suit, worn, every=every, draws=drawn)
     has_covariance = any(cuff.covariance.any() for cuff in worn)
     on_suit = assessment_findings(found, has_covariance=has_covariance) + cuff_findings(fits.values())
     return replace(found, findings=(*on_suit, *on_inputs, *left_out_findings(model, None)))
@@ -191,6 +202,16 @@ def _loads(
 def _suit(path: File | None) -> Suit:
     """The suit of a file, or the bundled one. Raises SuitError."""
     return read_suit(BUNDLED_SUIT if path is None else Path(path))
+
+
+def _with_lengths(suit: Suit, rest_lengths: ArrayLike | None, reference: float | None) -> Suit:
+    """The suit with other rest lengths [m]. Raises SuitError."""
+    lengths = suit.rest_lengths if rest_lengths is None else np.unique(np.asarray(rest_lengths, dtype=float))
+    reference = suit.reference_rest_length if reference is None else float(reference)
+    for name, values in (("rest_lengths", lengths), ("reference_rest_length", np.array([reference]))):
+        if not values.size or not ((values > 0.0) & (values < np.inf)).all():
+            raise SuitError(f"{name} should be lengths above 0 m, and is {values}; give them in m", SolverCode.SUIT_KEY)
+    return replace(suit, rest_lengths=lengths, reference_rest_length=reference)
 
 
 def _ensure_model(model: object) -> None:
@@ -213,12 +234,3 @@ def _ensure_numbers(argument: str, values: Mapping[str, float]) -> None:
     ensure_type(argument, values, Mapping, "a mapping from names to numbers")
     for value in values.values():
         ensure_type(argument, value, Real, "a mapping from names to numbers")
-
-
-def _wearable(cuffs: Mapping[str, CuffFit | WearableCuff]) -> dict[str, WearableCuff]:
-    """Raises TypeError for anything but a mapping of cuffs."""
-    ensure_by_name(cuffs)
-    for cuff in cuffs.values():
-        expected = "a mapping from names to cuffs, as fit_session(…).cuffs is or read_cuffs(…) returns"
-        ensure_type("cuffs", cuff, (CuffFit, WearableCuff), expected)
-    return {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}

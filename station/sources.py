@@ -6,7 +6,7 @@ import hashlib
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy import float64
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from documents.regular_file import LARGEST_TABLE, read_regular
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
-from solver.motion import Kinematics, Motion, differentiate, read_motion
+from solver.motion import Kinematics, Motion, differentiate, motion_from_dataframe, read_motion
 from solver.motion_splines import held_by_constraints
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.document import read_document
@@ -25,6 +25,9 @@ from solver.osim.suited_reader import read_suited
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.suited_model import CORD, CUFFS_AT_ENDS, SuitedModel
 from station.motion_filter import CUTOFF_HZ
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BUNDLED = "bundled"
 
@@ -63,12 +66,16 @@ def model_and_suit_of(
     return read_osim_model(document, **options), None
 
 
-def motion_of(path: Path | None, model: Model) -> Motion:
-    """The motion of a file, with defaults in place of missing columns, or the bundled raise of the arm."""
-    return _arm_raise_of(model) if path is None else read_motion(path, model, with_defaults=True)
+def motion_of(source: Path | pd.DataFrame | None, model: Model) -> Motion:
+    """The motion of a file or a table, with defaults for missing columns, or the bundled raise of the arm."""
+    if source is None:
+        return _arm_raise_of(model)
+    if isinstance(source, Path):
+        return read_motion(source, model, with_defaults=True)
+    return motion_from_dataframe(source, model)
 
 
-def kinematics_of(path: Path | None, model: Model, cutoff_hz: float | None = CUTOFF_HZ) -> Kinematics:
+def kinematics_of(path: Path | pd.DataFrame | None, model: Model, cutoff_hz: float | None = CUTOFF_HZ) -> Kinematics:
     """The motion of motion_of, filtered and differentiated; those without data are where constraints hold them."""
     kinematics = differentiate(motion_of(path, model), cutoff_hz)
     return held_by_constraints(model, kinematics, kinematics.missing)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from rich.console import Console
 
+from documents.interval import between, bracketed, digits_of, plus_minus, rounded
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.published_method import PublishedFit
 from fitting.results.codes import NoteCode, TrialNoteCode
@@ -17,8 +18,8 @@ from solver.suit.optimise import OptimisedSuit
 from solver.suit.quantity import Quantity
 from solver.uncertainty.total import TotalUncertainty
 from station.assessment.interval_sources import sources_text
+from station.cuff_text import of_cuff
 from station.folded_table import FoldedTable
-from station.interval import between, bracketed, digits_of, of_cuff, plus_minus, rounded
 
 EFFORT_AND_ERROR = (
     "effort: of the muscles, relative to that with a slack cord; permissible error: full width of rest lengths that "

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.equality import EqualByFields
+from documents.interval import between
+from documents.notebook import Curve
 from fitting.cuffs.trial_fit import TrialFit
-from fitting.cuffs.wearable_cuff import QUANTITIES, TENSOR, WearableCuff
+from fitting.cuffs.wearable_cuff import QUANTITIES, TENSOR, UNITS, Cuff, cuff_html
 from fitting.diagnosis.causes import Diagnosis
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.weak_form import ComplexStiffness
@@ -45,8 +49,8 @@ class Lag:
     source: str
 
 
-@dataclass(frozen=True, repr=False)
-class CuffFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class CuffFit(EqualByFields):
     """k [N/m], c [N s/m] and migration [m] of a cuff in one donning, None if the trials give no figure.
 
     The verdicts name what is not identified. Such a figure is given with its interval and listed in `missing`.
@@ -87,10 +91,10 @@ class CuffFit:
     origin: DataOrigin = DataOrigin.UNKNOWN
     pulls: Mapping[str, FittedPull] = field(default_factory=dict)
 
-    def wearable(self) -> WearableCuff:
+    def wearable(self) -> Cuff:
         """The cuff for use in a suit."""
         tensors = self.tensors and (self.tensors.stiffness or self.tensors.damping)
-        return WearableCuff(
+        return Cuff(
             name=self.name,
             site=self.site,
             donning=self.donning,
@@ -114,9 +118,32 @@ class CuffFit:
         codes = ", ".join(dict.fromkeys(note.code for note in self.notes))
         return repr(self.wearable()) + (f"\nnotes: {codes}" if codes else "")
 
+    def _repr_html_(self) -> str:
+        return cuff_html({self.name: self.wearable()}, _curves(self.pulls))
+
+    def report(self) -> str:
+        """Trials, estimates, their standard errors by cause, correlations and notes as text, as lmfit's fit_report."""
+        return _report(self)
+
     def to_dataframe(self) -> pd.DataFrame:
         """A row per quantity, with its unit, value, standard_error, ci95_low, ci95_high and is_identified."""
         return self.wearable().to_dataframe()
+
+    def covariance_dataframe(self) -> pd.DataFrame:
+        """The covariance with the names of the quantities as rows and columns, in the units of attrs["units"]."""
+        return self.wearable().covariance_dataframe()
+
+    def trials_dataframe(self) -> pd.DataFrame:
+        """A row per recording: file, test, repeat, run, state, and the estimates from this trial alone with their
+        standard errors, NaN if it does not determine them.
+        """
+        import pandas as pd
+
+        table = pd.DataFrame([_trial_row(trial) for trial in self.trials])
+        table.attrs["units"] = {
+            column: unit for name, unit in UNITS.items() for column in (name, f"{name}_standard_error")
+        } | {"zero_drift": "N"}
+        return table
 
     @property
     def verdict(self) -> str:
@@ -130,8 +157,8 @@ class CuffFit:
         return tuple(name for name in QUANTITIES if getattr(self, name) is None or name in doubted)
 
 
-@dataclass(frozen=True, repr=False)
-class SessionFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class SessionFit(EqualByFields):
     """All cuffs of a session.
 
     donnings  cuff → donning → fit, donnings in the order they were recorded
@@ -166,6 +193,9 @@ class SessionFit:
         tables = [fit.to_dataframe() for fits in self.donnings.values() for fit in fits.values()]
         return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
+    def _repr_html_(self) -> str:
+        return cuff_html({name: fit.wearable() for name, fit in self.cuffs.items()}, _curves(self.pulls))
+
     @property
     def pulls(self) -> dict[str, FittedPull]:
         """File → pull and its fits, of every trial that was used."""
@@ -192,6 +222,69 @@ class SessionFit:
         found = {trial.file: trial.damage for trial in self.rejected}
         found |= {trial.file: trial.damage for fit in fits for trial in fit.trials}
         return {file: damage for file, damage in found.items() if damage}
+
+
+def _curves(pulls: Mapping[str, FittedPull]) -> dict[str, Curve]:
+    """File → displacement [mm] and force [N]."""
+    tables = {file: fitted.pull.to_dataframe() for file, fitted in pulls.items()}
+    return {file: (1e3 * table["displacement"].to_numpy(), table["force"].to_numpy()) for file, table in tables.items()}
+
+
+def _trial_row(trial: TrialFit) -> dict[str, object]:
+    row: dict[str, object] = {name: getattr(trial, name) for name in ("file", "test", "repeat", "run", "state")}
+    for name in QUANTITIES:
+        estimate = getattr(trial, name)
+        row[name] = np.nan if estimate is None else estimate.value
+        row[f"{name}_standard_error"] = np.nan if estimate is None else estimate.standard_error
+    drift = np.nan if trial.zero_drift is None else trial.zero_drift
+    return row | {"zero_drift": drift, "reason": str(trial.reason or "")}
+
+
+def _report(fit: CuffFit) -> str:
+    """Trials, estimates with standard errors, their causes and their correlations; a note per line at the end."""
+    used = [trial for trial in fit.trials if trial.state == "used"]
+    lines = [
+        "[[Cuff]]",
+        f"    {fit.name} ({fit.site}), donning {fit.donning}: {fit.verdict}",
+        "[[Trials]]",
+        *(f"    {trial.file}: {trial.state}" for trial in fit.trials),
+        f"    # used = {len(used)} of {len(fit.trials)}",
+        "[[Estimates]]",
+        *(_estimate_line(fit, name) for name in QUANTITIES),
+        "[[Standard error by cause]]",
+        *(_parts_line(fit, name) for name in QUANTITIES if getattr(fit, name)),
+        "[[Correlations]]",
+        *_correlation_lines(fit),
+        *(["[[Notes]]"] if fit.notes else []),
+        *(f"    {note.code}: {note}" for note in fit.notes),
+    ]
+    return "\n".join(lines)
+
+
+def _estimate_line(fit: CuffFit, name: str) -> str:
+    estimate = getattr(fit, name)
+    if estimate is None:
+        return f"    {name + ':':11} not identified"
+    relative = 100 * estimate.standard_error / abs(estimate.value) if estimate.value else np.inf
+    standing = "" if name not in fit.missing else ", not identified"
+    return (
+        f"    {name + ':':11} {estimate.value:.6g} +/- {estimate.standard_error:.2g} {UNITS[name]} ({relative:.2g} %), "
+        f"95 %: {between(estimate.ci95)}{standing}"
+    )
+
+
+def _parts_line(fit: CuffFit, name: str) -> str:
+    parts = sorted(getattr(fit, name).parts.items(), key=lambda part: -part[1])
+    return f"    {name + ':':11} " + ", ".join(f"{cause} {error:.2g}" for cause, error in parts if error > 0)
+
+
+def _correlation_lines(fit: CuffFit) -> list[str]:
+    errors = np.sqrt(np.diag(fit.covariance))
+    return [
+        f"    C({first}, {second}) = {fit.covariance[i, j] / (errors[i] * errors[j]):+.3f}"
+        for (i, first), (j, second) in combinations(enumerate(QUANTITIES), 2)
+        if errors[i] > 0 and errors[j] > 0
+    ]
 
 
 def lag_of(trials: Sequence[Trial]) -> Lag:

@@ -15,7 +15,7 @@ from documents.regular_file import replaced
 from documents.validation import describe_error, faulty_key
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_json import cuffs_json
-from fitting.cuffs.wearable_cuff import KNOWN_LAW, QUANTITIES, TENSOR, WearableCuff, covariance_of
+from fitting.cuffs.wearable_cuff import KNOWN_LAW, QUANTITIES, TENSOR, Cuff, covariance_of
 from fitting.errors import CodedError
 from fitting.laws.model_class import KELVIN_VOIGT
 from fitting.results.codes import UNIDENTIFIED_BY, FitErrorCode, Verdict
@@ -32,7 +32,7 @@ class CuffsFileError(CodedError):
     """A cuffs.json that cannot be used."""
 
 
-def read_cuffs(path: Path | str) -> dict[str, WearableCuff]:
+def read_cuffs(path: Path | str) -> dict[str, Cuff]:
     """Read the cuffs of a cuffs.json by name, also of one written by hand. Raises CuffsFileError."""
     path = Path(path)
     return {name: _wearable(name, entry) for name, entry in _validated(path, _read_document(path)).cuffs.items()}
@@ -116,7 +116,7 @@ def _ensure_known_keys(path: Path, cuffs: Mapping[str, Any]) -> None:
                 raise CuffsFileError(FitErrorCode.CUFFS_INVALID, fault)
 
 
-def _wearable(name: str, entry: CuffEntry) -> WearableCuff:
+def _wearable(name: str, entry: CuffEntry) -> Cuff:
     """The cuff of an entry. Figures under not_identified are kept, and their quantities are listed as missing.
 
     A fit writes a standard error with each figure, and its recordings; a figure without them is given by hand.
@@ -128,9 +128,9 @@ def _wearable(name: str, entry: CuffEntry) -> WearableCuff:
         for estimate, key in zip(worn, QUANTITIES.values(), strict=True)
     ]
     missing = tuple(quantity for quantity, estimate in zip(QUANTITIES, worn, strict=True) if estimate is None)
-    return WearableCuff(
+    return Cuff(
         name=name,
-        site=entry.site or ("waist" if name == "waist" else "arm"),
+        site=entry.site,
         donning=str(entry.donning),
         stiffness=estimates[0],
         damping=estimates[1],

@@ -1,19 +1,24 @@
-"""A cuff for use in a suit: its figures and their uncertainty, from a fit or from a cuffs.json."""
+"""A cuff for use in a suit: its figures and their uncertainty, from a fit, from a cuffs.json or as given in Python."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.equality import EqualByFields
+from documents.interval import plus_minus
+from documents.notebook import Curve, curves_svg, result_html
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, NoteCode, Verdict
+from fitting.results.cuffs_schema import POSSIBLE
 from fitting.results.rendering import Note, sentence_of, verdict_text
-from fitting.uncertainty import NORMAL_95, Estimate
+from fitting.uncertainty import NORMAL_95, Estimate, normal_estimate
 from recordings.manifest import DataOrigin
 from solver.cuff import PARAMETER_ORDER, CuffParameters
 
@@ -21,19 +26,30 @@ if TYPE_CHECKING:
     import pandas as pd
 
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
-"""Field of WearableCuff and CuffFit → key in cuffs.json, in the order of CuffParameters' covariance."""
+"""Field of Cuff and CuffFit → key in cuffs.json, in the order of CuffParameters' covariance."""
 KNOWN_LAW, TENSOR = "kelvin_voigt", "tensor"
 """Names of laws in cuffs.json: F = k x + c ẋ along one line, and in three dimensions."""
 UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
+Figure = Estimate | float | tuple[float, float]
+"""An estimate, a number, or a number and its standard error."""
 
 
 class NotIdentified(CodedError):
     """A cuff lacks a figure that was asked for; the figures name the cuff, the missing quantities and the verdict."""
 
 
-@dataclass(frozen=True, repr=False)
-class WearableCuff:
+class ImpossibleCuff(CodedError):
+    """A figure that no cuff on a body has; it is in another unit."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cuff(EqualByFields):
     """k [N/m], c [N s/m] and migration [m] of a cuff, None where there is no figure.
+
+        Cuff("hand", stiffness=8520, damping=210, migration=0.012)
+
+    A figure may be a number, or a number and its standard error. site: "waist" for a cuff of this name, else "arm".
+    Raises ImpossibleCuff for a number out of the range of a cuff on a body.
 
     missing     quantities that are absent or not identified, and so must not be used
     covariance  (3, 3) of (stiffness, damping, migration); zero where one is None or was given
@@ -53,12 +69,55 @@ class WearableCuff:
     missing: tuple[str, ...]
     verdicts: tuple[Verdict, ...]
     covariance: NDArray[np.float64]
-    law: tuple[str, ...] = ()
-    sources: Mapping[str, str] = field(default_factory=dict)
-    origin: DataOrigin = DataOrigin.UNKNOWN
-    given: tuple[str, ...] = ()
-    assumed: tuple[Note, ...] = ()
-    notes: tuple[str, ...] = ()
+    law: tuple[str, ...]
+    sources: Mapping[str, str]
+    origin: DataOrigin
+    given: tuple[str, ...]
+    assumed: tuple[Note, ...]
+    notes: tuple[str, ...]
+
+    def __init__(  # noqa: PLR0913 (the fields of the class)
+        self,
+        name: str,
+        *,
+        stiffness: Figure | None = None,
+        damping: Figure | None = None,
+        migration: Figure | None = None,
+        site: Literal["arm", "waist"] | None = None,
+        donning: str = "",
+        missing: tuple[str, ...] | None = None,
+        verdicts: tuple[Verdict, ...] = (Verdict.GIVEN,),
+        covariance: NDArray[np.float64] | None = None,
+        law: tuple[str, ...] = (),
+        sources: Mapping[str, str] | None = None,
+        origin: DataOrigin = DataOrigin.UNKNOWN,
+        given: tuple[str, ...] | None = None,
+        assumed: tuple[Note, ...] = (),
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        figures = {"stiffness": stiffness, "damping": damping, "migration": migration}
+        estimates = {key: _estimate_of(name, key, figure) for key, figure in figures.items()}
+        if missing is None:
+            missing = tuple(key for key, estimate in estimates.items() if estimate is None)
+        if given is None:
+            given = tuple(key for key, figure in figures.items() if figure is not None and figure is not estimates[key])
+        fields = {
+            "name": name,
+            **estimates,
+            "site": site or ("waist" if name == "waist" else "arm"),
+            "donning": donning,
+            "missing": missing,
+            "verdicts": verdicts,
+            "covariance": covariance_of(list(estimates.values())) if covariance is None else covariance,
+            "law": law,
+            "sources": sources or {},
+            "origin": origin,
+            "given": given,
+            "assumed": assumed,
+            "notes": notes,
+        }
+        for field, value in fields.items():
+            object.__setattr__(self, field, value)
 
     @property
     def verdict(self) -> str:
@@ -88,6 +147,17 @@ class WearableCuff:
 
         return pd.DataFrame([self._row(name, estimate) for name, estimate in self._estimates().items()])
 
+    def covariance_dataframe(self) -> pd.DataFrame:
+        """The covariance with the names of the quantities as rows and columns, in the units of attrs["units"]."""
+        import pandas as pd
+
+        table = pd.DataFrame(self.covariance, index=list(UNITS), columns=list(UNITS))
+        table.attrs["units"] = dict(UNITS)
+        return table
+
+    def _repr_html_(self) -> str:
+        return cuff_html({self.name: self}, {})
+
     def parameters(self) -> CuffParameters:
         """For the solver. Raises NotIdentified if a figure is missing."""
         if self.missing or self.stiffness is None or self.damping is None or self.migration is None:
@@ -103,7 +173,7 @@ class WearableCuff:
             source=" ".join(self.sources.values()) or sentence_of(Verdict.GIVEN),
         )
 
-    def without_migration(self) -> WearableCuff:
+    def without_migration(self) -> Cuff:
         """The cuff with zero migration if only migration is missing; otherwise unchanged."""
         if self.missing != ("migration",):
             return self
@@ -128,12 +198,49 @@ class WearableCuff:
         }
 
 
+def _estimate_of(cuff: str, quantity: str, figure: Figure | None) -> Estimate | None:
+    """The estimate of a figure. Raises TypeError, and ImpossibleCuff for a number out of range."""
+    if figure is None or isinstance(figure, Estimate):
+        return figure
+    value, error = figure if isinstance(figure, tuple) and len(figure) == 2 else (figure, 0.0)
+    if not isinstance(value, Real) or not isinstance(error, Real) or isinstance(value, bool):
+        found = type(figure).__name__
+        raise TypeError(f"{quantity} should be a number, or a number and its standard error, and got a {found}")
+    low, high, unit = POSSIBLE[QUANTITIES[quantity]]
+    for key, number, least, most in (
+        (quantity, float(value), low, high),
+        (f"the standard error of its {quantity}", float(error), 0.0, high),
+    ):
+        if not least <= number <= most:
+            figures = {"cuff": cuff, "figure": key, "value": number, "low": least, "high": most, "unit": unit}
+            raise ImpossibleCuff(FitErrorCode.CUFF_IMPOSSIBLE, figures)
+    return normal_estimate(float(value), float(error))
+
+
 def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
     """Diagonal covariance of independent estimates, 0 for None."""
     return np.diag([estimate.standard_error**2 if estimate else 0.0 for estimate in estimates])
 
 
-def with_interval_covariance(cuff: WearableCuff) -> CuffParameters:
+def cuff_html(cuffs: Mapping[str, Cuff], pulls: Mapping[str, Curve]) -> str:
+    """A row per quantity of every cuff, and force [N] over displacement [mm] of the pulls that were used."""
+    rows = [_html_row(cuff, name) for cuff in cuffs.values() for name in QUANTITIES]
+    remark = "; ".join(f"{cuff.name}: {cuff.verdict}" for cuff in cuffs.values())
+    drawing = curves_svg(list(pulls.values()), "mm", "N")
+    return result_html(f"Cuffs: {', '.join(cuffs)}", ("cuff", "quantity", "value", "unit", ""), rows, remark, drawing)
+
+
+def _html_row(cuff: Cuff, name: str) -> tuple[str, str, str, str, str]:
+    estimate = getattr(cuff, name)
+    if estimate is None:
+        return cuff.name, name, "–", UNITS[name], "not identified"
+    scale, unit = (1e3, "mm") if name == "migration" else (1.0, UNITS[name])
+    is_missing, is_given = name in cuff.missing, name in cuff.given
+    remark = "not identified" if is_missing else "given by hand" if is_given else "95 % interval"
+    return cuff.name, name, plus_minus(estimate.value, estimate.ci95, scale, 1), unit, remark
+
+
+def with_interval_covariance(cuff: Cuff) -> CuffParameters:
     """k, c and migration with a covariance whose normal 95 % intervals are those of the fit. Raises NotIdentified."""
     parameters = cuff.parameters()
     errors = np.sqrt(np.diag(parameters.covariance))
@@ -151,7 +258,7 @@ MEASURED_ALONG = (
 )
 
 
-def bushing_force(wearable: WearableCuff) -> str:
+def bushing_force(wearable: Cuff) -> str:
     """An XML element, k in N/m and c in N s/m. Raises NotIdentified if a figure is missing."""
     cuff = wearable.parameters()
     stiffness, damping = (" ".join([repr(value)] * 3) for value in (cuff.stiffness, cuff.damping))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.equality import EqualByFields
 from fitting.errors import UnusableTrial
 from fitting.pull.common_time import require_common_steps
 from fitting.pull.cuff_motion import CuffMotion, along, cuff_motion, reference_posture
@@ -31,9 +33,12 @@ from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
 from fitting.trial.trial import Trial
 
+if TYPE_CHECKING:
+    import pandas as pd
 
-@dataclass(frozen=True)
-class Pull:
+
+@dataclass(frozen=True, eq=False)
+class Pull(EqualByFields):
     """Force and displacement of a cuff along the rope in one trial, on one clock: the signal that every fit reads.
 
     trial         source: provenance, calibration, lag, masses
@@ -62,6 +67,15 @@ class Pull:
     def __post_init__(self) -> None:
         for array in (self.displacement, self.direction):
             array.setflags(write=False)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row per marker frame: time [s], force [N] interpolated to it, displacement [m]; units in attrs["units"]."""
+        import pandas as pd
+
+        force = np.interp(self.marker_time, self.force_time, self.force)
+        table = pd.DataFrame({"time": self.marker_time, "force": force, "displacement": self.displacement})
+        table.attrs["units"] = {"time": "s", "force": "N", "displacement": "m"}
+        return table
 
     @property
     def is_along_another_line(self) -> bool:

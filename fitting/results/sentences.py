@@ -271,6 +271,12 @@ _REFUSALS: Templates = {
         " ({device_errors})",
         "; run `station check` to see whether the device answers",
     ),
+    FitErrorCode.CUFF_IMPOSSIBLE: (
+        "cuff {cuff}: {figure} is {value:g} {unit}, expected {low:g} to {high:g} {unit}; give it in {unit}"
+    ),
+    FitErrorCode.CUFF_KEY: "cuff {cuff} has the unknown key {key}, expected {expected}; rename it or leave it out",
+    FitErrorCode.CUFF_TWICE: "{count:.0f} cuffs have the name {cuff}, expected one; rename or choose one",
+    FitErrorCode.CUFF_NAME: "a cuff has the keys {keys} and no name; add one, as in {{'hand': …}}",
     FitErrorCode.NOT_IDENTIFIED: (
         "cuff {cuff} has no identified {missing} ({verdict}); measure it, or write a value with its standard_error "
         "into cuffs.json"

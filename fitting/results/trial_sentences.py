@@ -187,6 +187,7 @@ TRIAL_NOTES: Templates = {
     TrialNoteCode.DAMAGED: _ONLY_DAMAGE,
     TrialNoteCode.INCOMPLETE: "{missing}",
     TrialNoteCode.ASSIGNED: "assigned to this trial by the operator; recorded as {recorded_as}",
+    TrialNoteCode.WINDOW: "only {start_s:.2f} to {end_s:.2f} s of the trial are used",
     TrialNoteCode.FORCE_LOST: (
         "force samples were lost {count:.0f} time(s), {total_s:.2f} s in all, at most {longest_s:.2f} s at a time"
     ),

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.equality import EqualByFields
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode
+from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
 from fitting.trial.bounce import BounceTrial
 from fitting.trial.calibration import Calibration
@@ -26,8 +27,8 @@ from recordings.standard_gravity import g
 DEFAULT_CUFF_MASS = 0.2
 
 
-@dataclass(frozen=True)
-class Trial:
+@dataclass(frozen=True, eq=False)
+class Trial(EqualByFields):
     """One test of one cuff. Session time 0 is the rising edge of /sync; arrays are read-only.
 
     cuff, test, repeat, run, donning, start_utc_ns  as in the recording's manifest
@@ -100,6 +101,23 @@ class Trial:
     def positions(self, labels: Sequence[str]) -> NDArray[np.float64]:
         """(frames, len(labels), 3) m in the mocap frame."""
         return self.markers[:, [self.labels.index(label) for label in labels]]
+
+
+def within(trial: Trial, start: float, end: float) -> Trial:
+    """The trial from start to end [s] of session time, with a note. Raises ValueError unless that is a part of it."""
+    if not 0.0 <= start < end <= trial.end:
+        found = f"window of {trial.file} is {start:g} to {end:g} s"
+        raise ValueError(f"{found}, expected a part of 0 to {trial.end:.1f} s; choose another")
+    force = (trial.force_time >= start) & (trial.force_time <= end)
+    frames = (trial.marker_time >= start) & (trial.marker_time <= end)
+    return replace(
+        trial,
+        force_time=trial.force_time[force],
+        force=trial.force[force],
+        marker_time=trial.marker_time[frames],
+        markers=trial.markers[frames],
+        notes=(*trial.notes, Note(TrialNoteCode.WINDOW, {"start_s": start, "end_s": end})),
+    )
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.equality import EqualByFields
+from documents.labelled_arrays import labelled_dataset
+from documents.notebook import curves_svg, result_html
 from solver.coded_finding import CodedFinding, describe_codes
 from solver.multibody.joint_reactions import JointReactions
 from solver.muscle import MuscleOutcome
@@ -17,6 +20,7 @@ from solver.redundancy.sequence import FrameOutcome
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
     from solver.tendons.evaluation import ElasticForces
 
@@ -24,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MotionSolution:
+class MotionSolution(EqualByFields):
     """Activations and forces in a motion. In INFEASIBLE frames activations, forces and reserves are NaN, and reaction,
     residual and slack those of the point of least violation; in NOT_FINITE frames all are NaN.
 
@@ -98,7 +102,32 @@ class MotionSolution:
         table["effort"], table["reaction_n"] = self.effort, np.linalg.norm(self.reaction[:, 3:], axis=1)
         for label, force in zip(self.joint_reactions.labels, self.joint_reactions.force.swapaxes(0, 1), strict=True):
             table[f"reaction_n.{label}"] = np.linalg.norm(force, axis=1)
+        table.attrs["units"] = {"time_s": "s"} | {
+            name: "N" for name in map(str, table) if name.startswith("reaction_n")
+        }
         return table
+
+    def to_xarray(self) -> xr.Dataset:
+        """activations and forces (time, muscle), effort (time), reaction (time, component). Needs the extra xarray."""
+        per_muscle = ("time", "muscle")
+        variables = {
+            "activations": (per_muscle, self.activations, ""),
+            "muscle_forces": (per_muscle, self.muscle_forces, "N"),
+            "passive_forces": (per_muscle, self.passive_forces, "N"),
+            "effort": (("time",), self.effort, ""),
+            "reaction_force": (("time", "axis"), self.reaction[:, 3:], "N"),
+            "reaction_moment": (("time", "axis"), self.reaction[:, :3], "N m"),
+        }
+        axes = {"time": (self.time, "s"), "muscle": (self.muscles, ""), "axis": (("x", "y", "z"), "")}
+        return labelled_dataset(variables, axes)
+
+    def _repr_html_(self) -> str:
+        peaks = np.nanmax(self.activations, axis=0, initial=0.0)
+        strongest = np.argsort(peaks)[::-1][:5]
+        rows = [(self.muscles[muscle], f"{peaks[muscle]:.2f}") for muscle in strongest]
+        drawing = curves_svg([(self.time, self.activations[:, muscle]) for muscle in strongest], "s", "activation")
+        title, remark = repr(self).split("\n")
+        return result_html(title, ("muscle", "largest activation"), rows, remark.strip(), drawing)
 
 
 def joined(parts: Sequence[MotionSolution]) -> MotionSolution:

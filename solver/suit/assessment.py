@@ -9,11 +9,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.equality import EqualByFields
+from documents.interval import bracketed
+from documents.labelled_arrays import labelled_dataset
+from documents.notebook import curves_svg, result_html
 from solver.coded_finding import CodedFinding, describe_codes
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode
@@ -38,13 +42,14 @@ from solver.suit.uncertainty import DrawnScenarios, DrawnSource, DrawSettings, s
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class EffortCurve:
+class EffortCurve(EqualByFields):
     """One condition over the rest lengths, and its results.
 
     cuff          the arm cuff's name, None in the rigid condition
@@ -103,7 +108,7 @@ TABLE = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Assessment:
+class Assessment(EqualByFields):
     """Effort saved by the suit in one motion; costs are relative to the suit with a slack cord, which is 1.
 
     muscles         names, in the order of all such axes;  time (frames,) [s] of the activations
@@ -153,7 +158,71 @@ class Assessment:
         import pandas as pd
 
         rows = [{"condition": curve.condition, "cuff": curve.cuff or "", **_row(curve)} for curve in self.curves]
-        return pd.DataFrame(rows)
+        table = pd.DataFrame(rows)
+        table.attrs["units"] = {column: "m" for column in table if "_m" in str(column)}
+        return table
+
+    def effort_curves(self) -> pd.DataFrame:
+        """A row per condition, cuff and rest length: effort of the muscles and of the reserves over a slack cord."""
+        import pandas as pd
+
+        tables = [
+            pd.DataFrame(
+                {
+                    "condition": curve.condition,
+                    "cuff": curve.cuff or "",
+                    "rest_length_m": self.rest_lengths,
+                    "effort": curve.cost,
+                    "reserve_effort": curve.reserve_cost,
+                }
+            )
+            for curve in self.curves
+        ]
+        table = pd.concat(tables, ignore_index=True)
+        table.attrs["units"] = {"rest_length_m": "m"}
+        return table
+
+    def activations(self, condition: Condition | Literal["slack"], cuff: str | None = None) -> pd.DataFrame:
+        """A row per frame: time_s and an activation per muscle at the reference rest length, or with a slack cord.
+
+        cuff: the arm cuff, where there are several. assess(reference_rest_length=…) gives those at another length.
+        Raises ValueError for a condition or a cuff that was not assessed.
+        """
+        import pandas as pd
+
+        found = {curve.cuff: curve.activations for curve in self.curves if curve.condition == condition}
+        found = {None: self.slack} if condition == "slack" else found
+        if cuff in found or (len(found) == 1 and cuff is None):
+            values = found[cuff] if cuff in found else next(iter(found.values()))
+            table = pd.DataFrame(values, columns=list(self.muscles))
+            table.insert(0, "time_s", self.time)
+            table.attrs["units"] = {"time_s": "s"}
+            return table
+        known = ", ".join(["slack", *(f"{curve.condition} {curve.cuff or ''}".strip() for curve in self.curves)])
+        raise ValueError(f"condition and cuff are {condition!r} and {cuff!r}, expected one of: {known}")
+
+    def to_xarray(self) -> xr.Dataset:
+        """effort (curve, rest_length) and activations (curve, time, muscle), with condition and cuff of each curve.
+
+        Needs the extra xarray.
+        """
+        variables = {
+            "effort": (("curve", "rest_length"), np.array([curve.cost for curve in self.curves]), ""),
+            "activations": (("curve", "time", "muscle"), np.array([curve.activations for curve in self.curves]), ""),
+            "condition": (("curve",), [curve.condition for curve in self.curves], ""),
+            "cuff": (("curve",), [curve.cuff or "" for curve in self.curves], ""),
+        }
+        axes = {"rest_length": (self.rest_lengths, "m"), "time": (self.time, "s"), "muscle": (self.muscles, "")}
+        return labelled_dataset(variables, axes)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (curve.condition, curve.cuff or "", *(_text(curve.figures[field], field) for field in TABLE.values()))
+            for curve in self.curves
+        ]
+        of_curve = ("effort at reference", "least effort", "at rest length [mm]", "permissible error [mm]")
+        drawing = curves_svg([(self.rest_lengths, curve.cost) for curve in self.curves], "m", "effort")
+        return result_html("Assessment", ("condition", "cuff", *of_curve), rows, repr(self).partition("\n")[0], drawing)
 
     @property
     def unsolved(self) -> int:
@@ -219,6 +288,12 @@ def assess(
         muscle_outcomes=_muscle_outcomes(suited),
         has_glenoid_cone=suited.motion.options.has_glenoid_cone,
     )
+
+
+def _text(figure: Quantity, field: str) -> str:
+    """The figure with its interval, lengths in mm."""
+    scale, digits = (1e3, 0) if field in ("rest_length", "permissible_error") else (1.0, 3)
+    return "–" if figure.value is None else bracketed(figure.value, figure.ci95, scale, digits, figure.censored)
 
 
 def _row(curve: EffortCurve) -> dict[str, float]:

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fitting.cuffs.wearable_cuff import WearableCuff, with_interval_covariance
+from fitting.cuffs.wearable_cuff import Cuff, with_interval_covariance
 from fitting.results.standing import Standing
 from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
@@ -75,7 +75,7 @@ class AssessedSuit:
     of the body, suit_names: what its places are called; on_inputs: findings on the motion and the model.
     """
 
-    cuffs: tuple[WearableCuff, ...]
+    cuffs: tuple[Cuff, ...]
     assessment: Assessment
     beside: tuple[str, Assessment] | None
     emg: tuple[MeasuredReduction, ...]
@@ -106,7 +106,7 @@ class AssessedSuit:
 
 
 def assess_cuffs(
-    cuffs: dict[str, WearableCuff],
+    cuffs: dict[str, Cuff],
     inputs: AssessmentInputs,
     *,
     most_frames: int | None = None,

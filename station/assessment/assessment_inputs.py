@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fitting.cuffs.cuffs_file import read_cuffs
-from fitting.cuffs.wearable_cuff import KNOWN_LAW, NotIdentified, WearableCuff, with_interval_covariance
+from fitting.cuffs.wearable_cuff import KNOWN_LAW, Cuff, NotIdentified, with_interval_covariance
 from fitting.laws.model_class import SLIP
 from fitting.results.standing import Standing
 from solver.cuff import CuffParameters, by_site
@@ -130,21 +130,21 @@ class AssessmentInputs:
         return named_hashes(self.model, self.motion, self.external_loads) | named | {"paths": self.paths}
 
 
-def standing_of_cuffs(path: Path, cuffs: Iterable[WearableCuff]) -> Standing:
+def standing_of_cuffs(path: Path, cuffs: Iterable[Cuff]) -> Standing:
     """Check of the file against its recorded hash; of a file without one, whether figures are given by hand."""
     standing = standing_of(path)
     is_by_hand = standing is Standing.UNRECORDED and any(cuff.given for cuff in cuffs)
     return Standing.BY_HAND if is_by_hand else standing
 
 
-def cuff_remarks(path: Path, cuffs: Iterable[WearableCuff]) -> list[str]:
+def cuff_remarks(path: Path, cuffs: Iterable[Cuff]) -> list[str]:
     """Remarks on the cuffs that a reader of the result must know."""
     cuffs = tuple(cuffs)
     remarks = [f"cuff {cuff.name}: {remark}" for cuff in cuffs for remark in cuff.remarks]
     return [*remarks, *map(str, changed_files([path]))]
 
 
-def cuff_findings(cuffs: Iterable[WearableCuff]) -> list[Message[AssessmentCode]]:
+def cuff_findings(cuffs: Iterable[Cuff]) -> list[Message[AssessmentCode]]:
     """A finding on each cuff that migrated against the pull, beyond its 95 % interval."""
     return [
         Message(AssessmentCode.NEGATIVE_MIGRATION, {"cuff": cuff.name, "migration_mm": 1e3 * cuff.migration.value})
@@ -153,7 +153,7 @@ def cuff_findings(cuffs: Iterable[WearableCuff]) -> list[Message[AssessmentCode]
     ]
 
 
-def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[CuffParameters]:
+def worn_cuffs(cuffs: dict[str, Cuff], chosen: tuple[str, ...]) -> list[CuffParameters]:
     """The chosen cuffs, or all, and the waist cuff.
 
     Raises InputError for one that is missing, or of another law, and SuitError for one that cannot be.
@@ -173,9 +173,7 @@ def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[
     return parameters
 
 
-def one_arm_cuff(
-    cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]
-) -> tuple[CuffParameters | None, CuffParameters]:
+def one_arm_cuff(cuffs: dict[str, Cuff], chosen: tuple[str, ...]) -> tuple[CuffParameters | None, CuffParameters]:
     """The waist cuff, if there is one, and the arm cuff. Raises InputError if there are others, and as worn_cuffs."""
     worn = worn_cuffs(cuffs, chosen)
     arms, waists = by_site(worn)
@@ -186,12 +184,12 @@ def one_arm_cuff(
     return next(iter(waists), None), arms[0]
 
 
-def chosen_cuffs(cuffs: Mapping[str, WearableCuff], chosen: tuple[str, ...]) -> list[WearableCuff]:
+def chosen_cuffs(cuffs: Mapping[str, Cuff], chosen: tuple[str, ...]) -> list[Cuff]:
     """The chosen cuffs, or all, and the waist cuff."""
     return [cuff for cuff in cuffs.values() if not chosen or cuff.name in chosen or cuff.site == "waist"]
 
 
-def wearable(cuffs: Mapping[str, WearableCuff]) -> tuple[dict[str, WearableCuff], dict[str, str]]:
+def wearable(cuffs: Mapping[str, Cuff]) -> tuple[dict[str, Cuff], dict[str, str]]:
     """The cuffs that can be worn, and the reason for each of the others by name."""
     left_out = {}
     for name, cuff in cuffs.items():
@@ -202,7 +200,7 @@ def wearable(cuffs: Mapping[str, WearableCuff]) -> tuple[dict[str, WearableCuff]
     return {name: cuff for name, cuff in cuffs.items() if name not in left_out}, left_out
 
 
-def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, WearableCuff]:
+def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, Cuff]:
     """Read cuffs.json. Raises InputError if one of the chosen cuffs has a law that no suit wears."""
     cuffs = read_cuffs(path)
     for cuff in chosen_cuffs(cuffs, chosen):
@@ -210,7 +208,7 @@ def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, We
     return cuffs
 
 
-def _ensure_law(cuff: WearableCuff) -> None:
+def _ensure_law(cuff: Cuff) -> None:
     """Raise InputError if the law of the cuff, or the model class of its trials, has more than a spring and a damper.
 
     Slip is no extension of the law: the suit wears its migration.

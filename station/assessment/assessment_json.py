@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.cuffs.wearable_cuff import QUANTITIES, WearableCuff
+from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
 from fitting.results.standing import Standing
 from fitting.uncertainty import Estimate
 from solver.suit.assessment import Assessment, EffortCurve
@@ -99,7 +99,7 @@ def plain_emg(measured: Sequence[MeasuredReduction]) -> list[Plain]:
     ]
 
 
-def plain_cuffs(cuffs: Sequence[WearableCuff]) -> Plain:
+def plain_cuffs(cuffs: Sequence[Cuff]) -> Plain:
     """Parameters of the cuffs; a figure that was given by hand has no interval."""
 
     def number(estimate: Estimate | None) -> Plain:
@@ -121,7 +121,7 @@ def plain_cuffs(cuffs: Sequence[WearableCuff]) -> Plain:
     }
 
 
-def _plain_assumed(cuff: WearableCuff) -> Plain:
+def _plain_assumed(cuff: Cuff) -> Plain:
     """Assumptions that were needed to wear the cuff, as a sentence and as codes."""
     if not cuff.assumed:
         return {}

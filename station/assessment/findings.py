@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from documents.interval import digits_of, rounded
 from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
 from solver.uncertainty.total import TotalUncertainty
 from station.assessment.interval_sources import sources_text
 from station.assessment.reserves import LARGE_RESERVES
-from station.interval import digits_of, rounded
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 

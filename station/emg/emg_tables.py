@@ -8,6 +8,7 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Literal
 
+from documents.interval import bracketed
 from fitting.emg.channels import ChannelFinding
 from fitting.emg.envelopes import resampled
 from fitting.emg.shape import ShapeOutcome
@@ -17,7 +18,6 @@ from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial
 from station.emg.emg_json import EMG_FILE, EmgDocument, EmgFigure
 from station.emg.setup import EnvelopeSection
 from station.folded_table import FoldedTable
-from station.interval import bracketed
 from station.whole_file import drafted, write_whole
 
 OUTPUT_HZ = 100.0

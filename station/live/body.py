@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.cuffs.wearable_cuff import WearableCuff
+from fitting.cuffs.wearable_cuff import Cuff
 from fitting.errors import FitError
 from recordings.errors import RecordingError
 from solver.cuff import CuffParameters
@@ -141,7 +141,7 @@ def _described(name: str, scenario: StreamScenario) -> LiveScenario:
 
 def _cuffs(
     folder: Path | None, settings: LiveSection, cord: Cord | None
-) -> tuple[dict[str, WearableCuff], CuffParameters | None, CuffParameters | None]:
+) -> tuple[dict[str, Cuff], CuffParameters | None, CuffParameters | None]:
     """All fitted cuffs, the waist cuff, and the arm cuff that is worn; nothing without a file."""
     path = settings.cuffs or (folder / CUFFS_FILE if folder else None)
     if path is None or (settings.cuffs is None and not path.exists()):
@@ -154,7 +154,7 @@ def _cuffs(
     return cuffs, worn, _arm_cuff(cuffs, name) if name else None
 
 
-def _arm_cuff(cuffs: dict[str, WearableCuff], name: str) -> CuffParameters:
+def _arm_cuff(cuffs: dict[str, Cuff], name: str) -> CuffParameters:
     """Raises InputError for a cuff that was not fitted."""
     found = worn_cuffs({key: cuff for key, cuff in cuffs.items() if cuff.site == "arm"}, (name,))
     return next(cuff for cuff in found if cuff.name == name)

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
-from fitting.cuffs.wearable_cuff import QUANTITIES, WearableCuff, bushing_force
+from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff, bushing_force
 from fitting.diagnosis.fitted_pull import FittedPull
 from station.charts.marks import THIRD, Chart, Intervals, Mark, Panel, Points, chart, values
 from station.report.figures import MM, dynamic_figure, static_figure, trial_figure
@@ -20,7 +20,7 @@ from station.report.number_texts import estimate_text
 from station.report.pictures import Picture, PlannedFigure
 from station.report.sourced_number import Form, Rendering, SourcedNumber
 
-Cuffs = Mapping[str, CuffFit | WearableCuff]
+Cuffs = Mapping[str, CuffFit | Cuff]
 
 FIRST = "Force at the load cell and the cuff's displacement along the rope, without sway; shaded: fitted interval"
 REPEAT = (
@@ -60,7 +60,7 @@ _QUANTITIES = (
 class ReportedCuff:
     """One cuff on the page: its fit, its entry in cuffs.json, and the true cuff's in simulated_truth.json."""
 
-    fit: CuffFit | WearableCuff
+    fit: CuffFit | Cuff
     entry: LocatedObject
     truth: LocatedObject | None
     pictures: Sequence[Picture]
@@ -90,7 +90,7 @@ class ReportedCuff:
         return SourcedNumber(bushing_force(cuff), self.entry.source, Rendering(Form.BUSHING))
 
 
-def figure_of(fit: CuffFit | WearableCuff, quantity: str) -> LocatedObject | None:
+def figure_of(fit: CuffFit | Cuff, quantity: str) -> LocatedObject | None:
     """Stiffness, damping or migration with its interval and its place in cuffs.json, identified or not."""
     estimate, source = getattr(fit, quantity), Source(CUFFS_FILE, "/cuffs").child(fit.name)
     if estimate is None:

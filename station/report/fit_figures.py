@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import scipy
 
+from documents.interval import plus_minus
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.trial_fit import TrialFit
 from fitting.diagnosis.fitted_pull import FittedPull
@@ -31,7 +32,6 @@ from station.charts.marks import (
     chart,
     values,
 )
-from station.interval import plus_minus
 from station.report.figures import FORCE, MM, MOTION, stiffness_line
 
 SHOWN = 8.0

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from documents.interval import bracketed, digits_of
 from fitting.cuffs.cuff_fit import CuffFit
-from fitting.cuffs.wearable_cuff import WearableCuff
+from fitting.cuffs.wearable_cuff import Cuff
 from fitting.results.standing import Standing
 from fitting.uncertainty import Estimate
-from station.interval import bracketed, digits_of, of_cuff
+from station.cuff_text import of_cuff
 from station.report.located import Derivation, LocatedFloat, LocatedList
 from station.report.sourced_number import Form, SourcedNumber, sourced
 
@@ -27,7 +28,7 @@ def estimated(entry: Mapping[str, Any] | None, scale: float = 1.0) -> Shown:
     return NOT_IDENTIFIED if _is_unknown(entry) else sourced(entry, Form.INTERVAL, scale)
 
 
-def of_this_cuff(number: Shown, fit: CuffFit | WearableCuff, quantity: str) -> Shown:
+def of_this_cuff(number: Shown, fit: CuffFit | Cuff, quantity: str) -> Shown:
     """The number with a remark if it is given by hand, or not identified."""
     if isinstance(number, str):
         return of_cuff(fit, quantity, number)

@@ -23,7 +23,7 @@ from documents.validation import describe_error
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs
 from fitting.cuffs.cuffs_json import cuffs_json
-from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, WearableCuff
+from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
 from fitting.results.standing import Standing
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
@@ -250,7 +250,7 @@ def _contradictions(cuffs: Cuffs, assessment: Mapping[str, Any] | None) -> list[
     return sentences
 
 
-def _cuffs_of(folder: Path) -> dict[str, WearableCuff]:
+def _cuffs_of(folder: Path) -> dict[str, Cuff]:
     path = folder / "cuffs.json"
     return read_cuffs(path) if path.is_file() else {}
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from station.interval import Ends, between, bracketed, plus_minus, rounded
+from documents.interval import Ends, between, bracketed, plus_minus, rounded
 from station.report.located import Derivation, Source
 
 _MIRRORED = {"low": "high", "high": "low"}

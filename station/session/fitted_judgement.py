@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import bracketed, digits_of, rounded
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.trial_fit import SLIPPED, TrialFit, find_outliers, has_slipped
 from fitting.diagnosis.fitted_pull import FittedPull
@@ -21,7 +22,6 @@ from fitting.trial.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError
 from station.fit import SessionError, fit_donning_of, read_recording
-from station.interval import bracketed, digits_of, rounded
 from station.journal import JournalError, Recorded, read_journal
 from station.journal_lines import Choice
 from station.messages.codes import ReasonCode, TrialCode

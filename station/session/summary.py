@@ -8,9 +8,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from documents.interval import bracketed
 from fitting.uncertainty import Estimate
+from station.cuff_text import of_cuff
 from station.errors import StationError
-from station.interval import bracketed, of_cuff
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.progress import Progress, silent
@@ -18,7 +19,7 @@ from station.recordings_of_session import motions_in
 
 if TYPE_CHECKING:
     from fitting.cuffs.cuff_fit import CuffFit, SessionFit
-    from fitting.cuffs.wearable_cuff import WearableCuff
+    from fitting.cuffs.wearable_cuff import Cuff
     from fitting.trial.reader import TrialReading
     from station.assessment.assess import AssessedSuit
 
@@ -104,7 +105,7 @@ def end_session(
     return EndedSession(fitted, assessed, assumed, missing, write_report(folder, fitted, progress))
 
 
-def _worn(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, WearableCuff], tuple[str, ...]]:
+def _worn(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, Cuff], tuple[str, ...]]:
     """The cuffs that can be worn, and a sentence for each of the others."""
     from station.assessment.assessment_inputs import wearable
 
@@ -113,7 +114,7 @@ def _worn(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, WearableCuff], tuple[
 
 
 def _assess(
-    folder: Path, worn: dict[str, WearableCuff], options: Options, progress: Progress
+    folder: Path, worn: dict[str, Cuff], options: Options, progress: Progress
 ) -> tuple[AssessedSuit | None, tuple[str, ...]]:
     """Assess on the wearer's own body and motion; otherwise on the bundled ones, with the reason as a finding."""
     from fitting.errors import FitError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from station.interval import between, bracketed, shown
+from documents.interval import between, bracketed, shown
 from station.study.study_document import EffectEntry, StudyFigure
 
 SHOWN = {"stiffness": (1.0, "N/m"), "damping": (1.0, "N s/m"), "migration": (1e3, "mm")}

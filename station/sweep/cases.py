@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from documents.regular_file import LARGEST_TABLE, read_regular
-from fitting.cuffs.wearable_cuff import WearableCuff
+from fitting.cuffs.wearable_cuff import Cuff
 from solver.cuff import CuffParameters, by_site
 from solver.errors import MotionError
 from solver.model import Model, ModelError
@@ -152,7 +152,7 @@ class SweepInputs:
     def _suit(self, name: Value) -> Suit:
         return read_suit(BUNDLED_SUIT if name == BUNDLED else self._path(name))
 
-    def _cuffs(self, name: Value) -> dict[str, WearableCuff]:
+    def _cuffs(self, name: Value) -> dict[str, Cuff]:
         return read_cuffs_to_wear(self._path(name), tuple(map(str, self.plan.values("cuff"))))
 
     def _path(self, name: Value) -> Path:

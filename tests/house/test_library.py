@@ -1,19 +1,21 @@
-"""The public package: its names, what its functions return, and the scripts in examples/ that use it."""
+"""The public package: its names, and what its functions return."""
 
 from __future__ import annotations
 
 import ast
 import inspect
-import runpy
 import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 import cuffstation as cs
-from fitting.results.codes import NoteCode
+from documents.interval import plus_minus
+from fitting.results.codes import NoteCode, TrialNoteCode
+from solver.errors import SolverCode
 from station.fit import SessionError
 from station.messages.setup_codes import FolderCode
 from tests.station.refusals import raises_refusal
@@ -26,8 +28,10 @@ FUNCTIONS = {
     "load_motion",
     "open_stream",
     "plot",
+    "published_cuffs",
     "read_cuffs",
     "read_recording",
+    "sample_session",
     "solve_motion",
     "with_reserves",
     "write_cuffs",
@@ -48,10 +52,14 @@ TYPES = {
     "StreamSolver",
     "StreamSuitFrame",
     "Track",
-    "WearableCuff",
+    "Cuff",
 }
 ERRORS = {"DeviceError", "FitError", "RecordingError", "SolverError", "StationError"}
-EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def fitted(session: Path) -> cs.SessionFit:
+    return cs.fit_session(session)
 
 
 def test_the_public_names_are_these_and_each_is_documented() -> None:
@@ -69,8 +77,7 @@ def test_a_type_checker_finds_each_name_in_the_module_that_it_is_imported_from()
     assert declared == {name: (module, name) for name, module in cs._MODULES.items()}
 
 
-def test_a_session_becomes_tables_that_agree_with_its_estimates(session: Path, tmp_path: Path) -> None:
-    fitted = cs.fit_session(session)
+def test_a_session_becomes_tables_that_agree_with_its_estimates(fitted: cs.SessionFit, tmp_path: Path) -> None:
     table = fitted.to_dataframe().set_index("quantity")
     cuff = fitted.cuffs["hand"]
     assert list(table.index) == ["stiffness", "damping", "migration"]
@@ -83,8 +90,7 @@ def test_a_session_becomes_tables_that_agree_with_its_estimates(session: Path, t
     assert (read.stiffness, read.damping, read.migration) == (cuff.stiffness, cuff.damping, cuff.migration)
 
 
-def test_a_donning_is_that_of_its_session_and_two_cuffs_are_none(session: Path) -> None:
-    fitted = cs.fit_session(session)
+def test_a_donning_is_that_of_its_session_and_two_cuffs_are_none(session: Path, fitted: cs.SessionFit) -> None:
     whole = fitted.cuffs["hand"]
     alone = cs.fit_donning([path for path in sorted(session.glob("*.mcap")) if "waist" not in path.name])
     assert alone.stiffness == whole.stiffness
@@ -116,8 +122,8 @@ def test_a_recording_becomes_tables_of_its_samples(session: Path) -> None:
     np.testing.assert_array_equal(force.to_dataframe().iloc[:, 3], force.values[:, 0])
 
 
-def test_every_result_prints_a_few_lines_and_is_drawn(session: Path, tmp_path: Path) -> None:
-    fitted, model = cs.fit_session(session), cs.load_model()
+def test_every_result_prints_a_few_lines_and_is_drawn(session: Path, fitted: cs.SessionFit, tmp_path: Path) -> None:
+    model = cs.load_model()
     motion = cs.load_motion(model, every=40)
     solution = cs.solve_motion(model, motion)
     assessment = cs.assess(fitted.cuffs, model, motion, draws=0)
@@ -146,8 +152,7 @@ def test_what_no_result_is_is_not_drawn() -> None:
             cs.plot(other)
 
 
-def test_cuffs_by_name_are_drawn_as_their_session(session: Path) -> None:
-    fitted = cs.fit_session(session)
+def test_cuffs_by_name_are_drawn_as_their_session(fitted: cs.SessionFit) -> None:
     drawn, whole = ([len(axis.lines) for axis in cs.plot(each).axes] for each in (fitted.cuffs, fitted))
     assert drawn == whole
     assert min(drawn) > 2
@@ -159,10 +164,11 @@ def test_only_the_public_names_are_listed_and_no_signature_has_a_path_of_this_ma
         assert "PosixPath" not in str(inspect.signature(getattr(cs, name)))
 
 
-def test_arguments_that_are_exchanged_or_of_another_type_are_named(session: Path, tmp_path: Path) -> None:
+def test_arguments_that_are_exchanged_or_of_another_type_are_named(
+    session: Path, fitted: cs.SessionFit, tmp_path: Path
+) -> None:
     model = cs.load_model()
     motion = cs.load_motion(model, every=200)
-    fitted = cs.fit_session(session)
     file = str(tmp_path / "cuffs.json")
     cs.write_cuffs(file, fitted.cuffs)
     for argument, found, ask in (
@@ -170,7 +176,7 @@ def test_arguments_that_are_exchanged_or_of_another_type_are_named(session: Path
         ("recordings", "Model", lambda: cs.fit_donning(model)),
         ("cuffs", "SessionFit", lambda: cs.write_cuffs(file, fitted)),
         ("cuffs", "str", lambda: cs.write_cuffs(fitted.cuffs, file)),
-        ("cuffs", "WearableCuff", lambda: cs.write_cuffs(file, cs.read_cuffs(file))),
+        ("cuffs", "Cuff", lambda: cs.write_cuffs(file, cs.read_cuffs(file))),
         ("model", "str", lambda: cs.load_motion("lift.mot")),
         ("model", "Kinematics", lambda: cs.solve_motion(motion, model)),
         ("kinematics", "str", lambda: cs.solve_motion(model, "lift.mot")),
@@ -181,6 +187,7 @@ def test_arguments_that_are_exchanged_or_of_another_type_are_named(session: Path
         ("model", "str", lambda: cs.open_stream(["ts"], "arm.osim")),
         ("rest_lengths", "str", lambda: cs.open_stream(["ts"], model, {"worn": "0.7"})),
         ("cuffs", "int", lambda: cs.assess({"hand": 3})),
+        ("cuffs", "int", lambda: cs.assess(3)),
         ("options", "int", lambda: cs.assess({}, model, motion, options=3)),
         ("options", "int", lambda: cs.solve_motion(model, motion, 3)),
         ("cutoff_hz", "str", lambda: cs.load_motion(model, None, "3")),
@@ -199,25 +206,131 @@ def test_the_error_of_cuffs_that_cannot_be_written_names_their_path(session: Pat
     assert refused.value.filename == str(path)
 
 
-@pytest.mark.parametrize("name", ["look_at_a_recording", "fit_a_cuff"])
-def test_an_example_without_a_recording_says_how_to_make_one(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [f"{name}.py"])
-    with pytest.raises(SystemExit) as ended:
-        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
-    assert "`station demo`" in str(ended.value.code)
+def test_every_table_names_the_unit_of_its_columns(session: Path, fitted: cs.SessionFit) -> None:
+    model = cs.load_model()
+    motion = cs.load_motion(model, every=40)
+    cuff = fitted.cuffs["hand"]
+    pull = next(iter(fitted.pulls.values())).pull
+    for table, units in (
+        (cs.read_recording(next(session.glob("*static*.mcap"))).load("/markers").to_dataframe(), {"ns", "mm"}),
+        (motion.to_dataframe(), {"s", "rad", "m"}),
+        (motion.to_dataframe("speeds"), {"s", "rad/s", "m/s"}),
+        (pull.to_dataframe(), {"s", "N", "m"}),
+        (cuff.trials_dataframe(), {"N/m", "N s/m", "m", "N"}),
+        (cuff.covariance_dataframe(), {"N/m", "N s/m", "m"}),
+        (cs.solve_motion(model, motion).to_dataframe(), {"s", "N"}),
+    ):
+        assert set(table.attrs["units"].values()) == units
+        assert set(table.attrs["units"]) <= set(table.columns)
+    trials = cuff.trials_dataframe().set_index("file")
+    assert list(trials.index) == [trial.file for trial in cuff.trials]
+    assert cuff.covariance_dataframe().loc["stiffness", "damping"] == cuff.covariance[0, 1]
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in EXAMPLES.glob("*.py")))
-def test_the_example_runs_and_is_short(
-    name: str, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_motion_goes_through_a_table_and_back(tmp_path: Path) -> None:
+    model = cs.load_model()
+    motion = cs.load_motion(model, cutoff_hz=None)
+    again = cs.load_motion(model, motion.to_dataframe(), cutoff_hz=None)
+    assert again == motion
+    degrees = motion.to_dataframe()
+    angles = [name for name, unit in degrees.attrs["units"].items() if unit == "rad"]
+    degrees[angles] = np.degrees(degrees[angles])
+    degrees.attrs["units"].update(dict.fromkeys(angles, "deg"))
+    np.testing.assert_allclose(cs.load_motion(model, degrees, cutoff_hz=None).positions, motion.positions, atol=1e-12)
+    degrees.attrs["units"][angles[0]] = "turns"
+    for table, code in (
+        (degrees, SolverCode.MALFORMED_TABLE),
+        (motion.to_dataframe().drop(columns="time_s"), SolverCode.MISSING_COLUMN),
+        (motion.to_dataframe().replace(0.0, np.nan), SolverCode.NOT_FINITE),
+        (motion.to_dataframe()[["time_s"]], SolverCode.MISSING_COLUMN),
+    ):
+        with pytest.raises(cs.SolverError) as refused:
+            cs.load_motion(model, table)
+        assert refused.value.code == code
+
+
+def test_activations_are_given_in_every_condition_at_the_rest_length_that_is_asked_for() -> None:
+    model = cs.load_model()
+    motion = cs.load_motion(model, every=40)
+    cuffs = [cs.Cuff(name, stiffness=8520, damping=210, migration=0.012) for name in ("hand", "tube")]
+    lengths = {"rest_lengths": [0.6, 0.7, 0.8], "reference_rest_length": 0.7}
+    assessment = cs.assess(cuffs, model, motion, draws=0, **lengths)
+    curves = assessment.effort_curves().set_index(["condition", "cuff", "rest_length_m"])["effort"]
+    assert len(curves) == 7 * 3
+    table = assessment.to_dataframe().set_index(["condition", "cuff"])
+    assert curves["both", "tube", 0.7] == pytest.approx(table.loc[("both", "tube"), "effort_at_reference"], rel=1e-9)
+    effort = [(assessment.activations(*of).iloc[:, 1:] ** 2).to_numpy().sum() for of in (("both", "tube"), ("slack",))]
+    assert effort[0] / effort[1] == pytest.approx(curves["both", "tube", 0.7], rel=1e-9)
+    data = assessment.to_xarray()
+    assert data["activations"].sizes == {"curve": 7, "time": len(motion.time), "muscle": 33}
+    assert data["rest_length"].attrs["units"] == "m"
+    for asked in (("both", None), ("both", "elbow"), ("both", "")):
+        with pytest.raises(ValueError, match="expected one of: slack, rigid, shift hand"):
+            assessment.activations(*asked)
+    with pytest.raises(cs.SolverError):
+        cs.assess(cuffs, model, motion, rest_lengths=[-0.1])
+
+
+def test_equal_results_are_equal(session: Path) -> None:
+    first, second = cs.fit_session(session), cs.fit_session(session)
+    assert first == second
+    assert first.cuffs["hand"].wearable() == second.cuffs["hand"].wearable()
+    assert first.pulls != {}
+    assert first != cs.fit_session(session, window={"cuff-hand_test-dynamic_run-1.mcap": (0.5, 9.0)})
+
+
+def test_a_window_limits_the_samples_of_a_trial_and_is_noted(session: Path) -> None:
+    file = "cuff-hand_test-dynamic_run-1.mcap"
+    whole, part = cs.fit_session(session), cs.fit_session(session, window={file: (0.5, 9.0)})
+    time = part.pulls[file].pull.marker_time
+    assert time[0] >= 0.5 and 8.9 < time[-1] <= 9.0
+    (trial,) = [trial for trial in part.cuffs["hand"].trials if trial.file == file]
+    assert TrialNoteCode.WINDOW in [note.code for note in trial.notes]
+    damping, narrower = whole.cuffs["hand"].damping, part.cuffs["hand"].damping
+    assert damping.value != narrower.value and abs(damping.value - narrower.value) < 4 * narrower.standard_error
+    used = [session / trial.file for trial in whole.cuffs["hand"].trials]
+    alone = cs.fit_donning([*used, *(session / bounce for bounce in whole.bounces)], window={file: (0.5, 9.0)})
+    assert alone.damping == narrower
+    for window in ({"other.mcap": (0.0, 1.0)}, {file: (5.0, 4.0)}, {file: (0.0, 1e4)}, (-1.0, 5.0)):
+        with pytest.raises(ValueError, match=r"^window .* expected"):
+            cs.fit_session(session, window=window)
+
+
+def test_a_report_and_the_html_of_a_fit_state_its_figures(fitted: cs.SessionFit) -> None:
+    cuff = fitted.cuffs["hand"]
+    report = cuff.report()
+    assert f"{cuff.stiffness.value:.6g} +/- {cuff.stiffness.standard_error:.2g} N/m" in report
+    assert all(cause in report for cause, part in cuff.damping.parts.items() if part)
+    assert "C(stiffness, damping)" in report
+    for result in (fitted, cuff, cuff.wearable()):
+        assert f"<td>{plus_minus(cuff.stiffness.value, cuff.stiffness.ci95)}</td>" in result._repr_html_()
+    assert cuff._repr_html_().count("<polyline") == len(cuff.pulls)
+
+
+def test_a_picture_is_shown_without_pyplot_and_drawn_into_given_axes(fitted: cs.SessionFit) -> None:
+    assert cs.plot(fitted)._repr_png_().startswith(b"\x89PNG")
+    figure = Figure()
+    one, three = figure.add_subplot(2, 1, 1), [figure.add_subplot(2, 3, place) for place in (4, 5, 6)]
+    assert cs.plot(fitted, ax=one) is one
+    assert cs.plot(fitted.cuffs["hand"], ax=three) is three
+    assert len(one.lines) > 2 and all(axis.lines for axis in three)
+    divided = Figure().add_subplot()
+    assert cs.plot(fitted.cuffs["hand"], ax=divided) is divided
+    assert [axis.get_xlabel() for axis in divided.child_axes] == [axis.get_xlabel() for axis in three]
+    with pytest.raises(ValueError, match="one Axes or 3"):
+        cs.plot(fitted.cuffs["hand"], ax=three[:2])
+
+
+def test_the_sample_session_is_copied_and_its_intervals_contain_the_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = EXAMPLES / f"{name}.py"
-    assert len(path.read_text(encoding="utf-8").splitlines()) < 60
-    monkeypatch.chdir(tmp_path)
-    needs_session = "SESSION" in path.read_text(encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", [str(path), *([str(session)] if needs_session else [])])
-    runpy.run_path(str(path), run_name="__main__")
-    assert list(tmp_path.glob("*.png"))
+    monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", str(tmp_path))
+    folder = cs.sample_session()
+    assert folder.is_relative_to(tmp_path)
+    next(folder.glob("*dynamic*")).write_bytes(b"")
+    assert cs.sample_session() == folder
+    cuff = cs.fit_session(folder).cuffs["hand"]
+    assert cuff.missing == ()
+    for estimate, truth in zip((cuff.stiffness, cuff.damping, cuff.migration), (8520.0, 210.0, 0.01201), strict=True):
+        assert estimate.ci95[0] < truth < estimate.ci95[1]
+    assert sum(path.stat().st_size for path in folder.iterdir()) < 1e6

@@ -12,6 +12,7 @@ import pytest
 import cuffstation as cs
 from solver.errors import MotionError, SolverCode
 from solver.model import ModelError
+from solver.suit.suit import SuitError
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_in
 
@@ -120,6 +121,7 @@ def test_numbers_of_draws_and_frames_that_cannot_be_are_refused(ask: Callable[[]
     assert refused.value.code == SolverCode.WRONG_OPTION
 
 
-def test_cuffs_have_names() -> None:
-    with pytest.raises(TypeError, match="got a list"):
-        cs.assess([])  # type: ignore[arg-type]
+def test_no_cuff_is_refused() -> None:
+    with pytest.raises(SuitError) as refused:
+        cs.assess([])
+    assert refused.value.code == SolverCode.NO_ARM_CUFF

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from documents.interval import UNBROKEN
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.trial_fit import TrialFit
 from fitting.results.codes import NoteCode, TensorCode, TrialNoteCode, Verdict
@@ -19,7 +20,6 @@ from solver.suit.assessment import UncertaintySummary
 from solver.suit.quantity import Quantity
 from solver.suit.uncertainty import DrawnSource
 from station.folded_table import FoldedTable
-from station.interval import UNBROKEN
 from station.tables import assessment_table, print_cuffs
 from tests.station.assessment.test_findings import assessment, curve
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from documents.interval import plus_minus
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.results.codes import TensorCode
 from fitting.results.rendering import Note
@@ -19,7 +20,6 @@ from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
 from fitting.trial.trial import build_trial
 from station.charts.marks import Chart, Line, Panel, Points, Rule, Strip
-from station.interval import plus_minus
 from station.report.figures import static_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
 from station.report.muscle_figures import activation_figure, change_figure, muscle_changes

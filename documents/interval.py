@@ -4,12 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-from fitting.cuffs.wearable_cuff import WearableCuff
-
-if TYPE_CHECKING:
-    from fitting.cuffs.cuff_fit import CuffFit  # the console uses this file, and starts without the fit
 
 SIGNIFICANT = 2
 """Significant digits of the half width."""
@@ -63,14 +57,6 @@ def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) ->
     if abs(scale * (ci95[0] + ci95[1] - 2.0 * value)) > 10.0**-decimals:
         return bracketed(value, ci95, scale, digits)
     return f"{shown(scale * value, decimals)} ± {rounded(_half(ci95, scale), decimals)}"
-
-
-def of_cuff(fit: CuffFit | WearableCuff, quantity: str, text: str) -> str:
-    """Add to the text of a stiffness, damping or migration that it is given by hand, or not identified."""
-    if isinstance(fit, WearableCuff) and quantity in fit.given:
-        return f"{text} (given by hand)"
-    is_doubtful = quantity in fit.missing and getattr(fit, quantity) is not None
-    return f"not identified: {text}" if is_doubtful else text
 
 
 def digits_of(ci95: Ends, scale: float = 1.0, otherwise: int = 0) -> int:

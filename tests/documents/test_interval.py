@@ -3,14 +3,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 
-from fitting.cuffs.cuff_fit import CuffFit
-from fitting.cuffs.wearable_cuff import WearableCuff
-from fitting.results.codes import Verdict
-from fitting.uncertainty import Estimate
-from station.interval import between, bracketed, digits_of, has_width, of_cuff, plus_minus
+from documents.interval import between, bracketed, digits_of, has_width, plus_minus
 
 
 def test_an_interval_has_two_digits_of_its_half_width() -> None:
@@ -96,21 +91,6 @@ def test_both_ends_of_an_interval_are_shown_where_its_halves_differ_in_the_print
 
 def test_zero_has_no_sign() -> None:
     assert plus_minus(-0.0004, (-0.1204, 0.1196)) == "0.00 ± 0.12"
-
-
-def test_a_figure_that_is_not_identified_is_marked() -> None:
-    wide, known = Estimate(210.0, 120.0, (-25.0, 445.0)), Estimate(8520.0, 10.0, (8500.0, 8540.0))
-    fit = CuffFit("hand", "arm", "1", known, wide, None, (Verdict.LAG,), np.zeros((3, 3)), {})
-    assert of_cuff(fit, "damping", "210 ± 240") == "not identified: 210 ± 240"
-    assert of_cuff(fit, "stiffness", "8520 ± 20") == "8520 ± 20"
-    assert of_cuff(fit, "migration", "not identified") == "not identified"
-
-
-def test_a_figure_that_was_entered_by_hand_is_marked() -> None:
-    known = Estimate(8520.0, 10.0, (8500.0, 8540.0))
-    cuff = WearableCuff("hand", "arm", "1", known, known, None, (), (), np.zeros((3, 3)), given=("damping",))
-    assert of_cuff(cuff, "damping", "210") == "210 (given by hand)"
-    assert of_cuff(cuff, "stiffness", "8520 ± 20") == "8520 ± 20"
 
 
 def test_negative_numbers_have_a_minus_sign() -> None:

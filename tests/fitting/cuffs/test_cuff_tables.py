@@ -1,0 +1,119 @@
+"""Cuffs as a user gives them in Python."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from drivers.simulators.settings import PUBLISHED_CUFFS
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.cuff_tables import CuffsLike, cuffs_of, published_cuffs
+from fitting.cuffs.wearable_cuff import Cuff, NotIdentified
+from fitting.errors import CodedError
+from fitting.results.codes import FitErrorCode, Verdict
+from fitting.uncertainty import normal_estimate
+
+HAND = Cuff("hand", stiffness=8520, damping=210, migration=0.012)
+FIGURES = {"stiffness": 8520, "damping": 210, "migration": 0.012}
+SUFFIXED = {"stiffness_n_per_m": 8520.0, "damping_n_s_per_m": 210.0, "migration_m": 0.012}
+FIT = CuffFit(
+    "hand",
+    "arm",
+    "1",
+    normal_estimate(8520, 30),
+    normal_estimate(210, 10),
+    normal_estimate(0.012, 1e-4),
+    (Verdict.IDENTIFIED,),
+    np.diag([900.0, 100.0, 1e-8]),
+)
+ROWS = pd.DataFrame(
+    {"name": ["hand", "waist"], "stiffness": [8520, 2140], "damping": [210, 124], "migration": [0.012] * 2}
+)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        HAND,
+        [HAND],
+        {"hand": HAND},
+        {"hand": FIGURES},
+        {"hand": SUFFIXED},
+        {"name": "hand", **FIGURES},
+        [{"cuff": "hand", "site": "arm", **FIGURES}],
+        {"hand": {**FIGURES, "stiffness": {"value": 8520}}},
+        ROWS.iloc[0],
+        {"hand": ROWS.iloc[0].drop("name")},
+        ROWS[:1],
+        ROWS.set_index("name").loc["hand"],
+        ROWS.set_index("name")[:1],
+        pd.DataFrame(SUFFIXED, index=["hand"]),
+    ],
+)
+def test_a_cuff_may_be_given_in_many_forms(given: CuffsLike) -> None:
+    (cuff,) = cuffs_of(given).values()
+    assert (cuff.name, cuff.site, cuff.missing, set(cuff.given)) == ("hand", "arm", (), set(FIGURES))
+    worn, expected = cuff.parameters(), HAND.parameters()
+    assert (worn.stiffness, worn.damping, worn.migration) == (expected.stiffness, expected.damping, expected.migration)
+
+
+def test_a_table_has_a_cuff_in_every_row_and_a_fit_keeps_its_errors(tmp_path: Path) -> None:
+    assert [cuff.site for cuff in cuffs_of(ROWS).values()] == ["arm", "waist"]
+    session = SessionFit({"hand": {"1": FIT}}, ())
+    for given in (FIT, session, session.cuffs, FIT.to_dataframe(), session.to_dataframe()):
+        cuff = cuffs_of(given)["hand"]
+        np.testing.assert_allclose(np.diag(cuff.covariance), [900.0, 100.0, 1e-8])
+    file = tmp_path / "cuffs.json"
+    file.write_text(json.dumps({"cuffs": {"hand": SUFFIXED}}), encoding="utf-8")
+    assert cuffs_of(str(file)) == cuffs_of(file) == {"hand": HAND}
+
+
+def test_a_number_with_a_standard_error_has_a_normal_interval() -> None:
+    cuff = Cuff("hand", stiffness=(8520, 30), damping=210, migration=0.012)
+    assert cuff.stiffness == normal_estimate(8520.0, 30.0)
+    np.testing.assert_array_equal(np.diag(cuff.covariance), [900.0, 0.0, 0.0])
+
+
+def test_the_published_cuffs_are_those_of_the_simulators() -> None:
+    expected = {name: tuple(truth.model_dump().values())[:3] for name, truth in PUBLISHED_CUFFS.items()}
+    found = {name: cuff.parameters() for name, cuff in published_cuffs().items()}
+    assert {name: (cuff.stiffness, cuff.damping, cuff.migration) for name, cuff in found.items()} == expected
+    assert [cuff.site for cuff in found.values()] == ["waist", "arm", "arm", "arm"]
+
+
+@pytest.mark.parametrize(
+    ("give", "code"),
+    [
+        (lambda: Cuff("hand", stiffness=-1), FitErrorCode.CUFF_IMPOSSIBLE),
+        (lambda: Cuff("hand", stiffness=float("nan")), FitErrorCode.CUFF_IMPOSSIBLE),
+        (lambda: Cuff("hand", stiffness=(8520, -3)), FitErrorCode.CUFF_IMPOSSIBLE),
+        (lambda: Cuff("hand", migration=12), FitErrorCode.CUFF_IMPOSSIBLE),
+        (lambda: cuffs_of({"hand": {"stiffness": 8520, "migration_mm": 12}}), FitErrorCode.CUFF_KEY),
+        (lambda: cuffs_of(FIGURES), FitErrorCode.CUFF_NAME),
+        (lambda: cuffs_of([HAND, HAND]), FitErrorCode.CUFF_TWICE),
+        (lambda: cuffs_of(ROWS.drop(columns="name")), FitErrorCode.CUFF_NAME),
+    ],
+)
+def test_what_is_no_cuff_is_refused_with_a_code(give: Callable[[], object], code: FitErrorCode) -> None:
+    with pytest.raises(CodedError) as refused:
+        give()
+    assert refused.value.code == code
+
+
+@pytest.mark.parametrize("given", [3, "x", {"hand": 3}, {"hand": {"stiffness": "8520"}}, [None]])
+def test_another_type_is_refused(given: object) -> None:
+    with pytest.raises((TypeError, CodedError)) as refused:
+        cuffs_of(given)  # type: ignore[arg-type]
+    assert isinstance(refused.value, TypeError) or refused.value.code == FitErrorCode.CUFFS_UNREADABLE
+
+
+def test_a_gap_in_a_table_is_a_missing_figure() -> None:
+    cuff = cuffs_of(ROWS.assign(damping=[np.nan, 124]))["hand"]
+    assert cuff.missing == ("damping",)
+    with pytest.raises(NotIdentified):
+        cuff.parameters()

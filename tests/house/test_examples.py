@@ -1,0 +1,83 @@
+"""The scripts in examples/: they run as scripts and as notebooks, unedited and without arguments, and have types."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.timeout import scaled_timeout
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+USER_SCRIPT = """
+import matplotlib.pyplot as plt
+import pandas as pd
+
+import cuffstation as cs
+
+fit = cs.fit_session(cs.sample_session(), window={"cuff-hand_test-static_run-1.mcap": (0.0, 20.0)})
+error: float = fit.cuffs["hand"].covariance_dataframe().to_numpy()[0, 0]
+table = pd.DataFrame({"name": ["hand"], "stiffness": [8520], "damping": [210], "migration": [0.012]})
+for cuffs in (fit, fit.cuffs, table, table.iloc[0], "cuffs.json", cs.published_cuffs(), [cs.Cuff("hand", stiffness=1)]):
+    assessment: cs.Assessment = cs.assess(cuffs, rest_lengths=[0.7, 0.75], draws=0)
+figure, axes = plt.subplots()
+same = cs.plot(assessment, ax=axes).get_xlabel()
+png: bytes = cs.plot(fit)._repr_png_()
+"""
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sample sessions are kept in a folder of the test, not in the cache of the user who runs it."""
+    monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_the_example_runs_and_is_short(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) < 60
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(path)])
+    runpy.run_path(str(path), run_name="__main__")
+
+
+@pytest.mark.slow
+def test_the_examples_run_as_notebooks_and_show_a_picture(tmp_path: Path) -> None:
+    """In one kernel, since most of the time of a notebook is that of imports."""
+    nbclient = pytest.importorskip("nbclient", reason="needs the extra test")
+    from nbformat.v4 import new_code_cell, new_notebook
+
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    cells_of = {
+        path.stem: [
+            new_code_cell(cell.split("# %% [markdown]")[0])
+            for cell in path.read_text(encoding="utf-8").split("# %%\n")[1:]
+        ]
+        for path in SCRIPTS
+    }
+    notebook = new_notebook(cells=[cell for cells in cells_of.values() for cell in cells])
+    client = nbclient.NotebookClient(notebook, timeout=int(scaled_timeout(120)), kernel_name="python3")
+    client.execute(cwd=str(tmp_path / "examples"))
+    for name, cells in cells_of.items():
+        assert "image/png" in {kind for output in cells[-1].outputs for kind in output.get("data", {})}, name
+
+
+@pytest.mark.slow
+def test_the_examples_and_a_script_of_a_user_pass_a_strict_check_of_types(tmp_path: Path) -> None:
+    script = tmp_path / "of_a_user.py"
+    script.write_text(USER_SCRIPT, encoding="utf-8")
+    ran = subprocess.run(  # noqa: S603
+        [sys.executable, "-m", "mypy", "--strict", *map(str, [*SCRIPTS, script])],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=scaled_timeout(280),
+        env={**os.environ, "MYPYPATH": str(ROOT)},
+    )
+    assert ran.returncode == 0, ran.stdout
