@@ -1,6 +1,7 @@
 """EMG of the public trials beside three sets of activations: ours, the published ones and those of static optimisation.
 
     python -m benchmarks.emg [--method seth_2019]
+    python -m benchmarks.emg --simulated 100
 
 Trials of Seth et al. (2019), published activations of Belli et al. (2023), both with the glenohumeral cone. Static
 optimisation is that of OpenSim's tool: Σ of all squared controls in each frame by itself, reserve actuators included,
@@ -8,6 +9,9 @@ without a cone and without activation dynamics. Prints correlation and lag with 
 the channels of all trials the mean of Fisher's z, as a correlation, beside the published one.
 
 Needs the public data set beside the repository. Trials, files and their licence are described there.
+
+--simulated prints which part of the intervals of lag and correlation contains the truth, over so many simulated pairs
+of EMG and activation for each kind of noise (tests/fitting/emg/simulated.py).
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fitting.emg.envelope import EnvelopeSettings
 from fitting.emg.shape import ShapeComparison, ShapeOutcome
 from solver.motion import differentiate, read_motion
 from solver.osim.reader import read_osim
@@ -30,6 +35,8 @@ from solver.redundancy.problem import build_redundancy
 from solver.redundancy.scenarios import solve_redundancy
 from solver.time_series_table import write_table
 from station.emg.comparison import ConditionFiles, compare_emg
+from station.emg.setup import EnvelopeSection
+from tests.fitting.emg.simulated import NOISES, compare_pair, emg_pair
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 TRIALS: Mapping[str, tuple[str, ...]] = {"FLX01": (), "ABD02": (), "SHRUG01": ("plane_elv", "axial_rot")}
@@ -51,7 +58,31 @@ WITHOUT_DYNAMICS_S = 1e6
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--method", default="linear_envelope", choices=("linear_envelope", "rms", "seth_2019"))
-    found = compare_sources(parser.parse_args().method)
+    parser.add_argument("--simulated", type=int, default=0)
+    options = parser.parse_args()
+    settings = EnvelopeSection(method=options.method).settings()
+    if options.simulated:
+        print_coverage(settings, options.simulated)
+    else:
+        print_sources(options.method)
+
+
+def print_coverage(settings: EnvelopeSettings, pairs: int) -> None:
+    print("| noise | lag identified % | lag covered % | half of its interval [ms] | correlation covered % |")
+    print("|---|---:|---:|---:|---:|")
+    found = {noise: [compare_pair(emg_pair(noise, settings, i), settings) for i in range(pairs)] for noise in NOISES}
+    together = [row for rows in found.values() for row in rows]
+    for noise, rows in (*found.items(), ("all", together)):
+        known, lag, width, correlation = np.array(rows, dtype=float).T
+        error = 100 * np.sqrt([part.mean() * (1 - part.mean()) / len(rows) for part in (lag, correlation)])
+        print(
+            f"| {noise} | {100 * known.mean():.0f} | {100 * lag.mean():.0f} ± {error[0]:.0f} "
+            f"| {500 * np.median(width):.0f} | {100 * correlation.mean():.0f} ± {error[1]:.0f} |"
+        )
+
+
+def print_sources(method: str) -> None:
+    found = compare_sources(method)
     print(f"| trial | channel | {' | '.join(SOURCES)} |")
     print("|---|---|" + "---|" * len(SOURCES))
     for (trial, channel), comparisons in found.items():

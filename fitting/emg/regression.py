@@ -1,26 +1,32 @@
 """Regression of EMG on a model's activation that is shifted by an unknown lag, with autocorrelated noise.
 
-    e(t) = α + β a(t − τ) + g(t) ε(t),   g = (a(t − τ) + FLOOR)^p
+    e(t) = α + β a(t − τ) + ε(t),   Cov ε = σ² V,   V = (1 − λ) G R G + λ D²
 
-ε is Gaussian with standard deviation σ and autocorrelation φ^|i−j| between samples i and j. The noise of an envelope is
-proportional to its level (p = 1), other differences from the model are not (p = 0); p is selected by the record.
+R is the correlation exp(−|t − t'| / ℓ) of what model and muscle disagree about, G² = (1 − κ) + κ D² its size, of which
+the part κ is proportional to the level. D is the level, with a mean square of 1: the envelope of a random signal varies
+about its mean by white noise that is proportional to its level.
 
-The prior is flat in α, β, log σ, √(1 − φ), p and τ. α, β and σ are integrated in closed form, τ, φ and p on a grid:
+α, β and τ are estimated by least squares, whose weights do not depend on the noise. Generalised least squares is more
+precise if the noise is as modelled; in measured EMG it is not, and then a small noise near rest or at high frequencies
+lets the onset alone decide the lag. λ, ℓ and κ have a flat prior on a grid and the restricted likelihood of the
+residuals at the least-squares lag. For each of them the likelihood of the lag under white noise is raised to a power so
+that its curvature is that of the variance under V (Ribatet, Cooley and Davison (2012), Statistica Sinica 22:813–845):
 
-    p(τ, φ, p | e) ∝ √(1 − φ²) Π 1/g |XᵀX|^(−1/2) S^(−(n−2)/2),   X the whitened [1, a(t − τ)]/g, S the sum of squared
-    residuals (Zellner (1971), An Introduction to Bayesian Inference in Econometrics, ch. 4)
+    p(τ | e, V) ∝ S(τ)^(−m / 2),   m = (n − 3) / r,   r = uᵀV u (n − 3) / tr MV
 
-The correlation at a lag is estimated as Pearson's r, by ordinary least squares. The estimand is
+with S the sum of squared residuals at a lag, M the matrix that removes 1, a and its derivative a', and u the unit
+vector along the part of a' that 1 and a leave. m is the effective number of samples. The search bounds the lag.
 
-    ρ = β s / √(β² s² + ω²),   ω² = σ² (mean of the diagonal of R − mean of R)
+The correlation at a lag is estimated as Pearson's r. The estimand is
 
-with s the standard deviation of a in the trial, R the noise's covariance matrix over σ² and ω² the variance that the
-noise is expected to have about its own mean in a trial of this length. With the centred a and the matrix M that removes
-α and β,
+    ρ = β s / √(β² s² + ω²),   ω² = σ² (mean of the diagonal of V − mean of V)
 
-    β̂ ~ N(β, σ² aᵀR a / (aᵀa)²),   Ŝ / (σ² tr MR) ~ χ²_ν / ν,   ν = (tr MR)² / tr (MR)²   (Satterthwaite (1946))
+with s the standard deviation of a in the trial and ω² the variance that the noise is expected to have about its own
+mean in a trial of this length. With the centred a and the matrix M that removes α and β,
 
-φ and p are drawn from their posterior, σ and β from these, which gives the interval of ρ.
+    β̂ ~ N(β, σ² aᵀV a / (aᵀa)²),   Ŝ / (σ² tr MV) ~ χ²_ν / ν,   ν = (tr MV)² / tr (MV)²   (Satterthwaite (1946))
+
+Noise and lag are drawn from their posterior, σ and β from these, which gives the interval of ρ.
 """
 
 from __future__ import annotations
@@ -34,12 +40,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-AUTOCORRELATIONS: Array = 1.0 - np.linspace(1.4**0.5, 0.02**0.5, 19) ** 2
-"""From the autocorrelation of sharply low-passed noise (−0.4) to a correlation time of 50 samples (0.98), evenly
-spaced in √(1 − φ). Of the priors tried, flat in φ covered too seldom under slow noise, flat in log(1 − φ) too often."""
-POWERS, FLOOR = (0.0, 0.5, 1.0), 0.05
-"""Powers p of the level to which the noise is proportional, and the level of a muscle at rest over the largest."""
-NOISES = tuple(product(POWERS, AUTOCORRELATIONS.tolist()))
+WHITE_PARTS = (0.02, 0.1, 0.3, 0.6, 0.9)
+"""λ: part of the variance that is the envelope's own."""
+CORRELATION_TIMES_S = (0.06, 0.12, 0.24, 0.5, 1.0, 2.0, 4.0)
+"""ℓ: from that of the smoothing to the duration of a movement."""
+PROPORTIONAL_PARTS = (0.0, 0.5, 0.95)
+"""κ: a disagreement that vanishes at rest would make the samples at rest decide the lag."""
+NOISES = tuple(product(WHITE_PARTS, CORRELATION_TIMES_S, PROPORTIONAL_PARTS))
+REST = 0.05
+"""Level of a muscle at rest over the range of its level; the offset of EMG is not known."""
 DRAWS = 4000
 
 
@@ -56,73 +65,122 @@ class EmgLagPosterior:
         return np.interp(levels, np.cumsum(over_lags) - 0.5 * over_lags, self.lags)
 
 
-def lag_posterior(measured: Array, shifted: Array, lags: Array) -> EmgLagPosterior:
-    """Posterior of the lag for measured EMG (n,) and the activation at every lag, shifted (k, n); lags (k,) [s]."""
+def lag_posterior(measured: Array, shifted: Array, lags: Array, interval: float) -> EmgLagPosterior:
+    """Posterior of the lag for measured EMG (n,) and the activation at every lag, shifted (k, n), scaled from 0 to 1.
+
+    lags (k,) and interval between samples [s].
+    """
     samples = len(measured)
-    logs = []
-    for power, autocorrelation in NOISES:
-        size = _noise_size(shifted, power)
-        constant = _whitened(1 / size, autocorrelation)
-        response = _without(_whitened(measured / size, autocorrelation), constant)
-        regressor = _without(_whitened(shifted / size, autocorrelation), constant)
-        design, overlap = (regressor**2).sum(axis=1), (regressor * response).sum(axis=1)
-        residual = np.maximum((response**2).sum(axis=1) - overlap**2 / design, np.finfo(float).tiny)
-        logs.append(
-            0.5 * np.log1p(-(autocorrelation**2))
-            - np.log(size).sum(axis=1)
-            - 0.5 * np.log((constant**2).sum(axis=1) * design)
-            - 0.5 * (samples - 2) * np.log(residual)
-        )
-    log = np.array(logs)
-    weight = np.exp(log - log.max())
-    return EmgLagPosterior(lags, weight / weight.sum())
+    squares = _squares(measured, shifted)
+    best = int(squares.argmin())
+    before, after = max(best - 1, 0), min(best + 1, len(lags) - 1)
+    derivative = (shifted[after] - shifted[before]) / (lags[after] - lags[before])
+    design = np.column_stack((np.ones(samples), shifted[best], derivative))
+    variances = _variances(shifted[best])
+    basis, _ = np.linalg.qr(design)
+    along, trace = np.empty((2, len(NOISES)))
+    for i, noise in enumerate(NOISES):
+        covered, diagonal = _times_covariance(basis, variances, interval, noise)
+        along[i], trace[i] = basis[:, 2] @ covered[:, 2], diagonal.sum() - np.sum(basis * covered)
+    exponent = -0.5 * trace / along
+    log = exponent[:, None] * np.log(squares / squares[best])
+    weight = np.exp(log) / np.exp(log).sum(axis=1, keepdims=True)
+    likelihood = _restricted_likelihood(measured, design, variances, interval)
+    return EmgLagPosterior(lags, weight * (likelihood / likelihood.sum())[:, None])
 
 
-def correlation_interval(measured: Array, activation: Array, weight: Array, seed: int = 0) -> tuple[float, float]:
-    """2.5 and 97.5 % quantiles of ρ for measured EMG (n,) and activation (n,); weight (noises,) of NOISES."""
+def correlation_interval(
+    measured: Array, shifted: Array, weight: Array, place: int, interval: float, seed: int = 0
+) -> tuple[float, float]:
+    """2.5 and 97.5 % quantiles of ρ for measured EMG (n,) and activation at some lags, shifted (k, n).
+
+    weight (noises, k) over NOISES; place is that of the reported lag, at which the noise is evaluated.
+    """
     random = np.random.default_rng(seed)
-    centred = activation - activation.mean()
-    square = float(centred @ centred)
-    slope = float(centred @ measured) / square
-    residual = measured - measured.mean() - slope * centred
-    moments = np.array([_moments(centred, _noise_size(activation, power), one) for power, one in NOISES])
-    trace, freedom, slope_variance, within = moments[random.choice(len(weight), DRAWS, p=weight)].T
-    variance = float(residual @ residual) / trace * freedom / random.chisquare(freedom)
-    slopes = slope + random.standard_normal(DRAWS) * np.sqrt(variance * slope_variance)
-    explained = slopes * np.sqrt(square / len(measured))
+    centred = shifted - shifted.mean(axis=1, keepdims=True)
+    square = (centred**2).sum(axis=1)
+    noise, lag = np.unravel_index(random.choice(weight.size, DRAWS, p=weight.ravel()), weight.shape)
+    variances = _variances(shifted[place])
+    moments = np.array([_moments(centred[place], variances, interval, one) for one in NOISES])
+    trace, freedom, slope_variance, within = moments[noise].T
+    variance = _squares(measured, shifted)[lag] / trace * freedom / random.chisquare(freedom)
+    slopes = (centred @ measured / square)[lag] + random.standard_normal(DRAWS) * np.sqrt(variance * slope_variance)
+    explained = slopes * np.sqrt(square[lag] / len(measured))
     low, high = np.quantile(explained / np.sqrt(explained**2 + within * variance), (0.025, 0.975))
     return float(low), float(high)
 
 
-def _noise_size(activation: Array, power: float) -> Array:
-    """g (…, n) for activations (…, n) scaled from 0 to 1."""
-    return np.asarray((np.clip(activation, 0.0, None) + FLOOR) ** power)
+def _squares(measured: Array, shifted: Array) -> Array:
+    """Sum of squared residuals (k,) of the regression on the activation (k, n) at every lag, above 0."""
+    centred = shifted - shifted.mean(axis=1, keepdims=True)
+    response = measured - measured.mean()
+    explained = (centred @ response) ** 2 / (centred**2).sum(axis=1)
+    return np.asarray(np.maximum(response @ response - explained, np.finfo(float).eps * (response @ response)))
 
 
-def _moments(centred: Array, size: Array, autocorrelation: float) -> tuple[float, float, float, float]:
-    """tr MR, ν, aᵀR a / (aᵀa)² and the mean of the diagonal of R less the mean of R.
+def _variances(activation: Array) -> Array:
+    """Diagonal (n,) of D² for an activation scaled from 0 to 1."""
+    square = (np.clip(activation, 0.0, None) + REST) ** 2
+    return np.asarray(square / square.mean())
 
-    R is a Toeplitz matrix between two diagonal ones of g, and never built.
-    """
+
+def _times_covariance(
+    columns: Array, variances: Array, interval: float, noise: tuple[float, float, float]
+) -> tuple[Array, Array]:
+    """V times columns (n, …), and the diagonal of V. R is a Toeplitz matrix, and V is never built."""
+    white, time, proportional = noise
+    size = np.sqrt((1 - proportional) + proportional * variances)
+    column = (1 - white) * np.exp(-interval / time * np.arange(len(variances)))
+    smooth = size[:, None] * scipy.linalg.matmul_toeplitz(column, size[:, None] * columns)
+    return smooth + white * variances[:, None] * columns, (1 - white) * size**2 + white * variances
+
+
+def _moments(
+    centred: Array, variances: Array, interval: float, noise: tuple[float, float, float]
+) -> tuple[float, float, float, float]:
+    """tr MV, ν, aᵀV a / (aᵀa)² and the mean of the diagonal of V less the mean of V."""
     samples = len(centred)
-    column, variances = autocorrelation ** np.arange(samples), size**2
+    white, time, proportional = noise
     basis = np.column_stack((np.full(samples, samples**-0.5), centred / np.linalg.norm(centred)))
-    product_with_basis = size[:, None] * scipy.linalg.matmul_toeplitz(column, size[:, None] * basis)
-    inner = basis.T @ product_with_basis
-    trace = float(variances.sum()) - float(np.trace(inner))
-    squared = float(variances @ scipy.linalg.matmul_toeplitz(column**2, variances))
-    squared += float(np.sum(inner**2)) - 2.0 * float(np.sum(product_with_basis**2))
-    within = float(variances.mean()) - float(size @ scipy.linalg.matmul_toeplitz(column, size)) / samples**2
+    covered, diagonal = _times_covariance(basis, variances, interval, noise)
+    inner = basis.T @ covered
+    trace = float(diagonal.sum()) - float(np.trace(inner))
+    smooth = (1 - proportional) + proportional * variances
+    column = ((1 - white) * np.exp(-interval / time * np.arange(samples))) ** 2
+    squared = float(smooth @ scipy.linalg.matmul_toeplitz(column, smooth))
+    squared += float(np.sum(diagonal**2 - ((1 - white) * smooth) ** 2))
+    squared += float(np.sum(inner**2)) - 2.0 * float(np.sum(covered**2))
+    within = float(diagonal.mean()) - float(inner[0, 0]) / samples
     return trace, trace**2 / squared, float(inner[1, 1]) / float(centred @ centred), within
 
 
-def _whitened(values: Array, autocorrelation: float) -> Array:
-    """Innovations of values (…, n); their standard deviation is √(1 − φ²) times that of the values."""
-    first = np.sqrt(1 - autocorrelation**2) * values[..., :1]
-    return np.concatenate((first, values[..., 1:] - autocorrelation * values[..., :-1]), axis=-1)
+def _restricted_likelihood(measured: Array, design: Array, variances: Array, interval: float) -> Array:
+    """|V|^(−1/2) |XᵀV⁻¹X|^(−1/2) S^(−(n−3)/2) over NOISES, of maximum 1; X is the design (n, 3)."""
+    samples, terms = design.shape
+    whitened, log_determinant = _whitened(np.column_stack((design, measured)), variances, interval)
+    roots = np.linalg.qr(np.moveaxis(whitened, 0, 1), mode="r")
+    log_sizes = np.log(np.abs(np.diagonal(roots, axis1=1, axis2=2)))  # the last is √S
+    logs = -0.5 * log_determinant - log_sizes[:, :terms].sum(axis=1) - (samples - terms) * log_sizes[:, terms]
+    return np.asarray(np.exp(logs - logs.max()))
 
 
-def _without(values: Array, constant: Array) -> Array:
-    """Component of values (k, n) orthogonal to the constants (k, n)."""
-    along = (values * constant).sum(axis=1, keepdims=True) / (constant**2).sum(axis=1, keepdims=True)
-    return np.asarray(values - along * constant)
+def _whitened(columns: Array, variances: Array, interval: float) -> tuple[Array, Array]:
+    """Innovations (n, noises, columns) of columns (n, columns) over their standard deviation, and log |V| (noises,).
+
+    A Kalman filter whose state is the first-order autoregressive process with the correlation R.
+    """
+    white, time, proportional = np.array(NOISES).T
+    kept = np.exp(-interval / time)
+    sizes = np.sqrt((1 - white) * ((1 - proportional) + proportional * variances[:, None]))
+    own = white * variances[:, None]
+    innovations = np.empty((len(columns), len(NOISES), columns.shape[1]))
+    mean, variance, log_determinant = np.zeros(innovations.shape[1:]), np.ones(len(NOISES)), np.zeros(len(NOISES))
+    for i, observed in enumerate(columns):
+        expected = sizes[i] ** 2 * variance + own[i]
+        error = observed - sizes[i][:, None] * mean
+        innovations[i] = error / np.sqrt(expected)[:, None]
+        gain = variance * sizes[i] / expected
+        mean = kept[:, None] * (mean + gain[:, None] * error)
+        variance = kept**2 * (variance - gain * sizes[i] * variance) + 1 - kept**2
+        log_determinant += np.log(expected)
+    return innovations, log_determinant

@@ -106,20 +106,26 @@ def compare_shapes(
 
 def _compared(curves: tuple[Array, Array, Array], sampled: Array, max_lag: float) -> ShapeComparison:
     time, measured, activation = curves
-    lags = np.linspace(-max_lag, max_lag, LAGS)
-    response = np.interp(sampled, time, measured)
-    posterior = lag_posterior(response, np.interp(sampled - lags[:, None], time, activation), lags)
+    lags, interval = np.linspace(-max_lag, max_lag, LAGS), float(sampled[1] - sampled[0])
+    response, shifted = np.interp(sampled, time, measured), np.interp(sampled - lags[:, None], time, activation)
+    posterior = lag_posterior(response, shifted, lags, interval)
     low, lag, high = (float(quantile) for quantile in posterior.quantiles((0.025, 0.5, 0.975)))
     is_known = min(low + max_lag, max_lag - high) > EDGE * max_lag and high - low < WIDEST * max_lag
-    shifted = np.interp(sampled - (lag if is_known else 0.0), time, activation)
+    at_lag = np.interp(sampled - (lag if is_known else 0.0), time, activation)
+    if is_known:
+        place = int(np.abs(lags - lag).argmin())
+        ends = correlation_interval(response, shifted, posterior.weight, place, interval)
+    else:
+        over_noises = posterior.weight.sum(axis=1, keepdims=True)
+        ends = correlation_interval(response, at_lag[None], over_noises, 0, interval)
     return ShapeComparison(
         ShapeOutcome.COMPARED if is_known else ShapeOutcome.LAG_NOT_IDENTIFIED,
         *curves,
-        float(np.corrcoef(response, shifted)[0, 1]),
-        correlation_interval(response, shifted, posterior.weight.sum(axis=1)),
+        float(np.corrcoef(response, at_lag)[0, 1]),
+        ends,
         lag,
         (low, high),
-        float(np.sqrt(np.mean((response - shifted) ** 2))),
+        float(np.sqrt(np.mean((response - at_lag) ** 2))),
     )
 
 

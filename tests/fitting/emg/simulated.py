@@ -1,24 +1,148 @@
-"""EMG of a known muscle: Gaussian noise of EMG's band whose standard deviation is the muscle's activation."""
+"""EMG of a known muscle: Gaussian noise of EMG's band whose standard deviation is the muscle's activation, and pairs of
+EMG and activation with other kinds of noise, whose lag and correlation are known.
+
+Does not imitate: crosstalk, movement of the electrode over the muscle, hum, an amplifier that clips.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from fitting.emg.envelope import EnvelopeSettings, emg_envelope, smooth
+from fitting.emg.shape import ShapeOutcome, compare_shapes
+
 Array = NDArray[np.float64]
-RATE = 1000.0
+Noise = Literal["none", "amplifier", "gain drift", "disagreement", "few motor units"]
+NOISES: tuple[Noise, ...] = get_args(Noise)
+RATE, MODEL_RATE = 1000.0, 100.0
+UNIT_RATE = 400.0
+"""Discharges a second of all motor units together at the peak."""
+REPEATS = 25
+"""EMG of the same movement from which the true correlation is computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class EmgPair:
+    """Envelope and activation (n,) at MODEL_RATE, the lag [s] of the EMG, and its true correlation.
+
+    correlation is that at the lag, correlation_unshifted that at lag 0: E Cov(e, a) / (s √E Var e) over EMG of the same
+    movement, all within half a second of neither end.
+    """
+
+    time: Array
+    envelope: Array
+    activation: Array
+    lag: float
+    correlation: float
+    correlation_unshifted: float
 
 
 def activation(time: Array, *, peak: float = 3.0, width: float = 1.2) -> Array:
     """A raise of the arm: rest, a burst that rises faster than it falls, rest; 0.02 to 0.4."""
-    late = np.where(time > peak, 1.6, 1.0)
-    bump = np.exp(-0.5 * ((time - peak) / (width * late)) ** 2)
-    return np.asarray(0.02 + 0.38 * bump)
+    return np.asarray(0.02 + 0.38 * _burst(time, peak, width))
 
 
 def raw_emg(level: Array, random: np.random.Generator, channels: int = 1) -> Array:
-    """(n, channels) at RATE, band of 40 to 200 Hz; level (n,) is the standard deviation."""
+    """(n, channels) at RATE, band of 40 to 200 Hz; level (n,) or (n, channels) is the standard deviation."""
     band = signal.butter(2, (40.0, 200.0), "bandpass", fs=RATE, output="sos")
     noise = signal.sosfilt(band, random.standard_normal((len(level) + 500, channels)), axis=0)[500:]
-    return np.asarray(level[:, None] * noise / noise.std())
+    return np.asarray(level.reshape(len(level), -1) * noise / noise.std())
+
+
+def emg_pair(noise: Noise, settings: EnvelopeSettings, number: int) -> EmgPair:
+    """A movement of 8 to 16 s whose EMG comes up to 0.25 s before or after the activation; number is the seed."""
+    random = np.random.default_rng((number, NOISES.index(noise), 77))
+    lag, duration = random.uniform(-0.25, 0.25), random.uniform(8.0, 16.0)
+    level = _movement(number % 3, duration, random)
+    time = np.arange(int(duration * MODEL_RATE)) / MODEL_RATE
+    raw = _noisy_emg(noise, level(np.arange(int(duration * RATE)) / RATE - lag), random, 1 + REPEATS)
+    envelopes = emg_envelope(raw, RATE, settings)[:: int(RATE / MODEL_RATE)][: len(time)]
+    inner = slice(int(0.5 * MODEL_RATE), -int(0.5 * MODEL_RATE))
+    smoothed = smooth(level(time), MODEL_RATE, settings.bandwidth)
+    at_lag, unshifted = (
+        _correlation(envelopes[inner, 1:], np.interp(time - shift, time, smoothed)[inner]) for shift in (lag, 0.0)
+    )
+    return EmgPair(time, envelopes[:, 0], level(time), lag, at_lag, unshifted)
+
+
+def compare_pair(pair: EmgPair, settings: EnvelopeSettings) -> tuple[bool, bool, float, bool]:
+    """Whether the lag is identified, whether its interval contains the truth, the interval's width [s], and whether the
+    interval of the correlation contains the truth.
+    """
+    found = compare_shapes((pair.time, pair.envelope), (pair.time, pair.activation), settings.bandwidth)
+    is_known, (first, last), (low, high) = (
+        found.outcome is ShapeOutcome.COMPARED,
+        found.lag_ci95,
+        found.correlation_ci95,
+    )
+    correlation = pair.correlation if is_known else pair.correlation_unshifted
+    return is_known, first <= pair.lag <= last, last - first, low <= correlation <= high
+
+
+def _correlation(envelopes: Array, model: Array) -> float:
+    centred, others = model - model.mean(), envelopes - envelopes.mean(axis=0)
+    covariance = float((centred @ others).mean()) / len(model)
+    return covariance / float(model.std() * np.sqrt((others**2).mean()))
+
+
+def _movement(kind: int, duration: float, random: np.random.Generator) -> Callable[[Array], Array]:
+    """Level over time: a raise, three to five raises, or six bursts of any size at any time."""
+    if kind == 0:
+        peaks, widths, heights = random.uniform(0.35, 0.55, 1) * duration, random.uniform(0.5, 1.3, 1), np.ones(1)
+    elif kind == 1:
+        count = int(random.integers(3, 6))
+        peaks = (np.arange(count) + 0.5 + random.uniform(-0.15, 0.15, count)) * duration / count
+        widths, heights = np.full(count, duration / count / 7), random.uniform(0.7, 1.0, count)
+    else:
+        peaks, widths, heights = (
+            random.uniform(1, duration - 1, 6),
+            random.uniform(0.2, 0.6, 6),
+            random.uniform(0.3, 1, 6),
+        )
+    bursts = list(zip(heights, peaks, widths, strict=True))
+    return lambda time: 0.02 + 0.38 * np.sum([height * _burst(time, peak, width) for height, peak, width in bursts], 0)
+
+
+def _burst(time: Array, peak: float, width: float) -> Array:
+    return np.asarray(np.exp(-0.5 * ((time - peak) / (width * np.where(time > peak, 1.6, 1.0))) ** 2))
+
+
+def _noisy_emg(noise: Noise, level: Array, random: np.random.Generator, channels: int) -> Array:
+    """(n, channels) at RATE: the EMG of a level (n,) measured several times.
+
+    "amplifier": white noise of 10 % of the peak. "gain drift": 20 % over 2 to 20 s. "disagreement": muscle and model
+    differ by 10 % of the peak over 1 to 10 s. "few motor units": action potentials at random times.
+    """
+    peak, count = float(level.max()), len(level)
+    if noise == "few motor units":
+        discharges = random.poisson((UNIT_RATE / RATE * (level / peak) ** 2)[:, None], (count, channels))
+        time = np.arange(-30, 31) / RATE
+        potential = -time * np.exp(-((time / 0.004) ** 2))
+        potential /= np.sqrt((potential**2).sum() * UNIT_RATE / RATE)
+        signs = random.choice([-1.0, 1.0], (count, channels))
+        units = signal.fftconvolve(discharges * signs, potential[:, None], mode="same", axes=0)
+        return np.asarray(peak * units + raw_emg(np.full(count, 0.02 * peak), random, channels))
+    levels = np.repeat(level[:, None], channels, axis=1)
+    if noise == "gain drift":
+        levels *= np.exp(0.2 * _wander(count, channels, random, 0.05, 0.5))
+    elif noise == "disagreement":
+        levels = np.clip(levels + 0.1 * peak * _wander(count, channels, random, 0.1, 1.0), 0.0, None)
+    white = 0.1 * peak * random.standard_normal(levels.shape) if noise == "amplifier" else 0.0
+    return raw_emg(levels, random, channels) + white
+
+
+def _wander(count: int, channels: int, random: np.random.Generator, low: float, high: float) -> Array:
+    """(count, channels) random curves of unit size between two frequencies [Hz]."""
+    shape = (8, 1, channels)
+    frequencies, phases = random.uniform(low, high, shape), random.uniform(0, 2 * np.pi, shape)
+    weights, time = random.standard_normal(shape) / 2, np.arange(count)[:, None] / RATE
+    curve = np.zeros((count, channels))
+    for weight, frequency, phase in zip(weights, frequencies, phases, strict=True):
+        curve += weight * np.sin(2 * np.pi * frequency * time + phase)
+    return curve

@@ -5,44 +5,70 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.emg.regression import FLOOR, NOISES, _moments, correlation_interval, lag_posterior
+from fitting.emg.regression import NOISES, REST, _moments, _restricted_likelihood, correlation_interval, lag_posterior
 
 RANDOM = np.random.default_rng(8)
-N = 30
-SHIFTED = RANDOM.random((4, N))
-MEASURED = SHIFTED[2] + np.cumsum(RANDOM.standard_normal(N))
+N, INTERVAL = 30, 0.1
+TIME = INTERVAL * np.arange(N)
+LAGS = np.linspace(-0.2, 0.2, 5)
+SHIFTED = np.exp(-((TIME - 1.4 - LAGS[:, None]) ** 2))
+MEASURED = SHIFTED[3] + 0.05 * np.cumsum(RANDOM.standard_normal(N))
+VARIANCES = (SHIFTED[3] + REST) ** 2 / np.mean((SHIFTED[3] + REST) ** 2)
 
 
-def _covariance(noise: tuple[float, float], model: np.ndarray) -> np.ndarray:
-    power, phi = noise
-    size = (model + FLOOR) ** power
-    return size[:, None] * phi ** np.abs(np.subtract.outer(np.arange(N), np.arange(N))) * size
+def _covariance(noise: tuple[float, float, float]) -> np.ndarray:
+    white, time, proportional = noise
+    size = np.sqrt((1 - proportional) + proportional * VARIANCES)
+    smooth = size[:, None] * np.exp(-np.abs(np.subtract.outer(TIME, TIME)) / time) * size
+    return np.asarray((1 - white) * smooth + white * np.diag(VARIANCES))
 
 
-def test_the_posterior_is_that_of_generalised_least_squares() -> None:
-    """log p = −½ log |R| − ½ log |XᵀR⁻¹X| − (n − 2)/2 log S, up to a constant; R the covariance matrix itself."""
-    logs = np.empty((len(NOISES), len(SHIFTED)))
-    for i, noise in enumerate(NOISES):
-        for j, model in enumerate(SHIFTED):
-            matrix = _covariance(noise, model)
-            design = np.column_stack((np.ones(N), model))
-            inner = design.T @ np.linalg.solve(matrix, design)
-            estimate = np.linalg.solve(inner, design.T @ np.linalg.solve(matrix, MEASURED))
-            residual = MEASURED - design @ estimate
-            squares = residual @ np.linalg.solve(matrix, residual)
-            determinants = np.linalg.slogdet(matrix)[1] + np.linalg.slogdet(inner)[1]
-            logs[i, j] = -0.5 * determinants - 0.5 * (N - 2) * np.log(squares)
-    expected = np.exp(logs - logs.max())
-    found = lag_posterior(MEASURED, SHIFTED, np.arange(4.0)).weight
-    np.testing.assert_allclose(found, expected / expected.sum(), rtol=1e-9, atol=1e-15)
+def _removing(design: np.ndarray) -> np.ndarray:
+    return np.asarray(np.eye(N) - design @ np.linalg.pinv(design))
 
 
-@pytest.mark.parametrize("place", [0, 5, 16, 30, 56])
+def test_the_noise_has_the_restricted_likelihood_of_the_dense_covariance() -> None:
+    """log p = −½ log |V| − ½ log |XᵀV⁻¹X| − (n − 3)/2 log S, up to a constant."""
+    design = np.column_stack((np.ones(N), SHIFTED[3], np.gradient(SHIFTED[3])))
+    logs = []
+    for noise in NOISES:
+        matrix = _covariance(noise)
+        inner = design.T @ np.linalg.solve(matrix, design)
+        residual = MEASURED - design @ np.linalg.solve(inner, design.T @ np.linalg.solve(matrix, MEASURED))
+        squares = residual @ np.linalg.solve(matrix, residual)
+        determinants = np.linalg.slogdet(matrix)[1] + np.linalg.slogdet(inner)[1]
+        logs.append(-0.5 * determinants - 0.5 * (N - 3) * np.log(squares))
+    found = _restricted_likelihood(MEASURED, design, VARIANCES, INTERVAL)
+    np.testing.assert_allclose(found, np.exp(np.array(logs) - max(logs)), rtol=1e-7)
+
+
+def test_the_curvature_of_the_posterior_is_the_sandwich_variance_of_the_lag() -> None:
+    """(JᵀJ)⁻¹ JᵀVJ (JᵀJ)⁻¹ S / tr MV of least squares, J = [1, a, −β a'], beside the second difference of log p."""
+    lags = np.linspace(-0.001, 0.001, 5)
+    shifted = np.exp(-((TIME - 1.4 - lags[:, None]) ** 2))
+    measured = shifted[2] + 0.01 * _removing(np.column_stack((np.ones(N), *shifted))) @ RANDOM.standard_normal(N)
+    weight = lag_posterior(measured, shifted, lags, INTERVAL).weight
+    square = (shifted[2] + REST) ** 2
+    slope = 2 * (TIME - 1.4) * shifted[2]
+    jacobian = np.column_stack((np.ones(N), shifted[2], slope))
+    inverse, removing = np.linalg.inv(jacobian.T @ jacobian), _removing(jacobian)
+    residual = removing @ measured
+    for place in (0, 40, 104):
+        white, time, proportional = NOISES[place]
+        size = np.sqrt((1 - proportional) + proportional * square / square.mean())
+        smooth = size[:, None] * np.exp(-np.abs(np.subtract.outer(TIME, TIME)) / time) * size
+        matrix = (1 - white) * smooth + white * np.diag(square / square.mean())
+        variance = (inverse @ jacobian.T @ matrix @ jacobian @ inverse)[2, 2]
+        variance *= residual @ residual / np.trace(removing @ matrix)
+        curvature = np.diff(np.log(weight[place]), 2)[1] / np.diff(lags)[0] ** 2
+        assert -1 / curvature == pytest.approx(variance, rel=2e-3)
+
+
+@pytest.mark.parametrize("place", [0, 5, 16, 30, 56, 104])
 def test_moments_are_those_of_the_dense_matrices(place: int) -> None:
-    centred = SHIFTED[0] - SHIFTED[0].mean()
-    matrix = _covariance(NOISES[place], SHIFTED[0])
-    design = np.column_stack((np.ones(N), centred))
-    product = (np.eye(N) - design @ np.linalg.pinv(design)) @ matrix
+    centred = SHIFTED[3] - SHIFTED[3].mean()
+    matrix = _covariance(NOISES[place])
+    product = _removing(np.column_stack((np.ones(N), centred))) @ matrix
     trace = np.trace(product)
     expected = (
         trace,
@@ -50,8 +76,7 @@ def test_moments_are_those_of_the_dense_matrices(place: int) -> None:
         centred @ matrix @ centred / (centred @ centred) ** 2,
         np.trace(matrix) / N - matrix.mean(),
     )
-    power, phi = NOISES[place]
-    np.testing.assert_allclose(_moments(centred, (SHIFTED[0] + FLOOR) ** power, phi), expected, rtol=1e-9)
+    np.testing.assert_allclose(_moments(centred, VARIANCES, INTERVAL, NOISES[place]), expected, rtol=1e-9)
 
 
 def test_with_white_noise_the_interval_is_that_of_a_fixed_design() -> None:
@@ -59,7 +84,7 @@ def test_with_white_noise_the_interval_is_that_of_a_fixed_design() -> None:
     random = np.random.default_rng(9)
     model = np.sin(np.linspace(0, 20, 2000))
     measured = model + random.standard_normal(2000)
-    white = np.eye(len(NOISES))[min(range(len(NOISES)), key=lambda i: NOISES[i][0] + abs(NOISES[i][1]))]
+    white = np.array([[float(noise == (0.02, 0.06, 0.0))] for noise in NOISES])
     r = float(np.corrcoef(measured, model)[0, 1])
-    half = np.diff(np.arctanh(correlation_interval(measured, model, white)))[0] / 2
-    assert half == pytest.approx(1.96 * np.sqrt((1 - r**2 / 2) / 2000), rel=0.06)
+    ends = correlation_interval(measured, model[None], white, 0, interval=1.0)  # longer than any correlation time
+    assert np.diff(np.arctanh(ends))[0] / 2 == pytest.approx(1.96 * np.sqrt((1 - r**2 / 2) / 2000), rel=0.06)

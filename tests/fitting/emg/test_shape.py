@@ -9,7 +9,7 @@ from scipy import signal
 from fitting.emg.envelope import PUBLISHED, EnvelopeSettings, emg_envelope
 from fitting.emg.shape import MAX_LAG_S, ShapeOutcome, compare_shapes
 from fitting.results.codes import FitErrorCode
-from tests.fitting.emg.simulated import RATE, activation, raw_emg
+from tests.fitting.emg.simulated import NOISES, RATE, activation, compare_pair, emg_pair, raw_emg
 from tests.fitting.refusals import raises_refusal
 
 TIME = np.arange(0, 8, 0.01)
@@ -121,3 +121,13 @@ def test_intervals_cover_the_truth_over_fast_and_slow_noise(bandwidth: float) ->
     found = np.array([coverage(bandwidth, *cell, 300) for cell in cells])
     assert (found >= 0.91).all()  # 1.6 standard errors of 300 draws below 93 %
     assert ((found.mean(axis=0) >= 0.93) & (found.mean(axis=0) <= 0.98)).all()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_intervals_cover_the_truth_over_noise_that_does_not_follow_the_model() -> None:
+    settings = EnvelopeSettings()
+    pairs = [compare_pair(emg_pair(noise, settings, i), settings) for noise in NOISES for i in range(100)]
+    found = np.array(pairs, dtype=float)[:, [1, 3]]
+    assert ((found.mean(axis=0) >= 0.93) & (found.mean(axis=0) <= 0.97)).all()
+    assert (found.reshape(len(NOISES), 100, 2).mean(axis=1) >= 0.88).all()  # 2.3 standard errors below 95 %

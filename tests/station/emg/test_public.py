@@ -43,11 +43,9 @@ def test_level_and_correlation_are_those_of_the_published_processing(tmp_path: P
         np.testing.assert_allclose(compared.levels.of(label), np.maximum(envelope, 0), rtol=1e-7, atol=1e-12)
         inner = slice(50, -50)
         activation = np.mean([model[muscle] for muscle in muscles], axis=0)
-        found = compared.comparisons[label]
-        lag = found.lag if found.outcome is ShapeOutcome.COMPARED else 0.0
-        activation = np.interp(model["time"] - lag, model["time"], activation)
         r = np.corrcoef(np.interp(model["time"], raw[:, 0] / 1000, envelope)[inner], activation[inner])[0, 1]
-        assert found.lag_ci95[0] < -0.05, "EMG precedes the activation, if there is a lag"
+        found = compared.comparisons[label]
+        assert found.outcome is ShapeOutcome.LAG_NOT_IDENTIFIED
         assert found.correlation == pytest.approx(r, abs=0.02)  # ours smooths the model, too, and at fewer samples
         assert found.correlation_ci95[0] < r < found.correlation_ci95[1]
     assert compared.levels.of("MD").max() == pytest.approx(0.43, abs=0.01)
