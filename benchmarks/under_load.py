@@ -13,6 +13,7 @@ report it. The command is not informed of the load: tests scale their time-outs 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import subprocess
 import sys
@@ -64,7 +65,8 @@ def main(arguments: Sequence[str]) -> int:
 @contextmanager
 def busy_loops(count: int, at_most_s: float) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Processes with busy loops, ended by their ids."""
-    command = [sys.executable, "-c", LOOP, str(os.getpid()), str(at_most_s)]
+    python = sys._base_executable  # that of a venv on Windows starts this one, and would be the parent
+    command = [python, "-c", LOOP, str(os.getpid()), str(at_most_s)]
     loops: list[subprocess.Popen[bytes]] = []
     try:
         loops.extend(subprocess.Popen(command) for _ in range(count))  # noqa: S603 (our own loop)
@@ -82,7 +84,14 @@ def measure(command: Sequence[str], loops: Sequence[subprocess.Popen[bytes]] = (
     wall_s, after = time.monotonic() - began_s, os.times()
     running = sum(loop.poll() is None for loop in loops)
     processor_s = after.children_user + after.children_system - before.children_user - before.children_system
-    return Run(wall_s, processor_s, psutil.getloadavg()[0], running, exit_code)
+    return Run(wall_s, processor_s, _load_average(), running, exit_code)
+
+
+def _load_average() -> float:
+    try:
+        return psutil.getloadavg()[0]
+    except RuntimeError:  # Windows without performance counters, and Wine
+        return math.nan
 
 
 def table(runs: Sequence[Run]) -> str:

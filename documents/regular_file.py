@@ -94,14 +94,14 @@ def replace_file(draft: Path, path: Path) -> None:
 
 def once_released(act: Callable[[], T], path: Path) -> T:
     """Act on a file. On Windows, try for REPLACE_TIMEOUT_S while another program has it open without sharing."""
-    give_up_s = time.monotonic() + REPLACE_TIMEOUT_S
+    give_up_s = time.perf_counter() + REPLACE_TIMEOUT_S
     while True:
         try:
             return act()
         except PermissionError as error:
             if sys.platform != "win32":
                 raise
-            if time.monotonic() > give_up_s:
+            if time.perf_counter() > give_up_s:
                 in_use = "open in another program, or read-only; close it there and run the command again"
                 raise PermissionError(errno.EACCES, in_use, str(path)) from error
             time.sleep(REPLACE_PAUSE_S)

@@ -18,7 +18,7 @@ CATALOGUE = {
 }
 
 
-def make_device(source: str, *, host_clock: HostClock, seconds: Seconds = time.monotonic, **options: Any) -> Device:
+def make_device(source: str, *, host_clock: HostClock, seconds: Seconds = time.perf_counter, **options: Any) -> Device:
     """A device, not yet opened, that reconnects when it is lost; the options are those of its class.
 
     seconds is the clock of the reconnection. Raises DeviceMisconfigured for a source without a driver.

@@ -109,16 +109,16 @@ class LslEmg:
         inlet = self._inlet  # the watchdog may call close() meanwhile
         if inlet is None:
             raise DeviceLost(f"{self.name} is closed; open it before reading", DeviceCode.CLOSED)
-        deadline_s = time.monotonic() + timeout_s
-        time.sleep(max(0.0, min(self._next_read_s, deadline_s) - time.monotonic()))
-        self._next_read_s = time.monotonic() + 1 / READS_PER_S
+        deadline_s = time.perf_counter() + timeout_s
+        time.sleep(max(0.0, min(self._next_read_s, deadline_s) - time.perf_counter()))
+        self._next_read_s = time.perf_counter() + 1 / READS_PER_S
         try:
             while True:
                 values, stamps = inlet.pull_chunk(0.0, MOST_SAMPLES, as_numpy=True)
-                if len(stamps) or time.monotonic() >= deadline_s:
+                if len(stamps) or time.perf_counter() >= deadline_s:
                     items = self._items(values.astype(np.float64), stamps)
                     return [*items, *self._clock_offset(inlet)] if items else []
-                time.sleep(max(0.0, min(WAKE_S, deadline_s - time.monotonic())))
+                time.sleep(max(0.0, min(WAKE_S, deadline_s - time.perf_counter())))
         except self._vendor_errors as error:
             sentence = f"{self.name} stopped streaming: {_one_line(error)}; check the amplifier's program"
             raise DeviceLost(sentence, DeviceCode.DISCONNECTED) from error
@@ -169,7 +169,7 @@ class LslEmg:
                 f"{self.name} was found and does not stream: {_one_line(error)}; restart its program",
                 DeviceCode.NO_ANSWER,
             ) from error
-        self._inlet, self._next_read_s = inlet, time.monotonic()
+        self._inlet, self._next_read_s = inlet, time.perf_counter()
         return info
 
     def _refuse_no_signal(self, info: Any) -> None:
@@ -308,9 +308,9 @@ class LslEmg:
 
     def _clock_offset(self, inlet: Any) -> list[Item]:
         """Every CLOCK_INTERVAL_S one sample of /emg_clock; none from a silent sender."""
-        if time.monotonic() < self._next_clock_s:
+        if time.perf_counter() < self._next_clock_s:
             return []
-        self._next_clock_s = time.monotonic() + CLOCK_INTERVAL_S
+        self._next_clock_s = time.perf_counter() + CLOCK_INTERVAL_S
         offset_s, uncertainty_s = _time_correction(inlet, CONNECT_TIMEOUT_S)
         here_s, host_time_ns = self._pylsl.local_clock(), self._host_clock()
         if not (math.isfinite(uncertainty_s) and abs(here_s - offset_s) < FURTHEST_S):

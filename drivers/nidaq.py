@@ -136,14 +136,14 @@ class NiDaq:
         task, reader = self._task, self._reader  # the watchdog may call close() meanwhile
         if task is None:
             raise DeviceLost(f"{self.name} is closed; open it before reading", DeviceCode.CLOSED)
-        deadline_s = time.monotonic() + min(timeout_s, LONGEST_WAIT_S)
-        time.sleep(max(0.0, min(self._next_read_s, deadline_s) - time.monotonic()))
-        self._next_read_s = time.monotonic() + 1 / READS_PER_S
+        deadline_s = time.perf_counter() + min(timeout_s, LONGEST_WAIT_S)
+        time.sleep(max(0.0, min(self._next_read_s, deadline_s) - time.perf_counter()))
+        self._next_read_s = time.perf_counter() + 1 / READS_PER_S
         try:
-            while not (volts := self._read_volts(task, reader, max(0.0, deadline_s - time.monotonic()))).size:
-                if time.monotonic() >= deadline_s:
+            while not (volts := self._read_volts(task, reader, max(0.0, deadline_s - time.perf_counter()))).size:
+                if time.perf_counter() >= deadline_s:
                     return []
-                time.sleep(max(0.0, min(1 / READS_PER_S, deadline_s - time.monotonic())))
+                time.sleep(max(0.0, min(1 / READS_PER_S, deadline_s - time.perf_counter())))
             return self._samples(volts)
         except self._vendor_errors as error:
             if code_of(error) in OVERRUN:
@@ -177,7 +177,7 @@ class NiDaq:
             start(session)
         except self._vendor_errors as error:
             raise self._refusal(error) from error
-        self._next_read_s = time.monotonic()
+        self._next_read_s = time.perf_counter()
 
     def _begin(self, session: DaqSession) -> None:
         """A new task, once the one that was left in the server is cleared."""

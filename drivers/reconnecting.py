@@ -37,7 +37,7 @@ class Reconnecting:
         device: ResumableDevice,
         host_clock: HostClock,
         timeout_s: float = TIMEOUT_S,
-        seconds: Seconds = time.monotonic,
+        seconds: Seconds = time.perf_counter,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.device = device

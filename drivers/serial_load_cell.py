@@ -109,7 +109,7 @@ class SerialLoadCell:
         port = self._port
         if port is None:
             raise DeviceLost(f"{self.name} is closed; open it before reading", DeviceCode.CLOSED)
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = time.perf_counter() + timeout_s
         while True:
             try:
                 came = port.read(max(1, port.in_waiting))
@@ -120,7 +120,7 @@ class SerialLoadCell:
             self._received += len(came)
             if items := self._items(self._whole_lines()) or self._silence():
                 return items
-            if time.monotonic() >= deadline_s:
+            if time.perf_counter() >= deadline_s:
                 return []
 
     def close(self) -> None:
@@ -168,11 +168,11 @@ class SerialLoadCell:
         return [line + b"\n" for line in lines]
 
     def _note_line(self) -> None:
-        self._heard_s, self._heard_ns, self._is_quiet = time.monotonic(), self._host_clock(), False
+        self._heard_s, self._heard_ns, self._is_quiet = time.perf_counter(), self._host_clock(), False
 
     def _silence(self) -> list[Item]:
         """Event for a silent line."""
-        quiet_s = min(time.monotonic() - self._heard_s, (self._host_clock() - self._heard_ns) * 1e-9)
+        quiet_s = min(time.perf_counter() - self._heard_s, (self._host_clock() - self._heard_ns) * 1e-9)
         if self._is_quiet or quiet_s < QUIET_S:
             return []
         self._is_quiet = True

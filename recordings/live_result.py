@@ -143,7 +143,7 @@ _MANIFEST = TypeAdapter(LiveManifest)
 class LiveResultWriter:
     """Write one file, from one thread. Raises OSError; what was flushed before stays readable."""
 
-    def __init__(self, path: Path, manifest: LiveManifest, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, path: Path, manifest: LiveManifest, *, clock: Callable[[], float] = time.perf_counter) -> None:
         """Raises OSError, FileExistsError for a file that is there: results are not overwritten."""
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path, self._clock = path, clock

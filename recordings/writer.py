@@ -59,7 +59,7 @@ class RecordingWriter:
         manifest: Manifest,
         streams: Sequence[Stream],
         *,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = time.perf_counter,
         create: Callable[[Path], BinaryIO] = create_exclusively,
         sync: Callable[[int], None] = os.fsync,
         background: Callable[[Callable[[], None]], None] = in_a_thread,

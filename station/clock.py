@@ -50,16 +50,19 @@ class SteppedClock(Clock, Protocol):
 
 
 class RealClock:
-    """UTC read once and continued by the monotonic clock; a step of the system clock does not affect a recording."""
+    """UTC read once and continued by the performance counter; a step of the system clock does not affect a recording.
+
+    On Windows, time.monotonic advances in steps of 16 ms before Python 3.13.
+    """
 
     timeout_scale = 1.0
 
     def __init__(self) -> None:
         self._start_utc_ns = time.time_ns()
-        self._start_ns = time.monotonic_ns()
+        self._start_ns = time.perf_counter_ns()
 
     def utc_ns(self) -> int:
-        return self._start_utc_ns + time.monotonic_ns() - self._start_ns
+        return self._start_utc_ns + time.perf_counter_ns() - self._start_ns
 
     def wall_utc_ns(self) -> int:
         return self.utc_ns()
@@ -68,7 +71,7 @@ class RealClock:
         return self.wall_s()
 
     def wall_s(self) -> float:
-        return (time.monotonic_ns() - self._start_ns) * 1e-9
+        return (time.perf_counter_ns() - self._start_ns) * 1e-9
 
 
 class ManualClock:

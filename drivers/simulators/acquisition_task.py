@@ -157,11 +157,11 @@ class AcquisitionTask:
 
     def wait_until_acquired(self, count: int, timeout_s: float) -> bool:
         """Whether this number of samples per channel was acquired within the time-out (wall; negative: no time-out)."""
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = time.perf_counter() + timeout_s
         with self._changed:
             while (missing := count - self.acquired()) > 0:
                 self.ensure_alive()
-                left_s = deadline_s - time.monotonic() if timeout_s >= 0 else LONGEST_SLEEP_S
+                left_s = deadline_s - time.perf_counter() if timeout_s >= 0 else LONGEST_SLEEP_S
                 if left_s <= 0 or self._watched_until is None:
                     return False
                 due_s = missing / self.rate_hz / (self._device.world.speed or math.inf)

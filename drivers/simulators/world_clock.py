@@ -69,7 +69,7 @@ class WorldClock:
     Without a station and without a speed the world stands still.
     """
 
-    def __init__(self, speed: float | None = 1.0, wall: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, speed: float | None = 1.0, wall: Callable[[], float] = time.perf_counter) -> None:
         self._speed = speed
         self._wall = wall
         self._now = 0.0

@@ -105,12 +105,12 @@ class BenchClock:
         return self._now_s
 
     def wall_s(self) -> float:
-        return time.monotonic()
+        return time.perf_counter()
 
     def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
         self._now_s += self._step_s  # first, because items of the step may arrive before its answer
         answer = self._request({"advance_to": self._now_s, "ports": list(ports)})
-        self._history.append((time.monotonic(), self._now_s))
+        self._history.append((time.perf_counter(), self._now_s))
         while self._history[-1][0] - self._history[0][0] > RATE_WINDOW_S:
             self._history.popleft()
         sizes: dict[int, int | None] = {}

@@ -167,7 +167,7 @@ def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[
     """Ask all feeds to stop and wait `within_s` wall seconds; return the names of devices that are still running."""
     for feed in feeds:
         feed.ask_to_stop()
-    deadline = time.monotonic() + within_s
-    while not all(feed.has_ended(POLL_S) for feed in feeds) and time.monotonic() < deadline:
+    deadline = time.perf_counter() + within_s
+    while not all(feed.has_ended(POLL_S) for feed in feeds) and time.perf_counter() < deadline:
         meanwhile()
     return [feed.device.name for feed in feeds if not feed.has_ended(0.0)]

@@ -149,8 +149,8 @@ class SteppedFeeds:
         """Run a round. Requests get a round of their own: they must not depend on how far other devices are read."""
         for feed in feeds:
             feed.begin_round(sent)
-        deadline_s = time.monotonic() + ROUND_TIMEOUT_S
-        while (busy := [feed for feed in feeds if not feed.is_round_over(0.0)]) and time.monotonic() < deadline_s:
+        deadline_s = time.perf_counter() + ROUND_TIMEOUT_S
+        while (busy := [feed for feed in feeds if not feed.is_round_over(0.0)]) and time.perf_counter() < deadline_s:
             # At most as many feeds may stay busy as there are devices whose reply needs time to advance.
             if not busy[0].is_round_over(PENDING_INTERVAL_S) and len(busy) <= self._clock.pending_devices():
                 return

@@ -146,11 +146,11 @@ class TrialRecorder:
         order = [feed.device.name for feed in feeds.feeds]
         waiting, opened = set(order), list[DeviceOpened]()
         timeout_s = OPEN_TIMEOUT_S * self._clock.timeout_scale
-        deadline = time.monotonic() + timeout_s
+        deadline = time.perf_counter() + timeout_s
         while waiting:
             if self._stops_requested:
                 raise TrialRefused(Message(RefusalCode.CANCELLED_OPENING))
-            if time.monotonic() > deadline:
+            if time.perf_counter() > deadline:
                 raise DeviceUnavailable(
                     f"{', '.join(sorted(waiting))} did not open within {timeout_s:g} s; check power, cables and "
                     "the network",

@@ -40,8 +40,8 @@ class AudioAlerts:
     def update(self, step: object, instruction: str, alarm: str | None, *, has_sound: bool) -> None:
         """Speak the instruction of a new step; repeat an alarm until the operator has seen it."""
         if alarm is not None:
-            if time.monotonic() - self._alarmed_s >= ALARM_INTERVAL_S:
-                self._alarmed_s = time.monotonic()
+            if time.perf_counter() - self._alarmed_s >= ALARM_INTERVAL_S:
+                self._alarmed_s = time.perf_counter()
                 _sound(ALARM, alarm)
             return
         if has_sound and step != self._spoken:

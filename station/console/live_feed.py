@@ -48,7 +48,7 @@ class LiveFeed:
     shown is the last update with values; latest the last one. points counts the points of history since the set-up.
     """
 
-    def __init__(self, folder: Callable[[], Path | None], clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, folder: Callable[[], Path | None], clock: Callable[[], float] = time.perf_counter) -> None:
         """folder of the open session, None without one."""
         self._folder_now, self._clock = folder, clock
         self._folder: Path | None = None

@@ -44,21 +44,21 @@ class ReplayClock(ManualClock):
         super().__init__(first_host_ns, BLOCK_S)
         self.is_over = self._has_paused = False
         self._begun_utc_ns, self._speed = begun_utc_ns, speed
-        self._due_s = time.monotonic()
+        self._due_s = time.perf_counter()
 
     def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
         if self.is_over and not self._has_paused:
             self._has_paused = True
             return {}
-        self._due_s = max(self._due_s + self._step_s / self._speed, time.monotonic() - CATCH_UP_S)
-        time.sleep(max(0.0, self._due_s - time.monotonic()))
+        self._due_s = max(self._due_s + self._step_s / self._speed, time.perf_counter() - CATCH_UP_S)
+        time.sleep(max(0.0, self._due_s - time.perf_counter()))
         return super().step(ports)
 
     def wall_utc_ns(self) -> int:
         return self._begun_utc_ns
 
     def wall_s(self) -> float:
-        return time.monotonic()
+        return time.perf_counter()
 
 
 class RecordedDevice:

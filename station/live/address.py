@@ -1,4 +1,7 @@
-"""Where the live process of a session is reached: a file in the session's folder that its owner alone may read."""
+"""Where the live process of a session is reached: a file in the session's folder that its owner alone may read.
+
+On Windows it has the permissions of the folder.
+"""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class LiveEngine:
         *,
         on_setup: Callable[[LiveSetup], Publish | None] = lambda _: None,
         sinks: Sequence[LiveSink] = (),
-        now_s: Callable[[], float] = time.monotonic,
+        now_s: Callable[[], float] = time.perf_counter,
         unix_s: Callable[[], float] = time.time,
     ) -> None:
         self._prepared, self._on_setup, self._sinks = prepared, on_setup, list(sinks)

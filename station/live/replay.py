@@ -59,7 +59,7 @@ def replay_live(
     """
     engine = LiveEngine(prepared, on_setup=on_setup, sinks=sinks, now_s=lambda: 0.0)
     engine.origin = recording.manifest.origin.value
-    begun_s, first_ns = time.monotonic(), None
+    begun_s, first_ns = time.perf_counter(), None
     for stream in sorted(recording.streams, key=lambda stream: stream.name == MARKERS):  # the set-up needs all
         engine.describe(stream)
     for item in recording.items():
@@ -71,7 +71,7 @@ def replay_live(
             first_ns = item.host_time_ns if first_ns is None else first_ns
             if speed is not None:
                 due_s = begun_s + 1e-9 * (item.host_time_ns - first_ns) / speed
-                time.sleep(max(0.0, due_s - time.monotonic()))
+                time.sleep(max(0.0, due_s - time.perf_counter()))
             commands(engine)
             engine.take(item, 0.0)
     engine.finish()

@@ -63,7 +63,7 @@ class LiveServer:
 
     def publish(self, update: LiveUpdate, *, is_last: bool = False) -> None:
         """Offer the update to all views, at most rate_hz a second; the last one in any case."""
-        now_s = time.monotonic()
+        now_s = time.perf_counter()
         if now_s < self._next_s and not is_last:
             return
         self._next_s = now_s + self._interval_s
@@ -130,10 +130,10 @@ class LiveServer:
     def _has_token(self, connection: socket.socket) -> bool:
         """Whether the first line of a connection has the token. Reads no byte of the commands behind it."""
         connection.settimeout(TOKEN_TIMEOUT_S)
-        end_s, line = time.monotonic() + TOKEN_TIMEOUT_S, bytearray()
+        end_s, line = time.perf_counter() + TOKEN_TIMEOUT_S, bytearray()
         while not line.endswith(b"\n"):
             received = connection.recv(1)
-            if not received or len(line) == LONGEST_COMMAND or time.monotonic() > end_s:
+            if not received or len(line) == LONGEST_COMMAND or time.perf_counter() > end_s:
                 return False
             line += received
         connection.settimeout(None)

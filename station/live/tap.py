@@ -109,7 +109,7 @@ class LiveTap(BackgroundView):
         with self._lock:
             if len(self._waiting) >= BACKLOG:
                 self._drop_oldest()
-            self._waiting.append((content, time.monotonic()))
+            self._waiting.append((content, time.perf_counter()))
         self._has_more.set()
 
     def _drop_oldest(self) -> None:

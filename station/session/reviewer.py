@@ -41,7 +41,7 @@ class Reviewer:
     def rest_left_s(self) -> float:
         """Remaining wall seconds of the wearer's pause."""
         return self._session.config.protocol.pause_s / (self._session.speed or 1.0) - (
-            time.monotonic() - self._decided_s
+            time.perf_counter() - self._decided_s
         )
 
     def decide(self, choice: Choice, reason: str, *, is_donned_anew: bool = False) -> None:
@@ -53,7 +53,7 @@ class Reviewer:
         if is_donned_anew and plan.undecided.cuff is not None:
             write_donned(self._session.folder, plan.undecided.cuff)
         self._discard_fit()
-        self._decided_s = time.monotonic()
+        self._decided_s = time.perf_counter()
 
     def undo(self, file: str = "") -> None:
         """Undo a decision, by default the last one: its recording waits for a decision again.

@@ -200,8 +200,8 @@ class _DiskTime:
 
     def left_s(self, passed_s: float) -> float | None:
         """Seconds until only the reserve is left; None before the first sample, or if the disk does not answer."""
-        if time.monotonic() >= self._next_query_s:
-            self._next_query_s = time.monotonic() + DISK_INTERVAL_S
+        if time.perf_counter() >= self._next_query_s:
+            self._next_query_s = time.perf_counter() + DISK_INTERVAL_S
             try:
                 self._free = bytes_free(self._folder)
             except OSError:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 
 from station.messages.codes import CommandCode
 from station.messages.message import Message
-from station.standard_input import READ_SIZE, read_lines
+from station.standard_input import POLL_INTERVAL_S, READ_SIZE, read_lines
 from station.terminal.commands import KEYS, TAKES_A_REASON, Action, Command, UnknownCommand, parse_command
 
 Post = Callable[[Command | UnknownCommand], None]
@@ -125,16 +125,24 @@ def _posix_keys(on_keys: Callable[[str], None]) -> Iterator[None]:
 def _windows_keys(on_keys: Callable[[str], None]) -> Iterator[None]:
     import msvcrt
 
-    def read() -> None:
-        while True:
-            key = msvcrt.getwch()  # type: ignore[attr-defined]
-            if key in "\0\xe0":  # an arrow or a function key: its second half follows
-                msvcrt.getwch()  # type: ignore[attr-defined]
-            else:
-                on_keys(key)
+    has_ended = threading.Event()
 
-    threading.Thread(target=read, name="keys", daemon=True).start()
-    yield
+    def read() -> None:  # without a pending read, with which a process may not end
+        while not has_ended.wait(POLL_INTERVAL_S):
+            while msvcrt.kbhit():  # type: ignore[attr-defined]
+                key = msvcrt.getwch()  # type: ignore[attr-defined]
+                if key in "\0\xe0":  # an arrow or a function key: its second half follows
+                    msvcrt.getwch()  # type: ignore[attr-defined]
+                else:
+                    on_keys(key)
+
+    reading = threading.Thread(target=read, name="keys", daemon=True)
+    reading.start()
+    try:
+        yield
+    finally:
+        has_ended.set()
+        reading.join()
 
 
 def _read(descriptor: int) -> bytes:

@@ -180,8 +180,8 @@ class SessionSequencer:
 
     async def _wait(self, seconds: float) -> None:
         """Wait for the next attempt; arm makes it at once."""
-        until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0:
+        until = time.perf_counter() + seconds
+        while (left := until - time.perf_counter()) > 0:
             command = await self._commands.next(left)
             if command is not None and (command.action is Action.ARM or self._handle_between(command)):
                 return

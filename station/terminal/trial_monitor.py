@@ -36,8 +36,8 @@ class TrialMonitor:
         if alarm is not None and str(alarm) != self._alarm:
             self._show_event(WarningRaised("alarm", str(alarm), cause=alarm.code.value))
         self._alarm = None if alarm is None else str(alarm)
-        if time.monotonic() - self._status_s >= STATUS_INTERVAL_S and "recorded_s" in latest:
-            self._status_s = time.monotonic()
+        if time.perf_counter() - self._status_s >= STATUS_INTERVAL_S and "recorded_s" in latest:
+            self._status_s = time.perf_counter()
             self._show_event(_status(live))
 
     def _update_state(self, latest: dict[str, Any]) -> None:

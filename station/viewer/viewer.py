@@ -31,8 +31,8 @@ def start_viewer() -> str:
         stderr=subprocess.DEVNULL,
         env={**os.environ, "RERUN_ANALYTICS_ENABLED": "false", "DO_NOT_TRACK": "1"},
     )
-    until = time.monotonic() + WAIT_S
-    while time.monotonic() < until and child.poll() is None:
+    until = time.perf_counter() + WAIT_S
+    while time.perf_counter() < until and child.poll() is None:
         with socket.socket() as tried:
             tried.settimeout(1.0)
             if tried.connect_ex(("127.0.0.1", port)) == 0:

@@ -101,7 +101,7 @@ class Listener:
         try:
             while not self.is_ending.is_set():
                 items = self.device.read(0.05)
-                now = time.monotonic()
+                now = time.perf_counter()
                 self.heard += [(now, item) for item in items]
         except DeviceError as error:
             self.error = error
@@ -160,7 +160,7 @@ class FaultBench:
         """Lets the fault happen, and waits until it was seen and the device streams as before."""
         before = {name: len(listener.heard) for name, listener in self.listeners.items()}
         listener = self.listeners[case.device]
-        began_s = time.monotonic()
+        began_s = time.perf_counter()
         for_s = case.wall_s * self._pace
         self.world.faults.inject(fault_from_dict({"device": case.device, "fault": case.fault, "for_s": for_s}))
         over = self.world.now() + for_s
@@ -194,16 +194,16 @@ class FaultBench:
 
     def wait_for(self, claim: Callable[[], bool], what: str, until: float = math.inf) -> None:
         """Returns once the claim holds; meanwhile a world without a pace moves, up to until [world s] at the most."""
-        give_up_s = time.monotonic() + scaled_timeout(PATIENCE_S)
+        give_up_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
         while not claim():
-            assert time.monotonic() < give_up_s, f"waited in vain: {what}"
+            assert time.perf_counter() < give_up_s, f"waited in vain: {what}"
             if self._speed is None and self.world.now() + STEP_S <= until:
                 self._bench.clock.advance(STEP_S)
             time.sleep(STEP_S / PACE)
 
     def _wall_s(self) -> float:
         """Seconds by which a lost device is tried again: the wall's, or those of a world of PACE times the wall's."""
-        return time.monotonic() if self._speed is not None else self.world.now() / PACE
+        return time.perf_counter() if self._speed is not None else self.world.now() / PACE
 
 
 def device_options(ports: Mapping[str, int]) -> dict[str, dict[str, Any]]:

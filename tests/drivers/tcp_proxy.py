@@ -72,12 +72,12 @@ class TcpProxy:
                     data = source.recv(65536)
                 except OSError:
                     data = b""
-                waiting.put((time.monotonic() + self.delay_s, data))
+                waiting.put((time.perf_counter() + self.delay_s, data))
 
         def send() -> None:
             while True:
                 due_s, data = waiting.get()
-                time.sleep(max(0.0, due_s - time.monotonic()))
+                time.sleep(max(0.0, due_s - time.perf_counter()))
                 look(data)
                 try:
                     if not data:

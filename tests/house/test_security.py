@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections.abc import Iterable
 from ipaddress import ip_address
 from pathlib import Path
@@ -75,9 +76,14 @@ def test_the_search_finds_what_it_looks_for(source: str) -> None:
 def test_the_simulated_devices_listen_on_this_machine_alone() -> None:
     settings = simulator_settings(parse_config({}, "t")) | {"ports": {"ni": 0, "qtm": 0, "serial": 0}}
     before = set(psutil.Process().children())
-    with SimulatedBench(settings, 30.0, 1):
+    with SimulatedBench(settings, 30.0, 1) as bench:
         (child,) = set(psutil.Process().children()) - before
-        addresses = [each.laddr for each in child.net_connections("inet") if each.status == psutil.CONN_LISTEN]
+        opened = child.net_connections("inet")
+        if sys.platform == "win32":  # Wine's sockets belong to its server; nsiproxy.sys/tcp.c searches the processes
+            opened = [
+                each for each in psutil.net_connections("inet") if each.laddr.port in bench.ready["ports"].values()
+            ]
+        addresses = [each.laddr for each in opened if each.status == psutil.CONN_LISTEN]
     assert len(addresses) >= 3
     assert all(ip_address(address.ip.removeprefix("::ffff:")).is_loopback for address in addresses)
 

@@ -30,16 +30,29 @@ from tests.timeout import scaled_timeout
 
 SESSION = Path("simulated", "monday")
 PLAN = ("--config", "station.toml", "--simulated", "--speed", "30", "--subject", "P01")
-KILLS = 20
+KILLS, LIVE_KILLS = 20, 10
+WEARER = """
+[body]
+markers = ["ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "gu", "EpL", "EpM"]
+arm = ["ac", "EpL"]
+trunk = ["c7", "t8"]
+cycles = 3
+conditions = ["unsuited"]
+
+[live]
+enabled = true
+"""
 PATIENCE_S = 600.0
 pytestmark = pytest.mark.slow
 
 
-def lab_folder(parent: Path) -> Path:
+def lab_folder(parent: Path, *, has_wearer: bool = False) -> Path:
     folder = parent / "Prüfstand für Møller 測定"
     folder.mkdir()
     path = write_config(folder, hold_s=4.0, swing_s=5.0)
     text = path.read_text(encoding="utf-8").replace('control = "start"', 'control = "none"')
+    if has_wearer:
+        text = text.partition("[cuffs.hand]")[0] + WEARER
     path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
     return folder
 
@@ -124,7 +137,8 @@ def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments
             until_recording(terminal)
             threading.Event().wait(random.uniform(0.0, 0.3))
             program = psutil.Process(terminal.child.pid)
-            recorders = [child for child in program.children() if "station.session.trial_daemon" in child.cmdline()]
+            children = program.children(recursive=True)  # on Windows, a venv's python.exe is a parent of the program
+            recorders = [child for child in children if "station.session.trial_daemon" in child.cmdline()]
             if number % 2 == 0:
                 for recorder in recorders:  # none if the trial has just ended
                     recorder.kill()
@@ -138,6 +152,26 @@ def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments
     assert killed and len(recorded) > KILLS / 2
     for one in recorded:
         assert contents_of(folder / SESSION / one.file).complete == (one not in killed)
+
+
+def test_motions_are_recorded_whole_although_their_live_process_is_killed_at_random_moments(tmp_path: Path) -> None:
+    folder, random, killed = lab_folder(tmp_path, has_wearer=True), np.random.default_rng(29), 0
+    with Headless(folder, *PLAN, "--session", str(SESSION)) as terminal:
+        for _ in range(LIVE_KILLS):
+            until_recording(terminal)
+            threading.Event().wait(random.uniform(0.0, 0.5))
+            for child in psutil.Process(terminal.child.pid).children(recursive=True):
+                if "station.live.process" in child.cmdline():
+                    child.kill()
+                    killed += 1
+            assert terminal.until("trial_ended")["accepted"]
+            terminal.send("redo again")
+    assert killed > LIVE_KILLS / 2, "a trial may end before"
+    recorded = read_journal(folder / SESSION).recorded
+    assert len(recorded) >= LIVE_KILLS and {one.test for one in recorded} <= {"pose", "motion"}
+    for one in recorded:
+        contents = contents_of(folder / SESSION / one.file)
+        assert one.accepted and contents.complete and not contents.gaps
 
 
 def until_recording(terminal: Headless) -> None:

@@ -56,8 +56,8 @@ class PassingWall(Wall):
 
 
 def comes_true(claim: Callable[[], bool]) -> bool:
-    give_up_s = time.monotonic() + scaled_timeout(PATIENCE_S)
-    while not claim() and time.monotonic() < give_up_s:
+    give_up_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
+    while not claim() and time.perf_counter() < give_up_s:
         threading.Event().wait(0.001)
     return claim()
 
@@ -97,10 +97,10 @@ def test_it_goes_no_farther_than_the_slowest_station_allows() -> None:
 
 def test_with_a_speed_it_never_runs_ahead_of_its_pace() -> None:
     clock, device = WorldClock(50.0), Device()
-    began_s = time.monotonic()
+    began_s = time.perf_counter()
     clock.follow(device)
     assert comes_true(lambda: clock.now() > 2.0)
-    now, elapsed_s = clock.now(), time.monotonic() - began_s
+    now, elapsed_s = clock.now(), time.perf_counter() - began_s
     assert now <= 50.0 * elapsed_s
     clock.stop()
 

@@ -95,7 +95,7 @@ def picture_updates(page: Page) -> list[float]:
 
     def take(frame: bytes | str) -> None:
         if "station.draw" in str(frame):
-            sent.append(time.monotonic())
+            sent.append(time.perf_counter())
 
     page.on("websocket", lambda socket: socket.on("framereceived", take))
     page.reload()
@@ -104,7 +104,7 @@ def picture_updates(page: Page) -> list[float]:
 
 def until(page: Page, is_met: Callable[[], bool]) -> None:
     """Returns once it holds; meanwhile the browser's events are taken."""
-    give_up_s = time.monotonic() + patience_ms() / 1000
+    give_up_s = time.perf_counter() + patience_ms() / 1000
     while not is_met():
-        assert time.monotonic() < give_up_s, "waited in vain"
+        assert time.perf_counter() < give_up_s, "waited in vain"
         page.wait_for_timeout(50)

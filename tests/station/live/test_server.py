@@ -6,6 +6,7 @@ import json
 import math
 import os
 import socket
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -228,7 +229,7 @@ def test_the_address_is_for_its_owner_alone_and_goes_with_its_process(tmp_path: 
     mine, later = LiveAddress(4711, "mine"), LiveAddress(4712, "later")
     announce(tmp_path, mine)
     assert find_address(tmp_path) == mine
-    assert (tmp_path / ADDRESS_FILE).stat().st_mode & 0o077 == 0
+    assert sys.platform == "win32" or (tmp_path / ADDRESS_FILE).stat().st_mode & 0o077 == 0, "docs/security.md"
     announce(tmp_path, later)
     withdraw(tmp_path, mine)
     assert find_address(tmp_path) == later

@@ -9,7 +9,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -28,10 +29,14 @@ PRACTICE = ("--config", "station.toml", "--session", "monday", "--simulated", "-
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
-    """A folder with a configuration that leaves the captures to a person at the (simulated) mocap system."""
-    path = write_config(tmp_path, swing_s=5.0)
+    return practice_folder(tmp_path)
+
+
+def practice_folder(folder: Path) -> Path:
+    """With a configuration that leaves the captures to a person at the (simulated) mocap system."""
+    path = write_config(folder, swing_s=5.0)
     path.write_text(path.read_text().replace('control = "start"', 'control = "none"'))
-    return tmp_path
+    return folder
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGTERM from another process ends a process at once on Windows")
@@ -59,6 +64,28 @@ def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) ->
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Python opens no pseudo-terminal on Windows")
 def test_a_terminal_reads_keys_and_no_line_is_wider_than_it(bench: Path) -> None:
+    screen = lead_by_keys(bench, sys.executable)
+    assert max(len(line) for line in screen.lines()) <= 80
+
+
+def lead_by_keys(bench: Path, *python: str) -> Screen:
+    """Record a trial on a terminal of 80 columns, mark it, ask for another and end."""
+    with on_a_terminal(bench, *python, "-c", "from station.cli import main; main()", "record", *PRACTICE) as screen:
+        screen.until("REC")
+        screen.press("m")
+        screen.until("mark 1")
+        screen.press("rthe rope hung\x7fng\r")
+        screen.until("To be redone")
+        screen.press("e")
+        screen.until("trials kept")
+        screen.read_to_end()
+        assert screen.child.wait(scaled_timeout(PATIENCE_S)) == 0
+    assert list(read_journal(bench / "simulated" / "monday").redone.values()) == ["the rope hunng"]
+    return screen
+
+
+@contextmanager
+def on_a_terminal(folder: Path, *command: str) -> Iterator[Screen]:
     import fcntl
     import pty
     import struct
@@ -67,32 +94,22 @@ def test_a_terminal_reads_keys_and_no_line_is_wider_than_it(bench: Path) -> None
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     child = subprocess.Popen(  # noqa: S603  (our own words)
-        [sys.executable, "-c", "from station.cli import main; main()", "record", *PRACTICE],
+        command,
         stdin=theirs,
         stdout=theirs,
         stderr=theirs,
-        cwd=bench,
+        cwd=folder,
         env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")} | {"TERM": "xterm"},
         start_new_session=True,
         preexec_fn=_take_the_terminal,  # noqa: PLW1509  (no threads between fork and exec here)
     )
     os.close(theirs)
-    screen = _Screen(ours)
     try:
-        screen.until("REC")
-        os.write(ours, b"m")
-        screen.until("mark 1")
-        os.write(ours, b"rthe rope hung\x7fng\r")
-        screen.until("To be redone")
-        os.write(ours, b"e")
-        screen.until("trials kept")
-        assert child.wait(scaled_timeout(PATIENCE_S)) == 0
+        yield Screen(ours, child)
     finally:
         child.kill()
         child.wait()
         os.close(ours)
-    assert list(read_journal(bench / "simulated" / "monday").redone.values()) == ["the rope hunng"]
-    assert max(len(line) for line in screen.lines()) <= 80
 
 
 def _take_the_terminal() -> None:
@@ -102,24 +119,37 @@ def _take_the_terminal() -> None:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
-class _Screen:
-    """What was written to a terminal."""
+class Screen:
+    """What a program wrote to a terminal."""
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor, self._text = descriptor, ""
+    def __init__(self, descriptor: int, child: subprocess.Popen[bytes]) -> None:
+        self._descriptor, self._text, self.child = descriptor, "", child
+
+    def press(self, keys: str) -> None:
+        os.write(self._descriptor, keys.encode())
 
     def until(self, words: str) -> None:
-        """Reads on until these words have come."""
-        seen, end = len(self._text), time.monotonic() + scaled_timeout(PATIENCE_S)
-        while words not in self._text[seen:]:
-            ready, _, _ = select.select([self._descriptor], [], [], max(0.0, end - time.monotonic()))
-            if not ready:
-                raise AssertionError(f"no {words!r} in {self._text[-2000:]}")
-            self._text += os.read(self._descriptor, 65536).decode(errors="replace")
+        """Read on until these words have come. A console of Windows moves the cursor instead of writing a space."""
+        seen, end_s = len(self._text), time.perf_counter() + scaled_timeout(PATIENCE_S)
+        while words.replace(" ", "") not in "".join("".join(self.lines(seen)).split()):
+            self._read(end_s, words)
 
-    def lines(self) -> list[str]:
+    def read_to_end(self) -> None:
+        """A program whose terminal is full does not end."""
+        end_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
+        with suppress(OSError):  # EIO: no program has the terminal open
+            while True:
+                self._read(end_s, "end")
+
+    def _read(self, end_s: float, words: str) -> None:
+        ready, _, _ = select.select([self._descriptor], [], [], max(0.0, end_s - time.perf_counter()))
+        if not ready:
+            raise AssertionError(f"no {words!r} in {self._text[-2000:]}")
+        self._text += os.read(self._descriptor, 65536).decode(errors="replace")
+
+    def lines(self, first: int = 0) -> list[str]:
         """Without the sequences that move the cursor and set colours."""
-        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self._text).replace("\r", "\n").split("\n")
+        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self._text[first:]).replace("\r", "\n").split("\n")
 
 
 def test_a_new_session_needs_a_subject_and_an_old_one_its_own_plan(station: Callable[..., Ran], tmp_path: Path) -> None:

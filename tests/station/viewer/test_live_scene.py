@@ -21,7 +21,7 @@ COMPONENTS = "scalars|strips|text"
 def rows_in(file: Path) -> Counter[str]:
     """Rows over time by entity, counted by Rerun's own reader."""
     words = [sys.executable, "-m", "rerun", "rrd", "print", "-v", str(file)]
-    printed = subprocess.run(words, check=True, capture_output=True, text=True).stdout  # noqa: S603  (our own words)
+    printed = subprocess.run(words, check=True, capture_output=True, encoding="utf-8").stdout  # noqa: S603  (our own words)
     rows: Counter[str] = Counter()
     for count, name in re.findall(rf"with (\d+) rows .* - /([\w/]+) - .*:(?:{COMPONENTS})\]", printed):
         rows[name] += int(count)

@@ -45,7 +45,7 @@ def test_the_rope_is_drawn_between_its_markers(tmp_path: Path) -> None:
 def rows_in(path: Path) -> dict[str, int]:
     """Rows per entity over time, counted by Rerun's own reader."""
     words = [sys.executable, "-m", "rerun", "rrd", "print", "-v", str(path)]
-    said = subprocess.run(words, check=True, capture_output=True, text=True).stdout  # noqa: S603  (our own words)
+    said = subprocess.run(words, check=True, capture_output=True, encoding="utf-8").stdout  # noqa: S603  (our own words)
     found = re.findall(r"with (\d+) rows .* - /(\w+) - .*:(?:scalars|positions|strips)\]", said)
     rows = dict.fromkeys((name for _, name in found), 0)
     for count, name in found:

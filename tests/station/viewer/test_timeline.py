@@ -51,7 +51,7 @@ def record(path: Path) -> RerunLog:
 
 def printed(path: Path) -> str:
     words = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(path)]
-    return subprocess.run(words, check=True, capture_output=True, text=True).stdout  # noqa: S603  (our own words)
+    return subprocess.run(words, check=True, capture_output=True, encoding="utf-8").stdout  # noqa: S603  (our own words)
 
 
 def chunks(said: str, entity: str) -> list[str]:
