@@ -24,8 +24,8 @@ def bracketed(
     *,
     is_limited: bool = False,
 ) -> str:
-    """`12.34 (12.21 to 12.47)`; without an interval, scale × value with `digits` decimals. An end that is a bound only
-    (`censored`: low, high or both) is `≤12.21` or `≥12.47`.
+    """`12.34 (12.21 to 12.47)`; without an interval, scale × value with `digits` decimals. An end that is only a bound
+    (`censored`: low, high or both) is left out: `12.34 (up to 12.47)`, `12.34 (12.21 or more)`.
 
     is_limited: at most `digits` decimals, without an interval that they do not show
     """
@@ -37,8 +37,8 @@ def bracketed(
     low, high = (shown(end, decimals) for end in sorted(scale * end for end in ci95))
     if low == high:
         return shown(scale * value, decimals)
-    below, above = "≤" * (censored in ("low", "both")), "≥" * (censored in ("high", "both"))
-    ends = f"{below}{low} to {above}{high}".replace(" ", UNBROKEN)
+    texts = {"low": f"up to {high}", "high": f"{low} or more", "both": "interval open"}
+    ends = texts.get(str(censored), f"{low} to {high}").replace(" ", UNBROKEN)
     return f"{shown(scale * value, decimals)} ({ends})"
 
 

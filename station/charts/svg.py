@@ -9,6 +9,7 @@ from html import escape
 import numpy as np
 
 from station.charts.marks import (
+    SIXTH,
     Band,
     Chart,
     Cloud,
@@ -92,8 +93,9 @@ def draw(chart: Chart, description: str) -> str:
     """HTML: a div of columns, each with an SVG for every panel. description is read out by screen readers."""
     legend = _shared_legend(chart.columns[0][0]) if chart.has_one_legend and chart.columns else ""
     columns = "".join(_column(column, description, has_legend=not legend) for column in chart.columns)
-    many = " many" if len(chart.columns) > MANY else ""
-    return f'{legend}<div class="chart{many}">{columns}</div>'
+    is_small = bool(chart.columns) and chart.columns[0][0].width <= SIXTH
+    kind = " small" if is_small else " many" if len(chart.columns) > MANY else ""
+    return f'{legend}<div class="chart{kind}">{columns}</div>'
 
 
 def _column(panels: tuple[Panel, ...], description: str, *, has_legend: bool) -> str:

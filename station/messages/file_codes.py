@@ -81,6 +81,7 @@ class NumberCode(StrEnum):
     PAGE = "number.page"
     RENDERING = "number.rendering"
     NO_SOURCE = "number.no_source"
+    LEFT_OUT = "number.left_out"
     SOURCE = "number.source"
     FIGURE = "number.figure"
     PROVENANCE = "number.provenance"

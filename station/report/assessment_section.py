@@ -10,23 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 from solver.coverage_code import CoverageCode
 from solver.suit.suit import PARTS
-from solver.suit.uncertainty import DrawnSource
 from station.assessment.assessment_file import read_activations
 from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
-from station.assessment.interval_sources import sources_of, sources_text
-from station.report.body_figure import body_figure
+from station.report.body_figure import body_figure, postures_text
 from station.report.conditions import CONDITIONS
-from station.report.first_page import findings_of
+from station.report.first_page import findings_of, intervals_of
 from station.report.muscle_figures import (
     LEAST_SHOWN,
-    NAMED_MUSCLES,
     activation_figure,
     change_figure,
     cost_figure,
     cuffs_figure,
     muscle_changes,
     reduction_figure,
-    shown_muscles,
 )
 from station.report.pictures import Picture, PlannedFigure
 from station.sources import without_hash
@@ -43,9 +39,8 @@ FOREARM = ("elbow_flexion", "pro_sup")
 @dataclass(frozen=True)
 class AssessmentSection:
     """names of the files that went in; not_measured: coordinates that no marker determines, but those of which a
-    finding says so; places: what waist, shoulder and arm are called; the cuffs worn; rows of the table, of the motion
-    beside, None without one; findings that are not among the limits; what the intervals contain, empty without any;
-    whether the cuffs alone were drawn; the first page's figures, and the others.
+    finding says so; places: what waist, shoulder and arm are called; the cuffs worn; rows of the tables, of the motion
+    beside, None without one; findings that are not on the first page; what the intervals contain, empty without any.
     """
 
     names: Mapping[str, str]
@@ -56,33 +51,22 @@ class AssessmentSection:
     beside: list[dict[str, Any]] | None
     findings: list[str]
     intervals: str
-    only_cuffs_drawn: bool
-    overview: Sequence[Picture]
     pictures: Sequence[Picture]
 
 
-def assessment_section(
-    assessment: Plain, overview: Sequence[Picture], pictures: Sequence[Picture]
-) -> AssessmentSection:
+def assessment_section(assessment: Plain, pictures: Sequence[Picture]) -> AssessmentSection:
     beside = assessment.get("beside")
     return AssessmentSection(
         names={role: without_hash(what) for role, what in assessment["inputs"].items()},
         not_measured=_not_measured(assessment.get("subject") or {}),
         places=places_of(assessment),
-        cuffs=assessment.get("cuffs", {}),  # an assessment of an older station has none
+        cuffs=assessment.get("cuffs", {}),
         rows=_rows(assessment),
-        beside=_rows(beside) if beside else None,
+        beside=[row for row in _rows(beside) if row["key"] in ("rigid", "both")] if beside else None,
         findings=findings_of(assessment),
         intervals=intervals_of(assessment),
-        only_cuffs_drawn=not assessment.get("total_uncertainty") and sources_of(assessment) == (DrawnSource.CUFFS,),
-        overview=overview,
         pictures=pictures,
     )
-
-
-def intervals_of(assessment: Plain) -> str:
-    """What the intervals of the assessment contain; empty without any."""
-    return "the total uncertainty" if assessment.get("total_uncertainty") else sources_text(sources_of(assessment))
 
 
 def _not_measured(subject: Plain) -> list[str]:
@@ -99,35 +83,32 @@ def places_of(assessment: Plain) -> Mapping[str, str]:
 def effort_figures(assessment: Plain) -> list[PlannedFigure]:
     """The first page's picture of the muscles: effort over the rest length with every arm cuff."""
     total = assessment.get("total_uncertainty") or {}
-    bands = ""
-    if total.get("cost"):
-        bands = f"; shaded: 95 % bands of total uncertainty, {total['people']['value']:.0f} people"
-    elif "tendons" not in assessment["inputs"]:  # people are refused with elastic tendons
-        bands = ". Drawn people (--people 1000) give bands of total uncertainty"
-    caption = f"Effort over the rest length of the cord, with migration and compliance{bands}"
+    bands = f"; shaded: 95 % bands of {total['people']['value']:.0f} drawn people" if total.get("cost") else ""
+    caption = (
+        f"Effort over the rest length of the cord, with migration and compliance{bands}. Small dots: lengths solved"
+    )
     return [PlannedFigure(partial(cuffs_figure, assessment), caption, is_printed=True)] if _arms(assessment) else []
 
 
 def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
     """Muscle effort of every arm cuff, activations and their change if they are in the folder, and EMG."""
-    waist = f"{places_of(assessment)['waist']} and " if assessment["waist_cuff"] else ""
-    what = "Effort over the rest length of the cord"
+    waist = f" and the {places_of(assessment)['waist']} cuff" if assessment["waist_cuff"] else ""
     arms = _arms(assessment)
-    figures = [
-        PlannedFigure(partial(cost_figure, assessment, arm), f"{what}, {waist}{arm} cuff", is_printed=True)
-        for arm in arms
-    ]
+    figures = []
+    if arms:
+        caption = f"Effort over the rest length of the cord in every condition, with the named cuff{waist}"
+        figures.append(PlannedFigure(partial(cost_figure, assessment), caption, is_wide=True))
     if (folder / ACTIVATIONS_FILE).is_file():
         at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.3f} m"
         activations = read_activations(folder / ACTIVATIONS_FILE)
-        figures = [*_body_figures(assessment, activations, at), *figures]
-        figures += _activation_figures(activations, arms, at, waist)
+        figures = [
+            *_body_figures(assessment, activations, at),
+            *figures,
+            *_activation_figures(assessment, activations, at),
+        ]
     if assessment["emg"]:
         caption = "Reduction of the mean activation, relative to a slack cord, in the model and in the EMG"
-        figures += [
-            PlannedFigure(partial(reduction_figure, assessment, arm), f"{caption}, {waist}{arm} cuff", is_printed=True)
-            for arm in arms
-        ]
+        figures.append(PlannedFigure(partial(reduction_figure, assessment), caption, is_wide=True, is_printed=True))
     return figures
 
 
@@ -135,30 +116,35 @@ def _arms(assessment: Plain) -> list[str]:
     return [cuff for cuff in assessment["cost"] if cuff != "rigid"]
 
 
-def _body_figures(assessment: Plain, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
-    """With the arm cuff of the least effort; an assessment of an older station has no postures."""
+def _best_arm(assessment: Plain, activations: pd.DataFrame) -> str | None:
+    """The arm cuff of the least effort at the reference rest length whose activations are known."""
     efforts = {cuff: assessment["at_rigid_optimum"][cuff]["both"]["value"] for cuff in _arms(assessment)}
     drawn = set(activations["cuff"][activations["condition"] == "both"])
     known = {cuff: effort for cuff, effort in efforts.items() if effort is not None and cuff in drawn}
-    if known and assessment.get("postures"):
-        cuff = min(known, key=known.__getitem__)
-        caption = f"Change of activation from a slack cord to the {cuff} cuff {at}, {CONDITIONS['both']}"
+    return min(known, key=known.__getitem__) if known else None
+
+
+def _body_figures(assessment: Plain, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
+    """With the arm cuff of the least effort."""
+    cuff = _best_arm(assessment, activations)
+    if cuff and assessment.get("postures"):
+        chosen = postures_text(assessment["postures"])
+        caption = f"Change of activation from a slack cord to the {cuff} cuff {at}, {CONDITIONS['both']}: {chosen}"
         plan = partial(body_figure, assessment["postures"], activations, cuff, places_of(assessment))
         yield PlannedFigure(plan, caption, is_wide=True, is_printed=True)
 
 
-def _activation_figures(activations: pd.DataFrame, arms: Sequence[str], at: str, waist: str) -> Iterator[PlannedFigure]:
-    """The change of every muscle's mean activation; of every arm cuff, activations over time."""
-    changes = muscle_changes(activations, arms)
+def _activation_figures(assessment: Plain, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
+    """The change of every muscle's mean activation; activations over time with the arm cuff of the least effort."""
+    changes = muscle_changes(activations, _arms(assessment))
     caption = f"Mean activation of each muscle {at}, with migration and compliance, and its change"
     rest = ", ".join(muscle.muscle for muscle in changes if muscle.is_at_rest)
     at_rest = f". At rest throughout (below {LEAST_SHOWN}): {rest}" if rest else ""
-    yield PlannedFigure(partial(change_figure, changes), caption + at_rest, is_wide=True, is_printed=True)
-    left_out = [name for name in NAMED_MUSCLES if name in activations and name not in shown_muscles(activations)]
-    without = f". At rest throughout (below {LEAST_SHOWN}): {', '.join(left_out)}" if left_out else ""
-    for arm in arms:
-        over_time = f"Activations over time {at}, {waist}{arm} cuff{without}"
-        yield PlannedFigure(partial(activation_figure, activations, arm), over_time, is_wide=True)
+    yield PlannedFigure(partial(change_figure, changes), caption + at_rest, is_wide=True)
+    cuff = _best_arm(assessment, activations)
+    if cuff:
+        over_time = f"Activations over time {at}, {cuff} cuff; muscles at rest are left out"
+        yield PlannedFigure(partial(activation_figure, activations, cuff), over_time, is_wide=True)
 
 
 def _rows(assessment: Plain) -> list[dict[str, Any]]:
@@ -173,5 +159,5 @@ def _rows(assessment: Plain) -> list[dict[str, Any]]:
 
             numbers = {"cost": of("at_rigid_optimum"), **of("optimum"), **{key: of(key) for key in CURVE_KEYS.values()}}
             arm = "" if cuff == "rigid" else cuff
-            rows.append({"condition": CONDITIONS.get(condition, condition), "cuff": arm, **numbers})
+            rows.append({"key": condition, "condition": CONDITIONS.get(condition, condition), "cuff": arm, **numbers})
     return rows

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from station.charts.marks import THIRD, Array, Chart, Colour, Line, Panel, values
+from station.charts.marks import SIXTH, Array, Chart, Colour, Line, Panel, values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,16 +21,17 @@ LESS: tuple[Colour, ...] = ("less1", "less2", "less3")
 MORE: tuple[Colour, ...] = ("more1", "more2", "more3")
 ELEVATION = 12.0
 """Of the viewer above the horizontal [deg]: rings are seen as rings."""
-MUSCLE, UNCHANGED, CORD, BONE = 3.6, 1.1, 2.4, {"shaft": 8.0, "plate": 2.5, "cage": 1.0}
+MUSCLE, UNCHANGED, CORD, BONE = 2.4, 0.7, 1.6, {"shaft": 4.5, "plate": 1.6, "cage": 0.7}
 """Widths of lines [px]."""
-WIDTH, TITLE = THIRD, 17.0
+WIDTH, TITLE = SIXTH, 17.0
 """Of a panel and of its title's line [px]."""
 MARGIN = 0.06
 """Around muscles and suit, of both sides together [m]."""
 POSTURES = {
-    "elevation": ("lowest arm", "middle", "highest arm"),
-    "cord_length": ("shortest cord", "middle", "longest cord"),
+    "elevation": "lowest, middle and highest elevation of the arm",
+    "cord_length": "shortest, middle and longest cord",
 }
+"""Figure by which the postures were chosen → what they are."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ VIEWS = (ViewDirection("from behind", 145.0), ViewDirection("from the front", 35
 def body_figure(
     postures: Sequence[Plain], activations: pd.DataFrame, cuff: str, places: Mapping[str, str] | None = None
 ) -> Chart:
-    """A column per posture, seen from behind and from the front.
+    """A column per posture and view, from behind and from the front.
 
     Colours are the activation with the suit (this arm cuff, migration and compliance) less that with a slack cord.
     places: what waist and arm are called.
@@ -58,26 +59,25 @@ def body_figure(
     columns = []
     for posture, column, name in zip(postures, ends, _names(postures), strict=True):
         changes = activation_changes(activations, cuff, posture["time_s"]["value"])
-        panels = []
         for view, (low, high) in zip(VIEWS, column, strict=True):
             title = f"{name}, {view.name}"
             marks = (*_legend(), *_marks(posture, changes, view, places or {}))
             (left, bottom), (right, top) = (low + high - extent) / 2, (low + high + extent) / 2
             limits = (float(left), float(right)), (float(bottom), float(top))
-            panels.append(Panel(marks, "", "", title, (), (), *limits, *size, is_picture=True))
-        columns.append(tuple(panels))
+            columns.append((Panel(marks, "", "", title, (), (), *limits, *size, is_picture=True),))
     return Chart(tuple(columns), has_one_legend=True)
 
 
+def postures_text(postures: Sequence[Plain]) -> str:
+    """What the postures are."""
+    return POSTURES[postures[0]["chosen_by"]]
+
+
 def _names(postures: Sequence[Plain]) -> Iterator[str]:
-    """Of the postures, with the figure by which they were chosen; files without one have the elevation of the arm."""
-    by = postures[0].get("chosen_by", "elevation")
-    for name, posture in zip(POSTURES[by], postures, strict=True):
-        is_length = by == "cord_length"
-        shown = (
-            f"{posture['cord_length_m']['value']:.3f} m" if is_length else f"{posture['elevation_deg']['value']:.0f}°"
-        )
-        yield f"{name} ({shown})"
+    """Of the postures: the figure by which they were chosen."""
+    for posture in postures:
+        is_length = posture["chosen_by"] == "cord_length"
+        yield f"{posture['cord_length_m']['value']:.3f} m" if is_length else f"{posture['elevation_deg']['value']:.0f}°"
 
 
 def activation_changes(activations: pd.DataFrame, cuff: str, time: float) -> dict[str, float]:

@@ -3,8 +3,8 @@
 CONDITIONS = {
     "slack": "slack cord",
     "rigid": "rigid cuffs",
-    "shift": "with migration",
-    "visco_elastic": "with compliance",
-    "both": "with migration and compliance",
+    "shift": "migration",
+    "visco_elastic": "compliance",
+    "both": "migration and compliance",
 }
 LIMIT = "rigid cuffs (theoretical limit)"

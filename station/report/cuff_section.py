@@ -1,43 +1,33 @@
-"""The report's sections on the cuffs: their fits, figures, and OpenSim elements."""
+"""The cuffs of the report: the table of the first page, and a section of figures for each."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from pydantic import BaseModel
 
+from documents.interval import digits_of
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
-from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff, bushing_force
-from fitting.diagnosis.fitted_pull import FittedPull
-from station.charts.marks import THIRD, Chart, Intervals, Mark, Panel, Points, chart, values
-from station.report.figures import MM, dynamic_figure, static_figure, trial_figure
-from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
-from station.report.located import LocatedObject, Source, located
-from station.report.number_texts import estimate_text
+from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
+from station.cuff_text import of_cuff
+from station.report.figures import MM, fit_figure
+from station.report.fit_figures import checks_figure
+from station.report.numbers import LocatedObject, Number, Shown, figure, fixed, interval, located, saving, worn
 from station.report.pictures import Picture, PlannedFigure
-from station.report.sourced_number import Form, Rendering, SourcedNumber
+from station.report.report_file import Source
 
-Cuffs = Mapping[str, CuffFit | Cuff]
+Cuffs = Mapping[str, Cuff]
+Plain = Mapping[str, Any]
 
-FIRST = "Force at the load cell and the cuff's displacement along the rope, without sway; shaded: fitted interval"
-REPEAT = (
-    "Left: held loads, the line of the pooled stiffness, and residuals. Middle: the oscillation, measured and fitted. "
-    "Right: force beyond the spring over velocity, and the damper of this trial"
+FITTED = "Held loads and pooled stiffness; tangent stiffness; force beyond the spring over velocity, and pooled damper"
+CHECKS = (
+    "Checks with 95 % intervals: single repeats; complex stiffness K* = k + i 2πf c, of a spring and a damper the same "
+    "at every frequency; residual force of the oscillations, its autocorrelation and quantiles"
 )
-HELD = (
-    "Held loads and the line of the pooled stiffness, slip between lines; with enough loads, the tangent stiffness "
-    "of an exponential law over the force"
-)
-REPEATS = (
-    "Single repeats and their combination, with 95 % intervals. The migration of the donning is from the "
-    "start of its first static trial to the end of its last, that of a repeat from the start to the end of its trial"
-)
-DAMPER = "Force beyond the spring over velocity"
-COMPLEX = "Complex stiffness K* = k + i 2πf c in bands of frequency; a spring and a damper give horizontal lines"
-RESIDUAL = "Residual force of the oscillations: over time, autocorrelation, and comparison with a normal distribution"
 
 
 class TrueCuff(BaseModel):
@@ -48,26 +38,39 @@ class TrueCuff(BaseModel):
     migration_m: float
 
 
-_QUANTITIES = (
-    ("stiffness", "stiffness_n_per_m", 1.0, "k [N/m]"),
-    ("damping", "damping_n_s_per_m", 1.0, "c [N s/m]"),
-    ("migration", "migration_m", MM, "migration [mm]"),
+@dataclass(frozen=True)
+class ShownQuantity:
+    """Field of the fit, key in the results, scale, most decimals that the measurement bears."""
+
+    name: str
+    key: str
+    scale: float
+    most_digits: int
+
+
+QUANTITIES_SHOWN = (
+    ShownQuantity("stiffness", "stiffness_n_per_m", 1.0, 0),
+    ShownQuantity("damping", "damping_n_s_per_m", 1.0, 1),
+    ShownQuantity("migration", "migration_m", MM, 1),
 )
-"""Of the overview: field of the fit, field of the truth, scale, axis."""
 
 
 @dataclass(frozen=True)
 class ReportedCuff:
-    """One cuff on the page: its fit, its entry in cuffs.json, and the true cuff's in simulated_truth.json."""
+    """One cuff on the page.
 
-    fit: CuffFit | Cuff
+    figures, true  texts of k, c and migration, and of the true ones of a simulated cuff
+    best_length, at_best, at_reference  where it saves most, and what it saves; "" of another than an arm cuff
+    """
+
+    name: str
     entry: LocatedObject
-    truth: LocatedObject | None
+    figures: Sequence[Shown]
+    true: Sequence[Number]
+    best_length: Shown
+    at_best: Shown
+    at_reference: Shown
     pictures: Sequence[Picture]
-
-    def figure(self, quantity: str) -> LocatedObject | None:
-        """Stiffness, damping or migration with its interval and its place, identified or not."""
-        return figure_of(self.fit, quantity)
 
     @property
     def notes(self) -> Sequence[str]:
@@ -78,21 +81,51 @@ class ReportedCuff:
         """Those that were identified, with their names and units."""
         both = (("Stiffness", "N/m", "stiffness_tensor_n_per_m"), ("Damping", "N s/m", "damping_tensor_n_s_per_m"))
         entries = [(what, unit, self.entry.get(key)) for what, unit, key in both]
-        is_fit = isinstance(self.fit, CuffFit)
-        return [(what, unit, tensor) for what, unit, tensor in entries if is_fit and tensor and tensor["value"]]
-
-    @property
-    def bushing(self) -> SourcedNumber | None:
-        """OpenSim's element, which the fit writes to a file, too; None where a figure is missing."""
-        cuff = self.fit.wearable() if isinstance(self.fit, CuffFit) else self.fit
-        if cuff.missing:
-            return None
-        return SourcedNumber(bushing_force(cuff), self.entry.source, Rendering(Form.BUSHING))
+        return [(what, unit, tensor) for what, unit, tensor in entries if tensor and tensor["value"]]
 
 
-def figure_of(fit: CuffFit | Cuff, quantity: str) -> LocatedObject | None:
-    """Stiffness, damping or migration with its interval and its place in cuffs.json, identified or not."""
-    estimate, source = getattr(fit, quantity), Source(CUFFS_FILE, "/cuffs").child(fit.name)
+def reported_cuffs(
+    cuffs: Cuffs,
+    document: LocatedObject,
+    assessment: Plain | None,
+    known: LocatedObject,
+    pictures: Mapping[str, Sequence[Picture]],
+) -> list[ReportedCuff]:
+    """The cuffs of cuffs.json (document), or those that the assessment has worn; known: true ones by name."""
+    entries = document.get("cuffs") or (assessment or {}).get("cuffs") or {}
+    return [
+        ReportedCuff(
+            name,
+            entry,
+            [_shown(cuffs.get(name), entry, quantity) for quantity in QUANTITIES_SHOWN],
+            [_true(known[name], cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN] if name in known else (),
+            *effect_of(assessment, name),
+            pictures.get(f"cuff {name}", ()),
+        )
+        for name, entry in entries.items()
+    ]
+
+
+def effect_of(assessment: Plain | None, cuff: str) -> tuple[Shown, Shown, Shown]:
+    """The best rest length with this arm cuff, migration and compliance, what it saves there, and at the reference.
+
+    Of rigid cuffs by their name.
+    """
+    cost = (assessment or {}).get("cost") or {}
+    if assessment is None or cuff not in cost or (cuff != "rigid" and "both" not in cost[cuff]):
+        return "", "", ""
+    best, reference = assessment["optimum"][cuff], assessment["at_rigid_optimum"][cuff]
+    if cuff != "rigid":
+        best, reference = best["both"], reference["both"]
+    return figure(best["rest_length_m"]), saving(best["normalised_cost"]), saving(reference)
+
+
+def figure_of(fit: Cuff, quantity: str) -> LocatedObject | None:
+    """Stiffness, damping or migration with its interval and its place in cuffs.json, identified or not.
+
+    A file by hand may have a number alone in this place.
+    """
+    estimate, source = getattr(fit, quantity), Source.of(CUFFS_FILE, "/cuffs").child(fit.name)
     if estimate is None:
         return None
     if quantity in fit.missing:
@@ -102,63 +135,29 @@ def figure_of(fit: CuffFit | Cuff, quantity: str) -> LocatedObject | None:
     return found
 
 
-def overview_figure(cuffs: Cuffs, truth: Mapping[str, TrueCuff]) -> Chart:
-    """Forest plot: k, c and migration of all cuffs with 95 % intervals, and the true values of simulated ones."""
-    return chart(*(_overview_panel(cuffs, truth, *quantity) for quantity in _QUANTITIES), has_one_legend=True)
-
-
-def cuff_figures(fit: CuffFit) -> list[PlannedFigure]:
-    """Of one cuff: its repeats together, then every repeat, then checks of the law. Only the first two are printed."""
+def cuff_figures(fit: CuffFit, truth: TrueCuff | None = None) -> list[PlannedFigure]:
+    """Of one cuff: its fit, and what checks it."""
     found = [fit.pulls[file] for file in fit.sources if file in fit.pulls]
     static = [curves for curves in found if curves.pull.trial.test == "static"]
     dynamic = [curves for curves in found if curves.pull.trial.test == "dynamic"]
     figures = []
     if static or dynamic:
-        figures.append(PlannedFigure(partial(repeats_figure, fit), REPEATS, is_wide=True, is_printed=True))
-    if static:
-        figures.append(PlannedFigure(partial(static_figure, fit, static), HELD, is_wide=True, is_printed=True))
-    if static or dynamic:
-        first = partial(trial_figure, static[0] if static else None, dynamic[0] if dynamic else None)
-        figures.append(PlannedFigure(first, FIRST, is_wide=True))
-    figures += _repeats(fit, static, dynamic)
-    if any(curves.dynamic for curves in dynamic):
-        figures.append(PlannedFigure(partial(dynamic_figure, fit, dynamic), DAMPER))
-        if fit.complex_stiffness:
-            figures.append(PlannedFigure(partial(complex_stiffness_figure, fit), COMPLEX, is_wide=True))
-        figures.append(PlannedFigure(partial(residual_figure, dynamic), RESIDUAL, is_wide=True))
+        figures.append(PlannedFigure(partial(fit_figure, fit, static, dynamic), FITTED, is_wide=True, is_printed=True))
+        true = truth.model_dump() if truth else {}
+        figures.append(PlannedFigure(partial(checks_figure, fit, dynamic, true), CHECKS, is_wide=True))
     return figures
 
 
-def _repeats(fit: CuffFit, static: Sequence[FittedPull], dynamic: Sequence[FittedPull]) -> Iterator[PlannedFigure]:
-    """A figure of every repeat of which anything was used."""
-    held = {curves.pull.trial.repeat: curves for curves in static}
-    swung = {curves.pull.trial.repeat: curves for curves in dynamic}
-    for repeat in sorted({*held, *swung}):
-        plan = partial(repeat_figure, fit, held.get(repeat), swung.get(repeat))
-        yield PlannedFigure(plan, f"Repeat {repeat}. {REPEAT}", is_wide=True)
+def _shown(fit: Cuff | None, entry: LocatedObject, quantity: ShownQuantity) -> Shown:
+    """With a remark if it is given by hand, or not identified; as worn by the assessment without cuffs.json."""
+    if fit is None:
+        return worn(entry[quantity.key], quantity.scale, quantity.most_digits)
+    shown = interval(figure_of(fit, quantity.name), quantity.scale, quantity.most_digits)
+    return shown if isinstance(shown, str) else shown.within(of_cuff(fit, quantity.name, "{}"))
 
 
-def _overview_panel(
-    cuffs: Cuffs, truth: Mapping[str, TrueCuff], name: str, true_name: str, scale: float, axis: str
-) -> Panel:
-    found = [(place, cuff, getattr(fit, name)) for place, (cuff, fit) in enumerate(cuffs.items())]
-    known = [(place, cuff, estimate) for place, cuff, estimate in found if estimate is not None]
-    places = values([place for place, _, _ in known])
-    ends = scale * values([estimate.ci95 for *_, estimate in known]).reshape(-1, 2)
-    titles = tuple(f"{cuff}: {estimate_text(estimate, scale)}" for _, cuff, estimate in known)
-    marks: list[Mark] = [Intervals(places, ends[:, 0], ends[:, 1], "c1", is_upright=False)]
-    if truth:
-        true = [(place, getattr(truth[cuff], true_name)) for place, cuff, _ in found if cuff in truth]
-        true_places, true_values = values([place for place, _ in true]), scale * values([value for _, value in true])
-        marks.append(Points(true_values, true_places, "c2", "true value", is_hollow=True))
-    marks.append(
-        Points(scale * values([estimate.value for *_, estimate in known]), places, "c1", "fitted", titles=titles)
-    )
-    return Panel(
-        tuple(marks),
-        axis,
-        y_names=tuple(cuffs),
-        x_limits=(0.0, None),
-        width=THIRD,
-        height=55.0 + 22.0 * len(cuffs),
-    )
+def _true(known: LocatedObject, fit: Cuff | None, quantity: ShownQuantity) -> Number:
+    """With as many digits as the estimate above it."""
+    estimate = getattr(fit, quantity.name, None)
+    digits = digits_of(estimate.ci95 if estimate else None, quantity.scale)
+    return fixed(known[quantity.key], quantity.scale, min(digits, quantity.most_digits))

@@ -9,10 +9,9 @@ from functools import partial
 from station.emg.emg_json import EMG_FILE, EmgDocument
 from station.emg.emg_tables import ShapeRow, findings_text, method_text, shape_rows
 from station.report.emg_figures import change_figure, shapes_figure
-from station.report.located import LocatedObject, Source, located
-from station.report.number_texts import Shown
+from station.report.numbers import LocatedObject, Shown, located, plain
 from station.report.pictures import Picture, PlannedFigure
-from station.report.sourced_number import Form, sourced
+from station.report.report_file import Source
 
 
 @dataclass(frozen=True)
@@ -29,15 +28,15 @@ class ReportedEmg:
 
 
 def emg_section(document: EmgDocument, pictures: Sequence[Picture]) -> ReportedEmg:
-    plain: LocatedObject = located(document.model_dump(mode="json"), Source(EMG_FILE))
-    shapes = [channel["shape"] for trial in plain["trials"] for channel in trial["channels"] if channel["shape"]]
+    content: LocatedObject = located(document.model_dump(mode="json"), Source.of(EMG_FILE))
+    shapes = [channel["shape"] for trial in content["trials"] for channel in trial["channels"] if channel["shape"]]
     return ReportedEmg(
         document,
-        _method(document, plain["setup"]["envelope"]),
+        _method(document, content["setup"]["envelope"]),
         list(findings_text(document)),
         list(zip(shape_rows(document), shapes, strict=True)),
-        plain["pooled"],
-        plain["changes"],
+        content["pooled"],
+        content["changes"],
         pictures,
     )
 
@@ -46,8 +45,8 @@ def _method(document: EmgDocument, envelope: LocatedObject) -> tuple[Shown, ...]
     """As method_text, whose numbers are those of the set-up; a published method has none of its own."""
     text = method_text(document.setup.envelope)
     keys = {"seth_2019": (), "rms": ("window_s",)}.get(envelope["method"], ("low_pass_hz",))
-    numbers = [sourced(number, Form.GENERAL) for number in envelope["band_hz"] if keys]
-    numbers += [sourced(envelope[key], Form.GENERAL) for key in keys]
+    numbers = [plain(number) for number in envelope["band_hz"] if keys]
+    numbers += [plain(envelope[key]) for key in keys]
     parts: list[Shown] = []
     for number in numbers:
         before, _, text = text.partition(str(number))

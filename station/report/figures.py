@@ -1,9 +1,8 @@
-"""Charts of a cuff's trials together: force and displacement over time, held loads, damper force."""
+"""Charts of a cuff's trials together: held loads, tangent stiffness, damper force."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.uncertainty import Estimate
 from station.charts.marks import (
     COLOURS,
+    THIRD,
     Array,
     Band,
     Chart,
@@ -22,7 +22,6 @@ from station.charts.marks import (
     Panel,
     Points,
     Rule,
-    Strip,
     chart,
     values,
 )
@@ -30,32 +29,36 @@ from station.charts.marks import (
 FORCE: Colour = "c1"
 MOTION: Colour = "c2"
 MM = 1e3
+HEIGHT = 190.0
+"""Of a panel [px]."""
 DOT, RING = 3.0, 2.4
 """Radius [px] of a dot, and distance [px] between the rings around it."""
 
 
-def trial_figure(static: FittedPull | None, dynamic: FittedPull | None) -> Chart:
-    """Force and displacement over session time with the sync edge and the trial's start and end marked."""
-    return Chart(tuple(_trial(curves) for curves in (static, dynamic) if curves is not None))
-
-
-def static_figure(fit: CuffFit, static: Sequence[FittedPull]) -> Chart:
-    """Force over displacement of all static trials, the held loads, and the lines of the common stiffness.
-
-    Beside it the tangent stiffness k(F) with its 95 % intervals, where the held loads determine one.
+def fit_figure(fit: CuffFit, static: Sequence[FittedPull], dynamic: Sequence[FittedPull]) -> Chart:
+    """Held loads of all static trials with the lines of the common stiffness; the tangent stiffness k(F) where the held
+    loads determine one; F − k x over ẋ of all dynamic trials with the line of the common damping.
     """
-    marks: list[Mark] = []
-    for later, (curves, colour) in enumerate(zip(static, COLOURS * 8, strict=False), 1 - len(static)):
-        marks += _held_loads(curves, fit, colour, RING * -later)
-    panels = [Panel(tuple(marks), "displacement of the cuff along the rope [mm]", "force [N]")]
-    tangents = fit.held.tangents if fit.held else ()
+    panels = []
+    if static:
+        marks: list[Mark] = []
+        for later, (curves, colour) in enumerate(zip(static, COLOURS * 8, strict=False), 1 - len(static)):
+            marks += _held_loads(curves, fit, colour, RING * -later)
+        panels.append(_third(marks, "displacement along the rope [mm]", "force [N]"))
+    tangents = fit.held.tangents if fit.held and static else ()
     if tangents:
         panels.append(_tangents(fit, tangents))
+    if dynamic:
+        panels.append(_damper(fit, dynamic))
     return chart(*panels)
 
 
-def dynamic_figure(fit: CuffFit, dynamic: Sequence[FittedPull]) -> Chart:
-    """F − k x (less inertia, offset and drift) over ẋ of all dynamic trials, and the line of the common damping."""
+def _third(marks: Sequence[Mark], x_label: str, y_label: str) -> Panel:
+    return Panel(tuple(marks), x_label, y_label, width=THIRD, height=HEIGHT)
+
+
+def _damper(fit: CuffFit, dynamic: Sequence[FittedPull]) -> Panel:
+    """F − k x, less inertia, offset and drift."""
     marks: list[Mark] = []
     reach = 0.0
     for curves, colour in zip(dynamic, COLOURS * 8, strict=False):
@@ -64,39 +67,9 @@ def dynamic_figure(fit: CuffFit, dynamic: Sequence[FittedPull]) -> Chart:
             marks.append(Cloud(MM * curves.dynamic.velocity, curves.dynamic.damper_force, colour, label))
             reach = max(reach, float(np.abs(curves.dynamic.velocity).max()))
     if fit.damping is not None and reach:
-        ends = values([-reach, reach])
-        marks.append(Line(MM * ends, fit.damping.value * ends, "ink", f"c = {fit.damping.value:.0f} N s/m"))
-    return chart(Panel(tuple(marks), "velocity of the cuff [mm/s]", "F − k x [N]"))
-
-
-def _trial(curves: FittedPull) -> tuple[Panel, Panel]:
-    """Force above displacement."""
-    trial = curves.pull.trial
-    around = list(_events(curves))
-    unnamed = (replace(event, label="") for event in around)  # the legend stands above the force
-    force = Line(curves.pull.force_time, curves.pull.force, FORCE, width=1.0)
-    displacement = Line(curves.pull.marker_time, MM * curves.pull.displacement, MOTION, width=1.0)
-    return (
-        Panel(
-            (*around, force),
-            y_label="force [N]",
-            title=f"{trial.test}, repeat {trial.repeat}",
-            height=150.0,
-            has_x_numbers=False,
-        ),
-        Panel((*unnamed, displacement), "session time [s]", "displacement [mm]", height=170.0),
-    )
-
-
-def _events(curves: FittedPull) -> Iterator[Rule | Strip]:
-    trial = curves.pull.trial
-    if curves.dynamic is not None:
-        fitted = curves.dynamic.time
-        yield Strip(float(fitted[0]), float(fitted[-1]), label="fitted interval", is_upright=True)
-    yield Rule(0.0, label="sync edge = start", is_upright=True)
-    yield Rule(trial.end, label="end", dash="dashed", is_upright=True)
-    if trial.sync_fall is not None:
-        yield Rule(trial.sync_fall, label="sync falls", dash="dotted", is_upright=True)
+        line = values([-reach, reach])
+        marks.append(Line(MM * line, fit.damping.value * line, "ink", f"c = {fit.damping.value:.0f} N s/m"))
+    return _third(marks, "velocity of the cuff [mm/s]", "F − k x [N]")
 
 
 def _tangents(fit: CuffFit, tangents: Sequence[tuple[float, Estimate]]) -> Panel:
@@ -109,7 +82,7 @@ def _tangents(fit: CuffFit, tangents: Sequence[tuple[float, Estimate]]) -> Panel
     ]
     if fit.stiffness is not None:
         marks.append(Rule(fit.stiffness.value, label=f"k = {fit.stiffness.value:.0f} N/m"))
-    return Panel(tuple(marks), "load above the bare hook [N]", "tangent stiffness k(F) [N/m]")
+    return _third(marks, "load above the bare hook [N]", "tangent stiffness k(F) [N/m]")
 
 
 def _held_loads(curves: FittedPull, fit: CuffFit, colour: Colour, wider: float) -> Iterator[Mark]:
@@ -118,7 +91,7 @@ def _held_loads(curves: FittedPull, fit: CuffFit, colour: Colour, wider: float) 
         return
     x = values([plateau.displacement for plateau in curves.static.plateaus])
     force = values([plateau.force for plateau in curves.static.plateaus])
-    label = f"held loads, repeat {curves.pull.trial.repeat}"
+    label = f"repeat {curves.pull.trial.repeat}"
     yield Points(MM * x, force, colour, label, is_hollow=wider > 0, radius=DOT + wider)
     if fit.stiffness is None:
         return

@@ -1,20 +1,22 @@
-"""The first page of the report, readable alone: the effect of every cuff, the decision, and the limits of both."""
+"""The first page of the report, readable alone: the answer, what it rests on, and its limits."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from solver.suit.suit import BUNDLED_SUIT as BUNDLED
-from station.messages.codes import AssessmentCode
-from station.report.cuff_section import Cuffs
-from station.report.located import LocatedFloat
-from station.report.number_texts import Shown, saving
-from station.sources import named_hash
+from station.assessment.decision_json import listed
+from station.assessment.interval_sources import sources_of, sources_text
+from station.messages.codes import AssessmentCode, DecisionCode
+from station.report.cuff_section import Cuffs, effect_of
+from station.report.numbers import Shown, fixed, length, saving_in_words
+from station.sources import named_hash, without_hash
 
 Plain = Mapping[str, Any]
+Parts = tuple[Shown, ...]
 
 LIMITING = frozenset(
     {
@@ -23,6 +25,7 @@ LIMITING = frozenset(
         AssessmentCode.NO_COVARIANCE,
         AssessmentCode.INTERVALS,
         AssessmentCode.INTERVALS_UNVERIFIED,
+        AssessmentCode.PEOPLE_UNSOLVED,
         AssessmentCode.RESERVES_LARGE,
         AssessmentCode.RATE_EXCEEDED,
         AssessmentCode.INFEASIBLE,
@@ -34,7 +37,18 @@ LIMITING = frozenset(
         AssessmentCode.FIBER_NOT_CONVERGED,
     }
 )
-"""Findings that limit the result; the others describe it."""
+"""Findings that limit the result."""
+WEARER = (AssessmentCode.WEARER_NOT_RECORDED, AssessmentCode.WEARER_NOT_ASSESSED)
+"""Findings that say why body and motion are not the wearer's."""
+IN_TABLES = ("choice.", "rest_length.best", "intervals.total", "cord.", "reserves.small")
+"""Beginnings of the codes of findings whose figures are in the answer and in the tables."""
+ADVICE = (DecisionCode.FIT_ONLY, DecisionCode.NO_PEOPLE)
+"""Outcomes without a decision; their sentence names a command."""
+RECORDED_AS = {
+    "unsuited": "without the suit",
+    "slack": "in the suit with its cord slack",
+    "tight": "in the suit with its cord tight",
+}
 BUNDLED_SUIT = (
     "The bundled suit's attachment points, stiffness and rest length are our own calibration on published tables with "
     "one public motion, not published values."
@@ -42,63 +56,102 @@ BUNDLED_SUIT = (
 
 
 @dataclass(frozen=True)
-class CuffEffect:
-    """Effort with one arm cuff, migration and compliance, against the slack cord.
-
-    at_reference  at the suit's reference rest length;  at_best  at the cuff's own best rest length [m]
-    """
-
-    cuff: str
-    at_reference: Shown
-    at_best: Shown
-    best_rest_length_m: LocatedFloat | None
-
-
-@dataclass(frozen=True)
 class FirstPage:
-    """decision: sentences, one if they agree; limits: sentences; rigid: theoretical limit at the reference length."""
+    """answer, basis: sentences in parts, numbers apart;  decision, limits: sentences;  rigid: the theoretical limit."""
 
-    effects: tuple[CuffEffect, ...]
-    rigid: Shown
+    answer: Parts
+    basis: Parts
     decision: tuple[str, ...]
+    rigid: Sequence[Shown]
     limits: tuple[str, ...]
 
 
-def summary_of(assessment: Plain | None, cuffs: Cuffs) -> FirstPage:
-    """Content of the first page; without an assessment only the limits of the fits."""
+def first_page(assessment: Plain | None, cuffs: Cuffs) -> FirstPage:
+    """Content of the first page; without an assessment only what was fitted and the limits of the fits."""
     if assessment is None:
-        return FirstPage((), "", (), tuple(_limits_of_cuffs(cuffs)))
-    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+        return FirstPage(tuple(_fitted(cuffs)), (), (), (), tuple(_limits_of_cuffs(cuffs)))
     return FirstPage(
-        tuple(_effect(assessment, cuff) for cuff in arms if "both" in assessment["cost"][cuff]),
-        saving(assessment["at_rigid_optimum"]["rigid"]),
+        tuple(answer(assessment)),
+        tuple(_basis(assessment)),
         _decision(assessment),
+        effect_of(assessment, "rigid"),
         (*_limits_of_cuffs(cuffs), *_limits_of_assessment(assessment)),
     )
 
 
+def answer(assessment: Plain) -> Iterator[Shown]:
+    """Which cuff, how much less effort than with a slack cord, with which interval, at which rest length."""
+    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+    efforts = {cuff: assessment["optimum"][cuff]["both"]["normalised_cost"]["value"] for cuff in arms}
+    known = {cuff: effort for cuff, effort in efforts.items() if effort is not None}
+    if not known:
+        yield "The best rest length is not known: the least effort is at the end of the range that was tried."
+        return
+    entry = (assessment.get("decision") or {}).get("at_best") or {}
+    leading = [cuff for cuff in entry.get("leading") or () if cuff in known] or [min(known, key=known.__getitem__)]
+    code = entry.get("code")
+    if len(arms) == 1:
+        yield f"The {arms[0]} cuff: "
+    elif code == DecisionCode.CHOOSE:
+        yield f"Choose the {leading[0]} cuff: "
+    elif code in (DecisionCode.EQUIVALENT, DecisionCode.EQUIVALENT_AND_WORSE):
+        yield f"Choose {' or '.join(leading)} by comfort, they save the same: "
+    else:
+        yield f"Not decided between {listed(list(known))}; {leading[0]} has the least effort so far: "
+    for cuff in leading:
+        best = assessment["optimum"][cuff]["both"]
+        at = fixed(best["rest_length_m"]["value"], digits=3)
+        name = f"{cuff} " if len(leading) > 1 else ""
+        yield from (name, saving_in_words(best["normalised_cost"]), " at a rest length of ", at, " m")
+        yield "." if cuff == leading[-1] else "; "
+
+
 def findings_of(assessment: Plain) -> list[str]:
-    """Sentences for the section on the muscles: those that are not among the limits."""
-    return [text for code, text in _coded(assessment) if code not in LIMITING]
+    """Sentences for the section on the muscles: those that are neither on the first page nor in a table."""
+    return [
+        text
+        for code, text in _coded(assessment)
+        if code not in LIMITING and code not in WEARER and not code.startswith(IN_TABLES)
+    ]
 
 
-def _effect(assessment: Plain, cuff: str) -> CuffEffect:
-    best = assessment["optimum"][cuff]["both"]
-    return CuffEffect(
-        cuff,
-        saving(assessment["at_rigid_optimum"][cuff]["both"]),
-        saving(best["normalised_cost"]),
-        best["rest_length_m"]["value"],
-    )
+def _fitted(cuffs: Cuffs) -> Iterator[Shown]:
+    identified = [name for name, fit in cuffs.items() if not fit.missing]
+    if identified:
+        yield f"Stiffness, damping and migration are identified of {', '.join(identified)}."
+
+
+def _basis(assessment: Plain) -> Iterator[Shown]:
+    """Whose body and motion, and what the intervals contain."""
+    subject = assessment.get("subject")
+    why = [text for code, text in _coded(assessment) if code in WEARER]
+    if subject:
+        yield from ("Body and motion are the wearer's: ", fixed(subject["mass_kg"]), " kg, estimated from ")
+        yield from (
+            length(subject["trials"]),
+            f" trials; the motion was recorded {RECORDED_AS[subject['condition']]}. ",
+        )
+    elif why:
+        yield from (why[0], " ")
+    else:
+        names = {role: without_hash(assessment["inputs"][role]) for role in ("model", "motion")}
+        yield f"Body: {names['model']}; motion: {names['motion']}; they are not the wearer's. "
+    contained = intervals_of(assessment)
+    if contained:
+        yield f"Effort is the sum of squared activations; 95 % intervals contain {contained}."
+
+
+def intervals_of(assessment: Plain) -> str:
+    """What the intervals of the assessment contain; empty without any."""
+    return "the total uncertainty" if assessment.get("total_uncertainty") else sources_text(sources_of(assessment))
 
 
 def _decision(assessment: Plain) -> tuple[str, ...]:
-    """Of the reference rest length and of the best ones; an older assessment has only its first finding."""
-    decision = assessment.get("decision")
-    if decision is None:
-        return tuple(text for code, text in _coded(assessment) if code.startswith("choice."))
-    entries = [decision["at_reference"], decision["at_best"], decision.get("cubes")]
-    return tuple(dict.fromkeys(entry["text"] for entry in entries if entry))
+    """Of the best rest lengths and of the reference one."""
+    decision = assessment.get("decision") or {}
+    entries = [decision.get(basis) for basis in ("at_best", "at_reference", "cubes")]
+    texts = [entry["text"] for entry in entries if entry and entry["code"] not in (*ADVICE, DecisionCode.ONLY_CUFF)]
+    return tuple(dict.fromkeys(texts))
 
 
 def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:
@@ -110,15 +163,18 @@ def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:
 
 def _limits_of_assessment(assessment: Plain) -> Iterator[str]:
     yield from (text for code, text in _coded(assessment) if code in LIMITING)
+    decision = (assessment.get("decision") or {}).get("at_reference") or {}
+    if decision.get("code") in ADVICE:
+        yield (
+            "The intervals do not contain the variation of donnings, bodies and muscles, so that no decision between "
+            "the cuffs rests on them."
+        )
     suit = assessment.get("inputs", {}).get("suit")
     if not assessment.get("subject") and suit in (None, named_hash(BUNDLED)):
         yield BUNDLED_SUIT
 
 
 def _coded(assessment: Plain) -> list[tuple[str, str]]:
-    """Code and sentence of every finding; an older assessment has no codes, and its first finding is the choice."""
-    sentences = assessment["findings"]
-    codes = [finding["code"] for finding in assessment.get("finding_codes") or ()]
-    if len(codes) != len(sentences):
-        codes = [AssessmentCode.LEAST_EFFORT.value, *[""] * (len(sentences) - 1)]
-    return list(zip(codes, sentences, strict=False))
+    """Code and sentence of every finding."""
+    codes = [finding["code"] for finding in assessment["finding_codes"]]
+    return list(zip(codes, assessment["findings"], strict=True))

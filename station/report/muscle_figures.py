@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 
 from station.charts.marks import (
     COLOURS,
     HALF,
     QUARTER,
+    THIRD,
     Array,
     Band,
     Chart,
@@ -34,6 +36,8 @@ Plain = Mapping[str, Any]
 
 LEAST_SHOWN = 0.01
 """A muscle whose activation stays below this in all conditions is at rest: it is named, not drawn."""
+FINE, SOLVED = 121, 1.6
+"""Points of a smooth curve, and radius [px] of the dot of a length that was solved."""
 COSTLIEST = 1.3
 """Where cost curves leave the figure: far too short a cord costs double, and would hide what matters."""
 NAMED_MUSCLES = (
@@ -73,10 +77,13 @@ class MuscleChange:
         return self.largest < LEAST_SHOWN
 
 
-def cost_figure(assessment: Plain, cuff: str) -> Chart:
-    """Muscle effort over the cord's rest length, in every condition with one arm cuff; 1 is a slack cord."""
-    places = {LIMIT: ("rigid",), **{CONDITIONS[name]: (cuff, name) for name in assessment["cost"][cuff]}}
-    return chart(_effort_panel(assessment, places))
+def cost_figure(assessment: Plain) -> Chart:
+    """Muscle effort over the cord's rest length: a panel per arm cuff with every condition; 1 is a slack cord."""
+    panels = []
+    for cuff in (name for name in assessment["cost"] if name != "rigid"):
+        places = {LIMIT: ("rigid",), **{CONDITIONS[name]: (cuff, name) for name in assessment["cost"][cuff]}}
+        panels.append(replace(_effort_panel(assessment, places), title=cuff, width=THIRD, height=230.0))
+    return chart(*panels, has_one_legend=True)
 
 
 def cuffs_figure(assessment: Plain) -> Chart:
@@ -124,7 +131,7 @@ def change_figure(changes: Sequence[MuscleChange]) -> Chart:
         )
         levels.append(Points(suited, rows + beside, colour, cuff, titles=titles))
         differences.append(Points(suited - slack, rows + beside, colour, cuff, titles=titles))
-    names, height = tuple(muscle.muscle for muscle in shown), 50.0 + 18.0 * len(shown)
+    names, height = tuple(muscle.muscle for muscle in shown), 50.0 + 12.5 * len(shown)
     return chart(
         Panel(tuple(levels), "mean activation", y_names=names, x_limits=(0.0, None), width=HALF, height=height),
         Panel(tuple(differences), "change from the slack cord", y_names=names, width=HALF, height=height),
@@ -134,7 +141,7 @@ def change_figure(changes: Sequence[MuscleChange]) -> Chart:
 
 def _offsets(count: int) -> Array:
     """Of so many dots in a row from its middle, so that equal ones do not hide each other."""
-    return np.linspace(-0.3, 0.3, count) if count > 1 else np.zeros(count)
+    return np.linspace(-0.25, 0.25, count) if count > 1 else np.zeros(count)
 
 
 def activation_figure(activations: pd.DataFrame, cuff: str) -> Chart:
@@ -159,33 +166,36 @@ def shown_muscles(activations: pd.DataFrame) -> list[str]:
     return [name for name in named if float(activations[name].max()) >= LEAST_SHOWN]
 
 
-def reduction_figure(assessment: Plain, cuff: str) -> Chart:
-    """Reduction of mean activation in the model at the reference rest length, and in the measured EMG."""
+def reduction_figure(assessment: Plain) -> Chart:
+    """Reduction of mean activation in the model at the reference rest length, and in the measured EMG, by arm cuff."""
+    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+    return chart(*(_reductions(assessment, cuff) for cuff in arms))
+
+
+def _reductions(assessment: Plain, cuff: str) -> Panel:
     measured = {row["muscle"]: row for row in assessment["emg"]}
     rows = values(range(len(measured)))
     modelled = [assessment["muscle_reduction"][cuff]["both"][name] for name in measured]
     percent = values([row["reduction_percent"]["value"] for row in measured.values()])
     spread = values([row["sd_percent"]["value"] for row in measured.values()])
     ends = 100 * values([number["ci95"] or (None, None) for number in modelled]).reshape(-1, 2)
-    return chart(
-        Panel(
-            (
-                Rule(0.0, "quiet", is_upright=True),
-                Intervals(rows - 0.12, ends[:, 0], ends[:, 1], "c1", is_upright=False),
-                Points(100 * values([number["value"] for number in modelled]), rows - 0.12, "c1", f"model, {cuff}"),
-                Intervals(rows + 0.12, percent - spread, percent + spread, "c2", is_upright=False),
-                Points(percent, rows + 0.12, "c2", "EMG ± sd", is_hollow=True),
-            ),
-            "reduction of mean activation [%]",
-            y_names=tuple(measured),
-            width=HALF,
-            height=70.0 + 22.0 * len(measured),
-        )
+    return Panel(
+        (
+            Rule(0.0, "quiet", is_upright=True),
+            Intervals(rows - 0.12, ends[:, 0], ends[:, 1], "c1", is_upright=False),
+            Points(100 * values([number["value"] for number in modelled]), rows - 0.12, "c1", f"model, {cuff}"),
+            Intervals(rows + 0.12, percent - spread, percent + spread, "c2", is_upright=False),
+            Points(percent, rows + 0.12, "c2", "EMG ± sd", is_hollow=True),
+        ),
+        "reduction of mean activation [%]",
+        y_names=tuple(measured),
+        width=THIRD,
+        height=70.0 + 22.0 * len(measured),
     )
 
 
 def _activation_panel(marks: tuple[Line, ...], muscle: str) -> Panel:
-    return Panel(marks, "time [s]", "activation", muscle, y_limits=(0.0, None), width=QUARTER, height=150.0)
+    return Panel(marks, "time [s]", "activation", muscle, y_limits=(0.0, None), width=QUARTER, height=120.0)
 
 
 def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], bands: Sequence[Band | Line] = ()) -> Panel:
@@ -204,7 +214,8 @@ def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], band
         for step in place:
             cost, best = cost[step], best[step]
         curve = values(cost["value"])
-        marks.append(Line(lengths, curve, colour, label))
+        marks.append(Line(*_smooth(lengths, curve), colour, label))
+        marks.append(Points(lengths, curve, colour, radius=SOLVED))
         if best["rest_length_m"]["value"] is not None:
             at, effort = values([best["rest_length_m"]["value"]]), values([best["normalised_cost"]["value"]])
             title = f"{label}: best at {at[0]:.3f} m, effort {effort[0]:.3f}"
@@ -227,9 +238,22 @@ def _bands(assessment: Plain, arms: Sequence[str]) -> Iterator[Band | Line]:
     for cuff, colour in zip(arms, COLOURS, strict=False):
         if cuff in found:
             low, high = values([ends or (None, None) for ends in found[cuff]["both"]["ci95"]]).T
-            yield Band(lengths, low, high, colour)
-            yield Line(lengths, low, colour, dash="dashed", width=0.8)
-            yield Line(lengths, high, colour, dash="dashed", width=0.8)
+            fine, low = _smooth(lengths, low)
+            _, high = _smooth(lengths, high)
+            yield Band(fine, low, high, colour)
+            yield Line(fine, low, colour, dash="dashed", width=0.8)
+            yield Line(fine, high, colour, dash="dashed", width=0.8)
+
+
+def _smooth(lengths: Array, curve: Array) -> tuple[Array, Array]:
+    """The cubic spline through the efforts at the lengths solved, whose minimum is the best rest length.
+
+    Where an effort is not known, the values themselves.
+    """
+    if len(lengths) < 4 or not np.isfinite(curve).all():
+        return lengths, curve
+    fine = np.linspace(lengths[0], lengths[-1], FINE)
+    return fine, values(scipy.interpolate.CubicSpline(lengths, curve)(fine))
 
 
 def _conditions(activations: pd.DataFrame, cuff: str) -> Iterator[tuple[str, pd.DataFrame, Colour]]:

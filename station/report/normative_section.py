@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from fitting.cuffs.wearable_cuff import Cuff
 from recordings.manifest import DataOrigin
 from station.checksums import write_checksums
 from station.report.cuff_section import Cuffs, figure_of
-from station.report.located import LocatedInteger, LocatedObject, Source, located
-from station.report.number_texts import Shown, estimated
-from station.report.sourced_number import Form, SourcedNumber, sourced
+from station.report.numbers import LocatedInteger, LocatedObject, Number, Shown, ends, interval, located, mean_with
+from station.report.report_file import Source
 from station.study.normative_file import NORMATIVE_FILE, NormativeEntry, NormativePlace, read_normative
 from station.study.study_document import QuantityName
 from station.study.units import SHOWN
@@ -32,7 +32,7 @@ class NormativeRow:
     quantity: str
     own: Shown
     mean: Shown
-    interval: SourcedNumber
+    interval: Number
     place: str
     volunteers: LocatedInteger
 
@@ -51,10 +51,10 @@ def normative_section(folder: Path, cuffs: Cuffs, origin: DataOrigin) -> Normati
     path = folder / NORMATIVE_FILE
     if not path.is_file():
         return None
-    document = read_normative(path)
-    places: LocatedObject = located(document.model_dump(mode="json")["cuffs"], Source(NORMATIVE_FILE, "/cuffs"))
-    rows = tuple(row for name in cuffs for row in _rows(name, cuffs, document.cuffs.get(name) or {}, places))
-    return NormativeSection(rows, document.origin, document.origin == origin)
+    table = read_normative(path)
+    places: LocatedObject = located(table.model_dump(mode="json")["cuffs"], Source.of(NORMATIVE_FILE, "/cuffs"))
+    rows = tuple(row for name, fit in cuffs.items() for row in _rows(fit, table.cuffs.get(name) or {}, places))
+    return NormativeSection(rows, table.origin, table.origin == origin)
 
 
 def adopt_normative(table: Path, folder: Path) -> None:
@@ -69,18 +69,16 @@ def adopt_normative(table: Path, folder: Path) -> None:
     write_checksums(copy)
 
 
-def _rows(
-    name: str, cuffs: Cuffs, entries: Mapping[QuantityName, NormativeEntry], places: LocatedObject
-) -> Iterator[NormativeRow]:
+def _rows(fit: Cuff, entries: Mapping[QuantityName, NormativeEntry], places: LocatedObject) -> Iterator[NormativeRow]:
     for quantity, entry in entries.items():
-        own = getattr(cuffs[name], quantity)
-        (scale, unit), place = SHOWN[quantity], places[name][quantity]
+        value = getattr(fit, quantity)
+        (scale, unit), place = SHOWN[quantity], places[fit.name][quantity]
         yield NormativeRow(
-            name,
+            fit.name,
             f"{quantity} [{unit}]",
-            estimated(figure_of(cuffs[name], quantity), scale),
-            sourced(place["mean"], Form.INTERVAL, scale, ci95=place["mean_ci95"]),
-            sourced(place["prediction95"], Form.RANGE, scale),
-            PLACES[entry.place(own.value)] if own else "",
+            interval(figure_of(fit, quantity), scale),
+            mean_with(place, "mean", scale),
+            ends(place["prediction95"], scale),
+            PLACES[entry.place(value.value)] if value else "",
             place["volunteers"],
         )

@@ -1,6 +1,7 @@
 """One self-contained page of all that a folder holds: recordings, fitted cuffs, assessment, and the hashes of them.
 
-report.json beside it lists every number of the page with its source.
+report.json beside it lists every number of the page with its source. The text of the page follows from the files of the
+folder alone, so that it can be rendered again and compared; its figures follow from the samples, too.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib import metadata
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -20,7 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
@@ -38,36 +39,27 @@ from station.messages.html import with_commands
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
 from station.progress import Progress, silent
-from station.recordings_of_session import pulls_in, recordings_in
+from station.recordings_of_session import motions_in, pulls_in, recordings_in
 from station.report.assessment_section import assessment_section, effort_figures, suit_figures
-from station.report.cuff_section import Cuffs, ReportedCuff, TrueCuff, cuff_figures, overview_figure
+from station.report.cuff_section import TrueCuff, cuff_figures, reported_cuffs
 from station.report.emg_section import emg_figures, emg_section
-from station.report.first_page import summary_of
-from station.report.located import LocatedObject, Source, located
+from station.report.first_page import first_page
 from station.report.normative_section import normative_section
-from station.report.number_register import NumberRegister
-from station.report.number_texts import (
-    entry_number,
-    estimated,
-    fixed,
-    length,
-    of_this_cuff,
-    true_number,
-    worn_number,
-)
+from station.report.numbers import LocatedObject, NumberRegister, figure, fixed, interval, length, located, worn
 from station.report.pictures import Picture, PlannedFigure, draw_all
 from station.report.provenance import Provenance
-from station.report.report_file import FORMAT, PageEntry, ReportDocument, numbers_text
-from station.report.session_facts import session_facts
+from station.report.report_file import FORMAT, PageEntry, ReportDocument, Source, numbers_text
+from station.report.session_facts import recording_rows, session_facts
+from station.report.wearer_section import wearer_figures
 from station.study.normative_file import NORMATIVE_FILE
 from station.whole_file import drafted, write_whole
 
 T = TypeVar("T")
+Drawn = Mapping[str, Sequence[Picture]]
 _HERE = Path(__file__).parent
 
-OVERVIEW, EFFORT, MUSCLES, EMG = "overview", "effort", "muscles", "emg"
+EFFORT, MUSCLES, WEARER, EMG = "effort", "muscles", "wearer", "emg"
 """Sections with figures; every cuff has one, too."""
-OVERVIEW_CAPTION = "Stiffness, damping and migration of all cuffs with 95 % intervals"
 TRUTH_FILE = "simulated_truth.json"
 """Beside the recordings of simulated devices: what the simulated cuffs carried."""
 MISSING_FILE = "missing.json"
@@ -80,15 +72,14 @@ class ReportError(StationError):
 
 @dataclass(frozen=True)
 class Results:
-    """What a page is made of: the fit of the recordings or cuffs.json, and the other results in the folder.
+    """What the text of a page is made of.
 
     document: content of cuffs.json, or what a fit would write there, empty without either
     assessment: located, with the intervals of total uncertainty where people were drawn
     """
 
     folder: Path
-    fitted: SessionFit | None
-    cuffs: Cuffs
+    cuffs: Mapping[str, Cuff]
     document: LocatedObject
     truth: dict[str, TrueCuff]
     assessment: Mapping[str, Any] | None
@@ -112,15 +103,8 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     """
     if fitted is None and folder.is_dir() and pulls_in(folder):
         fitted = fit_session_folder(folder, None, progress)
-    results = _read_results(folder, fitted)
-    drawn = draw_all(_planned(results), progress)
-    documents = {CUFFS_FILE: results.document, ASSESSMENT_FILE: results.assessment}
-    register = NumberRegister(Provenance(results.document, results.assessment), documents)
-    pictures = {
-        section: register.add_figures(section, found, _series(section, results)) for section, found in drawn.items()
-    }
-    inputs = _inputs(folder)
-    page = _environment(register).get_template("page.html").render(_context(results, pictures))
+    results = read_results(folder, fitted)
+    page, register = render(results, draw_all(_planned(results, fitted), progress))
     path, beside = folder / REPORT_FILE, folder / NUMBERS_FILE
     content = page.encode(errors="replace")
     listed = ReportDocument(
@@ -128,7 +112,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
         page=PageEntry(file=path.name, sha256=hashlib.sha256(content).hexdigest()),
         origin=results.origin,
         version=metadata.version("cuffstation"),
-        inputs=inputs,
+        inputs=_inputs(folder),
         numbers=register.numbers,
         figures=register.figures,
     )
@@ -145,85 +129,102 @@ def write_missing(folder: Path, missing: Sequence[str]) -> None:
         write_whole(folder / MISSING_FILE, json.dumps(list(missing), indent=2, ensure_ascii=False) + "\n")
 
 
-def _read_results(folder: Path, fitted: SessionFit | None) -> Results:
-    cuffs: Cuffs = fitted.cuffs if fitted else _cuffs_of(folder)
+def read_results(folder: Path, fitted: SessionFit | None = None) -> Results:
+    """The results of a folder; those of the cuffs from the fit, or else from cuffs.json.
+
+    Raises ReportError without results, and the errors of the readers.
+    """
+    if fitted is not None:
+        cuffs = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
+    else:
+        cuffs = read_cuffs(folder / CUFFS_FILE) if (folder / CUFFS_FILE).is_file() else {}
     path = folder / ASSESSMENT_FILE
-    assessment = located(read_assessment(path), Source(ASSESSMENT_FILE)) if path.is_file() else None
+    assessment = read_assessment(path) if path.is_file() else None
     emg = read_emg_document(folder / EMG_FILE) if (folder / EMG_FILE).is_file() else None
     if not cuffs and not assessment and not emg:
         raise ReportError(Message(FolderCode.NOTHING_TO_REPORT, {"folder": str(folder)}))
     document = json.loads(cuffs_json(fitted)) if fitted else read_json(folder / CUFFS_FILE) if cuffs else {}
     return Results(
         folder,
-        fitted,
         cuffs,
-        located(document, Source(CUFFS_FILE)),
+        located(document, Source.of(CUFFS_FILE)),
         _beside(folder / TRUTH_FILE, _TRUTH) or {},
-        with_total_intervals(assessment) if assessment else None,
+        located_assessment(assessment) if assessment else None,
         emg,
     )
 
 
-def _context(results: Results, pictures: Mapping[str, Sequence[Picture]]) -> dict[str, Any]:
+def located_assessment(assessment: Mapping[str, Any]) -> Mapping[str, Any]:
+    """assessment.json as the page shows it."""
+    return with_total_intervals(located(assessment, Source.of(ASSESSMENT_FILE)))
+
+
+def render(results: Results, drawn: Drawn = MappingProxyType({})) -> tuple[str, NumberRegister]:
+    """The page, and its numbers and figures by their ids; without drawings, the same numbers."""
+    register = NumberRegister(Provenance(results.document, results.assessment))
+    pictures = {
+        section: register.add_figures(section, found, _series(section, results)) for section, found in drawn.items()
+    }
+    page = _environment(register).get_template("page.html").render(_context(results, pictures))
+    return page, register
+
+
+def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
     """What the templates show."""
     folder, document, assessment, emg = results.folder, results.document, results.assessment, results.emg
     origin, chain = results.origin, chain_of(folder, is_report_included=False)
-    known = located({name: cuff.model_dump() for name, cuff in results.truth.items()}, Source(TRUTH_FILE))
-    entries = document.get("cuffs", {})
+    known = located({name: cuff.model_dump() for name, cuff in results.truth.items()}, Source.of(TRUTH_FILE))
     return {
         "folder": folder.resolve().name,
         "facts": session_facts(folder, recordings_in(folder), document.get("calibration"), origin),
-        "summary": summary_of(assessment, results.cuffs),
-        "cuffs": [
-            ReportedCuff(fit, entries[name], known.get(name), pictures[f"cuff {name}"])
-            for name, fit in results.cuffs.items()
-        ],
-        "overview": pictures[OVERVIEW],
-        "has_truth": bool(known),
+        "first": first_page(assessment, results.cuffs),
+        "cuffs": reported_cuffs(results.cuffs, document, assessment, known, pictures),
+        "effort": pictures.get(EFFORT, ()),
+        "is_fitted": bool(results.cuffs),
         "origin": origin,
         "chain": chain,
         "doubts": [str(link) for link in chain if link.standing.is_break] + _contradictions(results.cuffs, assessment),
         "given": [str(link) for link in chain if link.standing is Standing.BY_HAND],
-        "missing": located(_beside(folder / MISSING_FILE, _MISSING) or [], Source(MISSING_FILE)),
-        "trials": [trial for cuff in entries.values() for trial in cuff.get("trials", ())] if results.fitted else [],
-        "rejected": document.get("rejected", ()) if results.fitted else (),
+        "missing": located(_beside(folder / MISSING_FILE, _MISSING) or [], Source.of(MISSING_FILE)),
+        "recordings": recording_rows(folder, document),
         "assessment": assessment,
-        "suit": assessment_section(assessment, pictures[EFFORT], pictures[MUSCLES]) if assessment else None,
-        "emg": emg_section(emg, pictures[EMG]) if emg else None,
+        "suit": assessment_section(assessment, pictures.get(MUSCLES, ())) if assessment else None,
+        "wearer": pictures.get(WEARER, ()),
+        "emg": emg_section(emg, pictures.get(EMG, ())) if emg else None,
         "normative": normative_section(folder, results.cuffs, origin),
         "version": metadata.version("cuffstation"),
     }
 
 
-def _planned(results: Results) -> dict[str, Sequence[PlannedFigure]]:
+def _planned(results: Results, fitted: SessionFit | None) -> dict[str, Sequence[PlannedFigure]]:
     """Figures by section."""
-    cuffs, assessment, emg = results.cuffs, results.assessment, results.emg
-    drawing = partial(overview_figure, cuffs, results.truth)
-    overview = PlannedFigure(drawing, OVERVIEW_CAPTION, is_wide=True, is_printed=True)
+    assessment, emg = results.assessment, results.emg
     return {
-        OVERVIEW: [overview] if cuffs else (),
         EFFORT: effort_figures(assessment) if assessment else (),
         MUSCLES: suit_figures(assessment, results.folder) if assessment else (),
+        WEARER: wearer_figures(results.folder),
         EMG: emg_figures(emg) if emg else (),
-        **{f"cuff {name}": cuff_figures(fit) if isinstance(fit, CuffFit) else () for name, fit in cuffs.items()},
+        **{
+            f"cuff {name}": cuff_figures(fit, results.truth.get(name))
+            for name, fit in (fitted.cuffs if fitted else {}).items()
+        },
     }
 
 
 def _series(section: str, results: Results) -> list[Source]:
     """Places of the series that the figures of a section show; those of a cuff show its samples, too."""
-    cuffs, assessed = Source(CUFFS_FILE, "/cuffs"), Source(ASSESSMENT_FILE)
-    if section == OVERVIEW:
-        return [cuffs.child(name).child(key) for name in results.cuffs for key in QUANTITIES.values()]
+    cuffs, assessed = Source.of(CUFFS_FILE, "/cuffs"), Source.of(ASSESSMENT_FILE)
     if section == EFFORT:
         return [assessed.child(key) for key in ("rest_lengths_m", "cost")]
     if section == MUSCLES:
         keys = ("rest_lengths_m", "cost", "muscle_reduction", "postures", "emg")
-        return [*(assessed.child(key) for key in keys), Source(ACTIVATIONS_FILE)]
+        return [*(assessed.child(key) for key in keys), Source.of(ACTIVATIONS_FILE)]
+    if section == WEARER:
+        return [Source.of(path.name) for path in motions_in(results.folder)]
     if section == EMG:
-        return [Source(EMG_FILE, "/trials"), Source(EMG_FILE, "/changes")]
+        return [Source.of(EMG_FILE, "/trials"), Source.of(EMG_FILE, "/changes")]
     name = section.removeprefix("cuff ")
-    found = results.cuffs[name]
-    return [cuffs.child(name), *(Source(file) for file in found.sources)]
+    return [cuffs.child(name), *(Source.of(file) for file in results.cuffs[name].sources)]
 
 
 def _inputs(folder: Path) -> dict[str, str]:
@@ -233,12 +234,12 @@ def _inputs(folder: Path) -> dict[str, str]:
     return {path.name: sha256_of(path) for path in made_of if path.is_file()}
 
 
-def _contradictions(cuffs: Cuffs, assessment: Mapping[str, Any] | None) -> list[str]:
+def _contradictions(cuffs: Mapping[str, Cuff], assessment: Mapping[str, Any] | None) -> list[str]:
     """Where the assessment wears other figures than those in the table of cuffs, in sentences."""
     sentences = []
-    for name, worn in ((assessment or {}).get("cuffs") or {}).items():
+    for name, entries in ((assessment or {}).get("cuffs") or {}).items():
         for quantity, key in QUANTITIES.items() if name in cuffs else ():
-            shown, entry = getattr(cuffs[name], quantity), worn.get(key) or {}
+            shown, entry = getattr(cuffs[name], quantity), entries.get(key) or {}
             value = entry.get("value")
             if shown is None or value is None or math.isclose(shown.value, value, rel_tol=1e-9):
                 continue
@@ -248,11 +249,6 @@ def _contradictions(cuffs: Cuffs, assessment: Mapping[str, Any] | None) -> list[
                 f"{value:.6g} {UNITS[quantity]}{by_hand}, and the table has {shown.value:.6g}"
             )
     return sentences
-
-
-def _cuffs_of(folder: Path) -> dict[str, Cuff]:
-    path = folder / "cuffs.json"
-    return read_cuffs(path) if path.is_file() else {}
 
 
 _TRUTH, _MISSING = TypeAdapter(dict[str, TrueCuff]), TypeAdapter(list[str])
@@ -281,11 +277,9 @@ def _environment(register: NumberRegister) -> Environment:
         finalize=register.mark,
     )
     environment.filters |= {
-        "spoken": estimated,
-        "of_cuff": of_this_cuff,
-        "figure": entry_number,
-        "worn": worn_number,
-        "beside": true_number,
+        "interval": interval,
+        "figure": figure,
+        "worn": worn,
         "fixed": fixed,
         "number_of": length,
         "commands": lambda sentence: with_commands(register.mark(sentence)),

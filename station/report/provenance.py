@@ -8,14 +8,12 @@ from typing import Any
 
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from station.assessment.assessment_json import ASSESSMENT_FILE
-from station.report.located import Source, resolve
+from station.report.report_file import Source
 
 Plain = Mapping[str, Any]
 
 WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "reference_rest_length_m", "emg"})
 """Keys of assessment.json whose numbers do not depend on the cuffs."""
-SENTENCES = {"findings": "finding_codes", "notes": "note_codes"}
-"""List of sentences → list of their codes and figures, in the same object."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,6 @@ class Provenance:
         """Draws behind the interval of an assessed number; None for other numbers."""
         if source.file != ASSESSMENT_FILE or self.assessment is None or source.keys[:1] in (["cuffs"], ["subject"]):
             return None
-        is_total = source.keys[:1] == ["total_uncertainty"]
         is_total = source.keys[:1] == ["total_uncertainty"]
         part, key = ("total_uncertainty", "people") if is_total else ("uncertainty", "draws")
         settings = self.assessment.get(part)
@@ -83,24 +80,3 @@ class Provenance:
 
     def _fitted_from(self, cuff: str) -> Iterable[str]:
         return self._behind_cuffs_file(["cuffs", cuff])
-
-
-def figures_of(document: Any, source: Source) -> dict[str, float | str]:
-    """Figures of a sentence, from its entry with code and figures; empty for a text without a code."""
-    *parents, last = source.keys
-    if last == "text":
-        place = parents
-    elif last == "reason":
-        place = [*parents, "reason_code"]
-    elif parents and parents[-1] in SENTENCES:
-        place = [*parents[:-1], SENTENCES[parents[-1]], last]
-    else:
-        return {}
-    code = Source(source.file)
-    for key in place:
-        code = code.child(key)
-    try:
-        found = resolve(document, code)
-    except KeyError:
-        return {}
-    return dict(found.get("figures") or {}) if isinstance(found, Mapping) else {}

@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from documents.plain_data import PlainDataError, read_json
+from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.results.standing import Standing
@@ -26,9 +27,8 @@ from station.messages.message import Message
 from station.motion_filter import CUTOFF_HZ
 from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in
-from station.report.located import Source, resolve
-from station.report.report_file import ReportedNumberEntry, ReportFileError, read_numbers
-from station.report.sourced_number import Form, reduced
+from station.report.page import Results, located_assessment, read_results, render
+from station.report.report_file import ReportedNumber, ReportFileError, Source, read_numbers
 
 TOLERANCE = 1e-6
 """Relative difference of two numbers that count as equal: other processors and libraries round differently."""
@@ -68,13 +68,13 @@ def recomputed_links(folder: Path, progress: Progress = silent) -> list[Link]:
     A session without recordings of cuffs has none. Raises SessionError if its recordings cannot be fitted.
     """
     links: list[Link] = []
-    numbers = _listed(folder)
-    if pulls_in(folder):
-        fitted = json.loads(cuffs_json(fit_session_folder(folder, None, progress)))
-        links += _links(folder, CUFFS_FILE, fitted, numbers, "fit of the recordings")
+    fitted = fit_session_folder(folder, None, progress) if pulls_in(folder) else None
+    if fitted is not None:
+        document = json.loads(cuffs_json(fitted))
+        links += _links(CUFFS_FILE, document, read_results(folder, fitted), "fit of the recordings")
     plain = _read(folder / ASSESSMENT_FILE)
     if plain is not None:
-        links += _assessment_links(folder, plain, numbers, progress)
+        links += _assessment_links(folder, plain, fitted, progress)
     return links
 
 
@@ -82,7 +82,7 @@ def differences(found: Any, expected: Any, pointer: str = "") -> Iterator[Differ
     """Every value of a file (found) that differs, in its order. A key that it lacks is one of a later station."""
     if isinstance(found, Mapping) and isinstance(expected, Mapping):
         for key, value in found.items():
-            yield from differences(value, expected.get(key), Source("", pointer).child(key).pointer)
+            yield from differences(value, expected.get(key), Source.of("", pointer).child(key).pointer)
     elif isinstance(found, list) and isinstance(expected, list) and len(found) == len(expected):
         for index, (entry, other) in enumerate(zip(found, expected, strict=True)):
             yield from differences(entry, other, f"{pointer}/{index}")
@@ -90,43 +90,35 @@ def differences(found: Any, expected: Any, pointer: str = "") -> Iterator[Differ
         yield Difference(pointer, found, expected)
 
 
-def _links(
-    folder: Path, file: str, computed: Plain, numbers: Mapping[str, ReportedNumberEntry], what: str
-) -> Iterator[Link]:
-    """Of a file of results, and of the numbers in the report that are from it."""
-    plain = _read(folder / file) or {}
-    left_out = NOT_COMPUTED | (OF_PEOPLE if plain.get("total_uncertainty") else set())
+def _links(file: str, computed: Plain, results: Results, what: str) -> Iterator[Link]:
+    """Of a file of results, and of the numbers in the report that are from it; results hold the computed one."""
+    plain, listed = _read(results.folder / file) or {}, _listed(results.folder)
     if plain:
+        left_out = _left_out(plain)
         compared = {key: value for key, value in plain.items() if key not in left_out}
         yield _link(f"{file} ← {what}", list(differences(compared, computed)))
-    reported = {
-        key: number
-        for key, number in numbers.items()
-        if number.source.file == file and not left_out & set(number.source.source().keys[:1])
-    }
-    found = [difference for key, number in reported.items() for difference in _of_number(key, number, computed)]
+    reported = {key: number for key, number in listed.items() if number.source.file == file}
     if reported:
+        again = render(results)[1].numbers
+        found = [found for key, number in reported.items() for found in _of_number(key, number, again.get(key))]
         yield _link(f"{NUMBERS_FILE} ← {what}, {len(reported)} numbers", found)
 
 
-def _of_number(key: str, number: ReportedNumberEntry, computed: Plain) -> Iterator[Difference]:
-    """Differences of a reported number, by its id, from the value at its place in a computed result."""
-    source = number.source.source()
-    try:
-        value = reduced(resolve(computed, source), source.derivation)
-    except (KeyError, TypeError):
+def _left_out(plain: Plain) -> frozenset[str]:
+    """Keys of a result that are not computed again."""
+    return NOT_COMPUTED | (OF_PEOPLE if plain.get("total_uncertainty") else frozenset())
+
+
+def _of_number(key: str, number: ReportedNumber, again: ReportedNumber | None) -> Iterator[Difference]:
+    """Differences of a reported number, by its id, from the one that computed results give."""
+    if again is None:
         yield Difference(key, number.value, None)
         return
-    if isinstance(value, Mapping) and "value" in value:
-        expected = {"value": value["value"], "ci95": value.get("ci95")}
-        yield from differences({"value": number.value, "ci95": number.ci95}, expected, key)
-    elif number.rendering.form is not Form.BUSHING:  # its numbers are among the others
-        yield from differences(number.value, value, key)
+    found, expected = ({"value": one.value, "ci95": one.ci95} for one in (number, again))
+    yield from differences(found, expected, key)
 
 
-def _assessment_links(
-    folder: Path, plain: Plain, numbers: Mapping[str, ReportedNumberEntry], progress: Progress
-) -> Iterator[Link]:
+def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, progress: Progress) -> Iterator[Link]:
     from station.assessment.assess import assess_cuffs, write_assessment
 
     inputs = _inputs(folder, plain)
@@ -146,7 +138,9 @@ def _assessment_links(
     with TemporaryDirectory() as written:
         write_assessment(assessed, Path(written))
         computed = read_json(Path(written) / ASSESSMENT_FILE)
-    yield from _links(folder, ASSESSMENT_FILE, computed, numbers, "the model")
+    whole = {**computed, **{key: plain[key] for key in _left_out(plain) & set(plain)}}
+    results = replace(read_results(folder, fitted), assessment=located_assessment(whole))
+    yield from _links(ASSESSMENT_FILE, computed, results, "the model")
 
 
 def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
@@ -165,7 +159,7 @@ def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
     return replace(inputs, tendons=named.get("tendons", "rigid"), cutoff_hz=None if cutoff == "none" else float(cutoff))
 
 
-def _listed(folder: Path) -> Mapping[str, ReportedNumberEntry]:
+def _listed(folder: Path) -> Mapping[str, ReportedNumber]:
     try:
         return read_numbers(folder / NUMBERS_FILE).numbers
     except ReportFileError:

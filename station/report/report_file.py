@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -14,11 +16,9 @@ from recordings.manifest import DataOrigin
 from station.errors import StationError
 from station.messages.file_codes import NumberCode
 from station.messages.message import Message
-from station.report.located import Derivation, Source
-from station.report.sourced_number import Form, Rendering, SourcedNumber
 
-FORMAT: Literal[1] = 1
-"""It rises where a key changes its meaning, not where one is added."""
+FORMAT: Literal[2] = 2
+"""It rises where a key changes its meaning or is left out, not where one is added."""
 
 
 class ReportFileError(StationError):
@@ -29,7 +29,17 @@ class _Entry(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
 
-class SourceEntry(_Entry):
+class Derivation(StrEnum):
+    """How a number is computed from the value at its pointer."""
+
+    VALUE = "value"
+    SUM = "sum"
+    LENGTH = "length"
+    DISTINCT = "distinct"
+    """Number of different values at the pointers over the recordings of the number; of recordings without a pointer."""
+
+
+class Source(_Entry):
     """Where a number is from: file in the session folder and JSON Pointer (RFC 6901) into it."""
 
     file: Annotated[str, Field(description="of a recording, the pointer is into its manifest; empty for a count")]
@@ -39,55 +49,64 @@ class SourceEntry(_Entry):
         Field(strict=False, description="how the number follows from what the pointer gives"),
     ] = Derivation.VALUE
 
-    def source(self) -> Source:
-        return Source(self.file, self.pointer, self.derivation)
+    @classmethod
+    def of(cls, file: str, pointer: str = "", derivation: Derivation = Derivation.VALUE) -> Source:
+        """Without validation: a result has a place for each of its numbers."""
+        return cls.model_construct(file=file, pointer=pointer, derivation=derivation)
+
+    def child(self, key: str | int) -> Source:
+        """Place of an element of the object or list at this place."""
+        escaped = str(key).replace("~", "~0").replace("/", "~1")
+        return Source.of(self.file, f"{self.pointer}/{escaped}")
+
+    def derived(self, derivation: Derivation) -> Source:
+        """The same place with another derivation."""
+        return Source.of(self.file, self.pointer, derivation)
+
+    @property
+    def keys(self) -> list[str]:
+        """The pointer as keys."""
+        return [key.replace("~1", "/").replace("~0", "~") for key in self.pointer.split("/")[1:]]
+
+    def resolve(self, document: Any) -> Any:
+        """The value at this place of a document. Raises KeyError if there is none."""
+        value = document
+        for key in self.keys:
+            if isinstance(value, Mapping) and key in value:
+                value = value[key]
+            elif isinstance(value, list) and key.isdecimal() and int(key) < len(value):
+                value = value[int(key)]
+            else:
+                raise KeyError(self.pointer)
+        return value
 
 
-class RenderingEntry(_Entry):
-    """Rule of the text: it shows scale × value; around has what surrounds the number, in place of its braces."""
-
-    form: Annotated[Form, Field(strict=False)]
-    scale: float = 1.0
-    digits: Annotated[int, Field(description="decimals, where the interval does not determine them")] = 0
-    around: str = "{}"
-
-
-class ReportedNumberEntry(_Entry):
+class ReportedNumber(_Entry):
     """A number of the page, whose element has the key of this entry as its id. A sentence with numbers is one, too."""
 
     text: str
     value: float | str | list[float]
     ci95: Annotated[list[float] | None, Field(min_length=2, max_length=2)] = None
-    censored: Annotated[str | None, Field(description="end of ci95 that is a bound: low, high or both")] = None
-    unit: Annotated[str, Field(description="of value; the text shows scale × value")] = ""
-    rendering: RenderingEntry
-    source: SourceEntry
-    figures: Annotated[
-        dict[str, float | str], Field(default_factory=dict, description="of a sentence, by name with the unit")
-    ]
+    unit: Annotated[str, Field(description="of value; the text may show another")] = ""
+    source: Source
     recordings: Annotated[list[str], Field(default_factory=list, description="files on whose samples it rests")]
     draws: Annotated[int | None, Field(description="random draws behind ci95")] = None
     seed: int | None = None
 
-    def number(self) -> SourcedNumber:
-        """The number as it is rendered."""
-        rendering = self.rendering
-        return SourcedNumber(
-            tuple(self.value) if isinstance(self.value, list) else self.value,
-            self.source.source(),
-            Rendering(rendering.form, rendering.scale, rendering.digits, rendering.around),
-            (self.ci95[0], self.ci95[1]) if self.ci95 else None,
-            self.censored,
-            tuple(self.recordings),
-        )
+    @property
+    def attribute(self) -> str | None:
+        """The attribute `value` of its element; None of a sentence."""
+        if isinstance(self.value, str):
+            return None
+        return " ".join(map(repr, self.value if isinstance(self.value, list) else [self.value]))
 
 
-class DrawnFigureEntry(_Entry):
+class DrawnFigure(_Entry):
     """A figure of the page: its caption, the SHA-256 of its drawing, and the places of the series that it shows."""
 
     caption: str
     sha256: str
-    sources: list[SourceEntry]
+    sources: list[Source]
     recordings: list[str] = Field(default_factory=list)
 
 
@@ -99,13 +118,13 @@ class PageEntry(_Entry):
 class ReportDocument(_Entry):
     """report.json: every number of report.html with its source. Values are SI; the key of a pointer has the unit."""
 
-    format: Literal[1]
+    format: Literal[2]
     page: PageEntry
     origin: Annotated[DataOrigin, Field(strict=False)]
     version: Annotated[str, Field(description="of the station that wrote the page")]
     inputs: Annotated[dict[str, str], Field(description="file → SHA-256 of all that the page is made of")]
-    numbers: Annotated[dict[str, ReportedNumberEntry], Field(description="by the id of the element on the page")]
-    figures: Annotated[dict[str, DrawnFigureEntry], Field(description="by the id of the element on the page")]
+    numbers: Annotated[dict[str, ReportedNumber], Field(description="by the id of the element on the page")]
+    figures: Annotated[dict[str, DrawnFigure], Field(description="by the id of the element on the page")]
 
 
 def numbers_text(document: ReportDocument) -> str:

@@ -1,4 +1,4 @@
-"""Subject, times and devices of the session for the first page of the report, from its recordings and journal."""
+"""Subject, times, devices and recordings of the session, from its recordings and journal."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from recordings.manifest import DataOrigin, Manifest, manifest_to_json
 from recordings.reader import read_manifest
 from station.journal import JournalError, read_journal
 from station.journal_lines import JOURNAL_FILE
-from station.report.located import Derivation, LocatedObject, Source, located, resolve
-from station.report.number_texts import Shown
-from station.report.sourced_number import Form, Rendering, SourcedNumber, sourced
+from station.protocol import describe_trial
+from station.recordings_of_session import recordings_in
+from station.report.numbers import LocatedObject, Number, Shown, half_width, length, located, plain, total
+from station.report.report_file import Derivation, Source
 
 UNKNOWN = "not recorded"
 ORIGINS = {
@@ -58,6 +59,36 @@ def session_facts(
     return tuple(facts)
 
 
+@dataclass(frozen=True)
+class RecordingRow:
+    """A recording in the order of the session: its entry in cuffs.json, None without one, or why it was rejected."""
+
+    time: str
+    title: str
+    file: str
+    trial: LocatedObject | None
+    reason: str
+
+
+def recording_rows(folder: Path, document: LocatedObject) -> tuple[RecordingRow, ...]:
+    """Every trial of the session, also those of the wearer and those that were not used, by time."""
+    trials = {trial["file"]: trial for cuff in document.get("cuffs", {}).values() for trial in cuff.get("trials", ())}
+    rejected = {trial["file"]: trial["reason"] for trial in document.get("rejected", ())}
+    rows = {}
+    for file, manifest in _manifests(recordings_in(folder)):
+        cuff = manifest.cuff.name if manifest.cuff else None
+        title = describe_trial(cuff, manifest.test, manifest.repeat, manifest.condition)
+        begun = datetime.fromtimestamp(1e-9 * manifest.start_utc_ns, UTC)
+        row = RecordingRow(f"{begun:%H:%M:%S}", title, file, trials.get(file), rejected.get(file, ""))
+        rows[file] = (manifest.start_utc_ns, row)
+    unread = [
+        RecordingRow("", "", file, trials.get(file), rejected.get(file, ""))
+        for file in (*trials, *rejected)
+        if file not in rows
+    ]
+    return (*(row for _, row in sorted(rows.values(), key=lambda entry: entry[0])), *unread)
+
+
 def _manifests(recordings: Sequence[Path]) -> Iterator[tuple[str, Manifest]]:
     for path in recordings:
         try:
@@ -96,7 +127,7 @@ def _devices(manifests: Sequence[Manifest]) -> str:
 def _load_cell(file: str, manifest: Manifest) -> Iterator[Shown]:
     cell = manifest.load_cell
     if cell.capacity_kg:
-        yield _short(_plain(file, manifest)["load_cell"]["capacity_kg"])
+        yield plain(_manifest(file, manifest)["load_cell"]["capacity_kg"])
         yield " kg, "
     certificate = f"calibrated on {cell.calibrated_on}" if cell.calibrated_on else "calibration date not recorded"
     due = f", due on {cell.calibration_due_on}" if cell.calibration_due_on else ""
@@ -108,11 +139,11 @@ def _calibration(calibration: Mapping[str, Any] | None) -> Iterator[Shown]:
     if calibration is None:
         yield "no bounce trial: gain and lag as configured"
         return
-    yield from _with_noun(sourced(calibration["sources"], Form.GENERAL, derivation=Derivation.LENGTH), "bounce trial")
+    yield from _with_noun(length(calibration["sources"]), "bounce trial")
     yield ": gain "
-    yield sourced(calibration["gain"], Form.PLUS_MINUS, digits=4)
+    yield half_width(calibration["gain"], digits=4)
     yield ", lag of the force "
-    yield sourced(calibration["lag_s"], Form.PLUS_MINUS, 1e3, 1)
+    yield half_width(calibration["lag_s"], 1e3, 1)
     yield " ms (95 % intervals)"
 
 
@@ -125,19 +156,19 @@ def _protocol(manifests: Mapping[str, Manifest]) -> Iterator[Shown]:
     yield " of "
     yield from _with_noun(_count(of_cuffs, "/cuff/name"), "cuff")
     yield " in "
-    yield from _with_noun(_count(of_cuffs, "/cuff/name /donning"), "donning")
+    yield from _with_noun(_count(of_cuffs, "/cuff/name", "/donning"), "donning")
     file, last = list(of_cuffs.items())[-1]
-    planned: LocatedObject = _plain(file, last)["protocol"]
+    planned: LocatedObject = _manifest(file, last)["protocol"]
     if masses := planned["step_masses_kg"]:
         yield "; static: "
-        yield from _with_noun(sourced(masses, Form.GENERAL, derivation=Derivation.LENGTH), "weight")
+        yield from _with_noun(length(masses), "weight")
         yield ", "
-        yield sourced(masses, Form.GENERAL, derivation=Derivation.SUM)
+        yield total(masses)
         yield " kg together"
     if planned["hold_s"]:
-        yield from ("; each load held ", _short(planned["hold_s"]), " s")
+        yield from ("; each load held ", plain(planned["hold_s"]), " s")
     if planned["swing_s"]:
-        yield from ("; dynamic: at least ", _short(planned["swing_s"]), " s")
+        yield from ("; dynamic: at least ", plain(planned["swing_s"]), " s")
     motions = {file: manifest for file, manifest in manifests.items() if manifest.body is not None}
     if motions:
         yield "; "
@@ -145,31 +176,22 @@ def _protocol(manifests: Mapping[str, Manifest]) -> Iterator[Shown]:
         yield " of the wearer"
 
 
-def _plain(file: str, manifest: Manifest) -> LocatedObject:
+def _manifest(file: str, manifest: Manifest) -> LocatedObject:
     """The manifest of a recording as located plain data."""
-    found: LocatedObject = located(json.loads(manifest_to_json(manifest)), Source(file))
+    found: LocatedObject = located(json.loads(manifest_to_json(manifest)), Source.of(file))
     return found
 
 
-def _short(number: object) -> SourcedNumber:
-    return sourced(number, Form.GENERAL)
-
-
-def _count(manifests: Mapping[str, Manifest], pointers: str = "") -> SourcedNumber:
+def _count(manifests: Mapping[str, Manifest], *pointers: str) -> Number:
     """Number of different values at these places of the manifests, or of recordings."""
-    plain = [json.loads(manifest_to_json(manifest)) for manifest in manifests.values()] if pointers else []
-    source = Source("", pointers, Derivation.DISTINCT)
-    count = distinct(plain, source) if pointers else len(manifests)
-    return SourcedNumber(count, source, Rendering(Form.GENERAL), recordings=tuple(manifests))
+    source = Source.of("", " ".join(pointers), Derivation.DISTINCT)
+    documents = [json.loads(manifest_to_json(manifest)) for manifest in manifests.values()] if pointers else []
+    values = {tuple(str(Source.of("", pointer).resolve(document)) for pointer in pointers) for document in documents}
+    count = len(values) if pointers else len(manifests)
+    return Number(str(count), count, source, recordings=tuple(manifests))
 
 
-def distinct(manifests: Sequence[Any], source: Source) -> int:
-    """Number of different values at the pointers of a source, which are separated by spaces, over manifests."""
-    pointers = [Source("", pointer) for pointer in source.pointer.split()]
-    return len({tuple(str(resolve(manifest, pointer)) for pointer in pointers) for manifest in manifests})
-
-
-def _with_noun(count: SourcedNumber, noun: str) -> Iterator[Shown]:
+def _with_noun(count: Number, noun: str) -> Iterator[Shown]:
     """`1 cuff`, `2 cuffs`."""
     yield count
     yield f" {noun}{'' if count.value == 1 else 's'}"

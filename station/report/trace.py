@@ -15,10 +15,8 @@ from station.errors import StationError
 from station.files.chain import NUMBERS_FILE, REPORT_FILE
 from station.messages.file_codes import NumberCode
 from station.messages.message import Message
-from station.report.report_file import ReportedNumberEntry, read_numbers
-from station.report.source_files import SourceFiles
-from station.report.sourced_number import Form
-from station.report.verification import faults_of, page_faults, read_page
+from station.report.report_file import ReportedNumber, read_numbers
+from station.report.verification import page_faults, read_page, rendered_numbers, source_faults
 
 
 class NoSuchNumber(StationError):
@@ -53,7 +51,7 @@ class Trace:
     """A number of the report, what contradicts it, and the recordings it rests on."""
 
     id: str
-    number: ReportedNumberEntry
+    number: ReportedNumber
     faults: tuple[Message[NumberCode], ...]
     source_standing: Standing
     recordings: tuple[TracedRecording, ...]
@@ -70,8 +68,11 @@ def trace(folder: Path, key: str) -> Trace:
     number = listed.numbers.get(key)
     if number is None:
         raise NoSuchNumber(Message(NumberCode.UNKNOWN, {"file": NUMBERS_FILE, "id": key}))
-    faults = [*page_faults(key, number, read_page(folder)), *faults_of(key, number, SourceFiles(folder))]
-    file = number.source.file
+    rendered, file = rendered_numbers(folder), number.source.file
+    faults = [*page_faults(key, number, read_page(folder))]
+    faults += (
+        [rendered] if isinstance(rendered, Message) else source_faults(key, number, rendered.get(key), listed.version)
+    )
     return Trace(
         key,
         number,
@@ -86,10 +87,8 @@ def trace_lines(traced: Trace) -> Iterator[str]:
     number, source = traced.number, traced.number.source
     yield f"{traced.id}: {number.text}"
     yield f"  page         {REPORT_FILE}#{traced.id}"
-    if number.rendering.form not in (Form.TEXT, Form.BUSHING):
+    if not isinstance(number.value, str):
         yield f"  value        {_value(number)}"
-    for name, figure in number.figures.items():
-        yield f"  figure       {name} = {figure}"
     derivation = "" if source.derivation == "value" else f", {source.derivation}"
     yield f"  source       {source.file or 'recordings'} {source.pointer}{derivation}: {traced.source_standing}"
     if number.draws is not None:
@@ -119,7 +118,7 @@ def plain_trace(traced: Trace) -> dict[str, Any]:
     }
 
 
-def _value(number: ReportedNumberEntry) -> str:
+def _value(number: ReportedNumber) -> str:
     interval = f", 95 % {number.ci95[0]!r} to {number.ci95[1]!r}" if number.ci95 else ""
     return f"{number.value!r} {number.unit}".rstrip() + interval
 

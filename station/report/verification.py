@@ -1,29 +1,52 @@
-"""Verify that every number of the report follows from the files of its session."""
+"""Verify that every number of the report follows from the files of its session: render it again, and compare."""
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass
+from html import unescape
+from importlib import metadata
 from pathlib import Path
-from typing import Any
 
+from documents.plain_data import PlainDataError
 from documents.regular_file import read_regular
-from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
-from fitting.cuffs.wearable_cuff import bushing_force
+from fitting.cuffs.cuffs_file import CUFFS_FILE
+from fitting.errors import FitError
 from fitting.results.standing import Standing
 from station.checksums import sha256_of
+from station.errors import StationError
 from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link, verify_folder
 from station.messages.file_codes import NumberCode
 from station.messages.message import Message
-from station.report.located import Derivation, Source
-from station.report.marked_page import MarkedPage, read_marks
-from station.report.number_register import attribute_of
-from station.report.provenance import figures_of
-from station.report.report_file import ReportDocument, ReportedNumberEntry, ReportFileError, read_numbers
-from station.report.source_files import SourceFiles
-from station.report.sourced_number import Form
+from station.recordings_of_session import recordings_in
+from station.report.page import read_results, render
+from station.report.report_file import ReportDocument, ReportedNumber, ReportFileError, read_numbers
 
 Fault = Message[NumberCode]
+Numbers = Mapping[str, ReportedNumber]
+
+FITTED_FOR_REPORT = "the recordings were fitted for the report; verify with --recompute"
+
+_NUMBER = re.compile(
+    r'<(data|span) class="number" id="(?P<id>[^"]*)"(?: value="(?P<value>[^"]*)")? title="[^"]*">(?P<text>.*?)</\1>',
+    re.DOTALL,
+)
+_FIGURE = re.compile(
+    r'<div id="(?P<id>figure\.[^"]*)">(?P<drawing>.*?)</div><!-- (?P=id) --><figcaption>(?P<caption>.*?)</figcaption>',
+    re.DOTALL,
+)
+_COMMAND = re.compile(r"</?code>")
+"""Commands of a sentence; in a result they are in backticks."""
+
+
+@dataclass(frozen=True)
+class MarkedPage:
+    """Text and attribute `value` of every number of a page, caption and SHA-256 of every drawing, by id."""
+
+    numbers: Mapping[str, tuple[str, str | None]]
+    figures: Mapping[str, tuple[str, str]]
 
 
 def verify_session(folder: Path) -> list[Link]:
@@ -40,72 +63,71 @@ def number_links(folder: Path) -> list[Link]:
         listed = read_numbers(path)
     except ReportFileError as error:
         return [Link(f"{NUMBERS_FILE}, its content", Standing.CHANGED, str(error), NumberCode.FILE)]
-    files = SourceFiles(folder)
     page = read_page(folder)
     return [
         _page_link(folder, listed),
         *_input_links(folder, listed),
         _link(f"{NUMBERS_FILE}, {len(listed.numbers)} numbers on the page", list(_faults_on_page(listed, page))),
         _link(f"{NUMBERS_FILE}, {len(listed.figures)} figures on the page", list(_faults_of_figures(listed, page))),
-        *_source_links(listed, files),
+        *_source_links(folder, listed),
     ]
 
 
-def faults_of(key: str, number: ReportedNumberEntry, files: SourceFiles) -> Iterator[Fault]:
-    """Why a number does not agree with its source, whose file exists."""
-    shown, source = number.number(), number.source.source()
-    if str(shown) != number.text:
-        yield Message(NumberCode.RENDERING, {"id": key, "found": number.text, "expected": str(shown)})
-    place = {"id": key, "source": source.file, "pointer": source.pointer}
+def read_page(folder: Path) -> MarkedPage:
+    """The marks on the session's page, as the register of numbers writes them; none without one."""
     try:
-        is_bushing = number.rendering.form is Form.BUSHING
-        found = _bushing(files, source) if is_bushing else files.value(source, tuple(number.recordings))
-    except (KeyError, TypeError):
-        yield Message(NumberCode.NO_SOURCE, place)
-        return
-    expected = found.get("value") if isinstance(found, Mapping) else found
-    if expected != number.value:
-        yield Message(NumberCode.SOURCE, {**place, "found": str(number.value), "expected": str(expected)})
-    elif (interval := _interval(found, source, files)) not in (None, number.ci95):
-        yield Message(NumberCode.SOURCE, {**place, "found": str(number.ci95), "expected": str(interval)})
-    if not _has_its_provenance(number, files):
-        yield Message(NumberCode.PROVENANCE, place)
-
-
-def _interval(found: Any, source: Source, files: SourceFiles) -> Any:
-    """Interval of an entry, or beside a number alone under its key with `_ci95`.
-
-    None where the file has none, and a given standard error determines it.
-    """
-    if isinstance(found, Mapping):
-        return found.get("ci95")
-    if source.derivation is not Derivation.VALUE:
-        return None
-    try:
-        return files.value(replace(source, pointer=f"{source.pointer}_ci95"))
-    except (KeyError, TypeError):
-        return None
-
-
-def _has_its_provenance(number: ReportedNumberEntry, files: SourceFiles) -> bool:
-    source, provenance = number.source.source(), files.provenance
-    draws = provenance.draws(source) if number.ci95 or isinstance(number.value, str) else None
-    is_counted = not source.file
-    figures = figures_of(files.document(source.file), source) if isinstance(number.value, str) else {}
-    return (
-        (is_counted or tuple(number.recordings) == provenance.recordings(source))
-        and (number.draws, number.seed) == ((draws.count, draws.seed) if draws else (None, None))
-        and number.figures == figures
+        page = read_regular(folder / REPORT_FILE, LARGEST_REPORT).decode("utf-8", "replace")
+    except OSError:
+        page = ""
+    return MarkedPage(
+        {
+            unescape(found["id"]): (unescape(_COMMAND.sub("`", found["text"])), found["value"])
+            for found in _NUMBER.finditer(page)
+        },
+        {
+            unescape(found["id"]): (
+                unescape(found["caption"]),
+                hashlib.sha256(found["drawing"].encode()).hexdigest(),
+            )
+            for found in _FIGURE.finditer(page)
+        },
     )
 
 
-def _bushing(files: SourceFiles, source: Source) -> str:
-    """The OpenSim element of a cuff. Raises KeyError without the cuff."""
+def rendered_numbers(folder: Path) -> Numbers | Fault:
+    """The numbers that the files of the folder give now, or why they give none."""
     try:
-        cuffs = read_cuffs(files.folder / CUFFS_FILE)
-    except CuffsFileError as error:
-        raise KeyError(source.pointer) from error
-    return bushing_force(cuffs[source.keys[-1]])
+        return render(read_results(folder))[1].numbers
+    except (StationError, FitError, PlainDataError, OSError) as error:
+        return Message(NumberCode.FILE, {"file": str(folder), "reason": str(error)})
+
+
+def page_faults(key: str, number: ReportedNumber, page: MarkedPage) -> Iterator[Fault]:
+    """Why a number is not on the page as it is listed."""
+    if key not in page.numbers:
+        yield Message(NumberCode.NOT_ON_PAGE, {"id": key})
+        return
+    for found, expected in zip(page.numbers[key], (number.text, number.attribute), strict=True):
+        if found != expected:
+            yield Message(NumberCode.PAGE, {"id": key, "found": str(found), "expected": str(expected)})
+
+
+def source_faults(key: str, number: ReportedNumber, again: ReportedNumber | None, version: str) -> Iterator[Fault]:
+    """Why a number is not the one that its source gives. Another version may show it with another text, or not."""
+    place = {"id": key, "source": number.source.file or "recordings", "pointer": number.source.pointer}
+    if again is None:
+        if version == metadata.version("cuffstation"):
+            yield Message(NumberCode.NO_SOURCE, place)
+        return
+    for name in ("source", "value", "ci95"):
+        found, expected = getattr(number, name), getattr(again, name)
+        if found != expected:
+            yield Message(NumberCode.SOURCE, {**place, "found": str(found), "expected": str(expected)})
+            return
+    if number.text != again.text and version == metadata.version("cuffstation"):
+        yield Message(NumberCode.RENDERING, {"id": key, "found": number.text, "expected": again.text})
+    if (number.recordings, number.draws, number.seed) != (again.recordings, again.draws, again.seed):
+        yield Message(NumberCode.PROVENANCE, place)
 
 
 def _page_link(folder: Path, listed: ReportDocument) -> Link:
@@ -131,26 +153,6 @@ def _input_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
             yield Link(f"{NUMBERS_FILE} ← {file}", standing)
 
 
-def page_faults(key: str, number: ReportedNumberEntry, page: MarkedPage) -> Iterator[Fault]:
-    """Why a number is not on the page as it is listed."""
-    marked = page.numbers.get(key)
-    attribute = None if isinstance(number.value, str) else attribute_of(number)
-    if marked is None:
-        yield Message(NumberCode.NOT_ON_PAGE, {"id": key})
-    elif marked.text != number.text:
-        yield Message(NumberCode.PAGE, {"id": key, "found": marked.text, "expected": number.text})
-    elif marked.value != attribute:
-        yield Message(NumberCode.PAGE, {"id": key, "found": str(marked.value), "expected": str(attribute)})
-
-
-def read_page(folder: Path) -> MarkedPage:
-    """The marks of the session's page; none without one."""
-    try:
-        return read_marks(read_regular(folder / REPORT_FILE, LARGEST_REPORT).decode("utf-8", "replace"))
-    except OSError:
-        return MarkedPage({}, {})
-
-
 def _faults_on_page(listed: ReportDocument, page: MarkedPage) -> Iterator[Fault]:
     for key, number in listed.numbers.items():
         yield from page_faults(key, number, page)
@@ -160,24 +162,37 @@ def _faults_on_page(listed: ReportDocument, page: MarkedPage) -> Iterator[Fault]
 
 def _faults_of_figures(listed: ReportDocument, page: MarkedPage) -> Iterator[Fault]:
     for key in listed.figures.keys() | page.figures.keys():
-        figure, marked = listed.figures.get(key), page.figures.get(key)
-        if figure is None or marked is None:
+        figure = listed.figures.get(key)
+        if figure is None or key not in page.figures:
             yield Message(NumberCode.NOT_LISTED if figure is None else NumberCode.NOT_ON_PAGE, {"id": key})
-        elif (figure.caption, figure.sha256) != (marked.caption, marked.sha256):
+        elif (figure.caption, figure.sha256) != page.figures[key]:
             yield Message(NumberCode.FIGURE, {"id": key})
 
 
-def _source_links(listed: ReportDocument, files: SourceFiles) -> Iterator[Link]:
+def _source_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
     """A link for every file that numbers are from."""
-    by_file: dict[str, dict[str, ReportedNumberEntry]] = {}
-    for key, number in listed.numbers.items():
-        by_file.setdefault(number.source.file, {})[key] = number
-    for file, numbers in by_file.items():
-        what = f"{NUMBERS_FILE} ← {file or 'recordings'}, {len(numbers)} numbers"
-        if file == CUFFS_FILE and not (files.folder / file).is_file():
-            yield Link(what, Standing.UNRECORDED, "the recordings were fitted for the report; verify with --recompute")
+    rendered = rendered_numbers(folder)
+    if isinstance(rendered, Message) and set(listed.inputs) <= {path.name for path in recordings_in(folder)}:
+        yield Link(f"{NUMBERS_FILE} ← recordings", Standing.UNRECORDED, FITTED_FOR_REPORT)
+        return
+    if isinstance(rendered, Message):
+        yield Link(f"{NUMBERS_FILE} ← results", Standing.CHANGED, str(rendered), rendered.code)
+        return
+    is_same_version = listed.version == metadata.version("cuffstation")
+    new = [key for key in rendered if key not in listed.numbers] if is_same_version else []
+    for file in dict.fromkeys(number.source.file for number in listed.numbers.values()):
+        keys = [key for key, number in listed.numbers.items() if number.source.file == file]
+        what = f"{NUMBERS_FILE} ← {file or 'recordings'}, {len(keys)} numbers"
+        if file == CUFFS_FILE and not (folder / file).is_file():
+            yield Link(what, Standing.UNRECORDED, FITTED_FOR_REPORT)
             continue
-        yield _link(what, [fault for key, number in numbers.items() for fault in faults_of(key, number, files)])
+        faults = [
+            fault
+            for key in keys
+            for fault in source_faults(key, listed.numbers[key], rendered.get(key), listed.version)
+        ]
+        faults += [Message(NumberCode.LEFT_OUT, {"id": key}) for key in new if rendered[key].source.file == file]
+        yield _link(what, faults)
 
 
 def _link(what: str, faults: list[Fault]) -> Link:

@@ -36,6 +36,7 @@ def _line(*points: tuple[float, float, float]) -> dict[str, Any]:
 
 
 POSTURE = {
+    "chosen_by": "elevation",
     "time_s": {"value": 0.9, "ci95": None},
     "elevation_deg": {"value": 90.0, "ci95": None},
     "bones": [{"kind": "shaft", "line_m": _line((0, 0, 0), (0, -0.3, 0))}],
@@ -50,8 +51,8 @@ POSTURE = {
 
 def _muscles(view: int) -> list[Line]:
     columns = body_figure([POSTURE] * 3, ACTIVATIONS, "hand").columns
-    assert len(columns) == 3
-    marks = columns[0][view].marks
+    assert len(columns) == 6, "two views of three postures"
+    marks = columns[view][0].marks
     return [mark for mark in marks if isinstance(mark, Line) and mark.title.startswith(("deltoid", "serratus"))]
 
 

@@ -6,40 +6,50 @@ from typing import Any
 
 import pytest
 
-from solver.suit.decision import DecisionRule
 from station.assessment.assessment_json import CURVE_KEYS
-from station.assessment.decision_json import undecided_by_fit
 from station.assessment.total_json import with_total_intervals
 from station.charts.marks import Band
-from station.messages.codes import AssessmentCode
+from station.messages.codes import AssessmentCode, DecisionCode
 from station.messages.html import with_commands
-from station.report.assessment_section import assessment_section, effort_figures
-from station.report.first_page import BUNDLED_SUIT, findings_of, summary_of
-from station.report.located import Source, located
+from station.report.assessment_section import assessment_section
+from station.report.cuff_section import effect_of
+from station.report.first_page import BUNDLED_SUIT, findings_of, first_page
 from station.report.muscle_figures import cuffs_figure
-from station.report.number_texts import entry_number, saving
+from station.report.numbers import figure, located, saving, saving_in_words
+from station.report.report_file import Source
+
+
+def _optimum(effort: float | None) -> dict[str, Any]:
+    return {"rest_length_m": _number(0.65), "normalised_cost": _number(effort), "permissible_error_m": _number(0.05)}
+
+
+def _of_cuffs(*arms: str) -> dict[str, Any]:
+    return {
+        "cost": {"rigid": _number(None), **{arm: {"both": _number(None)} for arm in arms}},
+        "at_rigid_optimum": {"rigid": _number(0.88), **{arm: {"both": _number(0.906)} for arm in arms}},
+        "optimum": {"rigid": _optimum(0.87), **{arm: {"both": _optimum(0.865)} for arm in arms}},
+    }
 
 
 def _assessment(**more: Any) -> Any:
-    def optimum(effort: float | None) -> dict[str, Any]:
-        return {
-            "rest_length_m": _number(0.65),
-            "normalised_cost": _number(effort),
-            "permissible_error_m": _number(0.05),
-        }
-
     plain = {
         "cost": {"rigid": _number(None), "hand": {"both": _number(None)}},
         "at_rigid_optimum": {"rigid": _number(0.88), "hand": {"both": _number(0.906, 0.83, 0.98)}},
-        "optimum": {"rigid": optimum(0.87), "hand": {"both": optimum(0.865)}},
-        "findings": ["tube has the least effort", "50 draws", "the cord pulls"],
+        "optimum": {"rigid": _optimum(0.87), "hand": {"both": _optimum(0.865)}},
+        "inputs": {"model": "own.osim", "motion": "bundled raise"},
+        "findings": ["tube has the least effort", "50 draws", "the cord pulls", "hand differs"],
         "finding_codes": [
             {"code": code, "figures": {}}
-            for code in (AssessmentCode.LEAST_EFFORT, AssessmentCode.INTERVALS, AssessmentCode.CORD_FORCE)
+            for code in (
+                AssessmentCode.LEAST_EFFORT,
+                AssessmentCode.INTERVALS,
+                AssessmentCode.CORD_FORCE,
+                AssessmentCode.DIFFERENT,
+            )
         ],
         **more,
     }
-    return located(plain, Source("assessment.json"))
+    return located(plain, Source.of("assessment.json"))
 
 
 def _number(value: float | None, *ci95: float) -> dict[str, Any]:
@@ -47,37 +57,92 @@ def _number(value: float | None, *ci95: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("number", "text"),
+    ("number", "text", "words"),
     [
-        (_number(0.906), "9.4 % less effort"),
-        (_number(0.906, 0.83, 0.98), "9.4 % less effort (2.0\u00a0to\u00a017.0)"),
-        (_number(1.034, 1.01, 1.06), "3.4 % more effort (1.0\u00a0to\u00a06.0)"),
-        (_number(0.906, 0.83, 0.98) | {"censored": "low"}, "9.4 % less effort (2.0\u00a0to\u00a0≥17.0)"),
-        (_number(None), "effort not known"),
+        (_number(0.906), "9.4", "9.4 % less effort than with a slack cord"),
+        (
+            _number(0.906, 0.83, 0.98),
+            "9.4 (2.0\u00a0to\u00a017.0)",
+            "9.4 % less effort than with a slack cord (95 % interval 2.0\u00a0to\u00a017.0 %)",
+        ),
+        (
+            _number(1.034, 1.01, 1.06),
+            "−3.4 (−6.0\u00a0to\u00a0−1.0)",
+            "3.4 % more effort than with a slack cord (95 % interval 1.0\u00a0to\u00a06.0 %)",
+        ),
+        (
+            _number(0.906, 0.83, 0.98) | {"censored": "low"},
+            "9.4 (2.0\u00a0or\u00a0more)",
+            "9.4 % less effort than with a slack cord (95 % interval 2.0\u00a0or\u00a0more %)",
+        ),
+        (_number(None), "–", "effort not known"),
     ],
 )
-def test_an_effort_is_stated_as_the_change_from_the_slack_cord(number: dict[str, Any], text: str) -> None:
-    assert str(saving(located(number, Source("assessment.json")))) == text
+def test_an_effort_is_stated_as_what_is_saved_and_a_bound_is_no_figure(
+    number: dict[str, Any], text: str, words: str
+) -> None:
+    entry = located(number, Source.of("assessment.json"))
+    assert (str(saving(entry)), str(saving_in_words(entry))) == (text, words)
 
 
-def test_the_first_page_has_every_cuff_the_theoretical_limit_and_the_decision_as_assessed() -> None:
-    decision = undecided_by_fit(DecisionRule())
-    summary = summary_of(_assessment(decision=decision), {})
-    (effect,) = summary.effects
-    assert (effect.cuff, str(effect.at_best), effect.best_rest_length_m) == ("hand", "13.5 % less effort", 0.65)
-    assert str(summary.rigid) == "12.0 % less effort"
-    assert summary.decision == (decision["at_reference"]["text"],), "the same sentence for both bases stands once"
+CHOSEN = {"code": DecisionCode.CHOOSE, "leading": ["hand"], "text": "choose hand", "pairs": []}
+EQUIVALENT = {"code": DecisionCode.EQUIVALENT, "leading": ["hand", "tube"], "text": "equivalent", "pairs": []}
+UNDECIDED = {"code": DecisionCode.UNDECIDED, "leading": ["tube"], "text": "undecided", "pairs": []}
+FIT_ONLY = {"code": DecisionCode.FIT_ONLY, "text": "run `station assess --people 1000`"}
+SAVED = "13.5 % less effort than with a slack cord at a rest length of 0.650 m"
 
 
-def test_an_older_assessment_without_a_decision_has_its_choice() -> None:
-    assert summary_of(_assessment(), {}).decision == ("tube has the least effort",)
+@pytest.mark.parametrize(
+    ("cuffs", "decision", "beginning"),
+    [
+        (("hand",), FIT_ONLY, f"The hand cuff: {SAVED}."),
+        (("hand", "tube"), CHOSEN, f"Choose the hand cuff: {SAVED}."),
+        (
+            ("hand", "tube"),
+            EQUIVALENT,
+            f"Choose hand or tube by comfort, they save the same: hand {SAVED}; tube {SAVED}.",
+        ),
+        (("hand", "tube"), UNDECIDED, f"Not decided between hand and tube; tube has the least effort so far: {SAVED}."),
+        (("hand", "tube"), FIT_ONLY, f"Not decided between hand and tube; hand has the least effort so far: {SAVED}."),
+    ],
+)
+def test_the_answer_names_cuff_saving_and_rest_length_and_no_command(
+    cuffs: tuple[str, ...], decision: dict[str, Any], beginning: str
+) -> None:
+    plain = _assessment(decision={"at_best": decision, "at_reference": decision}, **_of_cuffs(*cuffs))
+    page = first_page(plain, {})
+    assert "".join(map(str, page.answer)) == beginning
+    assert not any("`" in sentence for sentence in (*page.decision, *page.limits))
+    assert page.decision == (() if decision is FIT_ONLY else (decision["text"],))
+
+
+def test_without_a_best_rest_length_the_answer_says_so() -> None:
+    page = first_page(_assessment(optimum={"rigid": _optimum(None), "hand": {"both": _optimum(None)}}), {})
+    assert "not known" in "".join(map(str, page.answer))
 
 
 def test_limits_are_listed_by_their_codes_and_apart_from_the_findings() -> None:
     assessment = _assessment()
-    assert summary_of(assessment, {}).limits == ("50 draws", BUNDLED_SUIT)
-    assert summary_of({**assessment, "subject": {"mass_kg": 75.0}}, {}).limits == ("50 draws",)
-    assert findings_of(assessment) == ["tube has the least effort", "the cord pulls"]
+    assert first_page(assessment, {}).limits == ("50 draws", BUNDLED_SUIT)
+    assert findings_of(assessment) == ["hand differs"]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (
+            {"subject": {"mass_kg": 75.0, "trials": [{}, {}], "condition": "tight"}},
+            "the wearer's: 75 kg, estimated from 2",
+        ),
+        (
+            {"findings": ["no mass"], "finding_codes": [{"code": AssessmentCode.WEARER_NOT_ASSESSED, "figures": {}}]},
+            "no mass",
+        ),
+        ({}, "Body: own.osim; motion: bundled raise; they are not the wearer's"),
+    ],
+)
+def test_the_page_says_whose_body_and_motion_it_is(more: dict[str, Any], words: str) -> None:
+    assert words in "".join(map(str, first_page(_assessment(**more), {}).basis))
 
 
 @pytest.mark.parametrize(
@@ -92,7 +157,7 @@ def test_limits_are_listed_by_their_codes_and_apart_from_the_findings() -> None:
 def test_an_interval_of_the_fit_alone_gives_at_most_the_decimals_of_its_table(
     number: dict[str, Any], digits: int, text: str
 ) -> None:
-    assert str(entry_number(located(number, Source("assessment.json")), digits=digits)) == text
+    assert str(figure(located(number, Source.of("assessment.json")), digits=digits)) == text
 
 
 def test_commands_of_a_sentence_are_code_and_the_rest_is_escaped() -> None:
@@ -113,8 +178,8 @@ def test_with_drawn_people_the_page_has_their_intervals_and_bands() -> None:
         reference_rest_length_m=_number(0.7),
     )
     shown = with_total_intervals(assessment)
-    assert str(summary_of(shown, {}).effects[0].at_reference) == "9 % less effort (0\u00a0to\u00a030)"
-    assert str(summary_of(assessment, {}).effects[0].at_reference) == "9.4 % less effort (2.0\u00a0to\u00a017.0)"
+    assert str(effect_of(shown, "hand")[2]) == "9 (0\u00a0to\u00a030)"
+    assert str(effect_of(assessment, "hand")[2]) == "9.4 (2.0\u00a0to\u00a017.0)"
     assert shown["optimum"] == assessment["optimum"], "figures that the people do not have stay as they are"
     ((panel,),) = cuffs_figure(shown).columns
     (band,) = (mark for mark in panel.marks if isinstance(mark, Band))
@@ -123,28 +188,19 @@ def test_with_drawn_people_the_page_has_their_intervals_and_bands() -> None:
     assert not any(isinstance(mark, Band) for mark in panel.marks)
 
 
-@pytest.mark.parametrize(("inputs", "is_advised"), [({}, True), ({"tendons": "elastic"}, False)])
-def test_people_are_advised_only_where_they_can_be_drawn(inputs: dict[str, str], is_advised: bool) -> None:
-    (figure,) = effort_figures(_assessment(inputs=inputs))
-    assert ("--people" in str(figure.caption)) is is_advised
-
-
 @pytest.mark.parametrize(
-    ("more", "named", "is_of_cuffs_alone"),
+    ("more", "named"),
     [
-        ({"uncertainty": {"sources": ["cuffs"]}}, {"cuffs"}, True),
-        ({"uncertainty": {"sources": ["cuffs", "motions"]}}, {"cuffs", "posture"}, False),
-        ({"uncertainty": {"sources": ["motions"]}}, {"posture"}, False),
-        ({"uncertainty": {"draws": _number(50)}}, {"cuffs"}, True),
-        ({"uncertainty": {"draws": _number(50)}, "subject": {}}, {"cuffs"}, True),
-        ({"uncertainty": {"draws": _number(50)}, "subject": {"mass_kg": 1.0}}, {"cuffs", "posture"}, False),
-        ({"uncertainty": None}, set(), False),
+        ({"uncertainty": {"sources": ["cuffs"]}}, {"cuffs"}),
+        ({"uncertainty": {"sources": ["cuffs", "motions"]}}, {"cuffs", "posture"}),
+        ({"uncertainty": {"sources": ["motions"]}}, {"posture"}),
+        ({"uncertainty": {"draws": _number(50)}}, {"cuffs"}),
+        ({"uncertainty": {"draws": _number(50)}, "subject": {}}, {"cuffs"}),
+        ({"uncertainty": {"draws": _number(50)}, "subject": {"mass_kg": 1.0}}, {"cuffs", "posture"}),
+        ({"uncertainty": None}, set()),
     ],
 )
-def test_the_section_on_the_suit_names_what_its_intervals_contain(
-    more: dict[str, Any], named: set[str], *, is_of_cuffs_alone: bool
-) -> None:
+def test_the_section_on_the_suit_names_what_its_intervals_contain(more: dict[str, Any], named: set[str]) -> None:
     columns = {key: {"rigid": _number(1.0), "hand": {"both": _number(1.0)}} for key in CURVE_KEYS.values()}
-    section = assessment_section(_assessment(inputs={}, **columns, **more), (), ())
+    section = assessment_section(_assessment(inputs={}, **columns, **more), ())
     assert {word for word in ("cuffs", "posture") if word in section.intervals} == named
-    assert section.only_cuffs_drawn == is_of_cuffs_alone

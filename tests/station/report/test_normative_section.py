@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from fitting.cuffs.cuffs_json import cuffs_json
 from recordings.manifest import DataOrigin
 from station.files.chain import chain_of
 from station.messages.study_codes import StudyCode
@@ -43,20 +44,22 @@ def table(tmp_path: Path) -> Path:
 def test_a_value_is_below_within_or_above_the_prediction_interval(table: Path) -> None:
     fit = _fitted().cuffs["waist"]
     assert fit.stiffness and fit.migration and fit.stiffness.value < 2500.0 and 0.006 < fit.migration.value < 0.018
-    section = normative_section(table.parent, {"waist": fit, "hand": fit}, DataOrigin.MEASURED)
+    worn = {"waist": fit.wearable()}
+    section = normative_section(table.parent, worn, DataOrigin.MEASURED)
     assert section is not None and section.has_same_origin
     assert [(row.cuff, row.quantity, row.place) for row in section.rows] == [
         ("waist", "stiffness [N/m]", "below the interval"),
         ("waist", "migration [mm]", "within the interval"),
     ]
     assert str(section.rows[1].interval) == "6.0 to 18.0"
-    assert normative_section(table.parent.parent, {"waist": fit}, DataOrigin.MEASURED) is None
+    assert normative_section(table.parent.parent, worn, DataOrigin.MEASURED) is None
 
 
 def test_the_table_is_kept_with_the_session_shown_and_verified(table: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     folder.mkdir()
     adopt_normative(table, folder)
+    (folder / "cuffs.json").write_text(cuffs_json(_fitted()), encoding="utf-8")
     path = write_report(folder, _fitted())
     page = path.read_text(encoding="utf-8")
     assert 'id="normative"' in page and "2500 to 3500" in page

@@ -8,6 +8,8 @@ from html import unescape
 from pathlib import Path
 
 MARKED = re.compile(r'<(data|span) class="number" id="([^"]+)".*?</\1>', re.DOTALL)
+TRIALS = re.compile(r'<(td|span) class="trial">.*?</\1>', re.DOTALL)
+"""Number, time and title of a recording."""
 FIGURES = re.compile(r'<figure[^>]*><div id="([^"]+)">.*?</figure>', re.DOTALL)
 REASONED = {
     r"\b95 % (prediction )?(intervals?|cone|CI)\b": "level of all intervals",
@@ -37,7 +39,7 @@ def unmarked_numbers(page: Path, *names: str) -> list[str]:
     body = text[text.index("<body") :]
     assert [found[2] for found in MARKED.finditer(body)] == list(listed["numbers"])
     assert {found[1] for found in FIGURES.finditer(body)} == set(listed["figures"])
-    body = FIGURES.sub("", MARKED.sub("", body))
+    body = TRIALS.sub("", FIGURES.sub("", MARKED.sub("", body)))
     body = re.sub(r"<(script|code|h1|h3)\b.*?</\1>", "", body, flags=re.DOTALL)
     plain = unescape(re.sub(r"<[^>]*>", "\n", body)).replace("\u00a0", " ")
     for name in (*listed["inputs"], *names):

@@ -1,0 +1,327 @@
+"""Numbers of the report: each knows its place in a result, has an id on the page, and is listed in report.json.
+
+`located` copies plain data; the copies behave as the values they replace and know their place. The functions below it
+make a text of such a number, and `NumberRegister` gives each one that the templates print an id and an entry. A number
+that is computed from a located one is a plain number again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+from markupsafe import Markup
+
+from documents.interval import between, bracketed, plus_minus, rounded
+from fitting.results.standing import Standing
+from station.report.pictures import Picture
+from station.report.provenance import Provenance
+from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source
+
+UNKNOWN, NOT_IDENTIFIED = "–", "not identified"
+UNITS = {
+    "n_per_m": "N/m",
+    "n_s_per_m": "N s/m",
+    "n_per_s": "N/s",
+    "m": "m",
+    "mm": "mm",
+    "kg": "kg",
+    "n": "N",
+    "s": "s",
+    "hz": "Hz",
+    "rad": "rad",
+    "percent": "%",
+    "per_m": "1/m",
+}
+"""Suffix of a key → unit of its value."""
+_BOUND_OF_SAVING = {"low": "high", "high": "low"}
+"""A bound of an effort is the other bound of what is saved."""
+_SENTENCE = re.compile(r"(?=.*\d)(?=.*\s)", re.DOTALL)
+"""A text with a number and a space; without a space it is a name or a hash."""
+_RUNNING = "recordings"
+"""First part of the id of a count over recordings."""
+
+
+class LocatedObject(dict[str, Any]):
+    """A JSON object of a known place."""
+
+    source: Source
+
+
+class LocatedList(list[Any]):
+    """A JSON array of a known place."""
+
+    source: Source
+
+
+class LocatedText(str):
+    """A JSON string of a known place."""
+
+    source: Source
+
+
+class LocatedFloat(float):
+    """A JSON number of a known place."""
+
+    source: Source
+
+
+class LocatedInteger(int):
+    """A JSON integer of a known place."""
+
+    source: Source
+
+
+Located = TypeVar("Located", LocatedObject, LocatedList, LocatedText, LocatedFloat, LocatedInteger)
+
+
+def located(value: Any, source: Source) -> Any:
+    """A copy of plain data, every object, array, string and number with its place; source is that of the whole.
+
+    Booleans and null are not replaced.
+    """
+    if isinstance(value, Mapping):
+        return _at(LocatedObject({key: located(part, source.child(key)) for key, part in value.items()}), source)
+    if isinstance(value, list | tuple):
+        return _at(LocatedList([located(part, source.child(index)) for index, part in enumerate(value)]), source)
+    if isinstance(value, str):
+        return _at(LocatedText(value), source)
+    if isinstance(value, float):
+        return _at(LocatedFloat(value), source)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return _at(LocatedInteger(value), source)
+    return value
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of the report with its text and its place. A sentence with numbers is one, too, and so is a vector.
+
+    recordings  on which it rests, None for those that the result of its source was computed from
+    """
+
+    text: str
+    value: float | str | tuple[float, ...]
+    source: Source
+    ci95: tuple[float, float] | None = None
+    recordings: tuple[str, ...] | None = None
+
+    def __str__(self) -> str:
+        return self.text
+
+    def within(self, text: str) -> Number:
+        """The number in a longer text, in place of its braces."""
+        return replace(self, text=text.replace("{}", self.text))
+
+
+Shown = Number | str
+
+
+def interval(entry: Mapping[str, Any] | None, scale: float = 1.0, most_digits: int | None = None) -> Shown:
+    """`12.34 (12.21 to 12.47)` of an entry {"value", "ci95"}, with two digits of the half width; a fit without a value
+    is not identified.
+
+    most_digits: decimals that the measurement bears at most
+    """
+    return NOT_IDENTIFIED if _is_unknown(entry) else _bracketed(entry, scale, most_digits or 0, most_digits is not None)
+
+
+def figure(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> Shown:
+    """The same of assessment.json and emg.json, with at most `digits` decimals; a dash where it is unknown.
+
+    The interval of the fit alone would give it more decimals than the total uncertainty bears.
+    """
+    return UNKNOWN if _is_unknown(entry) else _bracketed(entry, scale, digits, is_limited=True)
+
+
+def worn(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> Shown:
+    """A parameter of a worn cuff, with its source where that is not the fit."""
+    if entry is None or _is_unknown(entry):
+        return UNKNOWN
+    number = _bracketed(entry, scale, digits, is_limited=False)
+    return number.within("{} (given by hand)") if entry.get("source") == Standing.BY_HAND else number
+
+
+def saving(entry: Mapping[str, Any]) -> Shown:
+    """`9.4 (2.0 to 15.1)`: per cent saved, from an effort relative to that with a slack cord; negative above 1."""
+    return UNKNOWN if _is_unknown(entry) else _of(entry, _percent(entry, -1.0))
+
+
+def saving_in_words(entry: Mapping[str, Any]) -> Shown:
+    """`9 % less effort than with a slack cord (95 % interval 2 to 15 %)`; `more` above 1."""
+    if _is_unknown(entry):
+        return "effort not known"
+    sign, word = (-1.0, "less") if entry["value"] <= 1.0 else (1.0, "more")
+    number, _, brackets = _percent(entry, sign).partition(" (")
+    ends_text = f" (95 % interval {brackets[:-1]} %)" if brackets else ""
+    return _of(entry, f"{number} % {word} effort than with a slack cord{ends_text}")
+
+
+def half_width(entry: Mapping[str, Any], scale: float = 1.0, digits: int = 0) -> Number:
+    """`12.34 ± 0.13`."""
+    return _of(entry, plus_minus(entry["value"], entry["ci95"], scale, digits))
+
+
+def ends(entry: LocatedList, scale: float = 1.0) -> Number:
+    """`12.21 to 12.47` of an interval alone."""
+    return Number(between(entry, scale), tuple(entry), entry.source)
+
+
+def mean_with(entry: LocatedObject, key: str, scale: float = 1.0) -> Number:
+    """The number under a key with its interval, which is beside it under the key with `_ci95`."""
+    number, ci95 = entry[key], entry[f"{key}_ci95"]
+    return Number(bracketed(number, ci95, scale), number, number.source, (ci95[0], ci95[1]))
+
+
+def fixed(number: Any, scale: float = 1.0, digits: int = 0) -> Number:
+    """A located number, or a vector, with `digits` decimals."""
+    if isinstance(number, LocatedList):
+        text = ", ".join(_minus(rounded(scale * one, digits)) for one in number)
+        return Number(text, tuple(number), number.source)
+    return Number(_minus(rounded(scale * number, digits)), number, number.source)
+
+
+def plain(number: Any) -> Number:
+    """A located number with up to six digits, or a sentence as it is."""
+    text = str(number) if isinstance(number, str) else _minus(f"{number:g}")
+    return Number(text, str(number) if isinstance(number, str) else number, number.source)
+
+
+def length(found: LocatedList | LocatedObject) -> Number:
+    """The number of entries of a located list or object."""
+    return Number(str(len(found)), len(found), found.source.derived(Derivation.LENGTH))
+
+
+def total(found: LocatedList) -> Number:
+    """The sum of a located list."""
+    return Number(f"{sum(found):g}", sum(found), found.source.derived(Derivation.SUM))
+
+
+def _is_unknown(entry: Mapping[str, Any] | None) -> bool:
+    return not entry or entry["value"] is None
+
+
+def _bracketed(entry: Any, scale: float, digits: int, is_limited: bool) -> Number:  # noqa: FBT001
+    found = _figures_of(entry)
+    return _of(entry, bracketed(found["value"], found["ci95"], scale, digits, found["censored"], is_limited=is_limited))
+
+
+def _of(entry: Any, text: str) -> Number:
+    """Raises AttributeError for an entry without a place."""
+    found = _figures_of(entry)
+    value = found["value"]
+    return Number(text, tuple(value) if isinstance(value, list) else value, entry.source, found["ci95"])
+
+
+def _figures_of(entry: Mapping[str, Any]) -> dict[str, Any]:
+    ci95 = entry.get("ci95")
+    return {
+        "value": entry["value"],
+        "ci95": (ci95[0], ci95[1]) if ci95 else None,
+        "censored": entry.get("censored"),
+    }
+
+
+def _percent(entry: Mapping[str, Any], sign: float) -> str:
+    """Change of an effort from that with a slack cord, times the sign."""
+    found = _figures_of(entry)
+    changes = sorted(sign * (end - 1.0) for end in found["ci95"] or ()) or None
+    bound = found["censored"] if sign > 0 else _BOUND_OF_SAVING.get(str(found["censored"]), found["censored"])
+    return bracketed(sign * (found["value"] - 1.0), changes, 100.0, 1, bound, is_limited=True)
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def _at(value: Located, source: Source) -> Located:
+    value.source = source
+    return value
+
+
+class NumberRegister:
+    """Numbers and figures of a page by the id of their element, in the order of the page."""
+
+    def __init__(self, provenance: Provenance) -> None:
+        self.numbers: dict[str, ReportedNumber] = {}
+        self.figures: dict[str, DrawnFigure] = {}
+        self._provenance = provenance
+
+    def mark(self, shown: object) -> object:
+        """A number, or a text of a result that contains one, as an element with an id; anything else unchanged.
+
+        The templates pass everything they print through it.
+        """
+        if isinstance(shown, LocatedFloat | LocatedInteger) or (
+            isinstance(shown, LocatedText) and _SENTENCE.match(shown)
+        ):
+            shown = plain(shown)
+        if not isinstance(shown, Number):
+            return shown
+        key = self._new_id(shown.source)
+        entry = self.numbers[key] = self._entry(shown)
+        if isinstance(shown.value, str):
+            return Markup('<span class="number" id="{0}" title="{0}">{1}</span>').format(key, shown.text)
+        element = Markup('<data class="number" id="{0}" value="{1}" title="{0}">{2}</data>')
+        return element.format(key, entry.attribute, shown.text)
+
+    def add_figures(self, section: str, pictures: Sequence[Picture], sources: Sequence[Source]) -> list[Picture]:
+        """The figures of a section, whose drawings get an id."""
+        marked = []
+        for number, picture in enumerate(pictures, start=1):
+            key = f"figure.{section}.{number}".replace(" ", ".")
+            behind = dict.fromkeys(file for source in sources for file in self._provenance.recordings(source))
+            self.figures[key] = DrawnFigure(
+                caption=picture.caption,
+                sha256=hashlib.sha256(picture.drawing.encode()).hexdigest(),
+                sources=list(sources),
+                recordings=list(behind),
+            )
+            marked.append(replace(picture, drawing=f'<div id="{key}">{picture.drawing}</div><!-- {key} -->'))
+        return marked
+
+    def _new_id(self, source: Source) -> str:
+        """From the place: the file without suffix, then the keys. A number that is shown again gets a counter."""
+        stem = source.file.rpartition(".")[0] or _RUNNING
+        keys = source.keys if source.keys[:1] == [stem] else [stem, *source.keys]
+        if source.derivation is not Derivation.VALUE:
+            keys.append(source.derivation)
+        key = first = re.sub(r"\s", "_", ".".join(keys))
+        count = 1
+        while key in self.numbers:
+            count += 1
+            key = f"{first}-{count}"
+        return key
+
+    def _entry(self, number: Number) -> ReportedNumber:
+        source, value = number.source, number.value
+        draws = self._provenance.draws(source) if number.ci95 or isinstance(value, str) else None
+        behind = self._provenance.recordings(source) if number.recordings is None else number.recordings
+        return ReportedNumber(
+            text=number.text,
+            value=[float(one) for one in value] if isinstance(value, tuple) else _unlocated(value),
+            ci95=None if number.ci95 is None else [float(end) for end in number.ci95],
+            unit="" if isinstance(value, str) else _unit(source),
+            source=source,
+            recordings=list(behind),
+            draws=draws.count if draws else None,
+            seed=draws.seed if draws else None,
+        )
+
+
+def _unlocated(value: float | str) -> float | str:
+    return str(value) if isinstance(value, str) else float(value)
+
+
+def _unit(source: Source) -> str:
+    """By the suffix of the last key that has one."""
+    if source.derivation in (Derivation.LENGTH, Derivation.DISTINCT) or "axes" in source.keys:
+        return ""
+    for key in reversed(source.keys):
+        for suffix in sorted(UNITS, key=len, reverse=True):
+            if key.endswith(f"_{suffix}"):
+                return UNITS[suffix]
+    return ""
