@@ -33,7 +33,7 @@ def aligned(*shape: int) -> Array:
 
 
 @compiled
-def dot(x: Array, y: Array) -> float:
+def inner_product(x: Array, y: Array) -> float:
     """x·y in four independent sums, which the processor computes in parallel."""
     one, two, three, four = 0.0, 0.0, 0.0, 0.0
     whole = len(x) - len(x) % 4

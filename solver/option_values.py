@@ -6,8 +6,7 @@ from collections.abc import Collection
 from numbers import Integral
 from os import PathLike
 
-from solver.errors import SolverCode
-from solver.model import ModelError
+from solver.errors import ModelError, SolverCode
 
 
 def ensure_known(option: str, value: object, known: Collection[object]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
-from solver.dense import dot, matrix_times
+from solver.dense import inner_product, matrix_times
 from solver.multibody.tables import Indices, Records
 
 Array = NDArray[np.float64]
@@ -131,17 +131,19 @@ def _respond(
     acceleration, reaction = responses.acceleration[frame], responses.reaction[frame]
     total_acceleration, factors, shares = responses.total_acceleration[frame], loads.factors[frame], loads.shares[frame]
     for i in range(len(P)):
-        total[i] = dot(forces[i], shares)
+        total[i] = inner_product(forces[i], shares)
         _multiply(forces[i], factors)
     for i in range(len(P)):
-        total_acceleration[i] = dot(P[i], total)
+        total_acceleration[i] = inner_product(P[i], total)
     matrix_times(P, forces, acceleration)
     for i in range(len(P)):
         for k in range(len(loads.driven)):
             acceleration[i, len(factors) + k] = P[i, loads.driven[k]] * loads.strength[k]
     matrix_times(R_a, acceleration, reaction)
     for i in range(6):
-        responses.total_reaction[frame, i] = dot(direct[i], shares) - dot(R_a[i], total_acceleration)
+        responses.total_reaction[frame, i] = inner_product(direct[i], shares) - inner_product(
+            R_a[i], total_acceleration
+        )
         row, own = reaction[i], direct[i]
         for j in range(len(row)):
             row[j] = -row[j]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled
-from solver.dense import copy, dot
+from solver.dense import copy, inner_product
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def triangularise(triangle: Triangle, weighted: int) -> int:
         _solve(free, others, sums)
         for i in range(count, rank):
             own = others[i, :weighted]
-            _divide(others[i], sqrt(dot(own, own)))
+            _divide(others[i], sqrt(inner_product(own, own)))
     return rank
 
 
@@ -95,7 +95,7 @@ def _reflect(rows: Array, first: int, reflector: Array, sums: Array) -> None:
         factor = reflector[i]
         for j in range(len(shadow)):
             shadow[j] += factor * rows[i, j]
-    scale = 2.0 / dot(own, own)
+    scale = 2.0 / inner_product(own, own)
     for i in range(first, len(reflector)):
         factor = scale * reflector[i]
         for j in range(len(shadow)):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled
-from solver.dense import columns_times, copy, divide, dot, factor, rows_times_rows
+from solver.dense import columns_times, copy, divide, factor, inner_product, rows_times_rows
 from solver.redundancy.cone import (
     Ray,
     Scaling,
@@ -63,7 +63,7 @@ def is_certificate(problem: FrameProblem, v: Array, gradient: Array) -> bool:
     """
     _, M, R, t, _, lower, upper, _ = problem
     columns_times(M, v, gradient)
-    depth, size = dot(v, t), 0.0
+    depth, size = inner_product(v, t), 0.0
     for j in range(len(gradient)):
         depth -= max(lower[j] * gradient[j], upper[j] * gradient[j])
     for i in range(len(v)):
@@ -76,7 +76,7 @@ def effort_of_eliminated(R: Array, v: Array) -> float:
     """½ v·R v."""
     effort = 0.0
     for i in range(len(v)):
-        effort += 0.5 * v[i] * dot(R[i], v)
+        effort += 0.5 * v[i] * inner_product(R[i], v)
     return effort
 
 
@@ -116,7 +116,7 @@ def _follow_central_path(problem: FrameProblem, work: InteriorWorkspace) -> int:
             aim[0, i], aim[1, i] = target - da[i] * dz[0, i], target + da[i] * dz[1, i]
         offset = centred(s, ds, read_ray(v), read_ray(dv), W, target) if has_cone else s
         ds = _step(problem, work, offset, W)
-        if not dot(dv, dv) < inf:  # at huge efforts a − lower rounds to 0 before the gap is small
+        if not inner_product(dv, dv) < inf:  # at huge efforts a − lower rounds to 0 before the gap is small
             break
         length = min(1.0, SHARE_OF_STEP * _longest_step(point, step, s, ds, p))
         _advance(a, length, da)
@@ -148,8 +148,8 @@ def _start(problem: FrameProblem, point: Iterate) -> Ray:
 def _first_ray(problem: FrameProblem, a: Array) -> Ray:
     """A point well inside the cone, near that of a."""
     M, t, p = problem.M, problem.t, problem.equalities
-    x = dot(M[p], a) - t[p]
-    y, z = 0.8 * (dot(M[p + 1], a) - t[p + 1]), 0.8 * (dot(M[p + 2], a) - t[p + 2])
+    x = inner_product(M[p], a) - t[p]
+    y, z = 0.8 * (inner_product(M[p + 1], a) - t[p + 1]), 0.8 * (inner_product(M[p + 2], a) - t[p + 2])
     return (max(x, 0.1, 1.5 * hypot(y, z)), y, z)
 
 
@@ -159,7 +159,7 @@ def _row_errors(problem: FrameProblem, a: Array, v: Array, s: Ray, error: Array)
     _, M, R, t, p, _, _, _ = problem
     largest = 0.0
     for i in range(len(t)):
-        error[i] = dot(M[i], a) + dot(R[i], v) - t[i]
+        error[i] = inner_product(M[i], a) + inner_product(R[i], v) - t[i]
         if i >= p:
             error[i] -= s[i - p]
         largest = max(largest, abs(error[i]))
@@ -188,7 +188,7 @@ def _step(problem: FrameProblem, work: InteriorWorkspace, offset: Ray, W: Scalin
         pull = gradient[j] + aim[0, j] / slack[0, j] - aim[1, j] / slack[1, j]
         da[j] = inverse[j] * (pull - slope(q[j], a[j], exponent))
     for i in range(len(dv)):
-        dv[i] = -error[i] - dot(M[i], da)
+        dv[i] = -error[i] - inner_product(M[i], da)
     if W[3] > 0.0:
         for i in range(3):
             dv[p + i] += offset[i]
@@ -207,7 +207,7 @@ def _step(problem: FrameProblem, work: InteriorWorkspace, offset: Ray, W: Scalin
 @compiled
 def _gap(point: Iterate, s: Ray, p: int) -> float:
     _, z, v, slack = point
-    gap = dot(slack[0], z[0]) + dot(slack[1], z[1])
+    gap = inner_product(slack[0], z[0]) + inner_product(slack[1], z[1])
     return gap + inner(s, read_ray(v)) if p < len(v) else gap
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled
-from solver.dense import columns_times, copy, divide, dot, factor, rows_times_rows
+from solver.dense import columns_times, copy, divide, factor, inner_product, rows_times_rows
 from solver.redundancy.cone import Ray, project, project_rows
 from solver.redundancy.effort import activation, activation_per_slope
 from solver.redundancy.reduced_problem import FrameProblem
@@ -70,11 +70,11 @@ def optimality_errors(
         a[i] = min(max(free, lower[i]), upper[i])
         free_inverse[i] = activation_per_slope(q[i], a[i], exponent) if a[i] == free else 0.0
     for i in range(len(t)):
-        error[i] = dot(M[i], a) + dot(R[i], v) - t[i]
+        error[i] = inner_product(M[i], a) + inner_product(R[i], v) - t[i]
     ray = (0.0, 0.0, 0.0)
     if p < len(t):
         ray = (v[p] - error[p], v[p + 1] - error[p + 1], v[p + 2] - error[p + 2])
         near = project(ray)
         for i in range(3):
             error[p + i] = v[p + i] - near[i]
-    return sqrt(dot(error, error)), ray
+    return sqrt(inner_product(error, error)), ray

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from numba import types as numba_types
+from numba.core import types as numba_types
 from numba.core.registry import cpu_target
 
 from solver.operator_signatures import FUNCTIONS, remember_signatures
