@@ -31,7 +31,7 @@ from solver.errors import SolverError
 from solver.model import CoordinateLock, Model
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.paths import evaluate_paths
 
 Array = NDArray[np.float64]

@@ -43,15 +43,15 @@ from solver.multibody.postures import postures  # noqa: E402
 from solver.muscle import muscle_forces  # noqa: E402
 from solver.paths import evaluate_paths  # noqa: E402
 from solver.raise_arm import simulate_arm_raise  # noqa: E402
-from solver.redundancy.mechanics import evaluate_motion  # noqa: E402
-from solver.redundancy.motion import solve_motion  # noqa: E402
+from solver.redundancy.mechanics import evaluate_motion, response_maps  # noqa: E402
+from solver.redundancy.motion_solution import solve_motion  # noqa: E402
 from solver.redundancy.options import RedundancyOptions  # noqa: E402
-from solver.redundancy.problem import RedundancyProblem, build_redundancy  # noqa: E402
-from solver.redundancy.response_maps import response_maps  # noqa: E402
-from solver.redundancy.scenarios import (  # noqa: E402
+from solver.redundancy.problem import (  # noqa: E402  # noqa: E402
     CONE_FORCE_SCALE,
     LoadResponse,
+    RedundancyProblem,
     ScenarioSolutions,
+    build_redundancy,
     solve_redundancy,
 )
 from solver.redundancy.sequence import FrameOutcome  # noqa: E402
@@ -93,7 +93,7 @@ def subject() -> tuple[Model, Kinematics, str]:
             differentiate(simulate_arm_raise(model)),
             "bundled arm raise (no public data set beside the repository)",
         )
-    from solver.osim.reader import read_osim
+    from solver.osim.model_reader import read_osim
 
     model = read_osim(OSIM)
     return model, differentiate(read_motion(MOTION, model)), "FLX01"

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.functions.coordinate import polynomial
-from solver.functions.fibre import MillardCurves
-from solver.functions.tendon import MillardTendon
+from solver.functions.coordinate_functions import polynomial
+from solver.functions.muscle_curves import MillardCurves, MillardTendon
 from solver.model import (
     NO_COORDINATE,
     AnyPathPoint,

@@ -15,19 +15,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 KERNELS = (
-    ("solver.multibody.bodies", "move_bodies"),
-    ("solver.wrapping.moving_points", "place_points"),
-    ("solver.wrapping.tension", "evaluate_wrapped_paths"),
+    ("solver.multibody.joints", "move_bodies"),
+    ("solver.wrapping.wrapped_paths", "place_points"),
+    ("solver.wrapping.wrapped_paths", "evaluate_wrapped_paths"),
     ("solver.functions.bezier", "evaluate_chain"),
-    ("solver.multibody.masses", "mass_matrix_and_bias"),
-    ("solver.multibody.responses", "fill_responses"),
-    ("solver.redundancy.elimination", "eliminate"),
-    ("solver.redundancy.frames", "solve_frames"),
-    ("solver.inverse_kinematics.sequence", "solve_frames"),
-    ("solver.inverse_kinematics.sensitivity", "fill_sensitivities"),
-    ("solver.inverse_kinematics.information", "fill_information"),
-    ("solver.stream.fixed_lag", "smooth_window"),
-    ("solver.wrapping.path_nodes", "place_path_nodes"),
+    ("solver.multibody.mass_matrix", "mass_matrix_and_bias"),
+    ("solver.multibody.mass_matrix", "fill_responses"),
+    ("solver.redundancy.reduction", "eliminate"),
+    ("solver.redundancy.frames", "solve_activations"),
+    ("solver.inverse_kinematics.solve", "solve_postures"),
+    ("solver.inverse_kinematics.posture_uncertainty", "fill_sensitivities"),
+    ("solver.inverse_kinematics.posture_uncertainty", "fill_information"),
+    ("solver.stream.lag_window", "smooth_window"),
+    ("solver.wrapping.opensim_path", "place_path_nodes"),
 )
 """Modules and names of the kernels that an assessment and its drawings call, in order of use; a test finds a missing
 one."""
@@ -89,9 +89,9 @@ def _compile_paths() -> None:
     import numpy as np
 
     from solver.bundled import bundled_model
+    from solver.wrapping.opensim_path import allocate_wrap
     from solver.wrapping.path_tables import BODY, CHANGE, allocate_results, pack_paths
-    from solver.wrapping.tension import evaluate_wrapped_paths
-    from solver.wrapping.workspace import allocate_wrap
+    from solver.wrapping.wrapped_paths import evaluate_wrapped_paths
 
     model = bundled_model()
     tables = pack_paths(model, tuple(muscle.path for muscle in model.muscles))
@@ -105,9 +105,9 @@ def _compile_dynamics() -> None:
     import numpy as np
 
     from solver.bundled import bundled_model
+    from solver.multibody.body_tables import POSE
     from solver.multibody.dynamics import equations_of_motion, response_to_loads
     from solver.multibody.postures import Postures
-    from solver.multibody.tables import POSE
     from solver.muscle import muscle_forces
 
     model = bundled_model()

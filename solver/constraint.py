@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.frozen import freeze_arrays
-from solver.functions.coordinate import Function
+from solver.checks import freeze_arrays
+from solver.functions.coordinate_functions import Function
 
 Array = NDArray[np.float64]
 

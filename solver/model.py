@@ -7,32 +7,34 @@ ground needs no special case; the ground's pose is the identity, its mass, veloc
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from solver.checks import freeze_arrays
 from solver.constraint import Constraint as Constraint  # noqa: PLC0414 (part of the interface)
 from solver.constraint import CoordinateCoupler as CoordinateCoupler  # noqa: PLC0414 (part of the interface)
 from solver.constraint import CoordinateLock as CoordinateLock  # noqa: PLC0414 (part of the interface)
 from solver.constraint import PointConstraint as PointConstraint  # noqa: PLC0414 (part of the interface)
 from solver.errors import ModelError as ModelError  # noqa: PLC0414 (part of the interface)
 from solver.errors import SolverCode
-from solver.frozen import freeze_arrays
-from solver.functions.coordinate import Function
-from solver.functions.fibre import Curves
-from solver.functions.fibre_limits import ABOVE_ZERO, FROM_ZERO, Interval, first_outside, outside_of_curves
-from solver.functions.tendon import TendonCurve
-from solver.joint_motion import NO_COORDINATE as NO_COORDINATE  # noqa: PLC0414 (part of the interface)
-from solver.joint_motion import AxisMotion as AxisMotion  # noqa: PLC0414 (part of the interface)
-from solver.joint_motion import BallMotion as BallMotion  # noqa: PLC0414 (part of the interface)
-from solver.joint_motion import Motion as Motion  # noqa: PLC0414 (part of the interface)
-from solver.joint_motion import ScapulothoracicMotion as ScapulothoracicMotion  # noqa: PLC0414 (part of the interface)
+from solver.functions.coordinate_functions import Function
+from solver.functions.muscle_curves import (
+    ABOVE_ZERO,
+    FROM_ZERO,
+    Curves,
+    Interval,
+    TendonCurve,
+    first_outside,
+    outside_of_curves,
+)
 
 Array = NDArray[np.float64]
 
 GROUND = 0
+NO_COORDINATE = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +254,7 @@ Actuator = CoordinateActuator | ActuatorOnBodies
 
 
 class CoordinateForce(Protocol):
-    """Passive force on a coordinate, as of a spring: solver/forces/coordinate_force.py."""
+    """Passive force on a coordinate, as of a spring: solver/forces/passive_forces.py."""
 
     @property
     def name(self) -> str: ...
@@ -265,7 +267,7 @@ class CoordinateForce(Protocol):
 
 
 class PassiveForce(Protocol):
-    """A spring, ligament or contact between bodies: solver/forces, by multibody/force_element.py."""
+    """A spring, ligament or contact between bodies: solver/forces, by multibody/loads.py."""
 
     @property
     def name(self) -> str: ...
@@ -364,3 +366,88 @@ def _index(items: Sequence[_Named], name: str, kind: str, model: str) -> int:
             return index
     known = ", ".join(item.name for item in items)
     raise ModelError(f"the model {model} has no {kind} {name}; it has {known}", SolverCode.UNKNOWN_NAME)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisMotion:
+    """Three rotations, then three translations, about or along axes of the parent frame.
+
+    axes        (6, 3) unit vectors; rotations are successive and body-fixed, translations add up
+    coordinate  (6,) index of the coordinate that drives the axis, or NO_COORDINATE
+    functions   six functions of that coordinate: angle or distance [rad or m]; an undriven axis takes the value at 0
+    """
+
+    axes: Array
+    coordinate: NDArray[np.int64]
+    functions: tuple[Function, ...]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, axes=(6, 3))
+        coordinate = np.array(self.coordinate, dtype=np.int64)
+        coordinate.flags.writeable = False
+        object.__setattr__(self, "coordinate", coordinate)
+
+    @property
+    def coordinates(self) -> tuple[int, ...]:
+        """Indices of the coordinates that drive axes, without repetition, in the order of the axes."""
+        return tuple(dict.fromkeys(int(c) for c in self.coordinate if c != NO_COORDINATE))
+
+
+@dataclass(frozen=True)
+class BallMotion:
+    """Any rotation, and any translation if there are `sliding` coordinates (a free joint).
+
+    turning  indices of three body-fixed x-y-z angles; their speeds are the components of the angular velocity in the
+             parent frame, not the rates of the angles
+    sliding  none, or indices of the position x, y, z of the child frame in the parent frame
+    """
+
+    turning: tuple[int, int, int]
+    sliding: tuple[int, int, int] | tuple[()]
+
+    @property
+    def coordinates(self) -> tuple[int, ...]:
+        return (*self.turning, *self.sliding)
+
+
+@dataclass(frozen=True, eq=False)
+class ScapulothoracicMotion:
+    """The scapula glides on an ellipsoid of the thorax and wings about an axis of the tangent plane.
+
+    coordinates        indices of abduction, elevation, upward rotation, winging
+    radii              (3,) semi-axes of the thoracic ellipsoid [m], in the order of OpenSim's property
+    winging_origin     (2,) point of the winging axis in the tangent plane [m]
+    winging_direction  angle of that axis in the plane [rad]
+    """
+
+    coordinates: tuple[int, int, int, int]
+    radii: Array
+    winging_origin: Array
+    winging_direction: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, radii=(3,), winging_origin=(2,))
+
+    @property
+    def turning(self) -> tuple[int, ...]:
+        """The three coordinates whose speeds are components of an angular velocity in the parent frame."""
+        return self.coordinates[:3]
+
+
+Motion = AxisMotion | BallMotion | ScapulothoracicMotion
+
+
+def with_point_mass(model: Model, body: str, mass: float, location: ArrayLike) -> Model:
+    """The model with a point of `mass` [kg] fixed to a body at `location` (3,) [m] in it, say a cuff or a dumb-bell."""
+    index = model.body_index(body)
+    bare, point = model.bodies[index], np.asarray(location, dtype=float)
+    total = bare.mass + mass
+    mass_center = (bare.mass * bare.mass_center + mass * point) / total
+    inertia = bare.inertia + _steiner(bare.mass, bare.mass_center - mass_center) + _steiner(mass, point - mass_center)
+    loaded = Body(bare.name, total, mass_center, inertia)
+    return replace(model, bodies=(*model.bodies[:index], loaded, *model.bodies[index + 1 :]))
+
+
+def _steiner(mass: float, offset: Array) -> Array:
+    """Inertia (3, 3) of a point mass at `offset` (3,) from the axis point (parallel-axis theorem)."""
+    return mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))

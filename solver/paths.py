@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError, Path
-from solver.multibody.load_wrenches import LoadWrenches
+from solver.multibody.loads import LoadWrenches
 from solver.multibody.postures import Postures
 from solver.wrapping.path_tables import PathTables, allocate_results, pack_bodies, pack_paths
 
@@ -73,11 +73,10 @@ def evaluate_paths(
     geodesics over a torus.
     """
     # The compiler behind this takes a third of a second to import, which reading a model does not need.
-    from solver.geodesics.tension import evaluate_geodesic_paths
-    from solver.geodesics.workspace import allocate_geodesic
-    from solver.wrapping.moving_points import has_moving_points, pack_moving_points
-    from solver.wrapping.tension import evaluate_wrapped_paths
-    from solver.wrapping.workspace import allocate_wrap
+    from solver.geodesics.geodesic_paths import evaluate_geodesic_paths
+    from solver.geodesics.shortest_path import allocate_geodesic
+    from solver.wrapping.opensim_path import allocate_wrap
+    from solver.wrapping.wrapped_paths import evaluate_wrapped_paths, has_moving_points, pack_moving_points
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     if mode == "geodesic":

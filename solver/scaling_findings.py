@@ -1,20 +1,24 @@
 """Findings on a scaled model: unequal factors move path points linearly and surfaces by mean factors, and a girdle in a
 wrong posture stretches muscles. Marker residuals show neither.
+
+Markers of a static pose: how still they are, and a model's markers moved to where they were seen (the last step of
+OpenSim's ScaleTool).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.solve import assemble
+from solver.findings import ScalingCode
+from solver.inverse_kinematics.solve import TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import Model, PathPoint, WrapSurface
 from solver.multibody.postures import Postures, postures
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
-from solver.scaling_code import ScalingCode
 
 Array = NDArray[np.float64]
 
@@ -170,3 +174,33 @@ def _level(surface: WrapSurface, point: PathPoint, state: Postures) -> float:
             return float("inf")
         local = local * [1.0, 1.0, 0.0]
     return float(np.linalg.norm(local / surface.dimensions))
+
+
+def place_markers(model: Model, labels: Sequence[str], static: Array, tasks: TrackingTasks) -> Model:
+    """The model with every marker that is seen and not fixed at its place in the body, in the posture of the tasks.
+
+    static (labels, 3) [m] is the mean of the frames of a static pose, NaN where a marker is hidden.
+    """
+    columns = [list(labels).index(marker.name) for marker in tasks.markers]
+    posture = solve_inverse_kinematics(model, static[None, columns], tasks).coordinates
+    state = postures(model, posture, np.zeros_like(posture))
+    places = dict(zip(labels, static, strict=True))
+    moved = []
+    for marker in model.markers:
+        place = places.get(marker.name)
+        if marker.is_fixed or place is None or not np.isfinite(place).all():
+            moved.append(marker)
+            continue
+        rotation, origin = state.rotation_to_ground[0, marker.body], state.origin_in_ground[0, marker.body]
+        moved.append(replace(marker, location=rotation.T @ (place - origin)))
+    return replace(model, markers=tuple(moved))
+
+
+def largest_motion(labels: Sequence[str], observed: Array) -> tuple[str, float]:
+    """Label of the marker that moves most along an axis in (frames, labels, 3) [m], and its range [m]."""
+    hidden = ~np.isfinite(observed).any(axis=(0, 2))
+    filled = np.where(np.isfinite(observed), observed, np.nan)
+    filled[:, hidden] = 0.0
+    ranges = (np.nanmax(filled, axis=0) - np.nanmin(filled, axis=0)).max(axis=1)
+    index = int(np.argmax(ranges))
+    return labels[index], float(ranges[index])

@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fitting.cuffs.cuff_tables import CuffsLike, cuffs_of
+from solver.checks import ensure_at_least, ensure_names, ensure_type
 from solver.cuff import by_site
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate
-from solver.multibody.external_loads import ExternalForce
-from solver.option_values import ensure_at_least, ensure_names, ensure_type
-from solver.redundancy.motion import solve_motion as solve
+from solver.multibody.loads import ExternalForce
 from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.motion_solution import solve_motion as solve
 from solver.redundancy.options import RedundancyOptions, options_for
-from solver.stream.stream_scenario import StreamScenario
+from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
 from solver.suit.assessment import assess as assess_suit

@@ -17,11 +17,11 @@ from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, Motion, differentiate, motion_from_dataframe, read_motion
 from solver.motion_splines import held_by_constraints
-from solver.multibody.external_loads import ExternalForce
+from solver.multibody.loads import ExternalForce
 from solver.osim.document import read_document
 from solver.osim.loads import data_file, read_external_loads
-from solver.osim.reader import read_osim, read_osim_model
-from solver.osim.suited_reader import read_suited
+from solver.osim.model_reader import read_osim, read_osim_model
+from solver.osim.suited import read_suited
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.suited_model import CORD, CUFFS_AT_ENDS, SuitedModel
 from station.motion_filter import CUTOFF_HZ

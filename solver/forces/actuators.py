@@ -11,9 +11,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.frozen import freeze_arrays
+from solver.checks import freeze_arrays
 from solver.model import Model, Path
-from solver.multibody.force_element import Loads, no_loads
+from solver.multibody.loads import Loads, no_loads
 from solver.multibody.postures import Postures, points_in_ground
 from solver.multibody.rotations import wrench_about_origin
 from solver.paths import evaluate_paths

@@ -13,12 +13,13 @@ Stavness, Delp, Kecskeméthy, Multibody Syst. Dyn. 36:195, 2016.)
 from __future__ import annotations
 
 from math import atan2, inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
 
 from solver.compiled import compiled
-from solver.geodesics.contact import set_geodesic
-from solver.geodesics.series import EXACT
-from solver.geodesics.trace import normal_at, project_onto_surface
-from solver.geodesics.workspace import GeodesicWorkspace
+from solver.geodesics.geodesic import CONTACT, EXACT, ORDER, ROWS, normal_at, project_onto_surface, set_geodesic
+from solver.geodesics.planes import PLANES
 from solver.vectors import (
     Array,
     Vector,
@@ -32,9 +33,10 @@ from solver.vectors import (
     unit,
     write,
 )
-from solver.wrapping.path_tables import ELLIPSOID, NOT_CONVERGED, Codes, Indices, Record, Records
+from solver.wrapping.opensim_path import allocate_wrench
+from solver.wrapping.path_tables import ELLIPSOID, NODE, NOT_CONVERGED, Codes, Indices, PathTables, Record, Records
 
-GUESS = 1e-4  # accuracy of a guessed geodesic (series.py)
+GUESS = 1e-4  # accuracy of a guessed geodesic (geodesic.py)
 MOST_STEPS = 30
 SINGULAR = 1e-14
 FIRST, LAST = 1.0, -1.0  # ends of a contact: sense in which the straight segment there grows as the end moves along t
@@ -229,3 +231,39 @@ def _move(contact: Record, share: float, steps: Array, accuracy: float, series: 
     t, n = along(t, share * steps[2], b), normal_at(kind, size, x)
     heading, length = unit(along(t, -dot(t, n), n)), contact["length"] + share * steps[3]
     set_geodesic(contact, x, heading, length, accuracy, series, code)
+
+
+class GeodesicWorkspace(NamedTuple):
+    """nodes of a path (NODE) and their sequence along it; stops, the nodes that are its path points; its contacts
+    (CONTACT), one for each of its surfaces, and their order along a segment; the matrix of a path; the series of
+    geodesic.py; the detours of planes.py; wrench (bodies, 6), zero between paths; code (1,), the path's outcome.
+    """
+
+    nodes: Records
+    sequence: Indices
+    stops: Indices
+    contacts: Records
+    order: Indices
+    matrix: Array
+    series: Array
+    detours: Array
+    wrench: Array
+    code: Codes
+
+
+def allocate_geodesic(tables: PathTables) -> GeodesicWorkspace:
+    points = int(np.diff(tables.first_point).max(initial=0))
+    wraps = int(np.diff(tables.first_wrap).max(initial=0))
+    nodes = points + 2 * wraps * points
+    return GeodesicWorkspace(
+        np.zeros(nodes, NODE),
+        np.zeros(nodes, np.int64),
+        np.zeros(points, np.int64),
+        np.zeros(wraps, CONTACT),
+        np.zeros(wraps, np.int64),
+        np.zeros((4 * wraps, 4 * wraps + 1)),
+        np.zeros((ROWS, ORDER + 1)),
+        np.zeros(PLANES),
+        allocate_wrench(tables),
+        np.zeros(1, np.int8),
+    )

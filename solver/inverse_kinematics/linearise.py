@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from solver.compiled import compiled
 from solver.constraint import WeldConstraint
 from solver.errors import SolverCode
-from solver.inverse_kinematics.skeleton import PoseWorkspace, Skeleton, point_in_ground
+from solver.inverse_kinematics.pose import PoseWorkspace, Skeleton, point_in_ground
 from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, ModelError, PointConstraint
-from solver.multibody.functions import derivatives
-from solver.multibody.tables import Functions, Indices, pack_functions
+from solver.multibody.body_tables import Functions, Indices, pack_functions
+from solver.multibody.joints import derivatives
 from solver.vectors import Vector, add, cross, dot, read, scale, subtract, turn_back, write
 
 Array = NDArray[np.float64]

@@ -1,14 +1,34 @@
-"""How well markers fit a model: as given, in the mirror, and how far the body is tilted."""
+"""Markers before and after a solution: their fit, the laboratory's frame, and frames without a posture.
+
+How well markers fit a model: as given, in the mirror, and how far the body is tilted.
+
+From a laboratory's frame to the model's ground: y up, and the person facing as the model does. Only the turn about the
+vertical is free, so that gravity keeps its direction.
+
+Frames without a posture: short gaps are interpolated, and a motion ends at a long one.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.solve import TrackingTasks, assemble, solve_inverse_kinematics
-from solver.model import GROUND, Model
+from solver.errors import MotionError, SolverCode
+from solver.inverse_kinematics.solve import (
+    InverseKinematics,
+    PostureOutcome,
+    TrackingTasks,
+    assemble,
+    solve_inverse_kinematics,
+)
+from solver.model import GROUND, Marker, Model, ModelError
+from solver.motion import Motion
 from solver.multibody.postures import points_in_ground, postures
 
 Array = NDArray[np.float64]
@@ -16,6 +36,18 @@ Array = NDArray[np.float64]
 FRAMES = 7
 """Frames that are looked at, evenly spread; each is solved from the default posture."""
 MIRROR = np.array([1.0, 1.0, -1.0])
+Vertical = Literal["x", "y", "z"]
+
+TO_Y_UP: Final = {
+    "x": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "y": np.eye(3),
+    "z": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+}
+"""Cyclic exchanges of axes by the laboratory's vertical one: (3, 3), laboratory vectors into vectors with y up."""
+LONGEST_GAP = 0.25
+"""Seconds; the published motions are filtered at 3 Hz, whose period is longer."""
+SHORTEST_MOTION = 1.0
+"""Seconds, below which the filter's ends reach into each other."""
 
 
 @dataclass(frozen=True)
@@ -75,3 +107,68 @@ def _upwards(model: Model, coordinates: Array) -> Array:
     up = -model.gravity / np.linalg.norm(model.gravity)
     directions: Array = up @ state.rotation_to_ground[:, body]
     return directions
+
+
+def rotation_laboratory_to_ground(
+    model: Model, markers: Sequence[Marker], observed: Array, vertical: Vertical = "z"
+) -> Array:
+    """(3, 3) that turns laboratory vectors into vectors in the model's ground.
+
+    observed (frames, markers, 3) [m] in the laboratory, NaN where a marker is hidden. The turn about the vertical is
+    that in which the markers' mean places lie nearest to those of the model in its default posture (least squares).
+    Raises ModelError where fewer than three of the markers are ever seen.
+    """
+    is_seen = np.isfinite(observed).all(axis=(2,)).any(axis=0)
+    if is_seen.sum() < 3:
+        raise ModelError(
+            f"expected at least 3 of the markers {', '.join(marker.name for marker in markers)} and found "
+            f"{int(is_seen.sum())}; label them",
+            SolverCode.TOO_FEW_MARKERS,
+        )
+    posture = assemble(model)[None]
+    state = postures(model, posture, np.zeros_like(posture))
+    expected = np.array([points_in_ground(state, marker.body, marker.location)[0] for marker in markers])[is_seen]
+    upright = np.nanmean(observed[:, is_seen], axis=0) @ TO_Y_UP[vertical].T
+    expected, upright = expected - expected.mean(axis=0), upright - upright.mean(axis=0)
+    along = (upright * expected)[:, [0, 2]].sum()
+    across = (upright[:, 2] * expected[:, 0] - upright[:, 0] * expected[:, 2]).sum()
+    angle = np.arctan2(across, along)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    about_vertical = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    rotation: Array = about_vertical @ TO_Y_UP[vertical]
+    return rotation
+
+
+@dataclass(frozen=True, eq=False)
+class WholeMotion:
+    """motion has a posture in every frame; start is its first frame in the trial.
+
+    interpolated is the number of frames that were interpolated, left_out that of frames before and after the motion.
+    """
+
+    motion: Motion
+    start: int
+    interpolated: int
+    left_out: int
+
+
+def longest_whole_motion(model: Model, time: Array, solution: InverseKinematics) -> WholeMotion:
+    """The longest part of a trial whose gaps last at most LONGEST_GAP; these are interpolated (PCHIP).
+
+    time (frames,) [s], evenly spaced. Raises MotionError where that part is shorter than SHORTEST_MOTION.
+    """
+    interval = float(time[-1] - time[0]) / (len(time) - 1)
+    solved = np.flatnonzero([outcome == PostureOutcome.SOLVED for outcome in solution.outcomes])
+    breaks = np.flatnonzero(np.diff(solved) > math.floor(LONGEST_GAP / interval) + 1)
+    parts = np.split(solved, breaks + 1)
+    longest = max(parts, key=lambda part: part[-1] - part[0] if len(part) else -1)
+    if len(longest) < 2 or (longest[-1] - longest[0]) * interval < SHORTEST_MOTION:
+        raise MotionError(
+            f"the markers should determine the posture for at least {SHORTEST_MOTION:g} s without a gap of more than "
+            f"{LONGEST_GAP:g} s, and do in {len(solved)} of {len(time)} frames; record the trial again",
+            SolverCode.NOT_COVERED,
+        )
+    start, end = int(longest[0]), int(longest[-1]) + 1
+    whole = scipy.interpolate.PchipInterpolator(time[longest], solution.coordinates[longest])(time[start:end])
+    motion = Motion(model.coordinate_names, time[start:end], whole)
+    return WholeMotion(motion, start, end - start - len(longest), len(time) - (end - start))

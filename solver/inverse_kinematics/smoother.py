@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver.errors import SolverCode
 from solver.inverse_kinematics.exchanges import find_exchanges
 from solver.inverse_kinematics.motion_prior import LEAST_SD, START_SD, MotionPrior, fit_motion_prior, transition
+from solver.inverse_kinematics.posture_uncertainty import posture_uncertainty
 from solver.inverse_kinematics.solve import (
     InverseKinematics,
     PostureOutcome,
@@ -26,7 +27,6 @@ from solver.inverse_kinematics.solve import (
     build_problem,
     solve_inverse_kinematics,
 )
-from solver.inverse_kinematics.uncertainty import posture_uncertainty
 from solver.model import Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.postures import points_in_ground, postures
@@ -192,7 +192,9 @@ class _Evidence:
         """Information (frames, coordinates, coordinates) and its product with the coordinates (frames, coordinates);
         constraints are linearised about q.
         """
-        from solver.inverse_kinematics.information import fill_information  # the compiler takes a while to import
+        from solver.inverse_kinematics.posture_uncertainty import (
+            fill_information,  # the compiler takes a while to import
+        )
 
         frames, count = q.shape
         gap, rows = np.zeros((frames, *self._work.system.gap.shape)), np.zeros((frames, *self._work.system.rows.shape))

@@ -7,6 +7,14 @@ With u̇ the accelerations, f the generalised forces and λ the constraints' mul
 
 so one factorisation per frame serves all loads. If constraints are redundant, S⁻¹ is the pseudo-inverse and λ the least
 multipliers that hold them, as in Simbody. Loads are wrenches on bodies about the ground origin (moment, force).
+
+Inverse dynamics gives the generalised forces that produce a motion under external loads,
+
+    τ = M q̈ + c − Σ Jᵀ w
+
+with the mass matrix M, the bias c of velocities, gravity and passive forces, and the wrenches w of the loads. Muscles
+and actuators do not act. As in OpenSim's InverseDynamicsTool, constraints do not act either: τ of a coupled or locked
+coordinate is the one that its motion would need without the constraint.
 """
 
 from __future__ import annotations
@@ -18,19 +26,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.checks import read_only
 from solver.errors import SolverCode
-from solver.frozen import read_only
 from solver.model import Model, ModelError
+from solver.motion import Kinematics
+from solver.multibody.body_tables import Indices, Tables, tables_of
 from solver.multibody.constraints import constraint_rows
-from solver.multibody.force_element import total_loads
-from solver.multibody.load_wrenches import LoadWrenches, on_all_bodies
-from solver.multibody.postures import Postures, points_in_ground
+from solver.multibody.loads import ExternalForce, LoadWrenches, load_wrenches, on_all_bodies, total_loads
+from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.multibody.rotations import cross, rotate
-from solver.multibody.tables import Indices, Tables, tables_of
 
 if TYPE_CHECKING:
-    from solver.multibody.masses import DynamicsTerms
-    from solver.multibody.responses import Responses
+    from solver.multibody.mass_matrix import DynamicsTerms, Responses
 
 Array = NDArray[np.float64]
 
@@ -156,7 +163,7 @@ def responses_to(
     """The response to each load times its factor (frames, loads), and to forces of this strength (actuators,) on the
     `driven` coordinates (actuators,); their sum with shares (frames, loads) of the loads.
     """
-    from solver.multibody.responses import Loads, Mobility, Responses, fill_responses
+    from solver.multibody.mass_matrix import Loads, Mobility, Responses, fill_responses
 
     (frames, coordinates), columns = equations.screws.shape[:2], wrenches.loads + len(driven)
     responses = Responses(
@@ -197,7 +204,7 @@ def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array
 
 def _terms(model: Model, state: Postures, child: int, point: Array, jacobian: Array) -> DynamicsTerms:
     """M, c, inverses with G, and the reaction about point (frames, 3) that carries `child` and the bodies beyond it."""
-    from solver.multibody.masses import (
+    from solver.multibody.mass_matrix import (
         DynamicsTerms,  # the compiler behind it takes a third of a second to import
         mass_matrix_and_bias,
     )
@@ -284,3 +291,17 @@ def _carried(model: Model, body: int) -> Indices:
     for joint in model.joints:
         carried[joint.child] |= carried[joint.parent]
     return carried
+
+
+def inverse_dynamics(model: Model, kinematics: Kinematics, loads: Sequence[ExternalForce] = ()) -> Array:
+    """τ (frames, coordinates) [N m for angles, N for translations]; loads are sampled at the frames of the motion.
+
+    Bodies may lack mass: nothing is inverted.
+    """
+    state = postures(model, kinematics.positions, kinematics.speeds, kinematics.time)
+    mass_matrix, bias_force = mass_matrix_and_bias_force(model, state)
+    forces = rotate(mass_matrix, kinematics.accelerations) + bias_force
+    if loads:
+        beyond = tables_of(model).moves.T @ load_wrenches(loads, state)  # of each coordinate
+        forces -= (beyond * state.screws).sum(axis=-1)
+    return forces

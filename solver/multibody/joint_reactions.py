@@ -13,14 +13,14 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.checks import ensure_known, ensure_names
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.model import GROUND, Joint, Model
 from solver.multibody.constraints import constraint_wrenches
 from solver.multibody.dynamics import EquationsOfMotion, multipliers
-from solver.multibody.force_element import total_loads
+from solver.multibody.loads import total_loads
 from solver.multibody.postures import Postures, jacobians, point_acceleration, points_in_ground, velocity_at
 from solver.multibody.rotations import cross, rotate, wrench_about_origin
-from solver.option_values import ensure_known, ensure_names
 
 Array = NDArray[np.float64]
 Side = Literal["child", "parent"]

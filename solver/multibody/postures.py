@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import GROUND, AxisMotion, Model, ModelError
+from solver.multibody.body_tables import POSE, Records, tables_of
 from solver.multibody.rotations import angular_rates_change, angular_rates_matrix, cross, rotate
-from solver.multibody.tables import POSE, Records, tables_of
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def postures(model: Model, coordinates: Array, speeds: Array, time: Array | None
 
     time (frames,) [s] is 0 by default.
     """
-    from solver.multibody.bodies import move_bodies  # the compiler behind it takes a third of a second to import
+    from solver.multibody.joints import move_bodies  # the compiler behind it takes a third of a second to import
 
     expected = (len(coordinates), len(model.coordinates))
     if coordinates.shape != expected or speeds.shape != expected:

@@ -1,4 +1,7 @@
-"""Forces and actuators in an OpenSim document, with all digits, so that the reader returns the same."""
+"""Forces, actuators and muscles in an OpenSim document, with all digits, so that the reader returns the same.
+
+Tendons of muscles are rigid (model_writer.py); their curves stay in the file.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +14,55 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.forces.actuators import PathActuator, PointActuator, PointToPointActuator, TorqueActuator
-from solver.forces.bushing import Bushing, ExpressionBushing, FunctionBushing
-from solver.forces.coordinate_force import CoordinateExpression, CoordinateLimit, CoordinateSpring
-from solver.forces.path_force import BlankevoortLigament, Ligament, PathExpression, PathSpring
-from solver.forces.point_force import ConstantForce, PointToPointExpression, PointToPointSpring
-from solver.model import GROUND, CoordinateActuator, Model, ModelError, Placement
-from solver.osim.contact_writer import CONTACTS
-from solver.osim.force_elements import BUSHING_EXPRESSIONS, BUSHING_FUNCTIONS
-from solver.osim.forces import unit_of_limits
-from solver.osim.function_writer import add_function
-from solver.osim.path_writer import add_whole_path
-from solver.osim.xml_elements import add, add_offset_frame, add_values, frame_of, objects_of
+from solver.forces.contact_forces import ContactMaterial, ContactSurface, HuntCrossleyContact, SmoothContact
+from solver.forces.passive_forces import (
+    BlankevoortLigament,
+    Bushing,
+    ConstantForce,
+    CoordinateExpression,
+    CoordinateLimit,
+    CoordinateSpring,
+    ExpressionBushing,
+    FunctionBushing,
+    Ligament,
+    PathExpression,
+    PathSpring,
+    PointToPointExpression,
+    PointToPointSpring,
+)
+from solver.functions.muscle_curves import (
+    DeGrooteFreglyCurves,
+    DeGrooteFreglyTendon,
+    MillardCurves,
+    MillardTendon,
+    SchutteCurves,
+    ThelenCurves,
+    ThelenTendon,
+)
+from solver.model import GROUND, CoordinateActuator, Model, ModelError, Muscle, Placement
+from solver.osim.elements import (
+    add,
+    add_function,
+    add_offset_frame,
+    add_values,
+    add_whole_path,
+    angles_of,
+    frame_of,
+    objects_of,
+)
+from solver.osim.force_reader import BUSHING_EXPRESSIONS, BUSHING_FUNCTIONS, unit_of_limits
+from solver.osim.muscle_reader import MILLARD_OPTIONS, THELEN_OPTIONS
 
 Array = NDArray[np.float64]
+_FRICTION = ("dissipation", "static_friction", "dynamic_friction", "viscous_friction")
+_CLASSES = {
+    MillardCurves: "Millard2012EquilibriumMuscle",
+    ThelenCurves: "Thelen2003Muscle",
+    DeGrooteFreglyCurves: "DeGrooteFregly2016Muscle",
+    SchutteCurves: "Schutte1993Muscle_Deprecated",
+}
+
+_ALWAYS_ELASTIC = (ThelenCurves, SchutteCurves)  # OpenSim has no rigid tendon for their muscles
 
 
 def add_force(written: Xml.Element, model: Model, force: Any) -> None:
@@ -182,6 +221,45 @@ def _constant_force(written: Xml.Element, model: Model, force: ConstantForce) ->
             add_values(add(functions, "Constant"), value=value)
 
 
+def _hunt_crossley(written: Xml.Element, model: Model, force: HuntCrossleyContact) -> None:
+    """Each surface becomes a geometry of its own with its material, also if several shared one."""
+    made = add(objects_of(written, "ForceSet"), "HuntCrossleyForce", force.name)
+    groups = add(add(made, "HuntCrossleyForce::ContactParametersSet", "contact_parameters"), "objects")
+    for index, surface in enumerate(force.surfaces, start=1):
+        name = f"{force.name}_{index}"
+        _add_surface(written, model, surface, name)
+        group = add(groups, "HuntCrossleyForce::ContactParameters")
+        add_values(group, geometry=name, **_material(surface.material))
+    add_values(made, transition_velocity=force.transition_velocity)
+
+
+def _smooth_contact(written: Xml.Element, model: Model, force: SmoothContact) -> None:
+    sphere, plane = f"{force.name}_sphere", f"{force.name}_plane"
+    shapes = objects_of(written, "ContactGeometrySet")
+    made = add(shapes, "ContactSphere", sphere)
+    add_values(made, socket_frame=frame_of(model.bodies, force.sphere_body), location=force.center, radius=force.radius)
+    _add_surface(written, model, ContactSurface(force.plane_body, force.plane, None, force.material), plane)
+    values = {"socket_sphere": f"/contactgeometryset/{sphere}", "socket_half_space": f"/contactgeometryset/{plane}"}
+    values |= {"constant_contact_force": force.offset, "hertz_smoothing": force.hertz_smoothing}  # type: ignore[dict-item]
+    contact = add(objects_of(written, "ForceSet"), "SmoothSphereHalfSpaceForce", force.name)
+    add_values(contact, **values, **_material(force.material), transition_velocity=force.transition_velocity)
+    add_values(contact, hunt_crossley_smoothing=force.speed_smoothing)
+
+
+def _add_surface(written: Xml.Element, model: Model, surface: ContactSurface, name: str) -> None:
+    tag = "ContactHalfSpace" if surface.radius is None else "ContactSphere"
+    made = add(objects_of(written, "ContactGeometrySet"), tag, name)
+    placement = surface.placement
+    add_values(made, socket_frame=frame_of(model.bodies, surface.body), location=placement.translation)
+    add_values(made, orientation=angles_of(placement.rotation))
+    if surface.radius is not None:
+        add_values(made, radius=surface.radius)
+
+
+def _material(material: ContactMaterial) -> dict[str, float]:
+    return {tag: getattr(material, tag) for tag in ("stiffness", *_FRICTION)}
+
+
 _WRITERS: dict[type, Callable[[Xml.Element, Model, Any], None]] = {
     CoordinateActuator: _coordinate_actuator,
     PathActuator: _path_actuator,
@@ -201,5 +279,87 @@ _WRITERS: dict[type, Callable[[Xml.Element, Model, Any], None]] = {
     PointToPointSpring: _point_spring,
     PointToPointExpression: _point_expression,
     ConstantForce: _constant_force,
-    **CONTACTS,
+    HuntCrossleyContact: _hunt_crossley,
+    SmoothContact: _smooth_contact,
 }
+
+
+def add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
+    made = add(objects, _CLASSES[type(muscle.curves)], muscle.name)
+    add_whole_path(made, model, muscle.path, muscle.name)
+    add_values(
+        made,
+        max_isometric_force=muscle.max_isometric_force,
+        optimal_fiber_length=muscle.optimal_fiber_length,
+        tendon_slack_length=muscle.tendon_slack_length,
+        pennation_angle_at_optimal=muscle.pennation_at_optimal,
+        min_control=muscle.min_control,
+        max_control=muscle.max_control,
+        ignore_tendon_compliance=not isinstance(muscle.curves, _ALWAYS_ELASTIC),
+        ignore_activation_dynamics=not _has_activation_dynamics(muscle),
+    )
+    if isinstance(muscle.curves, SchutteCurves):
+        _add_schutte(made, muscle, muscle.curves)
+        return
+    add_values(made, max_contraction_velocity=muscle.max_contraction_velocity)
+    if _has_activation_dynamics(muscle):
+        add_values(
+            made,
+            activation_time_constant=muscle.activation_time_constant,
+            deactivation_time_constant=muscle.deactivation_time_constant,
+        )
+    if isinstance(muscle.curves, DeGrooteFreglyCurves):
+        _add_de_groote_fregly(made, muscle, muscle.curves)
+        return
+    add_values(made, maximum_pennation_angle=muscle.maximum_pennation)
+    if isinstance(muscle.curves, ThelenCurves):
+        add_values(made, **{option: getattr(muscle.curves, field) for option, field in THELEN_OPTIONS.items()})
+        if isinstance(muscle.tendon, ThelenTendon):
+            add_values(made, FmaxTendonStrain=muscle.tendon.strain)
+    else:
+        _add_millard(made, muscle)
+
+
+def _has_activation_dynamics(muscle: Muscle) -> bool:
+    return muscle.activation_time_constant > 0.0 or muscle.deactivation_time_constant > 0.0
+
+
+def _add_millard(made: Xml.Element, muscle: Muscle) -> None:
+    add_values(made, fiber_damping=muscle.fiber_damping)
+    for tag, options in MILLARD_OPTIONS.items():
+        curve = add(made, tag, f"{muscle.name}_{tag}")
+        add_values(curve, **{option: getattr(muscle.curves, field) for option, field in options.items()})
+    if isinstance(muscle.tendon, MillardTendon):
+        tendon = muscle.tendon
+        add_values(
+            add(made, "TendonForceLengthCurve", f"{muscle.name}_TendonForceLengthCurve"),
+            strain_at_one_norm_force=tendon.strain,
+            stiffness_at_one_norm_force=tendon.stiffness,
+            norm_force_at_toe_end=tendon.toe_force,
+            curviness=tendon.curviness,
+        )
+
+
+def _add_de_groote_fregly(made: Xml.Element, muscle: Muscle, curves: DeGrooteFreglyCurves) -> None:
+    add_values(
+        made,
+        active_force_width_scale=curves.width,
+        passive_fiber_strain_at_one_norm_force=curves.passive_strain,
+        ignore_passive_fiber_force=not curves.has_passive_force,
+        fiber_damping=muscle.fiber_damping,
+    )
+    if isinstance(muscle.tendon, DeGrooteFreglyTendon):
+        add_values(made, tendon_strain_at_one_norm_force=muscle.tendon.strain)
+
+
+def _add_schutte(made: Xml.Element, muscle: Muscle, curves: SchutteCurves) -> None:
+    """Its file has rates: activation2 at no excitation, and activation1 more at full excitation, over a time scale."""
+    scale = 1.0 / muscle.max_contraction_velocity
+    add_values(made, time_scale=scale)
+    if _has_activation_dynamics(muscle):
+        fall = scale / muscle.deactivation_time_constant
+        rise = scale / muscle.activation_time_constant - fall
+        add_values(made, activation1=rise, activation2=fall)
+    add_function(made, curves.active, muscle.name, "active_force_length_curve")
+    if curves.passive is not None:
+        add_function(made, curves.passive, muscle.name, "passive_force_length_curve")

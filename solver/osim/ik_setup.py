@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
-from solver.functions.coordinate import natural_spline
+from solver.functions.coordinate_functions import natural_spline
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model, ModelError
 from solver.osim.document import Element, read_document
-from solver.osim.xml_elements import VERSION, add, add_values
+from solver.osim.elements import VERSION, add, add_values
 from solver.time_series_table import read_table
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
 from solver.model import GROUND, Model, ModelError
-from solver.multibody.external_loads import ExternalForce
+from solver.multibody.loads import ExternalForce
 from solver.osim.document import Element, read_document
 from solver.time_series_table import ensure_seconds, read_table
 

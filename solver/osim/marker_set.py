@@ -12,8 +12,8 @@ import numpy as np
 from solver.errors import SolverCode
 from solver.model import Marker, Model
 from solver.osim.document import Element, read_document
-from solver.osim.writer import add_marker
-from solver.osim.xml_elements import VERSION, add
+from solver.osim.elements import VERSION, add
+from solver.osim.model_writer import add_marker
 
 
 def read_marker_set(path: Path, model: Model) -> tuple[tuple[Marker, ...], tuple[str, ...]]:

@@ -15,8 +15,8 @@ from solver.inverse_kinematics.solve import assemble
 from solver.model import Model, ModelError
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.document import Element, read_document
+from solver.osim.elements import VERSION, add, add_values
 from solver.osim.ik_setup import IkSetup, add_file, add_tasks, ik_setup_of
-from solver.osim.xml_elements import VERSION, add, add_values
 
 Array = NDArray[np.float64]
 AXES = "XYZ"

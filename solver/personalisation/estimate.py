@@ -11,24 +11,30 @@ steps on what remains,
 
 where T, G_θ, V are the derivatives of markers, constraints and v by θ at fixed postures. The inverse of the reduced
 normal matrix is the covariance of θ.
+
+The number of effective frames counts independent observations. Skin and model errors follow the posture, so frames of
+similar posture repeat the same error: a hundred frames of one pose are one observation.
+
+draw_postures_of_person draws a trial's postures from this uncertainty and from the scatter of the markers. Every draw
+is another body of the posterior (size, places of the markers, posture of the girdle) and another displacement of the
+skin under each marker, which lasts the whole trial; inverse kinematics is then solved again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import SolverCode
+from solver.inverse_kinematics.posture_uncertainty import draw_postures
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.model import Marker, Model, ModelError
-from solver.personalisation.anthropometry import body_factors
-from solver.personalisation.effective_frames import effective_frames
-from solver.personalisation.priors import BodyPriors, population_priors
-from solver.personalisation.reduced_system import Share, normal_equations
+from solver.personalisation.anthropometry import BodyPriors, body_factors, population_priors
+from solver.personalisation.normal_equations import Share, normal_equations
 from solver.scaling import Scaling, scale_model, scale_skeleton
 
 Array = NDArray[np.float64]
@@ -259,3 +265,53 @@ def _estimate(
         outcome,
         steps,
     )
+
+
+def effective_frames(observed: Array, scatter: float) -> float:
+    """Of observed (frames, markers, 3) [m], NaN where hidden; scatter [m] of a marker along each axis.
+
+    n / (1 + 2 Σ ρ) with the autocorrelation ρ of the markers' motion up to its first zero, as far as the motion (its
+    variance γ) exceeds the scatter: 1 + (n / (1 + 2 Σ ρ) − 1) γ / (γ + scatter²). So a static pose counts once.
+    """
+    flat = observed.reshape(len(observed), -1)
+    flat = flat[:, np.isfinite(flat).any(axis=0)]
+    if flat.size == 0 or len(flat) < 2:
+        return 1.0
+    centred = flat - np.nanmean(flat, axis=0)
+    centred = np.where(np.isfinite(centred), centred, 0.0)
+    variance = float((centred**2).mean())
+    if variance == 0.0:
+        return 1.0
+    spectrum = np.fft.rfft(centred, 2 * len(centred), axis=0)
+    correlation = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=1))[: len(centred)]
+    correlation = correlation / correlation[0]
+    is_negative = correlation <= 0.0
+    end = int(np.argmax(is_negative)) if is_negative.any() else len(correlation)
+    independent = len(centred) / (1.0 + 2.0 * float(correlation[1:end].sum()))
+    return 1.0 + max(independent - 1.0, 0.0) * variance / (variance + scatter**2)
+
+
+def draw_postures_of_person(
+    generic: Model,
+    markers: Sequence[Marker],
+    estimate: BodyEstimate,
+    observed: Array,
+    solution: InverseKinematics,
+    noise: ArrayLike,
+    *,
+    count: int,
+    seed: int = 1,
+) -> Iterator[Array]:
+    """`count` drawn sequences of postures, each (frames, coordinates) [rad or m].
+
+    generic and markers are what the body was estimated from; observed (frames, markers, 3) [m] and solution are one of
+    its trials; noise is the standard deviation along each axis [m] of white noise, one for all or (markers,).
+    """
+    generator = np.random.default_rng(seed)
+    root = np.linalg.cholesky(estimate.covariance)
+    for _ in range(count):
+        parameters = estimate.parameters + root @ generator.standard_normal(len(root))
+        skeleton, tasks = body_of(generic, markers, estimate.priors, parameters)
+        scatter = estimate.priors.errors.scatter
+        chance = int(generator.integers(2**32))
+        yield from draw_postures(skeleton, observed, tasks, solution, noise, scatter, count=1, seed=chance)

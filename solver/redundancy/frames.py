@@ -2,17 +2,37 @@
 
 Newton's method from the multipliers of the previous frame nearly always converges. Where it does not, an interior-point
 method converges and Newton's method finishes, so that a solution does not depend on the starting point.
+
+Newton's method on the optimality conditions of the problem of one frame (reduced_problem.py), from a guess of v.
+
+Stationarity makes a a function of v alone, a = Mᵀ v / q clamped to its bounds. What remains are the equalities, and
+λ = projection of λ − s onto the cone: equations with kinks, for which Newton's method still converges fast (semismooth;
+Qi & Sun, Math. Program. 58, 1993). From the previous frame's v it needs two or three steps and ends at round-off; from
+a distant v it may diverge.
 """
 
 from __future__ import annotations
+
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
-from solver.dense import copy
-from solver.redundancy.interior_point import LARGEST_EFFORT, effort_of_eliminated, interior_point, is_certificate
-from solver.redundancy.newton import NEWTON_GOAL, newton, optimality_errors
+from solver.dense import columns_times, copy, divide, factor, inner_product, rows_times_rows
+from solver.redundancy.interior_point import (
+    LARGEST_EFFORT,
+    FrameWorkspace,
+    NewtonWorkspace,
+    Ray,
+    activation,
+    activation_per_slope,
+    effort_of_eliminated,
+    interior_point,
+    is_certificate,
+    project,
+    project_rows,
+)
 from solver.redundancy.reduced_problem import (
     BEYOND_RATE,
     INFEASIBLE,
@@ -24,7 +44,6 @@ from solver.redundancy.reduced_problem import (
     SequenceSolution,
     WarmStart,
 )
-from solver.redundancy.workspace import FrameWorkspace
 
 Array = NDArray[np.float64]
 
@@ -32,10 +51,15 @@ EFFORT_SHARE = 1e-6  # weight of effort relative to violation where a problem is
 LEAST_SHARE = 1e-8  # below which multipliers no longer determine activations
 FAR = 1e3  # a target, in rows of the size of activations
 AT_BOUND = 1e-9  # distance of an activation from its bound
+NEWTON_GOAL = 1e-11  # norm of the errors at which it stops
+MOST_STEPS = 12
+SHORTEST_STEP = 0.05  # of step halving
 
 
 @compiled_for_python
-def solve_frames(problem: SequenceProblem, start: WarmStart, work: FrameWorkspace, solution: SequenceSolution) -> None:
+def solve_activations(
+    problem: SequenceProblem, start: WarmStart, work: FrameWorkspace, solution: SequenceSolution
+) -> None:
     """Solve every frame of every scenario and fill solution; start is read, and left as the next frame needs it.
 
     Activations a change no faster than first-order activation dynamics allow. Where the code is INFEASIBLE, a is the
@@ -173,3 +197,56 @@ def _set_rate_bounds(rise: Array, fall: Array, widest: Array, a: Array, lower: A
             lower[i] = max(a[i] - fall[i] * a[i] * pace, lower[i])
         if rise[i] < np.inf:
             upper[i] = min(a[i] + rise[i] * (1.0 - a[i]) / pace, upper[i])
+
+
+@compiled
+def newton(problem: FrameProblem, work: NewtonWorkspace, a: Array, v: Array) -> float:
+    """Improve v and fill a; returns the norm of the remaining errors, infinite if a step cannot be computed."""
+    (matrix, order), free_inverse, error, previous, change = work
+    size, ray = optimality_errors(problem, a, v, free_inverse, error)
+    for _ in range(MOST_STEPS):
+        if size <= NEWTON_GOAL:
+            break
+        rows_times_rows(problem.M, free_inverse, problem.R, matrix)
+        if problem.equalities < len(problem.t):
+            project_rows(matrix, problem.equalities, ray)
+        if not factor(matrix, order):
+            return np.inf
+        divide(matrix, order, error)
+        copy(error, change)
+        copy(v, previous)
+        length, before = 1.0, size
+        while True:
+            for i in range(len(v)):
+                v[i] = previous[i] - length * change[i]
+            size, ray = optimality_errors(problem, a, v, free_inverse, error)
+            if size < before or length < SHORTEST_STEP:
+                break
+            length *= 0.5
+    return size
+
+
+@compiled
+def optimality_errors(
+    problem: FrameProblem, a: Array, v: Array, free_inverse: Array, error: Array
+) -> tuple[float, Ray]:
+    """Fill a from v, error with the errors of the rows and free_inverse with 1/q where a is between its bounds, else 0;
+    returns the norm of the errors, and λ − s.
+
+    The error of an equality is its residual, that of the cone λ − projection of (λ − s).
+    """
+    q, M, R, t, p, lower, upper, exponent = problem
+    columns_times(M, v, a)
+    for i in range(len(q)):
+        free = activation(q[i], a[i], exponent)
+        a[i] = min(max(free, lower[i]), upper[i])
+        free_inverse[i] = activation_per_slope(q[i], a[i], exponent) if a[i] == free else 0.0
+    for i in range(len(t)):
+        error[i] = inner_product(M[i], a) + inner_product(R[i], v) - t[i]
+    ray = (0.0, 0.0, 0.0)
+    if p < len(t):
+        ray = (v[p] - error[p], v[p + 1] - error[p + 1], v[p + 2] - error[p + 2])
+        near = project(ray)
+        for i in range(3):
+            error[p + i] = v[p + i] - near[i]
+    return sqrt(inner_product(error, error)), ray

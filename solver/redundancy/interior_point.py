@@ -4,33 +4,24 @@ Mehrotra's predictor and corrector, with the Nesterov-Todd scaling W of the cone
 multipliers of the lower and upper bounds; every step is a system of the few rows of M,
 
     (M D⁻¹ Mᵀ + R + W²) Δv = …,   D = q + z_lower / (a − lower) + z_upper / (upper − a)
+
+The second-order cone {(x₀, x̄): x₀ ≥ |x̄|} in three dimensions, for compiled code: its rays are tuples.
+
+Its algebra has products x∘y = (x·y, x₀ ȳ + y₀ x̄). A scaling W = (w̄, η) is η times a symmetric hyperbolic rotation
+(Vandenberghe, The CVXOPT linear and quadratic cone program solvers, 2010, section 4).
 """
 
 from __future__ import annotations
 
-from math import hypot, inf
+from math import hypot, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled
-from solver.dense import columns_times, copy, divide, factor, inner_product, rows_times_rows
-from solver.redundancy.cone import (
-    Ray,
-    Scaling,
-    add_square,
-    advance,
-    approach,
-    centred,
-    inner,
-    quotient,
-    read_ray,
-    scaled,
-    scaling,
-)
-from solver.redundancy.effort import curvature, slope
+from solver.dense import Order, columns_times, copy, divide, factor, inner_product, rows_times_rows
 from solver.redundancy.reduced_problem import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, FrameProblem
-from solver.redundancy.workspace import InteriorWorkspace, Iterate, SearchDirection
 
 Array = NDArray[np.float64]
 
@@ -40,6 +31,8 @@ MOST_STEPS = 50
 FIRST_GAP = 0.1  # of each complementary pair
 SHARE_OF_STEP = 0.995  # of the longest step to the boundary
 LARGEST_EFFORT = 1e9  # ½ v·R v above which no solution is sought
+Ray = tuple[float, float, float]
+Scaling = tuple[float, float, float, float]
 
 
 @compiled
@@ -240,3 +233,221 @@ def _longest_step(point: Iterate, step: SearchDirection, s: Ray, ds: Ray, p: int
 def _advance(x: Array, length: float, dx: Array) -> None:
     for i in range(len(x)):
         x[i] += length * dx[i]
+
+
+@compiled
+def read_ray(v: Array) -> Ray:
+    return (v[-3], v[-2], v[-1])
+
+
+@compiled
+def advance(x: Ray, length: float, y: Ray) -> Ray:
+    return (x[0] + length * y[0], x[1] + length * y[1], x[2] + length * y[2])
+
+
+@compiled
+def inner(x: Ray, y: Ray) -> float:
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@compiled
+def quotient(x: Ray, y: Ray) -> Ray:
+    """The point whose product with x is y."""
+    first = (x[0] * y[0] - x[1] * y[1] - x[2] * y[2]) / _depth(x) ** 2
+    return (first, (y[1] - x[1] * first) / x[0], (y[2] - x[2] * first) / x[0])
+
+
+@compiled
+def approach(x: Ray, dx: Ray) -> float:
+    """The inverse of the longest step from x along dx that stays in the cone; not positive where any does."""
+    size = _depth(x)
+    x0, x1, x2 = x[0] / size, x[1] / size, x[2] / size
+    first = x0 * dx[0] - x1 * dx[1] - x2 * dx[2]
+    share = (first + dx[0]) / (x0 + 1.0)
+    return (hypot(dx[1] - share * x1, dx[2] - share * x2) - first) / size
+
+
+@compiled
+def project(ray: Ray) -> Ray:
+    """The nearest point of the cone."""
+    off = hypot(ray[1], ray[2])
+    if ray[0] >= off:
+        return ray
+    if ray[0] <= -off:
+        return (0.0, 0.0, 0.0)
+    half = 0.5 * (ray[0] + off)
+    return (half, half * ray[1] / off, half * ray[2] / off)
+
+
+@compiled
+def project_rows(matrix: Array, first: int, ray: Ray) -> None:
+    """Rows of the cone's errors in place of those of s: with Π the projection's derivative, I − Π (I − rows)."""
+    off = hypot(ray[1], ray[2])
+    if ray[0] >= off:  # λ − s in the cone: s must vanish, and its rows stand as they are
+        return
+    if ray[0] <= -off:
+        matrix[first:] = 0.0
+        for i in range(3):
+            matrix[first + i, first + i] = 1.0
+        return
+    x, y, ratio = ray[1] / off, ray[2] / off, ray[0] / off
+    for j in range(len(matrix)):
+        for i in range(3):
+            matrix[first + i, j] = (1.0 if j == first + i else 0.0) - matrix[first + i, j]
+        p, q, r = matrix[first, j], matrix[first + 1, j], matrix[first + 2, j]
+        advance = x * q + y * r
+        matrix[first, j] = 0.5 * (p + advance)
+        matrix[first + 1, j] = 0.5 * (x * p + (1.0 + ratio) * q - ratio * x * advance)
+        matrix[first + 2, j] = 0.5 * (y * p + (1.0 + ratio) * r - ratio * y * advance)
+        for i in range(3):
+            matrix[first + i, j] = (1.0 if j == first + i else 0.0) - matrix[first + i, j]
+
+
+@compiled
+def scaling(s: Ray, multiplier: Ray) -> Scaling:
+    """(w̄, η) with W² λ = s."""
+    size, other = _depth(s), _depth(multiplier)
+    half = sqrt(2.0 + 2.0 * max(inner(s, multiplier) / (size * other), 1.0))
+    return (
+        (s[0] / size + multiplier[0] / other) / half,
+        (s[1] / size - multiplier[1] / other) / half,
+        (s[2] / size - multiplier[2] / other) / half,
+        sqrt(size / other),
+    )
+
+
+@compiled
+def scaled(W: Scaling, x: Ray) -> Ray:
+    """W x."""
+    advance = W[1] * x[1] + W[2] * x[2]
+    more = advance / (1.0 + W[0]) + x[0]
+    return (W[3] * (W[0] * x[0] + advance), W[3] * (x[1] + more * W[1]), W[3] * (x[2] + more * W[2]))
+
+
+@compiled
+def add_square(matrix: Array, W: Scaling) -> None:
+    """W² added to the last rows and columns."""
+    p, square = len(matrix) - 3, W[3] * W[3]
+    for i in range(3):
+        for j in range(3):
+            matrix[p + i, p + j] += 2.0 * square * W[i] * W[j]
+        matrix[p + i, p + i] += square if i else -square
+
+
+@compiled
+def centred(s: Ray, ds: Ray, multiplier: Ray, change: Ray, W: Scaling, target: float) -> Ray:
+    """−s + W x with Wλ ∘ x = target − W⁻¹ ds ∘ W dλ: the aim of the corrector after a predictor."""
+    x, y = scaled((W[0], -W[1], -W[2], 1.0 / W[3]), ds), scaled(W, change)
+    rest = (target - inner(x, y), -(x[0] * y[1] + y[0] * x[1]), -(x[0] * y[2] + y[0] * x[2]))
+    return advance(scaled(W, quotient(scaled(W, multiplier), rest)), -1.0, s)
+
+
+@compiled
+def _depth(x: Ray) -> float:
+    """√(x₀² − |x̄|²), a size of a point inside the cone."""
+    off = hypot(x[1], x[2])
+    return sqrt(max((x[0] - off) * (x[0] + off), 1e-300))
+
+
+@compiled
+def slope(q: float, a: float, exponent: int) -> float:
+    """q aᵖ⁻¹."""
+    return q * a if exponent == 2 else q * a * a
+
+
+@compiled
+def curvature(q: float, a: float, exponent: int) -> float:
+    """(p − 1) q aᵖ⁻²; with p = 3 it vanishes at rest."""
+    return q if exponent == 2 else 2.0 * q * a
+
+
+@compiled
+def activation(q: float, gain: float, exponent: int) -> float:
+    """The activation with this slope; with p = 3 there is none below zero, and a muscle rests."""
+    return gain / q if exponent == 2 else sqrt(max(gain, 0.0) / q)
+
+
+@compiled
+def activation_per_slope(q: float, a: float, exponent: int) -> float:
+    """Derivative of the activation by its slope, 1 / curvature; 0 for a muscle that rests at p = 3."""
+    return 0.0 if exponent == 3 and a == 0.0 else 1.0 / curvature(q, a, exponent)
+
+
+class RowSystem(NamedTuple):
+    """The linear system of a step: matrix (m, m) and its pivot order (m,)."""
+
+    matrix: Array
+    order: Order
+
+
+class NewtonWorkspace(NamedTuple):
+    """free_inverse (n,), error, previous and change (m,) of Newton's method (frames.py)."""
+
+    system: RowSystem
+    free_inverse: Array
+    error: Array
+    previous: Array
+    change: Array
+
+
+class Iterate(NamedTuple):
+    """A point of the interior-point method: a (n,), multipliers z (2, n) and v (m,), slack (2, n) of the bounds."""
+
+    a: Array
+    z: Array
+    v: Array
+    slack: Array
+
+
+class SearchDirection(NamedTuple):
+    """Changes of a, z and v along a full step from an Iterate."""
+
+    a: Array
+    z: Array
+    v: Array
+
+
+class InteriorWorkspace(NamedTuple):
+    """error (m,), inverse and gradient (n,), and aim (2, n) of interior_point.py."""
+
+    system: RowSystem
+    point: Iterate
+    step: SearchDirection
+    error: Array
+    inverse: Array
+    gradient: Array
+    aim: Array
+
+
+class FrameWorkspace(NamedTuple):
+    """For n muscles and m rows: cost (n,), relaxed (m, m), rows (m, n) and target (m,) of frames.py, and what the two
+    methods need.
+    """
+
+    cost: Array
+    relaxed: Array
+    rows: Array
+    target: Array
+    newton: NewtonWorkspace
+    interior: InteriorWorkspace
+
+
+def allocate_frame(n: int, m: int) -> FrameWorkspace:
+    """Working memory for n muscles and m rows."""
+    system = RowSystem(matrix=np.zeros((m, m)), order=np.zeros(m, np.int64))
+    return FrameWorkspace(
+        cost=np.zeros(n),
+        relaxed=np.zeros((m, m)),
+        rows=np.zeros((m, n)),
+        target=np.zeros(m),
+        newton=NewtonWorkspace(system, np.zeros(n), np.zeros(m), np.zeros(m), np.zeros(m)),
+        interior=InteriorWorkspace(
+            system=system,
+            point=Iterate(np.zeros(n), np.zeros((2, n)), np.zeros(m), np.zeros((2, n))),
+            step=SearchDirection(np.zeros(n), np.zeros((2, n)), np.zeros(m)),
+            error=np.zeros(m),
+            inverse=np.zeros(n),
+            gradient=np.zeros(n),
+            aim=np.zeros((2, n)),
+        ),
+    )

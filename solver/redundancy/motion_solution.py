@@ -1,10 +1,23 @@
-"""The solution of the redundancy problem in a motion."""
+"""Load sharing among the muscles over a whole motion: evaluated, built and solved, in blocks where that is possible.
+
+Each block is solved from the activations at the end of the one before. The arrays of a motion take 45 kB per frame, and
+new memory for them as long as half of the arithmetic. The memory of a block is used again for the next one: of a block
+only its solution is kept.
+
+In a regular motion the solution is that of all frames at once: all frames are finite, no constraint is redundant, and
+all blocks have the same structure. Any other motion is solved as a whole, because then the solution of a frame depends
+on all of them.
+
+A motion is refused if no control can accelerate a coordinate as the motion requires, as of a pelvis without residual
+actuators. Of the accelerations that the constraints allow, the columns of the mobility P, those of A are produced by
+muscles and actuators. A coordinate is unbalanced if an actuator on it would enlarge the range of A.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,10 +26,29 @@ from numpy.typing import NDArray
 from documents.equality import EqualByFields
 from documents.labelled_arrays import labelled_dataset
 from documents.notebook import curves_svg, result_html
-from solver.coded_finding import CodedFinding, describe_codes
-from solver.multibody.joint_reactions import JointReactions
+from solver.errors import SolverCode, SolverError
+from solver.findings import CodedFinding, describe_codes
+from solver.model import CoordinateActuator, Model, ModelError
+from solver.motion import Kinematics
+from solver.multibody.dynamics import EquationsOfMotion
+from solver.multibody.joint_reactions import JointReactions, ReactionRequest, is_bypassed, joint_reactions
+from solver.multibody.loads import ExternalForce, full_loads, load_wrenches
+from solver.multibody.postures import Postures
 from solver.muscle import MuscleOutcome
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.glenoid import contact_points, glenoid_cone
+from solver.redundancy.mechanics import Mechanics, evaluate_motion
+from solver.redundancy.options import RedundancyOptions, tracked_coordinates
+from solver.redundancy.problem import build_redundancy, solve_redundancy
+from solver.redundancy.sequence import (
+    OUTCOME_OF_CODE,
+    BlockSolver,
+    FrameOutcome,
+    FrameSequence,
+    Outcomes,
+    Progress,
+    RunSolver,
+    determined,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,6 +57,143 @@ if TYPE_CHECKING:
     from solver.tendons.evaluation import ElasticForces
 
 Array = NDArray[np.float64]
+FRAMES_AT_ONCE = 256
+"""A block takes 1 ms for the calls of its stages, which is 4 µs a frame, and 12 MB with 33 muscles."""
+KEPT = 60_000_000  # bytes, at most
+OUTSIDE = (
+    1e-6  # share of a column beyond the range of A; round-off is 1e-10 on legs, a missing actuator leaves above 1e-3
+)
+INSPECTED = 5  # frames, because a muscle may have no force or no moment arm in one
+
+
+def solve_motion(
+    model: Model,
+    kinematics: Kinematics,
+    options: RedundancyOptions | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    loads: Sequence[ExternalForce] = (),
+) -> MotionSolution:
+    """Solve all frames of a motion under loads, sampled at its frames; progress(done, total) counts frames.
+
+    Raises ModelError where a free coordinate, the joint or, with the cone, a glenoid marker is not in the model,
+    neither muscles nor actuators can balance a tracked coordinate, or tendons should be elastic and cannot be;
+    MotionError where the model cannot be evaluated in any frame.
+    """
+    options = options or RedundancyOptions()
+    motion = _Motion(model, kinematics, options, tuple(loads))
+    return _solve_in_blocks(motion, progress) or _solve(motion, _evaluate(motion), progress)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """What solve_motion is called with."""
+
+    model: Model
+    kinematics: Kinematics
+    options: RedundancyOptions
+    loads: tuple[ExternalForce, ...]
+
+    @property
+    def is_divisible(self) -> bool:
+        """Whether blocks of it can be solved in turn: with a state that BlockRun has, and with no decision to take from
+        all frames about actuators that may be missing.
+        """
+        options, frames = self.options, len(self.kinematics.time)
+        return (
+            options.tendons == "rigid"
+            and options.solver == "interior_point"
+            and all(len(load.force) == frames for load in self.loads)
+            and has_actuators(self.model, tracked_coordinates(self.model, options))
+        )
+
+    def cut(self, frames: slice) -> _Motion:
+        loads = tuple(load.cut(frames) for load in self.loads)
+        return replace(self, kinematics=self.kinematics.cut(frames), loads=loads)
+
+
+def _solve_in_blocks(motion: _Motion, progress: Callable[[int, int], None]) -> MotionSolution | None:
+    """None where the motion has to be solved as a whole, as the docstring of this file says."""
+    frames, run, parts = len(motion.kinematics.time), BlockRun(), []
+    blocks = blocks_of(frames, FRAMES_AT_ONCE)
+    if len(blocks) < 2 or not motion.is_divisible:
+        return None
+    keep_freed_memory()
+    progress(0, frames)
+    try:
+        for block in blocks:
+            part = motion.cut(block)
+            mechanics = _evaluate(part)
+            parts.append(_solve(part, mechanics, solve_run=run.solve))
+            ensure_regular(mechanics.equations, parts[-1])
+            progress(block.stop, frames)
+    except SolverError:  # an irregular motion, or an error of this block alone
+        return None
+    return joined(parts)
+
+
+def _evaluate(motion: _Motion) -> Mechanics:
+    options = motion.options
+    return evaluate_motion(
+        motion.model,
+        motion.kinematics,
+        loads=motion.loads,
+        joint=options.joint,
+        path_mode=options.path_mode,
+        muscle_force_model=options.muscle_force_model,
+    )
+
+
+def _solve(
+    motion: _Motion,
+    mechanics: Mechanics,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    solve_run: RunSolver | None = None,
+) -> MotionSolution:
+    model, options = motion.model, motion.options
+    problem = build_redundancy(model, mechanics, options)
+    ensure_balanced(model, problem.acceleration_matrix, mechanics.equations.mobility, problem.tracked)
+    muscle_outcomes = mechanics.muscle_outcomes
+    if options.tendons == "elastic":
+        from solver.redundancy.elastic import solve_elastic  # the compiler behind it takes long to import
+
+        solution, (fibers,) = solve_elastic(model, mechanics, options, progress, motion.loads)
+        muscle_outcomes[~fibers.is_converged] = MuscleOutcome.FIBER_NOT_CONVERGED
+    else:
+        solution, fibers = solve_redundancy(problem, progress=progress, solve_run=solve_run), None
+    activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
+    tensions = fibers.tension if fibers else mechanics.forces.active * activations + mechanics.forces.passive
+    reserves = controls * [actuator.optimal_force for actuator in model.actuators]
+    solved = SolvedForces(tensions, reserves, motion.loads)
+    reaction = solution.reaction[0]
+    if is_bypassed(model, model.joint(options.joint)):  # which the affine map of the reaction does not hold
+        reaction = reaction_on_parent(model, mechanics, solved, options.joint)
+    coordinates = model.coordinate_names
+    return MotionSolution(
+        muscles=model.muscle_names,
+        time=motion.kinematics.time,
+        activations=activations,
+        muscle_forces=tensions,
+        passive_forces=fibers.passive if fibers else mechanics.forces.passive,
+        reserves=reserves,
+        reaction=reaction,
+        contact=_contact(model, mechanics.state, options, reaction),
+        effort=problem.effort_of(solution.controls[0]).sum(axis=-1),
+        equality_residual=solution.equality_residual[0],
+        residual_coordinates=tuple(coordinates[index] for index in solution.residual_coordinate[0]),
+        cone_slack=solution.cone_slack[0],
+        outcomes=tuple(solution.outcomes[0]),
+        muscle_outcomes=muscle_outcomes,
+        joint_reactions=solved_reactions(model, mechanics, solved, options.reactions),
+        fibers=fibers,
+    )
+
+
+def _contact(model: Model, state: Postures, options: RedundancyOptions, reaction: Array) -> Array:
+    try:
+        glenoid = glenoid_cone(model, options.glenoid_aspect, options.joint)
+    except ModelError:  # a model without glenoid markers, which is solved without the cone
+        return np.full((len(reaction), 2), np.nan)
+    return contact_points(glenoid, state.rotation_to_ground[:, glenoid.body], reaction[:, 3:])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,3 +315,142 @@ def _joined_arrays(parts: Sequence[MotionSolution] | Sequence[JointReactions]) -
     """By the name of a field; frames are the first axis of all of them."""
     names = [field.name for field in fields(parts[0]) if isinstance(getattr(parts[0], field.name), np.ndarray)]
     return {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+
+
+def blocks_of(frames: int, size: int) -> list[slice]:
+    """Blocks of equal length, as near to this size as possible."""
+    edges = np.linspace(0, frames, max(round(frames / size), 1) + 1).astype(int).tolist()
+    return [slice(start, end) for start, end in pairwise(edges)]
+
+
+class IrregularMotion(SolverError):
+    """A block does not show how all frames have to be solved; caught by solve_motion, which then solves all at once."""
+
+    def __init__(self) -> None:
+        super().__init__("the motion cannot be solved in blocks")
+
+
+class BlockRun:
+    """The compiled solver for one scenario, called with the blocks of a motion in turn."""
+
+    def __init__(self) -> None:
+        self._solver = BlockSolver()
+        self._weights: Array | None = None
+
+    def solve(
+        self,
+        block: FrameSequence,
+        progress: Progress,  # noqa: ARG002 (the caller counts blocks)
+        workers: int | None,  # noqa: ARG002 (one scenario)
+    ) -> tuple[Array, Outcomes]:
+        """As solve_sequence. Raises IrregularMotion where the compiled solver cannot solve the block, or not as those
+        before.
+        """
+        weights = determined(block.weights, block.matrix, block.cone_matrix)
+        if self._weights is None:
+            self._weights = weights
+        if block.has_limits or not np.array_equal(weights, self._weights):
+            raise IrregularMotion
+        scenarios, frames = block.target.shape[:2]
+        controls, codes = np.empty((scenarios, frames, len(weights))), np.empty((scenarios, frames), np.int8)
+        if not self._solver.solve(replace(block, weights=weights), controls, codes, map):
+            raise IrregularMotion
+        return controls, OUTCOME_OF_CODE[codes]
+
+
+def ensure_regular(equations: EquationsOfMotion, solution: MotionSolution) -> None:
+    """Raise IrregularMotion for a block with redundant constraints or with frames that are not finite."""
+    if not equations.is_regular or FrameOutcome.NOT_FINITE in solution.outcomes:
+        raise IrregularMotion
+
+
+def keep_freed_memory() -> None:
+    """Have this process keep the memory that a block frees for the next one; it costs no more than two system calls.
+
+    The GNU C library gives memory at the end of its heap back where that is more than twice the largest array freed so
+    far, and a block has many arrays of similar size. To get a page of 4 kB again takes 2 µs.
+    """
+    np.empty(KEPT // 2, np.int8)  # freed at once, untouched
+
+
+def ensure_balanced(model: Model, matrix: Array, mobility: Array, tracked: NDArray[np.bool_]) -> None:
+    """Raise ModelError that names tracked coordinates out of balance, with A (frames, tracked, controls) and P (frames,
+    coordinates, coordinates).
+
+    Coordinates in which P has no column beside round-off are held by a constraint and need no actuator. Nothing is
+    computed where each coordinate has an actuator, whose column of A is that of P.
+    """
+    if has_actuators(model, tracked):
+        return
+    frames = np.flatnonzero(np.isfinite(mobility).all(axis=(1, 2)) & np.isfinite(matrix).all(axis=(1, 2)))
+    if not len(frames):
+        return
+    chosen = frames[np.unique(np.linspace(0, len(frames) - 1, min(INSPECTED, len(frames)), dtype=int))]
+    is_out = np.logical_and.reduce(
+        [_is_outside(matrix[frame], mobility[frame][tracked][:, tracked]) for frame in chosen]
+    )
+    names = np.array(model.coordinate_names)[tracked][is_out]
+    if len(names):
+        raise ModelError(
+            f"neither muscles nor actuators of {model.name} can balance the coordinates {', '.join(names)}; add "
+            "actuators for them (--actuators FILE, or [reserves] of --effort), or name them in --free-coordinates",
+            SolverCode.NOT_BALANCED,
+        )
+
+
+def has_actuators(model: Model, tracked: NDArray[np.bool_]) -> bool:
+    """Whether each of the tracked coordinates (coordinates,) has an actuator."""
+    actuators = [one for one in model.actuators if isinstance(one, CoordinateActuator) and one.optimal_force]
+    return {one.coordinate for one in actuators}.issuperset(np.flatnonzero(tracked).tolist())
+
+
+def _is_outside(matrix: Array, mobility: Array) -> NDArray[np.bool_]:
+    """(tracked,) whether the column of P is outside of the range of A."""
+    columns, wanted = _normalised(matrix), _normalised(mobility)
+    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = left[:, sizes > 1e-9 * sizes[:1]]
+    outside: NDArray[np.bool_] = np.linalg.norm(wanted - basis @ (basis.T @ wanted), axis=0) > OUTSIDE
+    return outside
+
+
+def _normalised(matrix: Array) -> Array:
+    """Columns of length 1, but for those that are round-off, which become zero."""
+    lengths = np.linalg.norm(matrix, axis=0)
+    is_kept = lengths > 1e-9 * lengths.max(initial=0.0)
+    return matrix[:, :] * np.where(is_kept, 1.0 / np.where(is_kept, lengths, 1.0), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedForces:
+    """Forces of muscles (frames, muscles) [N] and actuators (frames, actuators) [N or N m], and the external loads."""
+
+    muscles: Array
+    actuators: Array
+    loads: tuple[ExternalForce, ...]
+
+
+def solved_reactions(
+    model: Model, mechanics: Mechanics, solved: SolvedForces, request: ReactionRequest
+) -> JointReactions:
+    """The requested reactions. ModelError for a joint that the model does not have."""
+    if not request.joints:
+        moment, force, point = np.zeros((3, len(solved.muscles), 0, 3))
+        return JointReactions((), moment, force, point)
+    paths, state = mechanics.paths, mechanics.state
+    forces = np.einsum("fm,fmj->fj", solved.muscles, paths.mobility_per_tension)
+    wrenches = paths.wrenches.total(solved.muscles) + load_wrenches(solved.loads, state)
+    for actuator, force in zip(model.actuators, solved.actuators.T, strict=True):
+        if isinstance(actuator, CoordinateActuator):
+            forces[:, actuator.coordinate] += force
+        else:
+            control = force / actuator.optimal_force
+            on_bodies, on_coordinates = full_loads([actuator], model, state)
+            wrenches += on_bodies[:, 0] * control[:, None, None]
+            forces += on_coordinates[:, 0] * control[:, None]
+    return joint_reactions(model, state, mechanics.equations, wrenches, forces, request)
+
+
+def reaction_on_parent(model: Model, mechanics: Mechanics, solved: SolvedForces, joint: str) -> Array:
+    """(frames, 6) moment [N m] and force [N] on the parent of a joint, in ground."""
+    found = solved_reactions(model, mechanics, solved, ReactionRequest((joint,), "parent"))
+    return np.concatenate([found.moment[:, 0], found.force[:, 0]], axis=-1)

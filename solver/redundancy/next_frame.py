@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.redundancy.problem import RedundancyProblem
+from solver.redundancy.problem import LoadResponse, RedundancyProblem, ScenarioSolutions, solve_redundancy
 from solver.redundancy.reduced_problem import BEYOND_RATE, SOLVED, SequenceSolution, WarmStart
-from solver.redundancy.scenarios import LoadResponse, ScenarioSolutions, solve_redundancy
 from solver.redundancy.sequence import (
     OUTCOME_OF_CODE,
     FrameOutcome,
@@ -51,9 +50,9 @@ class FrameByFrame:
         self._time[scenario] = -np.inf
 
     def _solve(self, sequence: FrameSequence, progress: Progress, workers: int | None) -> tuple[Array, Outcomes]:
-        from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
+        from solver.redundancy.frames import solve_activations  # the compiler behind it takes long to import
+        from solver.redundancy.interior_point import allocate_frame
         from solver.redundancy.reduction import reduce_frames
-        from solver.redundancy.workspace import allocate_frame
 
         given, muscles, order = sequence, len(sequence.rise), np.arange(len(sequence.weights))
         if sequence.has_limits:
@@ -79,7 +78,7 @@ class FrameByFrame:
             v=np.empty((scenarios, 1, rows)),
             codes=np.empty((scenarios, 1), np.int8),
         )
-        solve_frames(reduced, start, allocate_frame(unknowns, rows), solution)
+        solve_activations(reduced, start, allocate_frame(unknowns, rows), solution)
         self._keep(solution.a[:, 0, :muscles], (solution.codes[:, 0] == SOLVED) | (solution.codes[:, 0] == BEYOND_RATE))
         outcomes: Outcomes = OUTCOME_OF_CODE[solution.codes]
         controls = np.empty((scenarios, 1, len(order)))

@@ -9,14 +9,14 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.checks import ensure_known, ensure_names, ensure_type
 from solver.errors import SolverCode
-from solver.model import Model, ModelError
+from solver.model import CoordinateActuator, Model, ModelError
 from solver.multibody.constraints import is_held
 from solver.multibody.joint_reactions import ReactionRequest
-from solver.option_values import ensure_known, ensure_names
+from solver.muscle import MuscleForceModel
 from solver.paths import PathMode
 from solver.redundancy.glenoid import JOINT, is_shoulder
-from solver.static_forces import MuscleForceModel
 
 Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
@@ -35,7 +35,6 @@ UNWEIGHTED_COORDINATES = (
     "elbow_flexion",
     "pro_sup",
 )
-
 
 LEAST_RANGE = 1e-6  # of an activation: the interior point needs an interior
 
@@ -59,7 +58,7 @@ class RedundancyOptions:
     path_mode               wrapping as in OpenSim or over geodesics (docs/paths.md)
     solver                  interior_point, compiled for this problem, or clarabel, its reference
     has_activation_dynamics  bounds of the activations follow from those of the previous frame
-    muscle_force_model      rigid_tendon, or without passive forces: active, opensim_static (static_forces.py)
+    muscle_force_model      rigid_tendon, or without passive forces: active, opensim_static (solver/muscle.py)
     has_muscle_limits       activations stay within Muscle.min_control and max_control, else within 0 and 1
     tendons                 rigid, or elastic where the model's file has them so (docs/tendons.md)
     """
@@ -154,3 +153,44 @@ def effort_weights(model: Model, options: RedundancyOptions) -> Array:
             SolverCode.NEGATIVE_WEIGHT,
         )
     return weights
+
+
+@dataclass(frozen=True)
+class Reserve:
+    """An actuator that gives optimal_force [N or N m] at x = 1, and keeps x within its limits."""
+
+    optimal_force: float
+    min_control: float = -np.inf
+    max_control: float = np.inf
+
+    def __post_init__(self) -> None:
+        """Raise ModelError for values that effort.toml refuses, too."""
+        if not (0.0 < self.optimal_force < np.inf and self.min_control <= 0.0 <= self.max_control):
+            raise ModelError(
+                f"a reserve should have a finite optimal_force above 0 and control limits around 0, and has "
+                f"{self.optimal_force} and {self.min_control} to {self.max_control}; give others",
+                SolverCode.WRONG_OPTION,
+            )
+
+
+def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
+    """The model with such an actuator on each of these coordinates, by name: reserves [N m], residuals [N].
+
+    It replaces the actuator of the coordinate if there is one. Raises ModelError where there is no such coordinate, and
+    TypeError for arguments of another type.
+    """
+    ensure_type("model", model, Model, "a Model, as load_model(…) returns")
+    ensure_type("reserves", reserves, Mapping, "a mapping from names of coordinates to Reserve")
+    for reserve in reserves.values():
+        ensure_type("reserves", reserve, Reserve, "a mapping from names of coordinates to Reserve")
+    named = {model.coordinate_index(name): reserve for name, reserve in reserves.items()}
+    kept = tuple(
+        actuator
+        for actuator in model.actuators
+        if not (isinstance(actuator, CoordinateActuator) and actuator.coordinate in named)
+    )
+    added = tuple(
+        CoordinateActuator(model.coordinate_names[coordinate] + "_reserve", coordinate, **vars(reserve))
+        for coordinate, reserve in named.items()
+    )
+    return replace(model, actuators=kept + added)

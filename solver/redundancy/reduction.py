@@ -18,19 +18,21 @@ published problem a, r and f are 33, 9 and 8, and v has 6 + 3 entries.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.dense import aligned, padded
-from solver.frozen import read_only
+from solver.checks import read_only
+from solver.compiled import compiled, compiled_for_python
+from solver.dense import aligned, copy, inner_product, padded
 from solver.multibody.rotations import each_frame
-from solver.redundancy.elimination import ReducedRows, Unreduced, eliminate
-from solver.redundancy.householder import Triangle
 from solver.redundancy.reduced_problem import SequenceProblem
 
 Array = NDArray[np.float64]
 NO_RANK = -1
+RANK_TOLERANCE = 1e-9  # of the longest column
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,3 +136,205 @@ def _allocate(unreduced: Unreduced, frames: int, m: int) -> ReducedRows:
         free_per_effort=np.empty((frames, free, unreduced.muscles + reserves)),
         free_per_acceleration=np.empty((frames, free, tracked)),
     )
+
+
+class Unreduced(NamedTuple):
+    """A (frames, tracked, controls), C (frames, k, controls), the numbers of activations a and of unknowns f, the order
+    (controls,) a, r, f in which their columns are treated, and the weights w (reserves,) of r.
+    """
+
+    matrix: Array
+    cone_matrix: Array
+    muscles: int
+    free: int
+    order: NDArray[np.int64]
+    weights: Array
+
+
+class ReducedRows(NamedTuple):
+    """The arrays of reduction.Reduction that differ from frame to frame."""
+
+    rows: Array
+    effort: Array
+    per_acceleration: Array
+    reserves: Array
+    free_per_effort: Array
+    free_per_acceleration: Array
+
+
+@compiled_for_python
+def eliminate(problem: Unreduced, rank: int, triangle: Triangle, reduced: ReducedRows) -> int:
+    """Fill the reduced rows of frames of this rank of A. Returns the rank, or that of the first frame of another.
+
+    The triangle has the rows of A and below them those of C; the columns of a, r, and the accelerations.
+    """
+    tracked, cone, weighted = problem.matrix.shape[1], problem.cone_matrix.shape[1], len(problem.order) - problem.free
+    for frame in range(len(problem.matrix)):
+        _fill_triangle(problem, frame, triangle)
+        found = triangularise(triangle, weighted)
+        if found != rank:
+            return found
+        for i in range(problem.free):
+            copy(triangle.others[i], reduced.free_per_effort[frame, i])
+            copy(triangle.others[i, weighted:], reduced.free_per_acceleration[frame, i])
+        for i in range(cone):  # rows of the cone follow the equalities, in place of those that no x reaches
+            _eliminate_free(triangle, tracked + i, rank + i)
+        lines = triangle.others[problem.free : rank + cone]
+        for i in range(len(lines)):
+            copy(lines[i], reduced.rows[frame, i])
+            copy(lines[i, weighted:], reduced.per_acceleration[frame, i])
+        _fill_effort(lines, problem.muscles, problem.weights, reduced.reserves[frame], reduced.effort[frame])
+    return rank
+
+
+@compiled
+def _fill_triangle(problem: Unreduced, frame: int, triangle: Triangle) -> None:
+    """A and the identity, and below it C and zeros."""
+    matrix, cone_matrix, order = problem.matrix[frame], problem.cone_matrix[frame], problem.order
+    weighted = len(order) - problem.free
+    for i in range(len(triangle.others)):
+        own = matrix[i] if i < len(matrix) else cone_matrix[i - len(matrix)]
+        row, first = triangle.others[i], triangle.free[i]
+        for j in range(weighted):
+            row[j] = own[order[j]]
+        for j in range(weighted, len(row)):
+            row[j] = 0.0
+        for j in range(len(first)):
+            first[j] = own[order[weighted + j]]
+        if i < len(matrix):
+            row[weighted + i] = 1.0
+
+
+@compiled
+def _eliminate_free(triangle: Triangle, row: int, into: int) -> None:
+    """A row of the cone with f from the upper rows, which are solved for it."""
+    others, sums = triangle.others, triangle.sums
+    copy(others[row], sums)
+    for k in range(triangle.free.shape[1]):
+        factor = triangle.free[row, k]
+        for j in range(len(sums)):
+            sums[j] -= factor * others[k, j]
+    copy(sums, others[into])
+
+
+@compiled
+def _fill_effort(lines: Array, muscles: int, weights: Array, reserves: Array, effort: Array) -> None:
+    """r of each multiplier, and R, from the columns of r behind those of the muscles."""
+    for i in range(len(lines)):
+        for k in range(len(weights)):
+            reserves[k, i] = lines[i, muscles + k] / (2.0 * weights[k])
+        for j in range(i + 1):
+            entry = 0.0
+            for k in range(len(weights)):
+                entry += lines[j, muscles + k] * reserves[k, i]
+            effort[i, j] = effort[j, i] = entry
+
+
+class Triangle(NamedTuple):
+    """A matrix in two parts: the columns of the free unknowns (rows, free), and the others (rows, width), with zeros up
+    to the width dense.padded. Only as many rows as the reflector has are reflected; sums (width,) is working memory.
+    """
+
+    free: Array
+    others: Array
+    reflector: Array
+    sums: Array
+
+
+@compiled
+def triangularise(triangle: Triangle, weighted: int) -> int:
+    """Reflect the rows in place: first along each of the free columns in turn, then along the longest that is left of
+    the first `weighted` columns of the others. Then the upper rows are solved for the free unknowns, and those below
+    are scaled to length 1 in the weighted columns.
+
+    Returns the rank, less than the number of free columns where these are dependent; rows beyond have no meaning.
+    """
+    free, others, reflector, sums = triangle
+    count, rank, longest = free.shape[1], 0, 0.0
+    while rank < len(reflector):
+        if rank == 0:
+            for rows, end in ((free, count), (others, weighted)):
+                longest = max(longest, _longest_column(rows, rank, end, triangle)[1])
+        if rank < count:
+            length = _set_reflector(free, rank, rank, reflector)
+        else:
+            column, _ = _longest_column(others, rank, weighted, triangle)
+            length = _set_reflector(others, rank, column, reflector)
+        if not length > RANK_TOLERANCE * longest:
+            break
+        if rank < count:
+            _reflect(free, rank, reflector, sums)
+        _reflect(others, rank, reflector, sums)
+        rank += 1
+    if rank >= count:
+        _solve(free, others, sums)
+        for i in range(count, rank):
+            own = others[i, :weighted]
+            _divide(others[i], sqrt(inner_product(own, own)))
+    return rank
+
+
+@compiled
+def _longest_column(rows: Array, first: int, end: int, triangle: Triangle) -> tuple[int, float]:
+    """Index of the longest of the columns before `end`, in the rows from the first on, and its length."""
+    squares, longest, most = triangle.sums[: rows.shape[1]], 0, 0.0
+    _clear(squares)
+    for i in range(first, len(triangle.reflector)):
+        for j in range(len(squares)):
+            squares[j] += rows[i, j] * rows[i, j]
+    for j in range(end):
+        if squares[j] > most:
+            longest, most = j, squares[j]
+    return longest, sqrt(most)
+
+
+@compiled
+def _set_reflector(rows: Array, first: int, column: int, reflector: Array) -> float:
+    """The column, from the first row on, and ± its length added to its first entry; returns that length."""
+    square = 0.0
+    for i in range(first, len(reflector)):
+        reflector[i] = rows[i, column]
+        square += reflector[i] * reflector[i]
+    length = sqrt(square)
+    reflector[first] += length if reflector[first] >= 0.0 else -length
+    return length
+
+
+@compiled
+def _reflect(rows: Array, first: int, reflector: Array, sums: Array) -> None:
+    """rows − 2 v (v·rows) / v·v, so that the column of the reflector v becomes ± its length in the first row."""
+    shadow, own = sums[: rows.shape[1]], reflector[first:]
+    _clear(shadow)
+    for i in range(first, len(reflector)):
+        factor = reflector[i]
+        for j in range(len(shadow)):
+            shadow[j] += factor * rows[i, j]
+    scale = 2.0 / inner_product(own, own)
+    for i in range(first, len(reflector)):
+        factor = scale * reflector[i]
+        for j in range(len(shadow)):
+            rows[i, j] -= factor * shadow[j]
+
+
+@compiled
+def _solve(free: Array, others: Array, sums: Array) -> None:
+    """Back substitution with the triangle of the free columns; a row is copied, so that it cannot overlap others."""
+    for k in range(free.shape[1] - 1, -1, -1):
+        _divide(others[k], free[k, k])
+        copy(others[k], sums)
+        for i in range(k):
+            factor = free[i, k]
+            for j in range(len(sums)):
+                others[i, j] -= factor * sums[j]
+
+
+@compiled
+def _clear(row: Array) -> None:
+    for j in range(len(row)):
+        row[j] = 0.0
+
+
+@compiled
+def _divide(row: Array, divisor: float) -> None:
+    for j in range(len(row)):
+        row[j] /= divisor

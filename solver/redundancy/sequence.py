@@ -266,8 +266,8 @@ class _Share:
         self._start: WarmStart | None = None
 
     def solve(self, block: FrameSequence, reduction: Reduction, controls: Array, codes: Codes) -> None:
-        from solver.redundancy.frames import solve_frames
-        from solver.redundancy.workspace import allocate_frame
+        from solver.redundancy.frames import solve_activations
+        from solver.redundancy.interior_point import allocate_frame
 
         b, c, widest = block.target[self._scenarios], block.cone_offset[self._scenarios], block.widest_activations
         problem = reduction.problem(b, c, block.rise, block.fall, widest)
@@ -279,7 +279,7 @@ class _Share:
             v=np.empty((scenarios, frames, rows)),
             codes=np.empty((scenarios, frames), np.int8),
         )
-        solve_frames(problem, self._start, allocate_frame(muscles, rows), solution)
+        solve_activations(problem, self._start, allocate_frame(muscles, rows), solution)
         codes[self._scenarios] = solution.codes
         controls[self._scenarios] = reduction.controls(solution.a, solution.v, b)
 

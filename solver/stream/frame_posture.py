@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.inverse_kinematics.posture_uncertainty import uncertainty_of_postures
 from solver.inverse_kinematics.solve import (
     MOST_ROUNDS,
     OUTCOMES,
@@ -20,7 +21,6 @@ from solver.inverse_kinematics.solve import (
     spread_starts,
     targets_of,
 )
-from solver.inverse_kinematics.uncertainty import uncertainty_of_postures
 from solver.model import Model
 
 Array = NDArray[np.float64]
@@ -80,14 +80,16 @@ class PostureTracker:
         return FramePosture(outcome, found, self._points(), stated.covariance[0], stated.is_held[0])
 
     def _solve(self, observed: Array, starts: Array) -> tuple[Array, Array, PostureOutcome]:
-        from solver.inverse_kinematics.sequence import solve_frames  # the compiler behind it takes a while to import
+        from solver.inverse_kinematics.solve import solve_postures  # the compiler behind it takes a while to import
 
         count, rows, markers = starts.shape[1], len(self._work.system.gap), len(observed)
         found, multipliers, residuals = np.zeros((1, count)), np.zeros((1, rows)), np.zeros((1, markers))
         outcome = np.zeros((1, 2), dtype=np.int64)
         results = (found, multipliers, residuals, np.zeros(1), np.zeros(1), outcome)
         seen = np.ascontiguousarray(observed[None], dtype=np.float64)
-        solve_frames(self._problem, seen, self._values, MOST_ROUNDS, np.ascontiguousarray(starts), self._work, results)
+        solve_postures(
+            self._problem, seen, self._values, MOST_ROUNDS, np.ascontiguousarray(starts), self._work, results
+        )
         return found[0], multipliers[0], OUTCOMES[outcome[0, 0]]
 
     def _points(self) -> Array:

@@ -28,13 +28,11 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
 from solver.model import Model, ModelError
 from solver.redundancy.options import RedundancyOptions
-from solver.stream.frame_muscles import FrameMuscles
+from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.frame_posture import FramePosture, PostureTracker
 from solver.stream.lag_window import LagWindow
-from solver.stream.marker_labels import LabelledFrame, MarkerLabels
-from solver.stream.marker_noise import RunningMarkerNoise
+from solver.stream.marker_labels import LabelledFrame, MarkerLabels, RunningMarkerNoise
 from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome, StreamSuitFrame
-from solver.stream.stream_scenario import StreamScenario
 from solver.suit.suit import Suit
 
 Array = NDArray[np.float64]

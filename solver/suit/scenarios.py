@@ -20,14 +20,18 @@ from solver.errors import MotionError, SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate
 from solver.multibody.dynamics import Response, response_to_loads
-from solver.multibody.external_loads import ExternalForce
-from solver.multibody.load_wrenches import LoadWrenches
+from solver.multibody.loads import ExternalForce, LoadWrenches
 from solver.multibody.postures import Postures, postures
 from solver.multibody.rotations import each_frame, wrench_about_origin
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
 from solver.redundancy.options import RedundancyOptions, options_for
-from solver.redundancy.problem import RedundancyProblem, build_redundancy
-from solver.redundancy.scenarios import LoadResponse, ScenarioSolutions, solve_redundancy
+from solver.redundancy.problem import (
+    LoadResponse,
+    RedundancyProblem,
+    ScenarioSolutions,
+    build_redundancy,
+    solve_redundancy,
+)
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.cord import CordLine, SuitForces, cord_line, suit_forces, with_migration
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses

@@ -22,8 +22,7 @@ from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
 from documents.validation import Section, Whole, describe_error
 from solver.errors import SolverCode, SolverError
-from solver.model import Model
-from solver.point_mass import with_point_mass
+from solver.model import Model, with_point_mass
 
 Array = NDArray[np.float64]
 

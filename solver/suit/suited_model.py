@@ -9,7 +9,7 @@ import numpy as np
 from solver.cuff import CuffParameters
 from solver.model import GROUND, Model
 from solver.motion import Kinematics
-from solver.multibody.external_loads import ExternalForce
+from solver.multibody.loads import ExternalForce
 from solver.multibody.postures import postures
 from solver.suit.cord import cord_line, suit_forces
 from solver.suit.suit import PARTS, Suit, with_suit_masses

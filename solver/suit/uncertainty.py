@@ -15,10 +15,10 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.checks import ensure_at_least
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import Kinematics
-from solver.option_values import ensure_at_least
 from solver.suit.readouts import CurveReadouts, read_off_curves, stacked
 from solver.suit.scenarios import CUFF_CONDITIONS, Condition, SuitedMotion, SuitScenario, solve_scenarios
 from solver.suit.suit import SuitError

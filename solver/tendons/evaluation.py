@@ -10,9 +10,17 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.muscle import MuscleForces, muscle_forces
-from solver.tendons.fiber import AT_SHORTEST, NOT_CONVERGED
-from solver.tendons.step import FiberHistory, SettledFibers, allocate_settled, fill_given, fill_settled
-from solver.tendons.tables import FiberTables, fiber_tables
+from solver.tendons.fiber import (
+    AT_SHORTEST,
+    NOT_CONVERGED,
+    FiberHistory,
+    FiberTables,
+    SettledFibers,
+    allocate_settled,
+    fiber_tables,
+    fill_given,
+    fill_settled,
+)
 
 Array = NDArray[np.float64]
 

@@ -7,18 +7,38 @@ Uchida, Seth, Delp, J. Biomech. Eng. 135(2):021005, 2013, equation 4):
 
 v is known from l: by a difference formula, rate (l − anchor), or in the first frame, where the tendon keeps its length,
 by the velocity of the path, drift cos φ. So one equation in l remains, which rises where it has its root.
+
+One implicit step of all fibres, and the lengths that it starts from.
+
+By the second-order backward differentiation formula (BDF2; Curtiss and Hirschfelder, Proc. Natl. Acad. Sci. 38:235,
+1952), l' = (3 l − 4 l₁ + l₂) / 2h of the two frames before, which damps the stiff modes of short tendons; by implicit
+Euler, l' = (l − l₁) / h, in the second frame and after a fibre was held at its least length. The balance of forces
+holds in every frame, so velocities of the path are only needed in the first one.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import asinh, e, exp, expm1, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled
+from solver.compiled import compiled, compiled_for_python
+from solver.errors import SolverCode
 from solver.functions.bezier import value_and_slope
-from solver.tendons.tables import ACTIVE, MILLARD, PASSIVE, TENDON, THELEN, VELOCITY, FiberTables
+from solver.functions.bezier_chain import INTERVALS, BezierChain
+from solver.functions.muscle_curves import (
+    DeGrooteFreglyCurves,
+    DeGrooteFreglyTendon,
+    MillardCurves,
+    MillardTendon,
+    SchutteCurves,
+    ThelenCurves,
+    ThelenTendon,
+)
+from solver.model import Model, ModelError, Muscle
 
 Array = NDArray[np.float64]
 Four = tuple[float, float, float, float]
@@ -37,7 +57,13 @@ BELL_1 = (0.8150671134243542, 1.055033428970575, 0.162384573599574, 0.0633034484
 BELL_2 = (0.433004984392647, 0.716775413397760, -0.029947116970696, 0.200356847296188)
 BELL_3 = (0.1, 1.0, 0.353553390593274, 0.0)
 SPEED = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
-"""Constants of fibre.py's De Groote curves."""
+"""Constants of De Groote's curves (functions/muscle_curves.py)."""
+Codes = NDArray[np.int8]
+MILLARD, THELEN, DE_GROOTE = 0, 1, 2
+ACTIVE, VELOCITY, PASSIVE, TENDON = 0, 1, 2, 3
+LEAST_LENGTH = 0.01  # of the optimal one, OpenSim's for a fibre without pennation
+LEAST_ACTIVATION = 0.01  # OpenSim's minimum_activation
+LEAST_DE_GROOTE = 0.2  # the length at which its passive force is zero; OpenSim's lower bound
 
 
 @compiled
@@ -237,3 +263,202 @@ def _thelen_tendon(strain: float, stretch: float) -> tuple[float, float]:
 def _chain(tables: FiberTables, i: int, curve: int, x: float) -> tuple[float, float]:
     first, last = tables.corner_range[i, curve]
     return value_and_slope(tables.corners[first:last], tables.nodes[first:last], x)
+
+
+class StepStart(NamedTuple):
+    """What the step of n fibres starts from: v = rate (l − anchor) + drift cos φ, and a guess of l; all (n,)."""
+
+    anchor: Array
+    rate: Array
+    drift: Array
+    guess: Array
+
+
+class SettledFibers(NamedTuple):
+    """The fibres after a step, all (n,): normalised length, tendon force over the greatest isometric one, its
+    derivative by the activation, passive force of the fibre along the tendon over the same, codes of fiber.py.
+    """
+
+    length: Array
+    force: Array
+    gain: Array
+    passive: Array
+    codes: Codes
+
+
+@compiled_for_python
+def fill_settled(
+    tables: FiberTables, paths: Array, activations: Array, start: StepStart, settled: SettledFibers
+) -> None:
+    """Fibres (n,) at path lengths [m] and activations (n,)."""
+    for i in range(len(tables.muscle)):
+        path, rate, anchor, drift = paths[i], start.rate[i], start.anchor[i], start.drift[i]
+        a = max(activations[i], tables.least_activation[i])
+        length, force, gain, passive, code = settle_fiber(tables, i, path, a, rate, anchor, drift, start.guess[i])
+        settled.length[i], settled.force[i], settled.passive[i], settled.codes[i] = length, force, passive, code
+        settled.gain[i] = gain if activations[i] >= a else 0.0
+
+
+@compiled_for_python
+def fill_given(tables: FiberTables, paths: Array, settled: SettledFibers) -> None:
+    """Forces (n,) of fibres whose lengths are given in settled; without derivatives."""
+    for i in range(len(tables.muscle)):
+        length, path = settled.length[i], paths[i]
+        settled.force[i] = tendon_force(tables, i, path, length)[0]
+        settled.passive[i] = balance(tables, i, path, 0.0, 0.0, length, 0.0, length)[3]
+
+
+def allocate_settled(count: int) -> SettledFibers:
+    length, force, gain, passive = np.zeros((4, count))
+    return SettledFibers(length, force, gain, passive, np.zeros(count, np.int8))
+
+
+class FiberHistory:
+    """Normalised fibre lengths of the two frames before, at an interval [s]."""
+
+    def __init__(self, tables: FiberTables, interval: float) -> None:
+        optimal, fastest = tables.scales[:, 0], tables.scales[:, 4]
+        self._optimal, self._per_second = optimal, 1.0 / fastest
+        self._interval = interval
+        self._last: Array | None = None
+        self._before = np.empty(len(optimal))
+        self._is_second_order = self._was_free = np.zeros(len(optimal), bool)
+
+    def start(self, path_speeds: Array) -> StepStart:
+        """Of the next frame; path_speeds (n,) [m/s] count in a first one, where tendons keep their lengths."""
+        none = np.zeros(len(self._optimal))
+        if self._last is None:
+            drift = path_speeds * self._per_second / self._optimal
+            return StepStart(none, none, drift, np.ones(len(none)))
+        anchor = np.where(self._is_second_order, (4.0 * self._last - self._before) / 3.0, self._last)
+        rate = np.where(self._is_second_order, 1.5, 1.0) / self._interval * self._per_second
+        return StepStart(anchor, rate, none, self._last.copy())
+
+    def keep(self, settled: SettledFibers) -> None:
+        """The fibres of the frame, for the next ones."""
+        is_free = settled.codes != AT_SHORTEST
+        if self._last is not None:
+            self._before, self._is_second_order = self._last, is_free & self._was_free
+        self._last, self._was_free = settled.length.copy(), is_free
+
+    def forget(self) -> None:
+        """The next frame is a first one."""
+        self._last, self._is_second_order = None, np.zeros(len(self._optimal), bool)
+
+
+class FiberTables(NamedTuple):
+    """n muscles with elastic tendons.
+
+    muscle     (n,) index in Model.muscles;  kind (n,) MILLARD, THELEN or DE_GROOTE
+    scales     (n, 7) optimal length [m], slack length [m], height [m], greatest isometric force [N], fastest velocity
+               [optimal lengths/s], damping, shortest normalised length
+    shapes     (n, 7) figures of the closed curves, as _shapes gives them
+    least_activation  (n,) below which the fibre has this one: without damping, nothing else holds a fibre
+    corners    (corners, 2, 6) of all Bézier chains, with nodes (corners, intervals + 1) as BezierChain
+    corner_range  (n, 4, 2) where a muscle's chain begins and ends: ACTIVE, VELOCITY, PASSIVE, TENDON
+    """
+
+    muscle: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    scales: Array
+    shapes: Array
+    least_activation: Array
+    corners: Array
+    nodes: Array
+    corner_range: NDArray[np.int64]
+
+
+def elastic_muscles(model: Model) -> NDArray[np.int64]:
+    """Indices of the muscles whose tendons are elastic: those with a curve and a tendon that has a length."""
+    is_elastic = [muscle.tendon is not None and muscle.tendon_slack_length > 0.0 for muscle in model.muscles]
+    return np.flatnonzero(is_elastic)
+
+
+@lru_cache(maxsize=32)  # a model is frozen
+def fiber_tables(model: Model) -> FiberTables:
+    """Raises ModelError if no tendon is elastic, or for a muscle of Schutte, whose tendon is not read."""
+    unread = [muscle.name for muscle in model.muscles if isinstance(muscle.curves, SchutteCurves)]
+    if unread:
+        raise ModelError(
+            f"the tendons of {', '.join(unread[:3])} should have a curve and have none: the solver does not read that "
+            f"of Schutte1993Muscle_Deprecated; replace {len(unread)} muscles of {model.name} or keep tendons rigid",
+            SolverCode.NO_TENDON,
+        )
+    indices = elastic_muscles(model)
+    if not len(indices):
+        raise ModelError(
+            f"the model {model.name} should have a muscle with an elastic tendon and has none: all have "
+            "ignore_tendon_compliance, or no tendon; change the model or keep tendons rigid",
+            SolverCode.NO_TENDON,
+        )
+    muscles = [model.muscles[index] for index in indices]
+    stack = _ChainStack()
+    ranges = np.array([[stack.range_of(chain) for chain in _chains(muscle)] for muscle in muscles], dtype=np.int64)
+    return FiberTables(
+        muscle=indices,
+        kind=np.array([_kind(muscle) for muscle in muscles]),
+        scales=np.array([_scales(muscle) for muscle in muscles]),
+        shapes=np.array([_shapes(muscle) for muscle in muscles]),
+        least_activation=np.array([0.0 if muscle.fiber_damping else LEAST_ACTIVATION for muscle in muscles]),
+        corners=stack.joined("corners", (0, 2, 6)),
+        nodes=stack.joined("nodes", (0, INTERVALS + 1)),
+        corner_range=ranges,
+    )
+
+
+class _ChainStack:
+    """Chains one after another; muscles with the same curve share it."""
+
+    def __init__(self) -> None:
+        self._chains: list[BezierChain] = []
+        self._ranges: dict[int, tuple[int, int]] = {}
+        self._corners = 0
+
+    def range_of(self, chain: BezierChain | None) -> tuple[int, int]:
+        """Begin and end of its corners."""
+        if chain is None:
+            return 0, 0
+        if id(chain) not in self._ranges:
+            end = self._corners + len(chain.corners)
+            self._ranges[id(chain)] = self._corners, end
+            self._corners = end
+            self._chains.append(chain)
+        return self._ranges[id(chain)]
+
+    def joined(self, field: str, empty: tuple[int, ...]) -> Array:
+        return np.concatenate([np.zeros(empty), *(getattr(chain, field) for chain in self._chains)])
+
+
+def _kind(muscle: Muscle) -> int:
+    kinds = {MillardCurves: MILLARD, ThelenCurves: THELEN, DeGrooteFreglyCurves: DE_GROOTE}
+    return kinds[type(muscle.curves)]
+
+
+def _chains(muscle: Muscle) -> tuple[BezierChain | None, ...]:
+    if isinstance(muscle.curves, MillardCurves) and isinstance(muscle.tendon, MillardTendon):
+        return (*muscle.curves.chains, muscle.tendon.chain)
+    return (None,) * 4
+
+
+def _scales(muscle: Muscle) -> tuple[float, ...]:
+    optimal = muscle.optimal_fiber_length
+    height = optimal * float(np.sin(muscle.pennation_at_optimal))
+    least = LEAST_DE_GROOTE if isinstance(muscle.curves, DeGrooteFreglyCurves) else LEAST_LENGTH
+    steepest = min(muscle.maximum_pennation, float(np.arccos(1e-3)))  # a fibre across its tendon would bear nothing
+    shortest = max(muscle.curves.shortest, height / float(np.sin(steepest)) / optimal, least)
+    fastest, slack = muscle.max_contraction_velocity, muscle.tendon_slack_length
+    return optimal, slack, height, muscle.max_isometric_force, fastest, muscle.fiber_damping, shortest
+
+
+def _shapes(muscle: Muscle) -> tuple[float, ...]:
+    """In the order in which fiber.py unpacks them; zeros for Millard's, which are chains."""
+    match muscle.curves, muscle.tendon:
+        case ThelenCurves() as curves, ThelenTendon() as tendon:
+            active, passive = curves.active_shape, curves.passive_shape
+            speed = curves.velocity_shape, curves.strongest, curves.linear_beyond
+            return active, passive, curves.passive_strain, *speed, tendon.strain
+        case DeGrooteFreglyCurves() as curves, DeGrooteFreglyTendon() as tendon:
+            has_passive = float(curves.has_passive_force)
+            return curves.width, curves.passive_strain, has_passive, tendon.shape, 0.0, 0.0, 0.0
+        case _:
+            return (0.0,) * 7

@@ -8,11 +8,16 @@ the latest ones: `ground` and `location` of a node. Only so are the results thos
 from __future__ import annotations
 
 from math import inf
+from typing import NamedTuple
 
-from solver.compiled import compiled
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.compiled import compiled, compiled_for_python
 from solver.model import NO_COORDINATE
 from solver.vectors import (
     ORIGIN,
+    Array,
     Vector,
     add,
     distance,
@@ -22,23 +27,26 @@ from solver.vectors import (
     turn_back,
     write,
 )
-from solver.wrapping.cylinder import wrap_cylinder
 from solver.wrapping.ellipsoid import wrap_ellipsoid
+from solver.wrapping.fan import Fan, allocate_fan
 from solver.wrapping.path_tables import (
+    CONVERGED,
     ELLIPSOID,
     FIXED,
     NO_SURFACE,
+    NODE,
     NOT_CONVERGED,
     SPHERE,
     TORUS,
+    Codes,
     Indices,
+    PathTables,
     Record,
     Records,
 )
 from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WRAPPED, WrapResult
-from solver.wrapping.sphere import wrap_sphere
+from solver.wrapping.sphere_and_cylinder import wrap_cylinder, wrap_sphere
 from solver.wrapping.torus import wrap_torus
-from solver.wrapping.workspace import WrapWorkspace
 
 MOST_SWEEPS = 8
 CONVERGED_LENGTH = 0.0005  # m
@@ -241,3 +249,74 @@ def _length(bodies: Records, nodes: Records, sequence: Indices, count: int) -> f
         a, b = place_in_ground(bodies, nodes, start), place_in_ground(bodies, nodes, end)
         length += nodes[end]["on_surface"] if _is_over_surface(nodes, start, end) else distance(a, b)
     return length
+
+
+class PathNodes(NamedTuple):
+    """Nodes of all paths: places (frames, paths, nodes, 3) [m] in ground, their surfaces (NO_SURFACE at a path point),
+    and how many nodes each path has (frames, paths); the rest is unused.
+    """
+
+    places: Array
+    surfaces: Indices
+    counts: Indices
+
+
+def allocate_nodes(frames: int, paths: int, work: WrapWorkspace) -> PathNodes:
+    shape = (frames, paths, len(work.nodes))
+    counts: NDArray[np.int64] = np.zeros((frames, paths), np.int64)
+    return PathNodes(np.zeros((*shape, 3)), np.zeros(shape, np.int64), counts)
+
+
+@compiled_for_python
+def place_path_nodes(
+    tables: PathTables, poses: Records, changes: Records, work: WrapWorkspace, results: PathNodes
+) -> None:
+    """Wrap every path in every frame: poses (frames, bodies) of BODY, changes (frames, points) of CHANGE."""
+    for frame in range(len(poses)):
+        for path in range(results.counts.shape[1]):
+            points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
+            wraps = tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
+            work.code[0] = CONVERGED
+            count, _ = wrap_path(points, wraps, poses[frame], changes[frame], work)
+            results.counts[frame, path] = count
+            for k in range(count):
+                node = work.sequence[k]
+                write(results.places[frame, path, k], place_in_ground(poses[frame], work.nodes, node))
+                results.surfaces[frame, path, k] = work.nodes[node]["surface"]
+
+
+class WrapWorkspace(NamedTuple):
+    """Working memory of one path at a time.
+
+    nodes     (NODE) its path points and tangent points
+    sequence  of the nodes along the path
+    seen      (wraps,) how often the path had changed when it was last wrapped over a surface
+    fan       of an ellipsoid
+    wrench    (bodies, 6) on each body, zero between paths
+    code      (1,) the path's outcome
+    """
+
+    nodes: Records
+    sequence: Indices
+    seen: Indices
+    fan: Fan
+    wrench: Array
+    code: Codes
+
+
+def allocate_wrap(tables: PathTables) -> WrapWorkspace:
+    wraps = np.diff(tables.first_wrap)
+    longest = int((np.diff(tables.first_point) + 2 * wraps).max(initial=0))
+    seen = np.zeros(int(wraps.max(initial=0)), np.int64)
+    return WrapWorkspace(
+        np.zeros(longest, NODE),
+        np.zeros(longest, np.int64),
+        seen,
+        allocate_fan(),
+        allocate_wrench(tables),
+        np.zeros(1, np.int8),
+    )
+
+
+def allocate_wrench(tables: PathTables) -> Array:
+    return np.zeros((int(tables.bodies.max(initial=-1)) + 1, 6))

@@ -2,6 +2,10 @@
 
 The ring lies in the plane z = 0 of the surface's frame. OpenSim looks for the point of the path's line that is nearest
 to the ring, once from either end, and ends that search early; its steps are kept, so that the lengths are the same.
+
+The search is OpenSim's Lmdif for one unknown: Moré, "The Levenberg–Marquardt algorithm", Lecture Notes in Mathematics
+630 (1978), MINPACK's LMDIF. OpenSim stops it early, so that its result depends on every step; the rules and their
+constants are kept.
 """
 
 from __future__ import annotations
@@ -10,22 +14,18 @@ from math import sqrt
 
 from solver.compiled import compiled
 from solver.vectors import ORIGIN, Vector, add, along, cross, dot, norm, scale, subtract, unit
-from solver.wrapping.cylinder import wrap_cylinder
-from solver.wrapping.least_squares import (
-    ACCEPTED,
-    DIFFERENCE,
-    FIRST_STEP,
-    GOOD,
-    MOST_EVALUATIONS,
-    POOR,
-    TOLERANCE,
-    limited_step,
-)
 from solver.wrapping.path_tables import Codes
 from solver.wrapping.segment import MANDATORY_WRAP, NO_WRAP, WRAPPED, WrapResult, side
+from solver.wrapping.sphere_and_cylinder import wrap_cylinder
 
 LENGTH = 10_000.0  # of the cylinder [m]
 X_AXIS, POSITIVE = 0, 1
+TOLERANCE = 1e-4  # of the sum of squares, and of the unknown
+FIRST_STEP = 0.2  # greatest first step, in the scaled unknown
+DIFFERENCE = 1e-5  # for the slope
+MOST_EVALUATIONS = 500
+ACCEPTED, POOR, GOOD = 1e-4, 0.25, 0.75  # ratios of the actual to the predicted reduction
+MOST_PARAMETERS = 10  # tried for one step
 
 
 @compiled
@@ -81,7 +81,7 @@ def _distance(point: Vector, ring: float) -> float:
 def _search(start: Vector, end: Vector, ring: float) -> Vector:
     """The point of the line, from `start` on, where the derivative of its squared distance from the ring is least.
 
-    MINPACK's LMDIF for one unknown, as in wrapping/least_squares.py.
+    MINPACK's LMDIF for one unknown.
     """
     direction = subtract(end, start)
     direction = scale(1.0 / norm(direction), direction)
@@ -136,3 +136,40 @@ def _slope(start: Vector, direction: Vector, ring: float, u: float) -> float:
     c4 = nx * nx + ny * ny
     c5 = x * x + y * y
     return c2 + 2.0 * u - 2.0 * ring * (2.0 * c4 * u + 2.0 * c3) / sqrt(u * u * c4 + 2.0 * c3 * u + c5)
+
+
+@compiled
+def limited_step(slope: float, value: float, scale: float, bound: float, parameter: float) -> tuple[float, float]:
+    """Step p of the linearised problem with |scale · p| about `bound` at most, and its damping parameter (LMPAR)."""
+    step = value / slope if slope != 0.0 else 0.0
+    size = abs(scale * step)
+    excess = size - bound
+    if excess <= 0.1 * bound:
+        return -step, 0.0
+    lowest = 0.0
+    if slope != 0.0:
+        change = abs(scale * (scale * step / size) / slope)
+        lowest = excess / bound / change / change
+    gradient = abs(slope * value / scale)
+    highest = gradient / bound
+    parameter = min(max(parameter, lowest), highest)
+    if parameter == 0.0:
+        parameter = gradient / size
+    for attempt in range(MOST_PARAMETERS):
+        if parameter == 0.0:
+            parameter = 0.001 * highest
+        damping = sqrt(parameter) * scale
+        stiffness = sqrt(slope * slope + damping * damping)
+        step = slope * value / (stiffness * stiffness)
+        size = abs(scale * step)
+        before, excess = excess, size - bound
+        if abs(excess) <= 0.1 * bound or (lowest == 0.0 and excess <= before < 0.0) or attempt == MOST_PARAMETERS - 1:
+            break
+        change = abs(scale * (scale * step / size) / stiffness)
+        correction = excess / bound / change / change
+        if excess > 0.0:
+            lowest = max(lowest, parameter)
+        else:
+            highest = min(highest, parameter)
+        parameter = max(lowest, parameter + correction)
+    return -step, parameter

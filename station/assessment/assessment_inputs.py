@@ -14,11 +14,10 @@ from fitting.laws.model_class import SLIP
 from fitting.results.standing import Standing
 from solver.cuff import CuffParameters, by_site
 from solver.errors import MotionError
-from solver.model import Model, ModelError
+from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics
-from solver.multibody.external_loads import ExternalForce
+from solver.multibody.loads import ExternalForce
 from solver.paths import PathMode
-from solver.point_mass import with_point_mass
 from solver.redundancy.options import RedundancyOptions, Tendons
 from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from solver.drawing import BoneKind, bone_lines, path_lines, skeleton
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.postures import Postures, points_in_ground, postures
-from solver.path_lines import path_lines
-from solver.skeleton import BoneKind, bone_lines, skeleton
 from solver.suit.suit import PARTS, Suit, SuitPoint
 from station.assessment.number_entry import KnownNumberEntry, StrictEntry
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from solver.model import Model
 from solver.motion import Derivatives, Kinematics, Motion, decimate, differentiate
 from solver.motion_splines import Accelerations, differentiate_by_splines, held_by_constraints
-from solver.multibody.external_loads import ExternalForce
+from solver.multibody.loads import ExternalForce
 from solver.osim.loads import data_file
 from solver.suit.suited_model import SuitedModel
 from station.assessment.motion_checks import load_checks, motion_checks, range_checks
@@ -86,7 +86,7 @@ def read_given_motion(
     inputs: MuscleInputs, cut: MotionCut, *, is_assembled: bool = False, needs_paths: bool = True
 ) -> GivenMotion:
     """Read all files but the effort's. is_assembled: constraints hold all coordinates, not those without data alone.
-    needs_paths as in solver.osim.reader.read_osim_model.
+    needs_paths as in solver.osim.model_reader.read_osim_model.
     """
     model, suited = model_and_suit_of(
         inputs.model, ignore_forces=inputs.ignore_forces, actuators=inputs.actuators, needs_paths=needs_paths

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
-from solver.inverse_dynamics import inverse_dynamics
 from solver.model import Coordinate
+from solver.multibody.dynamics import inverse_dynamics
 from solver.time_series_table import write_table
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.versions import solving_versions

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solver.model import Model
 from solver.motion import Kinematics
-from solver.redundancy.left_out import forces_of
+from solver.redundancy.mechanics import forces_of
 from solver.redundancy.motion_solution import MotionSolution
 from station.assessment.reserves import LEAST_SHARE, ReserveShares, listed, rms, shares_text, unit_of
 from station.messages.codes import AssessmentCode

@@ -18,7 +18,7 @@ from solver.model import GROUND, Model
 from solver.motion import Kinematics, Motion, limits_outside
 from solver.motion_splines import held_by_constraints
 from solver.multibody.constraints import is_held
-from solver.multibody.external_loads import ExternalForce
+from solver.multibody.loads import ExternalForce
 from solver.multibody.postures import postures
 from solver.osim.loads import read_loads_document
 from station.assessment.reserves import unit_of

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.inverse_dynamics import inverse_dynamics
 from solver.model import AxisMotion, BallMotion, Model
 from solver.motion import Kinematics
-from solver.multibody.external_loads import ExternalForce
-from solver.multibody.tables import tables_of
-from solver.redundancy.left_out import actuator_forces
+from solver.multibody.body_tables import tables_of
+from solver.multibody.dynamics import inverse_dynamics
+from solver.multibody.loads import ExternalForce
+from solver.redundancy.mechanics import actuator_forces
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.options import (
     UNWEIGHTED_COORDINATES,

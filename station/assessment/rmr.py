@@ -10,9 +10,8 @@ from dataclasses import dataclass, field, replace
 from solver.errors import SolverCode
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, is_shoulder
-from solver.redundancy.left_out import without_forces
-from solver.redundancy.motion import solve_motion
-from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.mechanics import without_forces
+from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.options import RedundancyOptions, options_for
 from solver.redundancy.sequence import FrameOutcome
 from station.assessment.effort import read_effort

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.drawing import bone_lines, path_lines, skeleton
 from solver.model import Model
 from solver.multibody.postures import points_in_ground, postures
-from solver.path_lines import path_lines
-from solver.skeleton import bone_lines, skeleton
 from solver.suit.suit import Suit
 
 Array = NDArray[np.float64]

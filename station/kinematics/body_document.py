@@ -10,10 +10,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from recordings.standard_gravity import g
-from solver.coverage_code import CoverageCode
+from solver.findings import CoverageCode, ScalingCode
 from solver.personalisation.estimate import EstimateOutcome
 from solver.personalisation.segment_masses import segment_masses
-from solver.scaling_code import ScalingCode
 from station.kinematics.person import PersonBody, PersonInputs, TrialCheck
 from station.messages.codes import KinematicsCode
 from station.messages.person_codes import PersonCode

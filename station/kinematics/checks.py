@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from solver.inverse_kinematics.exchanges import Exchange, find_exchanges
 from solver.inverse_kinematics.marker_fit import fit_markers
+from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks
-from solver.inverse_kinematics.uncertainty import PostureUncertainty
 from solver.model import Marker, Model
 from solver.osim.ik_setup import IkSetup
 from solver.osim.scale_setup import ScaleSetup

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from recordings.exchange.tables import MarkerTable
 from solver.errors import MotionError, SolverCode
-from solver.inverse_kinematics.laboratory_frame import Vertical, rotation_laboratory_to_ground
+from solver.inverse_kinematics.marker_fit import Vertical, rotation_laboratory_to_ground
+from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, smooth_motion
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
-from solver.inverse_kinematics.uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.model import Model, ModelError
 from solver.motion import ensure_interval, limits_outside
 from solver.osim.ik_setup import IkSetup, ik_setup_document, read_ik_setup

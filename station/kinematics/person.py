@@ -11,15 +11,21 @@ from numpy.typing import NDArray
 
 from recordings.exchange.tables import MarkerTable
 from solver.errors import MotionError
-from solver.inverse_kinematics.laboratory_frame import Vertical
+from solver.inverse_kinematics.marker_fit import Vertical
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
 from solver.model import CoordinateLock, Marker, Model, ModelError
 from solver.motion import Motion, decimate, differentiate
 from solver.personalisation.coverage import ESSENTIAL, check_coverage
 from solver.personalisation.estimate import BodyEstimate, estimate_body
-from solver.personalisation.segment_masses import HAND, hold_load, mass_ratios, set_arm_masses, upper_arm_length
-from solver.personalisation.tendons import fit_tendons
-from solver.redundancy.motion import solve_motion
+from solver.personalisation.segment_masses import (
+    HAND,
+    fit_tendons,
+    hold_load,
+    mass_ratios,
+    set_arm_masses,
+    upper_arm_length,
+)
+from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.options import RedundancyOptions
 from solver.scaling_findings import MuscleRanges, check_scaling, muscle_ranges
 from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers, find_never_seen

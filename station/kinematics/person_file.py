@@ -11,7 +11,7 @@ from recordings.standard_gravity import g
 from solver.errors import SolverCode
 from solver.model import ModelError
 from solver.osim.ik_setup import ik_setup_document, ik_setup_of_tasks
-from solver.osim.writer import osim_document
+from solver.osim.model_writer import osim_document
 from solver.personalisation.segment_masses import segment_masses
 from station.kinematics.body_document import body_document
 from station.kinematics.checks import finding_lines

@@ -10,20 +10,19 @@ from numpy.typing import NDArray
 
 from recordings.standard_gravity import g
 from solver.inverse_kinematics.solve import InverseKinematics
-from solver.marker_placement import largest_motion
 from solver.model import CoordinateLock, Model
 from solver.personalisation.anthropometry import ARM_SEGMENTS
 from solver.personalisation.estimate import BodyEstimate, EstimateOutcome
 from solver.personalisation.segment_masses import (
     HAND,
     UPPER_ARM,
+    TendonChange,
     mass_ratios,
     segment_masses,
     upper_arm_length,
     usual_masses,
 )
-from solver.personalisation.tendons import TendonChange
-from solver.scaling_findings import ScalingFinding
+from solver.scaling_findings import ScalingFinding, largest_motion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.kinematics.checks import Finding

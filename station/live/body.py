@@ -14,12 +14,12 @@ from fitting.errors import FitError
 from recordings.errors import RecordingError
 from solver.cuff import CuffParameters
 from solver.errors import SolverError
-from solver.inverse_kinematics.laboratory_frame import Vertical
+from solver.inverse_kinematics.marker_fit import Vertical
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import CoordinateLock, Model
-from solver.osim.writer import osim_document
+from solver.osim.model_writer import osim_document
 from solver.redundancy.glenoid import glenoid_cone
-from solver.stream.stream_scenario import SLACK, StreamScenario
+from solver.stream.frame_muscles import SLACK, StreamScenario
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
 from station.assessment.assessment_inputs import read_cuffs_to_wear, worn_cuffs
 from station.errors import StationError

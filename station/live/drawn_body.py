@@ -7,7 +7,7 @@ from pathlib import Path
 
 from solver.bundled import bundled_model
 from solver.model import Model
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.suit.suit import Suit, read_suit
 from station.live.published import LiveSetup
 

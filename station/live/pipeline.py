@@ -16,9 +16,9 @@ from fitting.wearer.arm_cycles import elevation_of
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell
 from recordings.samples import Samples, Stream
 from recordings.topics import EMG, FORCE, MARKERS
-from solver.inverse_kinematics.laboratory_frame import rotation_laboratory_to_ground
+from solver.inverse_kinematics.marker_fit import rotation_laboratory_to_ground
+from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
-from solver.stream.stream_scenario import StreamScenario
 from solver.stream.stream_solver import StreamSolver
 from station.errors import StationError
 from station.kinematics.checks import LEAST_SEEN, ensure_markers_fit

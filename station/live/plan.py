@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from recordings.manifest import BodyMarkers
-from solver.stream.stream_scenario import StreamScenario
+from solver.stream.frame_muscles import StreamScenario
 from solver.suit.suit import suit_toml
 from station.config import StationConfig
 from station.live.body import UNUSABLE, LiveBody, live_body, live_scenarios

@@ -11,7 +11,7 @@ import numpy as np
 from documents.interval import rounded
 from fitting.emg.channels import UNUSABLE, UnusableEmg, find_faults
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
-from solver.marker_placement import largest_motion
+from solver.scaling_findings import largest_motion
 from station.emg.emg_tables import FINDING_TEXT
 from station.emg.trials import EmgFileError, emg_of
 from station.kinematics.person_findings import MOVING

@@ -13,13 +13,12 @@ from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.tables import MarkerTable
 from recordings.manifest import DataOrigin, TrialCondition
 from recordings.reader import open_recording
-from solver.inverse_kinematics.gaps import WholeMotion, longest_whole_motion
-from solver.inverse_kinematics.laboratory_frame import rotation_laboratory_to_ground
+from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_motion, rotation_laboratory_to_ground
+from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.inverse_kinematics.solve import InverseKinematics, assemble
-from solver.inverse_kinematics.uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.model import Model
 from solver.motion import Kinematics, differentiate
-from solver.personalisation.posture_draws import draw_postures_of_person
+from solver.personalisation.estimate import draw_postures_of_person
 from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
 from solver.suit.suit import Suit
 from station.kinematics.checks import Finding

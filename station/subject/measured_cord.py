@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver.cuff import CuffParameters
-from solver.inverse_kinematics.gaps import longest_whole_motion
+from solver.inverse_kinematics.marker_fit import longest_whole_motion
 from solver.motion import differentiate
 from solver.suit.cord_check import CordCheck, check_cord
 from solver.suit.suit import Suit

@@ -17,11 +17,10 @@ from documents.regular_file import LARGEST_TABLE, read_regular
 from fitting.cuffs.wearable_cuff import Cuff
 from solver.cuff import CuffParameters, by_site
 from solver.errors import MotionError
-from solver.model import Model, ModelError
+from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics
-from solver.multibody.external_loads import ExternalForce
+from solver.multibody.loads import ExternalForce
 from solver.osim.loads import data_file
-from solver.point_mass import with_point_mass
 from solver.suit.scenarios import LoadedMotion, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
 from station.assessment.assessment_inputs import cuff_findings, cuff_remarks, read_cuffs_to_wear, worn_cuffs

@@ -21,7 +21,7 @@ from recordings.exchange.tables import require_rising
 from recordings.exchange.text import read_lines, read_numbers
 from solver.model import Model
 from solver.motion import Motion, read_motion
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from station.errors import StationError
 from station.messages.message import Figures, Message
 from station.messages.validation_codes import ValidationCode

@@ -15,9 +15,8 @@ from solver.errors import SolverError
 from solver.model import Model
 from solver.motion import Kinematics, differentiate
 from solver.multibody.postures import postures
-from solver.redundancy.force_agreement import ForceAgreement, angle_between, force_agreement, glenoid_axes
-from solver.redundancy.glenoid import glenoid_cone
-from solver.redundancy.motion import solve_motion
+from solver.redundancy.glenoid import ForceAgreement, angle_between, force_agreement, glenoid_axes, glenoid_cone
+from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.sequence import FrameOutcome
 from station.assessment.motion_checks import motion_checks, motion_findings
 from station.messages.codes import AssessmentCode

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from solver.redundancy.force_agreement import ForceAgreement
+from solver.redundancy.glenoid import ForceAgreement
 from station.validation.validate import SolvedVariant
 from station.whole_file import write_whole
 

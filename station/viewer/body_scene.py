@@ -6,10 +6,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from solver.drawing import bone_lines, path_lines, skeleton
 from solver.model import Model
 from solver.multibody.postures import points_in_ground, postures
-from solver.path_lines import path_lines
-from solver.skeleton import bone_lines, skeleton
 from solver.suit.suit import Suit
 from station.viewer.layout import TIMELINE, SceneExtent
 

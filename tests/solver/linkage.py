@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.functions.coordinate import polynomial, simm_spline
+from solver.functions.coordinate_functions import polynomial, simm_spline
 from solver.model import NO_COORDINATE, AxisMotion, BallMotion, Body, Coordinate, Joint, Model, Motion, Placement
 from solver.multibody.rotations import rotation_body_fixed_xyz
 

@@ -22,7 +22,7 @@ from solver.multibody.postures import postures
 from solver.muscle import muscle_forces
 from solver.paths import PathMode, evaluate_paths
 from solver.redundancy import frames, interior_point
-from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import solve_motion
 from tests.solver.references import certified
 
 MODEL = bundled_model()
@@ -75,22 +75,22 @@ def interior_point_outcomes() -> list[str]:
         return code
 
     frames.interior_point, whole = recorded, frames.interior_point
-    with limited("solver.redundancy.newton.MOST_STEPS", 0):
+    with limited("solver.redundancy.frames.MOST_STEPS", 0):
         frame_outcomes()
     frames.interior_point = whole
     return [("solved", "infeasible", "not_converged")[code] for code in sorted(codes)]
 
 
 LIMITS: dict[str, tuple[Callable[[], list[str]], int]] = {
-    "solver.wrapping.tangent.MOST_ITERATIONS": (opensim_outcomes, 1),
-    "solver.wrapping.closest.MOST_ITERATIONS": (opensim_outcomes, 1),
+    "solver.wrapping.ellipsoid.MOST_ITERATIONS": (opensim_outcomes, 1),
+    "solver.wrapping.fan.MOST_ITERATIONS": (opensim_outcomes, 1),
     "solver.wrapping.opensim_path.MOST_SWEEPS": (opensim_outcomes, 1),
-    "solver.wrapping.cylinder.MOST_ADJUSTMENTS": (opensim_outcomes, 1),
-    "solver.geodesics.series.MOST_STEPS": (geodesic_outcomes, 1),
+    "solver.wrapping.sphere_and_cylinder.MOST_ADJUSTMENTS": (opensim_outcomes, 1),
+    "solver.geodesics.geodesic.MOST_STEPS": (geodesic_outcomes, 1),
     "solver.geodesics.shortest_path.MOST_STEPS": (geodesic_outcomes, 1),
     "solver.geodesics.contact_order.MOST_ROUNDS": (geodesic_outcomes, 1),
     "solver.functions.bezier.NEWTON_STEPS": (curve_outcomes, 1),
-    "solver.redundancy.newton.MOST_STEPS": (frame_outcomes, 0),
+    "solver.redundancy.frames.MOST_STEPS": (frame_outcomes, 0),
     "solver.redundancy.interior_point.MOST_STEPS": (interior_point_outcomes, 1),
 }
 """Limit → the outcomes that depend on it, and a value that is too small."""

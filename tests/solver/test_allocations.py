@@ -13,10 +13,9 @@ from solver.motion import decimate, differentiate
 from solver.paths import PathMode
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.options import RedundancyOptions
-from solver.redundancy.problem import build_redundancy
-from solver.redundancy.scenarios import LoadResponse, solve_redundancy
+from solver.redundancy.problem import LoadResponse, build_redundancy, solve_redundancy
 from solver.redundancy.sequence import FrameOutcome
 
 MODEL = bundled_model()

@@ -7,7 +7,7 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.model import AxisMotion, Model, Motion, MovingPathPoint, ScapulothoracicMotion
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from tests.solver.references import NO_WEIGHT
 
 MODEL = bundled_model()

@@ -14,13 +14,11 @@ from numba.core import config
 from solver import compile_ahead, compiled
 from solver.compiled import compiled_for_python
 from solver.functions.bezier import evaluate_chain
-from solver.multibody.bodies import move_bodies
-from solver.multibody.masses import mass_matrix_and_bias
-from solver.multibody.responses import fill_responses
-from solver.redundancy.elimination import eliminate
-from solver.redundancy.frames import solve_frames
-from solver.wrapping.moving_points import place_points
-from solver.wrapping.tension import evaluate_wrapped_paths
+from solver.multibody.joints import move_bodies
+from solver.multibody.mass_matrix import fill_responses, mass_matrix_and_bias
+from solver.redundancy.frames import solve_activations
+from solver.redundancy.reduction import eliminate
+from solver.wrapping.wrapped_paths import evaluate_wrapped_paths, place_points
 
 COMMAND = (sys.executable, "-m", "solver.compile_ahead")
 
@@ -103,9 +101,9 @@ DYNAMICS = (mass_matrix_and_bias, fill_responses, evaluate_chain)
 @pytest.mark.parametrize(
     ("share", "kernels", "of_others"),
     [
-        ("solving", (eliminate, solve_frames, *DYNAMICS), (move_bodies, place_points, evaluate_wrapped_paths)),
-        ("dynamics", DYNAMICS, (move_bodies, place_points, evaluate_wrapped_paths, solve_frames, eliminate)),
-        ("paths", (evaluate_wrapped_paths,), (move_bodies, place_points, solve_frames, eliminate, *DYNAMICS)),
+        ("solving", (eliminate, solve_activations, *DYNAMICS), (move_bodies, place_points, evaluate_wrapped_paths)),
+        ("dynamics", DYNAMICS, (move_bodies, place_points, evaluate_wrapped_paths, solve_activations, eliminate)),
+        ("paths", (evaluate_wrapped_paths,), (move_bodies, place_points, solve_activations, eliminate, *DYNAMICS)),
     ],
 )
 def test_a_share_compiles_its_kernels_and_none_that_another_process_compiles_meanwhile(

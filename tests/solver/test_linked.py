@@ -1,22 +1,46 @@
-"""Functions that only compiled code calls: the same figures as numba's own compiler gives, and no machine code."""
+"""Functions that only compiled code calls: the same figures as numba's own compiler gives, and no machine code.
+
+numba while a kernel compiles: the same answers with less work, and as before afterwards.
+
+Remembered signatures of operators are those that numba finds, and nothing is remembered that it did not find.
+"""
 
 from __future__ import annotations
 
 import gc
+import math
+import operator
 import tomllib
+from collections.abc import Iterator
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numba import njit
+from numba.core import base, event, ir, lowering, postproc
+from numba.core import types as numba_types
 from numba.core.errors import TypingError
+from numba.core.registry import cpu_target
+from numba.core.typing import context
 from packaging.requirements import Requirement
 from packaging.version import Version
 
 from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
-from solver.linked import PrivateKernelCompiler
+from solver.linked import FUNCTIONS, PrivateKernelCompiler, remember_signatures, short_compilation
+
+types: Any = numba_types  # without types of its own
+KINDS = (
+    types.float64,
+    types.int64,
+    types.literal(2),
+    types.Array(types.float64, 2, "C"),
+    types.UniTuple(types.int64, 2),
+)
+UNARY = (operator.neg, operator.not_, abs, bool, len)
 
 
 def test_the_newest_numba_that_may_be_installed_is_the_one_under_test() -> None:
@@ -139,3 +163,123 @@ def test_garbage_is_collected_again_after_a_kernel_that_cannot_be_compiled() -> 
     with pytest.raises(TypingError):
         kernel(1.0)
     assert gc.isenabled()
+
+
+def _replaceable() -> list[object]:
+    owners = (postproc.PostProcessor, base.BaseContext, context.BaseContext, event, base, lowering)
+    return [value for owner in owners for value in vars(owner).values() if callable(value)]
+
+
+def test_numba_is_as_before_after_a_kernel() -> None:
+    before = _replaceable()
+
+    def square(x: Any) -> Any:  # the kernel of the test above still holds the lock of its name
+        return x[0] ** 2 + 1.0
+
+    kernel: Any = compiled_for_python(square)
+    assert kernel(np.array([3.0])) == 10.0
+    assert _replaceable() == before
+
+
+def test_constant_operands_have_the_types_that_numba_gives_them() -> None:
+    operands = (2, True, "a", 2.0, ir.UNDEFINED)
+    expected = [lowering._lit_or_omitted(operand) for operand in operands]
+    with short_compilation(cpu_target.typing_context):
+        assert [lowering._lit_or_omitted(operand) for operand in operands] == expected
+
+
+def test_global_values_have_the_types_that_numba_gives_them() -> None:
+    typing: Any = cpu_target.typing_context
+    typing.refresh()
+    values = (operator.add, math.sin, np.empty, len, abs, 2.0, (1, 2.0), float, np)
+    expected = [typing.resolve_value_type(value) for value in values]
+    with short_compilation(typing):
+        assert [typing.resolve_value_type(value) for value in values] == expected
+        with pytest.raises(ValueError, match="Cannot determine Numba type"):
+            typing.resolve_value_type(object())
+
+
+def test_no_array_is_converted_to_an_array() -> None:
+    """Or numba would find an implementation where short_compilation says that there is none."""
+    target: Any = cpu_target.target_context
+    target.refresh()
+    array = types.Array(types.float64, 2, "C")
+    with pytest.raises(NotImplementedError):
+        target.get_function("__array__", array(array))
+
+
+def test_objects_of_the_compiler_are_collected_with_the_old_ones(unfrozen: None) -> None:
+    gc.collect()
+    with short_compilation(cpu_target.typing_context):
+        cycle: list[object] = []
+        cycle.append(cycle)
+        number = id(cycle)
+        del cycle
+    assert gc.get_freeze_count() == 0
+    assert number in map(id, gc.get_objects(generation=2))
+    gc.collect()
+    assert number not in map(id, gc.get_objects(generation=2))
+
+
+def test_objects_that_others_have_frozen_stay_frozen(unfrozen: None) -> None:
+    gc.freeze()
+    frozen = gc.get_freeze_count()
+    with short_compilation(cpu_target.typing_context):
+        pass
+    assert gc.get_freeze_count() == frozen > 0
+    assert gc.isenabled()
+
+
+@pytest.fixture
+def unfrozen() -> Iterator[None]:
+    """No frozen objects at the start; those of the test session are frozen again at the end."""
+    gc.unfreeze()
+    yield
+    gc.freeze()
+
+
+@pytest.fixture(scope="module")
+def typing() -> Any:
+    context: Any = cpu_target.typing_context
+    context.refresh()
+    remember_signatures(context)
+    return context
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
+def test_they_are_those_that_numba_finds(typing: Any, function: Any) -> None:
+    resolved = typing.resolve_value_type(function)
+    arguments = 1 if function in UNARY else 3 if function is operator.setitem else 2
+    count = 0
+    for kinds in product(KINDS, repeat=arguments):
+        try:
+            expected = type(resolved).get_call_type(resolved, typing, kinds, {})
+        except Exception as error:  # some implementations fail themselves with types that they do not expect
+            with pytest.raises(type(error)):
+                resolved.get_call_type(typing, kinds, {})
+            continue
+        assert resolved.get_call_type(typing, kinds, {}) == expected
+        assert resolved.get_call_type(typing, list(kinds), {}) == expected
+        count += 1
+    assert count
+
+
+def test_they_are_looked_up_once_unless_there_is_none() -> None:
+    asked = []
+
+    def find(_context: object, kinds: Any, _keywords: object) -> str:
+        asked.append(tuple(kinds))
+        if "none" in kinds:
+            raise ValueError("no match")
+        return f"signature of {kinds}"
+
+    resolved = type("Resolved", (), {"get_call_type": staticmethod(find)})()
+    typing = SimpleNamespace(resolve_value_type=lambda _: resolved)
+    remember_signatures(typing)
+    first, again = (resolved.get_call_type(typing, ("a", "b"), {}) for _ in range(2))
+    assert first == again
+    for _ in range(2):
+        with pytest.raises(ValueError, match="no match"):
+            resolved.get_call_type(typing, ("none",), {})
+        resolved.get_call_type(typing, ("c",), {"key": "d"})
+    assert asked == [("a", "b"), ("none",), ("c",), ("none",), ("c",)]

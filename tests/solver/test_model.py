@@ -5,10 +5,9 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.model import GROUND, Body, Marker
+from solver.model import GROUND, Body, Marker, with_point_mass
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
-from solver.point_mass import with_point_mass
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

@@ -5,7 +5,7 @@ import pytest
 
 from solver.constraint import CoordinateCoupler, CoordinateLock
 from solver.errors import SolverCode
-from solver.functions.coordinate import polynomial
+from solver.functions.coordinate_functions import polynomial
 from solver.model import Coordinate, Model
 from solver.motion import Motion
 from solver.motion_splines import LEAST_FRAMES, differentiate_by_splines, held_by_constraints

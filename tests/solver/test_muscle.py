@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.functions.fibre import ThelenCurves
+from solver.functions.muscle_curves import ThelenCurves
 from solver.model import Model
 from solver.muscle import muscle_forces
 

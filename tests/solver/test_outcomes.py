@@ -62,6 +62,6 @@ def test_no_iteration_is_left_out() -> None:
         "solver.suit.uncertainty.MOST_TRIES",  # raises
         "solver.uncertainty.people.MOST_SHIFTS",  # an optimum that is still at an end is NaN
         "solver.wrapping.fan.MOST_ITERATIONS",  # all blades are computed then, and have the outcome
-        "solver.wrapping.least_squares.MOST_PARAMETERS",  # of a step, as in MINPACK, which takes the last one
-        "solver.wrapping.tangent.MOST_TRIALS",  # of a step; the iteration around it has the outcome
+        "solver.wrapping.torus.MOST_PARAMETERS",  # of a step, as in MINPACK, which takes the last one
+        "solver.wrapping.ellipsoid.MOST_TRIALS",  # of a step; the iteration around it has the outcome
     }

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.functions.coordinate import polynomial
+from solver.functions.coordinate_functions import polynomial
 from solver.model import GROUND, ConditionalPathPoint, MovingPathPoint, Path, PathWrap, Placement
 from solver.multibody.postures import jacobians, postures, speeds_from_rates
 from solver.paths import evaluate_paths

@@ -9,7 +9,7 @@ from solver.motion import decimate, differentiate
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import solve_motion
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

@@ -12,21 +12,18 @@ from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
 from solver.constraint import ConstantDistanceConstraint, PointOnLineConstraint
 from solver.errors import SolverCode
+from solver.findings import ScalingCode
 from solver.forces.actuators import PointActuator
-from solver.forces.bushing import Bushing
-from solver.forces.contact import ContactMaterial, ContactSurface, HuntCrossleyContact
-from solver.forces.path_force import PathSpring
-from solver.forces.point_force import ConstantForce, PointToPointSpring
+from solver.forces.contact_forces import ContactMaterial, ContactSurface, HuntCrossleyContact
+from solver.forces.passive_forces import Bushing, ConstantForce, PathSpring, PointToPointSpring
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
-from solver.marker_placement import place_markers
 from solver.model import Placement, PointConstraint
 from solver.multibody.postures import postures
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.osim.scale_setup import read_scale_setup
 from solver.paths import evaluate_paths
 from solver.scaling import Scaling, scale_model
-from solver.scaling_code import ScalingCode
-from solver.scaling_findings import check_scaling
+from solver.scaling_findings import check_scaling, place_markers
 from tests.solver.inverse_kinematics.marked import seen_from
 from tests.solver.references import SHARED
 from tests.solver.refusals import raises_refusal

@@ -18,7 +18,7 @@ from solver.constraint import (
     WeldConstraint,
 )
 from solver.errors import SolverCode
-from solver.functions.coordinate import polynomial
+from solver.functions.coordinate_functions import polynomial
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import CoordinateCoupler, CoordinateLock, Model
 from tests.solver.inverse_kinematics.marked import (

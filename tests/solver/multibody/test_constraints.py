@@ -14,7 +14,7 @@ from solver.constraint import (
     PointOnLineConstraint,
     WeldConstraint,
 )
-from solver.functions.coordinate import Sine
+from solver.functions.coordinate_functions import Sine
 from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, PointConstraint
 from solver.multibody.constraints import constraint_gaps, constraint_rows
 from solver.multibody.postures import Postures, postures, speeds_from_rates

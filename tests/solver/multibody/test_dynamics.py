@@ -10,12 +10,12 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.model import Model
 from solver.multibody.dynamics import equations_of_motion, multipliers, response_to_loads
+from solver.multibody.mass_matrix import fill_responses
 from solver.multibody.postures import Postures, jacobians, points_in_ground, postures, speeds_from_rates
-from solver.multibody.responses import fill_responses
 from solver.multibody.rotations import rotate, wrench_about_origin
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
-from solver.redundancy.response_maps import response_maps
+from solver.redundancy.mechanics import response_maps
 from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
-from solver.redundancy.response_maps import response_maps
+from solver.redundancy.mechanics import response_maps
 from tests.solver.oracle.test_force_elements import lay
 from tests.solver.oracle.test_paths import tilted
 from tests.solver.oracle.two_bodies import (

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver.functions.expression import Expression
+from solver.functions.coordinate_functions import Expression
 from tests.solver.oracle.test_force_elements import counted, lay
 from tests.solver.oracle.test_paths import tilted
 from tests.solver.oracle.two_bodies import (

@@ -10,7 +10,7 @@ import pytest
 
 from solver.errors import SolverCode
 from solver.model import CoordinateLock
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from tests.solver.oracle.test_joints import FUNCTIONS
 from tests.solver.oracle.two_bodies import difference, frame_of, given, model_with, opensim, read_back, vec3
 from tests.solver.refusals import raises_refusal

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from solver.functions.fibre import MillardCurves
-from solver.osim.reader import read_osim
+from solver.functions.muscle_curves import MillardCurves
+from solver.osim.model_reader import read_osim
 from tests.solver.oracle.test_muscles import span
 from tests.solver.oracle.two_bodies import model_with, opensim
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver.errors import SolverCode
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from tests.solver.oracle.two_bodies import difference_to, opensim
 from tests.solver.osim.opensim_3 import opensim_3_document
 from tests.solver.refusals import raises_refusal

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from tests.solver.oracle.test_paths import path_of, tilted
 from tests.solver.oracle.two_bodies import (
     Difference,

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from solver.errors import SolverCode
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from tests.solver.oracle.two_bodies import (
     add_muscle,
     body,

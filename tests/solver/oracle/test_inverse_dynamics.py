@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.inverse_dynamics import inverse_dynamics
 from solver.motion import Kinematics
+from solver.multibody.dynamics import inverse_dynamics
 from tests.solver.oracle.test_force_elements import lay
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver.inverse_kinematics.posture_uncertainty import posture_uncertainty
 from solver.inverse_kinematics.solve import PostureOutcome
-from solver.inverse_kinematics.uncertainty import posture_uncertainty
 from tests.solver.inverse_kinematics.marked import cost_of, gaps_of
 from tests.solver.oracle.varied_trials import TRIALS, count_bounds, solved_by_opensim, tracked, varied
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import CoordinateLock, Model
 from solver.multibody.dynamics import equations_of_motion
-from solver.multibody.external_loads import load_wrenches
 from solver.multibody.joint_reactions import Axes, JointReactions, ReactionRequest, Side, joint_reactions
+from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import postures
 from solver.osim.loads import read_external_loads
 from solver.paths import evaluate_paths

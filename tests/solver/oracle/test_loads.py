@@ -10,19 +10,18 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.model import Model
+from solver.model import Model, with_point_mass
 from solver.motion import decimate, differentiate
 from solver.multibody.dynamics import equations_of_motion
-from solver.multibody.external_loads import load_wrenches
+from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import postures
 from solver.muscle import muscle_forces
 from solver.osim.loads import read_external_loads
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.paths import evaluate_paths
-from solver.point_mass import with_point_mass
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import solve_motion
-from solver.redundancy.response_maps import response_maps
+from solver.redundancy.mechanics import response_maps
+from solver.redundancy.motion_solution import solve_motion
 from solver.time_series_table import write_table
 from tests.solver.oracle.two_bodies import model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.functions.fibre import SchutteCurves
+from solver.functions.muscle_curves import SchutteCurves
 from solver.model import Model
 from solver.multibody.postures import postures
 from solver.muscle import MuscleForces, muscle_forces
-from solver.osim.reader import read_osim
-from solver.osim.writer import osim_document
+from solver.osim.model_reader import read_osim
+from solver.osim.model_writer import osim_document
 from solver.paths import evaluate_paths
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back
 

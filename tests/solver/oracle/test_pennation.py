@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver.errors import SolverCode
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from tests.solver.oracle.test_muscles import span
 from tests.solver.oracle.two_bodies import model_with, opensim
 from tests.solver.refusals import raises_refusal

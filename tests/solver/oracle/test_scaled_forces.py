@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.scaling import Scaling, scale_model
 from tests.solver.oracle.test_actuators import ADDED
 from tests.solver.oracle.test_closed_form_forces import between_tilted_frames

@@ -13,8 +13,8 @@ from solver.bundled import bundled_model
 from solver.constraint import Constraint, CoordinateCoupler, WeldConstraint
 from solver.errors import SolverCode
 from solver.model import AnyPathPoint, AxisMotion, Model, MovingPathPoint, ScapulothoracicMotion
-from solver.osim.reader import read_osim
-from solver.osim.writer import osim_document
+from solver.osim.model_reader import read_osim
+from solver.osim.model_writer import osim_document
 from solver.scaling import Scaling, scale_model, scale_skeleton
 from tests.solver.oracle.test_constraints import coupler
 from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, read_back, vec3

@@ -17,9 +17,9 @@ from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.model import Marker
 from solver.osim.ik_setup import CoordinateTask, IkSetup, ik_setup_document, read_ik_setup
 from solver.osim.marker_set import marker_set_document, read_marker_set
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
+from solver.osim.model_writer import osim_document
 from solver.osim.scale_setup import Measurement, ScaleSetup, read_scale_setup, scale_setup_document
-from solver.osim.writer import osim_document
 from solver.scaling import Scaling, scale_model
 from solver.time_series_table import read_table
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
-from solver.inverse_dynamics import inverse_dynamics
 from solver.model import Model
 from solver.motion import Kinematics
+from solver.multibody.dynamics import inverse_dynamics
 from solver.multibody.postures import postures
 from solver.multibody.rotations import rotate
 from solver.osim.document import read_document
-from solver.osim.reader import read_osim
-from solver.osim.suited import add_suit
-from solver.osim.suited_reader import read_suited
+from solver.osim.model_reader import read_osim
+from solver.osim.suited import add_suit, read_suited
 from solver.suit.cord import cord_line, suit_forces
 from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import Suit, SuitMass, SuitPoint

@@ -16,8 +16,8 @@ from solver.cuff import CuffParameters
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
 from solver.multibody.rotations import rotate
+from solver.osim.model_writer import osim_document
 from solver.osim.suited import add_suit
-from solver.osim.writer import osim_document
 from solver.suit.cord import SuitForces, cord_line, suit_forces
 from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import Suit, read_suit, with_suit_masses

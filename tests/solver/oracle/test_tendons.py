@@ -11,10 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.functions.fibre import MillardCurves
-from solver.functions.tendon import DeGrooteFreglyTendon, MillardTendon, ThelenTendon
+from solver.functions.muscle_curves import DeGrooteFreglyTendon, MillardCurves, MillardTendon, ThelenTendon
 from solver.model import Model
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.tendons.evaluation import ElasticForces, elastic_forces
 from tests.solver.oracle.two_bodies import given, opensim, vec3
 from tests.solver.refusals import raises_refusal

@@ -15,16 +15,16 @@ from solver.constraint import (
     CoordinateCoupler,
     PointOnLineConstraint,
 )
-from solver.functions.coordinate import polynomial
-from solver.functions.fibre import DeGrooteFreglyCurves, SchutteCurves, ThelenCurves
-from solver.osim.reader import read_osim
-from solver.osim.writer import osim_document
+from solver.functions.coordinate_functions import polynomial
+from solver.functions.muscle_curves import DeGrooteFreglyCurves, SchutteCurves, ThelenCurves
+from solver.osim.model_reader import read_osim
+from solver.osim.model_writer import osim_document
 from tests.solver.oracle.test_actuators import ADDED
 from tests.solver.oracle.test_closed_form_forces import between_tilted_frames, constants
 from tests.solver.oracle.test_force_elements import lay
 from tests.solver.oracle.test_scaled_forces import ALONG_PATHS
 from tests.solver.oracle.two_bodies import difference_to, frame_of, given, model_with, opensim, read_back, vec3
-from tests.solver.osim.test_writer import assert_same
+from tests.solver.osim.test_model_writer import assert_same
 
 pytestmark = pytest.mark.oracle
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver.errors import SolverCode
 from solver.model import Model
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from tests.solver.legs import JOINTS, leg
 from tests.solver.osim.opensim_3 import opensim_3_document
 from tests.solver.refusals import raises_refusal

@@ -10,7 +10,7 @@ import pytest
 
 from solver.errors import SolverCode
 from solver.osim.document import read_document
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.osim.scale_setup import read_scale_setup
 from tests.solver.refusals import raises_refusal
 

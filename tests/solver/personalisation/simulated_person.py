@@ -11,8 +11,7 @@ from solver.bundled import bundled_model
 from solver.inverse_kinematics.solve import assemble
 from solver.model import Marker, ModelError
 from solver.multibody.postures import points_in_ground, postures
-from solver.personalisation.anthropometry import body_factors
-from solver.personalisation.priors import BodyPriors, population_priors
+from solver.personalisation.anthropometry import BodyPriors, body_factors, population_priors
 from solver.scaling import Scaling, scale_skeleton
 
 Array = NDArray[np.float64]

@@ -12,9 +12,8 @@ from solver.forces.actuators import PathActuator, TorqueActuator
 from solver.model import AxisMotion, Model
 from solver.motion import decimate, differentiate
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import solve_motion
-from solver.redundancy.options import RedundancyOptions
-from solver.redundancy.reserves import Reserve, with_reserves
+from solver.redundancy.motion_solution import solve_motion
+from solver.redundancy.options import RedundancyOptions, Reserve, with_reserves
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

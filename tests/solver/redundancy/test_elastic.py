@@ -11,19 +11,18 @@ from scipy.optimize import minimize
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.functions.tendon import MillardTendon
+from solver.functions.muscle_curves import MillardTendon
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate
 from solver.multibody.dynamics import response_to_loads
 from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.motion import solve_motion
-from solver.redundancy.options import RedundancyOptions, Solver, static_optimisation
-from solver.redundancy.reserves import Reserve, with_reserves
+from solver.redundancy.motion_solution import solve_motion
+from solver.redundancy.options import RedundancyOptions, Reserve, Solver, static_optimisation, with_reserves
 from solver.redundancy.sequence import FrameOutcome
 from solver.tendons.evaluation import elastic_forces
-from solver.tendons.tables import elastic_muscles
+from solver.tendons.fiber import elastic_muscles
 from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]

@@ -15,8 +15,13 @@ from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.next_frame import FrameByFrame
 from solver.redundancy.options import RedundancyOptions
-from solver.redundancy.problem import RedundancyProblem, build_redundancy
-from solver.redundancy.scenarios import LoadResponse, ScenarioSolutions, solve_redundancy
+from solver.redundancy.problem import (
+    LoadResponse,
+    RedundancyProblem,
+    ScenarioSolutions,
+    build_redundancy,
+    solve_redundancy,
+)
 from solver.redundancy.sequence import FrameOutcome
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from solver.motion import decimate, differentiate
 from solver.multibody.joint_reactions import ReactionRequest, is_bypassed
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.motion import solve_motion
+from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.options import RedundancyOptions, options_for
 from tests.solver.refusals import raises_refusal
 

@@ -15,8 +15,8 @@ from solver.cuff import CuffParameters
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
+from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_frame import StreamFrame
-from solver.stream.stream_scenario import StreamScenario
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.suit import read_suit
 from tests.solver.inverse_kinematics.marked import seen_from, with_markers

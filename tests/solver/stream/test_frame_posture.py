@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver.inverse_kinematics.posture_uncertainty import posture_uncertainty
 from solver.inverse_kinematics.solve import PostureOutcome, solve_inverse_kinematics
-from solver.inverse_kinematics.uncertainty import posture_uncertainty
 from solver.stream.frame_posture import PostureTracker
 from tests.solver.stream.streams import INTERVAL, MODEL, NAMES, NOISE, TASKS, seen
 

@@ -18,7 +18,7 @@ from solver.suit.quantity import Quantity
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
 from solver.suit.suit import read_suit
 from solver.suit.uncertainty import DrawSettings
-from tests.solver.redundancy.test_reachability import with_a_singular_elbow
+from tests.solver.redundancy.test_problem import with_a_singular_elbow
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

@@ -12,8 +12,7 @@ from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.motion import solve_motion
-from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.options import RedundancyOptions
 from solver.suit.assessment import assess
 from solver.suit.optimise import optimise_suit

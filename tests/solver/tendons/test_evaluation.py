@@ -10,13 +10,21 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.functions.fibre import Curves, DeGrooteFreglyCurves, MillardCurves, SchutteCurves, ThelenCurves
-from solver.functions.tendon import DeGrooteFreglyTendon, MillardTendon, TendonCurve, ThelenTendon
+from solver.functions.muscle_curves import (
+    Curves,
+    DeGrooteFreglyCurves,
+    DeGrooteFreglyTendon,
+    MillardCurves,
+    MillardTendon,
+    SchutteCurves,
+    TendonCurve,
+    ThelenCurves,
+    ThelenTendon,
+)
 from solver.model import Model
 from solver.muscle import muscle_forces
 from solver.tendons.evaluation import elastic_forces
-from solver.tendons.step import StepStart, allocate_settled, fill_settled
-from solver.tendons.tables import elastic_muscles, fiber_tables
+from solver.tendons.fiber import StepStart, allocate_settled, elastic_muscles, fiber_tables, fill_settled
 from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.forces.path_force import PathSpring
-from solver.osim.writer import osim_document
+from solver.forces.passive_forces import PathSpring
+from solver.osim.model_writer import osim_document
 from solver.redundancy.options import RedundancyOptions
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.left_out import left_out_findings

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from solver.model import CoordinateActuator
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.redundancy.options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.left_out import left_out_findings

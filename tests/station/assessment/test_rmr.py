@@ -24,7 +24,7 @@ from station.assessment.rmr import SolvedMotion, solve_muscles
 from station.assessment.rmr_table import solved_columns, write_solved
 from station.messages.codes import InputCode
 from station.report.rmr_figures import draw_solved
-from tests.solver.redundancy.test_reachability import with_a_singular_elbow, with_locks
+from tests.solver.redundancy.test_problem import with_a_singular_elbow, with_locks
 from tests.solver.references import SHARED
 from tests.station.command import assert_one_sentence, assert_refused
 

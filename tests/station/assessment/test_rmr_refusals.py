@@ -12,7 +12,7 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.osim.writer import osim_document
+from solver.osim.model_writer import osim_document
 from solver.redundancy.options import RedundancyOptions
 from solver.redundancy.sequence import FrameOutcome
 from station.assessment.given_motion import MotionCut, MuscleInputs

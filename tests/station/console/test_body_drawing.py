@@ -9,7 +9,7 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.multibody.postures import points_in_ground, postures
-from solver.osim.writer import osim_document
+from solver.osim.model_writer import osim_document
 from solver.suit.suit import read_suit
 from station.console.body_drawing import BodyDrawing
 from station.live.drawn_body import read_model

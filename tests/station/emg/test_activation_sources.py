@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 
 from benchmarks.emg import activation_files
 from solver.motion import differentiate, read_motion
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from solver.redundancy.mechanics import evaluate_motion
 from solver.time_series_table import read_table
 from tests.conftest import SHARED

@@ -14,7 +14,7 @@ import pytest
 from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
-from solver.coverage_code import CoverageCode
+from solver.findings import CoverageCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from station.kinematics.checks import find_in_markers
 from station.kinematics.ik import IkInputs, solve_postures

@@ -10,9 +10,9 @@ import pytest
 
 from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
-from solver.coverage_code import CoverageCode
+from solver.findings import CoverageCode
 from solver.osim.ik_setup import read_ik_setup
-from solver.osim.reader import read_osim
+from solver.osim.model_reader import read_osim
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_sets import MarkerSetError, place_marker_set, read_marker_set
 from station.messages.codes import KinematicsCode

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from solver.osim.writer import osim_document
+from solver.osim.model_writer import osim_document
 from station.exit_code import DONE, WRONG_USAGE
 from tests.station.kinematics.test_ik import MODEL, SETUP, TASK, trial
 from tests.station.kinematics.test_scale import PAIR, on_humerus

@@ -15,14 +15,14 @@ from pydantic import ValidationError
 from recordings.exchange.joint_force import read_joint_force
 from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
-from solver.coverage_code import CoverageCode
+from solver.findings import CoverageCode
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.motion import Motion, differentiate
 from solver.osim.ik_setup import read_ik_setup
-from solver.osim.reader import read_osim
-from solver.osim.writer import osim_document
-from solver.redundancy.force_agreement import force_agreement
-from solver.redundancy.motion import solve_motion
+from solver.osim.model_reader import read_osim
+from solver.osim.model_writer import osim_document
+from solver.redundancy.glenoid import force_agreement
+from solver.redundancy.motion_solution import solve_motion
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.person import PersonInputs, measure_person
 from station.kinematics.person_file import write_person

@@ -11,9 +11,9 @@ import pytest
 
 from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
-from solver.forces.path_force import PathSpring
-from solver.osim.reader import read_osim
-from solver.osim.writer import osim_document
+from solver.forces.passive_forces import PathSpring
+from solver.osim.model_reader import read_osim
+from solver.osim.model_writer import osim_document
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_file import KinematicsError
 from station.kinematics.person_findings import mass_findings

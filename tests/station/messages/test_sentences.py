@@ -10,8 +10,8 @@ from string import Formatter
 
 import pytest
 
+from solver.findings import ScalingCode
 from solver.personalisation.coverage import CoverageCode
-from solver.scaling_code import ScalingCode
 from station import messages
 from station.messages.message import Message
 from station.messages.sentences import SENTENCES

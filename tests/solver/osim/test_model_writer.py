@@ -1,0 +1,225 @@
+"""The writer of .osim: read back it is the same model, and what it does not have is refused by name."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver.bundled import bundled_model
+from solver.constraint import (
+    ConstantDistanceConstraint,
+    CoordinateCoupler,
+    CoordinateLock,
+    CoordinatePrescription,
+    PointOnLineConstraint,
+    WeldConstraint,
+)
+from solver.errors import SolverCode
+from solver.functions.coordinate_functions import (
+    PiecewisePolynomial,
+    Sine,
+    natural_spline,
+    piecewise_constant,
+    piecewise_linear,
+    polynomial,
+    scaled,
+    simm_spline,
+    smooth_step,
+)
+from solver.functions.muscle_curves import DeGrooteFreglyCurves, SchutteCurves, ThelenCurves, ThelenTendon
+from solver.model import BallMotion, Model
+from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.osim.model_reader import read_osim
+from solver.osim.model_writer import osim_document
+from tests.solver.refusals import raises_refusal
+
+MODEL = bundled_model()
+SHOULDER = MODEL.joint("GlenoHumeral")
+
+
+def read_back(model: Model, folder: Path) -> Model:
+    path = folder / "written.osim"
+    Xml.ElementTree(osim_document(model)).write(path, encoding="utf-8")
+    return read_osim(path)
+
+
+def assert_same(ours: Any, theirs: Any, where: str = "model") -> None:
+    """Field by field; rotations pass through three angles, so numbers may differ in the last digit."""
+    assert type(ours) is type(theirs), where
+    if is_dataclass(ours):
+        for field in fields(ours):
+            assert_same(getattr(ours, field.name), getattr(theirs, field.name), f"{where}.{field.name}")
+    elif isinstance(ours, tuple):
+        assert len(ours) == len(theirs), where
+        for index, (each, other) in enumerate(zip(ours, theirs, strict=True)):
+            assert_same(each, other, f"{where}[{index}]")
+    elif isinstance(ours, np.ndarray):
+        np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-15, err_msg=where)
+    else:
+        assert ours == theirs, where
+
+
+def test_the_bundled_model_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    """But with rigid tendons."""
+    muscles = tuple(replace(muscle, tendon=None) for muscle in MODEL.muscles)
+    assert_same(replace(MODEL, muscles=muscles), read_back(MODEL, tmp_path))
+
+
+def with_shoulder(motion: Any) -> Model:
+    joints = tuple(replace(each, motion=motion) if each.name == SHOULDER.name else each for each in MODEL.joints)
+    return replace(MODEL, joints=joints)
+
+
+def moved_by(function: Any) -> Any:
+    """The shoulder's motion with this function on its driven axes."""
+    motion: Any = SHOULDER.motion
+    pairs = zip(motion.coordinate, motion.functions, strict=True)
+    return replace(motion, functions=tuple(function if driver >= 0 else still for driver, still in pairs))
+
+
+def test_limits_and_higher_polynomials_come_back_too(tmp_path: Path) -> None:
+    limited = (replace(MODEL.actuators[0], min_control=-2.0, max_control=3.0), *MODEL.actuators[1:])
+    changed = replace(with_shoulder(moved_by(polynomial([0.1, 2.0, 3.0]))), actuators=limited)
+    back = read_back(changed, tmp_path)
+    assert_same((changed.joints, changed.actuators), (back.joints, back.actuators))
+
+
+def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path: Path) -> None:
+    clamped = (*MODEL.coordinates[:3], replace(MODEL.coordinates[3], is_clamped=True), *MODEL.coordinates[4:])
+    fixed = (replace(MODEL.markers[0], is_fixed=True), *MODEL.markers[1:])
+    lock = CoordinateLock(MODEL.coordinate_names[5], 5, 0.25)
+    back = read_back(
+        replace(MODEL, coordinates=clamped, markers=fixed, constraints=(*MODEL.constraints, lock)), tmp_path
+    )
+    assert [each.is_clamped for each in back.coordinates] == [each.is_clamped for each in clamped]
+    assert [each.is_fixed for each in back.markers] == [each.is_fixed for each in fixed]
+    assert [each.value for each in back.constraints if isinstance(each, CoordinateLock)] == [0.25]
+    assert back.coordinates[5].default == 0.25
+
+
+def test_ball_and_free_joints_come_back_too(tmp_path: Path) -> None:
+    ball = with_shoulder(BallMotion((12, 13, 14), ()))
+    root = MODEL.joints[0]
+    free = replace(ball, joints=(replace(root, motion=BallMotion((0, 1, 2), (3, 4, 5))), *ball.joints[1:]))
+    assert_same(free.joints, read_back(free, tmp_path).joints)
+
+
+MUSCLE = replace(MODEL.muscles[0], fiber_damping=0.0)
+MUSCLES = {
+    "Thelen": replace(
+        MUSCLE,
+        curves=ThelenCurves(active_shape=0.5, strongest=1.6),
+        maximum_pennation=1.2,
+        tendon=ThelenTendon(0.05),
+    ),
+    "DeGrooteFregly": replace(
+        MUSCLE, curves=DeGrooteFreglyCurves(1.2, 0.5, has_passive_force=False), maximum_pennation=np.pi / 2
+    ),
+    "Schutte": replace(
+        MUSCLE,
+        curves=SchutteCurves(simm_spline(np.array([0.4, 0.8, 1.0, 1.6]), np.array([0.0, 0.7, 1.0, 0.0]))),
+        maximum_pennation=np.pi / 2,
+        max_contraction_velocity=8.0,
+    ),
+}
+MUSCLES["Schutte, activation never falls"] = replace(MUSCLES["Schutte"], deactivation_time_constant=np.inf)
+MUSCLES["Schutte, activation never changes"] = replace(
+    MUSCLES["Schutte"], activation_time_constant=np.inf, deactivation_time_constant=np.inf
+)
+MUSCLES |= {
+    f"{kind}, without activation dynamics": replace(
+        MUSCLES[kind], activation_time_constant=0.0, deactivation_time_constant=0.0
+    )
+    for kind in ("Thelen", "DeGrooteFregly", "Schutte")
+}
+
+
+@pytest.mark.parametrize("kind", MUSCLES)
+def test_muscles_come_back_as_their_class(kind: str, tmp_path: Path) -> None:
+    back = read_back(replace(MODEL, muscles=(MUSCLES[kind],)), tmp_path).muscles[0]
+    for field in fields(back):
+        if field.name != "curves":
+            assert_same(getattr(MUSCLES[kind], field.name), getattr(back, field.name), field.name)
+    length, speed = np.linspace(0.3, 1.8, 50), np.linspace(-1.0, 1.0, 50)
+    for curve, x in (("active_force_length", length), ("passive_force_length", length), ("force_velocity", speed)):
+        np.testing.assert_allclose(getattr(back.curves, curve)(x), getattr(MUSCLES[kind].curves, curve)(x), atol=1e-12)
+
+
+def test_constraints_come_back_too(tmp_path: Path) -> None:
+    scapula, humerus = MODEL.body_index("scapula"), MODEL.body_index("humerus")
+    places = (scapula, humerus, np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.1, 0.0]))
+    turned = rotation_body_fixed_xyz([0.1, 0.2, 0.3])
+    constraints = (
+        ConstantDistanceConstraint("strut", *places, 0.2),
+        PointOnLineConstraint("slot", *places, np.array([0.6, 0.0, 0.8])),
+        WeldConstraint("glue", *places, turned, np.eye(3)),
+        CoordinateCoupler("follows", 6, (7,), (polynomial([0.1, 2.0]),)),
+        CoordinateCoupler("follows_two", 8, (7, 9), (polynomial([0.1, 2.0]), polynomial([0.0, 3.0]))),
+    )
+    prescribed = CoordinatePrescription(MODEL.coordinate_names[15], 15, Sine(0.3, 2.0, 0.1, 0.2))
+    back = read_back(replace(MODEL, constraints=(*constraints, prescribed)), tmp_path).constraints
+    assert_same((prescribed, *constraints), back)
+
+
+def test_a_torus_comes_back_too(tmp_path: Path) -> None:
+    torus = replace(MODEL.surfaces[0], kind="torus", dimensions=np.array([0.01, 0.06, 0.0]))
+    assert_same(
+        (torus, *MODEL.surfaces[1:]),
+        read_back(replace(MODEL, surfaces=(torus, *MODEL.surfaces[1:])), tmp_path).surfaces,
+    )
+
+
+def test_a_coordinate_that_is_neither_angle_nor_distance_stays_so(tmp_path: Path) -> None:
+    odd = replace(MODEL.coordinates[14], motion="coupled")
+    model = replace(MODEL, coordinates=(*MODEL.coordinates[:14], odd, *MODEL.coordinates[15:]))
+    assert_same(model.coordinates, read_back(model, tmp_path).coordinates)
+
+
+FLUTTER = PiecewisePolynomial(np.array([0.5]), np.zeros(2), np.array([[1.0, 2.0, 3.0], [0.0, -1.0, 0.0]]))
+
+
+class Wind:
+    name = "wind"
+
+
+FUNCTIONS = {
+    "Sine": Sine(1.0, 2.0, 0.3, 0.1),
+    "SimmSpline": simm_spline(np.array([-1.0, 0.0, 0.5, 2.0]), np.array([0.1, 0.4, 0.2, 0.7])),
+    "SimmSpline of three points": simm_spline(np.array([-1.0, 0.0, 0.5]), np.array([0.1, 0.4, 0.2])),
+    "SimmSpline of two points": simm_spline(np.array([-1.0, 0.5]), np.array([0.1, 0.4])),
+    "scaled SimmSpline": scaled(simm_spline(np.array([-1.0, 0.0, 0.5, 2.0]), np.array([0.1, 0.4, 0.2, 0.7])), 0.3),
+    "PiecewiseLinearFunction": piecewise_linear(np.array([-1.0, 0.0, 2.0]), np.array([0.1, 0.5, 0.3])),
+    "PiecewiseConstantFunction": piecewise_constant(np.array([-1.0, 0.0, 2.0]), np.array([0.1, 0.5, 0.3])),
+    "StepFunction": smooth_step(0.2, 0.9, 0.1, 0.7),
+    "StepFunction backwards": smooth_step(0.9, 0.2, 0.1, 0.7),
+    "GCVSpline": natural_spline(np.linspace(-1.0, 1.0, 7), np.array([0.1, 0.5, 0.2, 0.3, 0.8, 0.1, 0.0]), 3),
+    "GCVSpline of degree 3": natural_spline(np.linspace(-1.0, 1.0, 5), np.array([0.1, 0.5, 0.2, 0.3, 0.8]), 2),
+}
+
+
+@pytest.mark.parametrize("kind", FUNCTIONS)
+def test_functions_come_back_as_their_class(kind: str, tmp_path: Path) -> None:
+    changed = with_shoulder(moved_by(FUNCTIONS[kind]))
+    assert ("LinearFunction" if "two points" in kind else kind.split()[-1 if "scaled" in kind else 0]) in (
+        Xml.tostring(osim_document(changed), encoding="unicode")
+    )
+    back = next(joint for joint in read_back(changed, tmp_path).joints if joint.name == SHOULDER.name)
+    q = np.linspace(-3.0, 4.0, 101)
+    np.testing.assert_allclose(back.motion.functions[0].derivatives(q), FUNCTIONS[kind].derivatives(q), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("model", "name"),
+    [
+        (with_shoulder(moved_by(FLUTTER)), "GlenoHumeral.rotation1"),
+        (replace(MODEL, forces=(Wind(),)), "for wind of"),
+    ],
+)
+def test_what_the_writer_does_not_have_is_refused_by_name(model: Model, name: str) -> None:
+    with raises_refusal(SolverCode.NOT_WRITABLE, naming=name):
+        osim_document(model)

@@ -1,0 +1,171 @@
+"""What no control reaches, and what moves nothing: locked coordinates, round-off columns, ranks that change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from solver.bundled import bundled_model
+from solver.constraint import CoordinatePrescription
+from solver.functions.coordinate_functions import PiecewisePolynomial, Sine
+from solver.model import CoordinateCoupler, CoordinateLock, Model
+from solver.motion import Kinematics, decimate, differentiate, read_motion
+from solver.osim.model_reader import read_osim
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.motion_solution import solve_motion
+from solver.redundancy.options import RedundancyOptions, Solver
+from solver.redundancy.problem import RedundancyProblem, build_redundancy, solve_redundancy
+from solver.redundancy.sequence import FrameOutcome
+from tests.solver.references import SHARED
+
+Array = NDArray[np.float64]
+
+MODEL = bundled_model()
+SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 40)
+LOCKED = ("elbow_flexion", "pro_sup", "plane_elv")
+SUBJECT = SHARED / "subject"
+
+
+def with_locks(model: Model, *names: str) -> Model:
+    locks = [CoordinateLock(name, model.coordinate_index(name), 0.0) for name in names]
+    return replace(model, constraints=(*model.constraints, *locks))
+
+
+def with_a_singular_elbow(model: Model) -> Model:
+    """pro_sup = ½ elbow² and elbow = pro_sup + ½: the two rows are one where the elbow is at 1 rad, and only there."""
+
+    def polynomial(*coefficients: float) -> PiecewisePolynomial:
+        return PiecewisePolynomial(np.zeros(0), np.zeros(1), np.array([coefficients]))
+
+    elbow, turned = (model.coordinate_index(name) for name in ("elbow_flexion", "pro_sup"))
+    couplers = (
+        CoordinateCoupler("one", turned, (elbow,), (polynomial(0.0, 0.0, 0.5),)),
+        CoordinateCoupler("other", elbow, (turned,), (polynomial(0.5, 1.0),)),
+    )
+    return replace(model, constraints=(*model.constraints, *couplers))
+
+
+def driven(model: Model) -> list[str]:
+    return [model.coordinate_names[actuator.coordinate] for actuator in model.actuators]
+
+
+def problem_of(matrix: list[list[float]], weights: list[float], target: list[float], solver: Solver):
+    """One frame of two muscles and actuators, without a glenoid."""
+    return RedundancyProblem(
+        time=np.zeros(1),
+        interval=1.0,
+        weights=np.array(weights),
+        time_constants=np.array([[0.01, 0.01], [0.04, 0.04]]),
+        acceleration_matrix=np.array([matrix]),
+        acceleration_target=np.array([target]),
+        tracked=np.ones(len(matrix), dtype=bool),
+        reaction_matrix=np.zeros((1, 6, len(weights))),
+        reaction_at_rest=np.zeros((1, 6)),
+        cone=np.zeros((1, 0, 3)),
+        solver=solver,
+    )
+
+
+@pytest.mark.parametrize("solver", ["interior_point", "clarabel"])
+def test_the_actuator_of_a_locked_coordinate_gives_nothing(solver: Solver) -> None:
+    # without a weight, whatever its round-off columns happen to hold decided: up to 1.6e6 N m
+    model = with_locks(MODEL, *LOCKED)
+    found = solve_motion(model, SLOW, RedundancyOptions(solver=solver))
+    assert set(found.outcomes) == {FrameOutcome.SOLVED}
+    idle = [name in LOCKED for name in driven(model)]
+    np.testing.assert_allclose(found.reserves[:, idle], 0.0, atol=1e-6)
+    weighted = solve_motion(model, SLOW, RedundancyOptions(solver=solver, weights=dict.fromkeys(LOCKED, 1.0)))
+    np.testing.assert_allclose(found.activations, weighted.activations, atol=1e-9)
+
+
+def test_a_prescribed_coordinate_accelerates_by_its_function_and_takes_no_muscle_force() -> None:
+    elbow, rise = MODEL.coordinate_index("elbow_flexion"), Sine(0.3, 2.0, 0.1, 0.5)
+    model = replace(MODEL, constraints=(*MODEL.constraints, CoordinatePrescription("rise", elbow, rise)))
+    mechanics = evaluate_motion(model, SLOW)
+    wanted = -(2.0**2) * 0.3 * np.sin(2.0 * SLOW.time + 0.1)
+    np.testing.assert_allclose(mechanics.equations.acceleration_unloaded[:, elbow], wanted, atol=1e-9)
+    np.testing.assert_allclose(mechanics.maps.acceleration_per_control[:, elbow], 0.0, atol=1e-9)
+
+
+def test_nothing_is_dropped_where_nothing_is_locked() -> None:
+    mechanics = evaluate_motion(MODEL, SLOW)
+    problem = build_redundancy(MODEL, mechanics, RedundancyOptions())
+    assert np.array_equal(problem.acceleration_matrix, mechanics.maps.acceleration_per_control)
+    assert np.array_equal(problem.reaction_matrix, mechanics.maps.reaction_per_control)
+
+
+def test_a_residual_that_a_control_could_reduce_is_not_called_solved() -> None:
+    # the last actuator's column is within the rank's tolerance of nothing, yet it could give the second row
+    matrix = [[3.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2e-9]]
+    missed = solve_redundancy(problem_of(matrix, [1.0, 1.0, 10.0, 0.0], [1.0, 1.0], "clarabel"))
+    assert missed.equality_residual[0, 0] == pytest.approx(1.0)
+    assert missed.outcomes[0, 0] is FrameOutcome.NOT_CONVERGED
+    matrix[1][3] = 0.0
+    explained = solve_redundancy(problem_of(matrix, [1.0, 1.0, 10.0, 0.0], [1.0, 1.0], "clarabel"))
+    assert explained.equality_residual[0, 0] == pytest.approx(1.0)
+    assert explained.outcomes[0, 0] is FrameOutcome.SOLVED
+    assert explained.controls[0, 0, 3] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("solver", ["interior_point", "clarabel"])
+def test_a_frame_of_lower_rank_takes_no_equation_from_the_others(solver: Solver) -> None:
+    whole = problem_of([[3.0, 1.0, 1.0], [0.0, 0.0, 1.0]], [1.0, 1.0, 10.0], [1.0, 0.5], solver)
+    both = replace(
+        whole,
+        time=np.arange(2.0),
+        acceleration_matrix=np.array([whole.acceleration_matrix[0], [[3.0, 1.0, 1.0], [0.0, 0.0, 0.0]]]),
+        acceleration_target=np.tile(whole.acceleration_target, (2, 1)),
+        reaction_matrix=np.zeros((2, 6, 3)),
+        reaction_at_rest=np.zeros((2, 6)),
+        cone=np.zeros((2, 0, 3)),
+    )
+    found = solve_redundancy(both)
+    assert (found.outcomes == FrameOutcome.SOLVED).all()
+    np.testing.assert_allclose(found.equality_residual[0], [0.0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(found.controls[0, 0], solve_redundancy(whole).controls[0, 0], atol=1e-6)
+    assert found.residual_coordinate[0, 1] == 1
+    behind_a_free_one = replace(both, tracked=np.array([True, False, True]))
+    assert solve_redundancy(behind_a_free_one).residual_coordinate[0, 1] == 2
+
+
+def test_a_posture_without_finite_accelerations_costs_its_frame_alone() -> None:
+    positions = SLOW.positions.copy()
+    positions[3] = np.nan
+    found, whole = solve_motion(MODEL, replace(SLOW, positions=positions)), solve_motion(MODEL, SLOW)
+    assert [frame for frame, outcome in enumerate(found.outcomes) if outcome is FrameOutcome.NOT_FINITE] == [3]
+    assert found.unsolved == 1
+    for name in ("activations", "reserves", "reaction", "effort", "equality_residual", "cone_slack"):
+        assert np.isnan(getattr(found, name)[3]).all()
+        np.testing.assert_allclose(getattr(found, name)[:3], getattr(whole, name)[:3], rtol=1e-12, atol=1e-9)
+    after = solve_motion(MODEL, _frames(SLOW, slice(4, None)))  # activations start anywhere again
+    np.testing.assert_allclose(found.activations[4:], after.activations, rtol=1e-12)
+
+
+def test_so_does_one_in_which_constraints_become_redundant() -> None:
+    positions = SLOW.positions.copy()
+    positions[5, MODEL.coordinate_index("elbow_flexion")] = 1.0
+    found = solve_motion(with_a_singular_elbow(MODEL), replace(SLOW, positions=positions))
+    assert [frame for frame, outcome in enumerate(found.outcomes) if outcome is FrameOutcome.NOT_FINITE] == [5]
+    assert found.unsolved == 1
+
+
+def _frames(kinematics: Kinematics, frames: slice) -> Kinematics:
+    names = ("time", "positions", "speeds", "accelerations")
+    return replace(kinematics, **{name: getattr(kinematics, name)[frames] for name in names})
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not SUBJECT.is_dir(), reason="needs the public data of a lift with locked coordinates")
+def test_a_lift_with_locked_coordinates_has_its_published_activations() -> None:
+    # Hasan et al. 2025, their solution without a glenoid, made with other software
+    model = read_osim(SUBJECT / "S8R_side_as_solved.osim")
+    motion = differentiate(read_motion(SUBJECT / "S8R_side.mot", model))
+    found = solve_motion(model, motion, RedundancyOptions(has_glenoid_cone=False))
+    rows = (SUBJECT / "S8R_side_published_none.txt").read_text().splitlines()
+    names, table = rows[0].split(","), np.array([row.split(",") for row in rows[1:]], dtype=float)
+    published = table[:, [names.index(name) for name in model.muscle_names]]
+    assert np.abs(found.activations - published).mean() < 3e-4
