@@ -115,13 +115,16 @@ def open_stream(
     suit: File | None = None,
     *,
     lag_s: float = DEFAULT_LAG,
+    soft_tissue_m: float | None = None,
     options: RedundancyOptions | None = None,
 ) -> StreamSolver:
     """Solve markers frame by frame: posture, muscles and joint force of the frame of lag_s ago (docs/live.md).
 
     markers: names in the order of the positions that are pushed, or name → weight. rest_lengths: name of a scenario →
     rest length of the cord [m]; "slack" is always solved. cuffs: an arm cuff and a waist cuff that all scenarios wear,
-    with migration and compliance; rigid ones where there is none. Raises NotIdentified, ModelError, SuitError.
+    with migration and compliance; rigid ones where there is none. soft_tissue_m: standard deviation along each axis [m]
+    of the skin under the markers, 0 for markers on bone, None for the published size. Raises NotIdentified, ModelError,
+    SuitError.
     """
     if isinstance(markers, str) or not isinstance(markers, Iterable):
         found = type(markers).__name__
@@ -143,7 +146,15 @@ def open_stream(
     scenarios = {"slack": StreamScenario()} | {
         name: StreamScenario(length, condition, waist, arm) for name, length in (rest_lengths or {}).items()
     }
-    return StreamSolver(model, tasks, scenarios, suit=_suit(suit), options=_options(options), lag_s=lag_s)
+    return StreamSolver(
+        model,
+        tasks,
+        scenarios,
+        suit=_suit(suit),
+        options=_options(options),
+        lag_s=lag_s,
+        soft_tissue_m=soft_tissue_m,
+    )
 
 
 def assess(  # noqa: PLR0913 (a notebook names what it changes)

@@ -34,22 +34,27 @@ class FramePosture:
     """Posture that tracks the markers of one frame; NaN unless outcome is SOLVED.
 
     coordinates (coordinates,) q [rad or m];  points (markers, 3) where the model has them, in ground [m]
-    covariance  (coordinates, coordinates);  is_held (coordinates,) whether markers, tasks or locks determine it
+    covariance  (coordinates, coordinates) from the markers' noise, soft_tissue_covariance from the skin that moves over
+                the bone;  is_held (coordinates,) whether markers, tasks or locks determine it
     """
 
     outcome: PostureOutcome
     coordinates: Array
     points: Array
     covariance: Array
+    soft_tissue_covariance: Array
     is_held: NDArray[np.bool_]
 
 
 class PostureTracker:
-    """Inverse kinematics of a stream; tables and memory are allocated once."""
+    """Inverse kinematics of a stream; tables and memory are allocated once.
 
-    def __init__(self, model: Model, tasks: TrackingTasks) -> None:
+    soft_tissue (markers,) is the standard deviation of the skin under each marker along each axis [m].
+    """
+
+    def __init__(self, model: Model, tasks: TrackingTasks, soft_tissue: Array) -> None:
         ensure_fits(np.zeros((1, len(tasks.markers), 3)), tasks)
-        self._markers = tasks.markers
+        self._markers, self._soft_tissue = tasks.markers, soft_tissue
         self._problem = build_problem(model, tasks)
         self._work = allocate_workspace(model, self._problem)
         self._values = targets_of(model, tasks, 1)
@@ -71,13 +76,15 @@ class PostureTracker:
         if outcome is not PostureOutcome.SOLVED:
             nothing = np.full((count, count), np.nan)
             return FramePosture(
-                outcome, nothing[0], np.full_like(observed, np.nan), nothing, np.zeros(count, dtype=np.bool_)
+                outcome, nothing[0], np.full_like(observed, np.nan), nothing, nothing, np.zeros(count, dtype=np.bool_)
             )
         self._last = found
-        stated = uncertainty_of_postures(
-            self._problem, self._work, observed[None], found[None], multipliers[None], noise
+        stated, soft_tissue = (
+            uncertainty_of_postures(self._problem, self._work, observed[None], found[None], multipliers[None], sigma)
+            for sigma in (noise, self._soft_tissue)
         )
-        return FramePosture(outcome, found, self._points(), stated.covariance[0], stated.is_held[0])
+        held = stated.is_held[0]
+        return FramePosture(outcome, found, self._points(), stated.covariance[0], soft_tissue.covariance[0], held)
 
     def _solve(self, observed: Array, starts: Array) -> tuple[Array, Array, PostureOutcome]:
         from solver.inverse_kinematics.solve import solve_postures  # the compiler behind it takes a while to import

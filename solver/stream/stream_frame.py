@@ -105,10 +105,10 @@ class StreamFrame:
     time_s              as it was pushed
     outcome             of the kinematics
     coordinates         (coordinates,) smoothed q [rad or m];  speeds q̇ [per s];  accelerations q̈ [per s²]
-    standard_deviations (3, coordinates) of the smoothed q, q̇, q̈ from marker noise; infinite for a coordinate that
-                        markers do not determine
-    covariance          (coordinates, coordinates) [rad or m]² of this frame's own posture, before smoothing; NaN
-                        without one
+    standard_deviations (3, coordinates) of the smoothed q, q̇, q̈ from the cameras' noise and soft tissue; infinite for a
+                        coordinate that markers do not determine. Neither size of the body nor places of the markers
+    covariance          (coordinates, coordinates) [rad or m]² of this frame's own posture from the same causes, before
+                        smoothing; NaN without one
     marker_rms_m        root mean square distance of the visible markers from the model's
     hidden              names of markers without a position
     left_out            names of markers that jumped and were not used

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
 from solver.model import Model, ModelError
+from solver.personalisation.marker_errors import marker_errors
 from solver.redundancy.options import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.frame_posture import FramePosture, PostureTracker
@@ -40,6 +41,11 @@ Array = NDArray[np.float64]
 DEFAULT_LAG = 0.15
 LARGEST_LAG = 0.5
 """s"""
+SOFT_TISSUE_HZ = 2.0
+"""Soft tissue moves at the frequencies of the movement (Leardini, Chiari, Della Croce and Cappozzo (2005), Gait Posture
+21:212–225), which are assumed to be below 2 Hz: too slowly for the smoother to remove any of it."""
+_SOFT_TISSUE_RATES = np.array([[(2 * np.pi * SOFT_TISSUE_HZ) ** k / np.sqrt(2 * k + 1)] for k in range(3)])
+"""Standard deviation of the derivatives (3, 1) of a process of size 1 whose spectrum is flat up to SOFT_TISSUE_HZ."""
 
 
 class StreamSolver:
@@ -50,6 +56,8 @@ class StreamSolver:
     scenarios  name → what is worn; None is the body without the suit
     suit       cord and masses of all scenarios
     lag_s      how far behind the markers results are [s], 0 to 0.5
+    soft_tissue_m  standard deviation along each axis [m] of the skin under the markers, one for all or (markers,);
+               0 for markers on bone; None: 10 to 16 mm (solver/personalisation/marker_errors.py)
     """
 
     def __init__(
@@ -61,6 +69,7 @@ class StreamSolver:
         suit: Suit | None = None,
         options: RedundancyOptions | None = None,
         lag_s: float = DEFAULT_LAG,
+        soft_tissue_m: ArrayLike | None = None,
     ) -> None:
         if not 0 <= lag_s <= LARGEST_LAG:
             raise ModelError(f"the lag should lie between 0 and {LARGEST_LAG:g} s and is {lag_s:g} s; choose another")
@@ -68,7 +77,8 @@ class StreamSolver:
         self._names = tuple(marker.name for marker in tasks.markers)
         self._labels = MarkerLabels(len(self._names))
         self._noise = RunningMarkerNoise(len(self._names))
-        self._tracker = PostureTracker(model, tasks)
+        self._tracker = PostureTracker(model, tasks, _soft_tissue(model, tasks, soft_tissue_m))
+        self._soft_tissue_variance = np.full(len(model.coordinates), np.nan)
         self._window = LagWindow(len(model.coordinates))
         self._muscles = FrameMuscles(model, scenarios, suit, options or RedundancyOptions())
         self._pending: list[_Pending] = []
@@ -130,14 +140,16 @@ class StreamSolver:
             suits = self._muscles.solve(pending.time, smoothed.state, self._window.interval)
         nothing = np.full((3, len(self.model.coordinates)), np.nan)
         state, deviations = (smoothed.state, smoothed.standard_deviations) if smoothed else (nothing, nothing)
+        if pending.posture.outcome is PostureOutcome.SOLVED:
+            self._soft_tissue_variance = np.diagonal(pending.posture.soft_tissue_covariance)
         return StreamFrame(
             time_s=pending.time,
             outcome=_outcome(pending, has_state=smoothed is not None),
             coordinates=state[0],
             speeds=state[1],
             accelerations=state[2],
-            standard_deviations=deviations,
-            covariance=pending.posture.covariance,
+            standard_deviations=np.hypot(deviations, np.sqrt(self._soft_tissue_variance) * _SOFT_TISSUE_RATES),
+            covariance=pending.posture.covariance + pending.posture.soft_tissue_covariance,
             marker_rms_m=_rms(pending.labelled.positions - pending.posture.points),
             hidden=self._named(pending.is_hidden),
             left_out=self._named(pending.labelled.is_left_out),
@@ -177,6 +189,20 @@ class _Pending:
     labelled: LabelledFrame
     posture: FramePosture
     lost: NDArray[np.bool_]
+
+
+def _soft_tissue(model: Model, tasks: TrackingTasks, soft_tissue_m: ArrayLike | None) -> Array:
+    """(markers,) [m]; raises ModelError for a negative or infinite one."""
+    if soft_tissue_m is None:
+        return marker_errors(model, tasks.markers).scatter
+    stated = np.asarray(soft_tissue_m, dtype=np.float64)
+    if stated.shape not in ((), (len(tasks.markers),)) or not (np.isfinite(stated) & (stated >= 0)).all():
+        raise ModelError(
+            f"soft_tissue_m should be one finite distance that is not negative, or one for each of the "
+            f"{len(tasks.markers)} markers [m], and is {soft_tissue_m}",
+            SolverCode.WRONG_NOISE,
+        )
+    return np.broadcast_to(stated, (len(tasks.markers),)).copy()
 
 
 _WITHOUT_POSTURE = {

@@ -18,19 +18,21 @@ def test_posture_covariance_and_residuals_are_those_of_the_whole_trial() -> None
     whole = solve_inverse_kinematics(MODEL, observed, TASKS)
     noise = np.full(len(NAMES), NOISE)
     stated = posture_uncertainty(MODEL, observed, TASKS, whole, noise)
-    tracker = PostureTracker(MODEL, TASKS)
+    tracker = PostureTracker(MODEL, TASKS, 3 * noise)
     for k, positions in enumerate(observed):
         found = tracker.solve(k * INTERVAL, positions, noise, is_start=k == 0)
         assert found.outcome is PostureOutcome.SOLVED
         np.testing.assert_allclose(found.coordinates, whole.coordinates[k], rtol=0, atol=1e-8)
         np.testing.assert_allclose(found.covariance, stated.covariance[k], rtol=1e-4, atol=1e-14)
+        np.testing.assert_allclose(found.soft_tissue_covariance, 9 * found.covariance, rtol=1e-9, atol=1e-18)
         np.testing.assert_array_equal(found.is_held, stated.is_held[k])
         away = np.linalg.norm(positions - found.points, axis=1)
         np.testing.assert_allclose(away, whole.residuals[k], rtol=0, atol=1e-8)
 
 
 def test_frames_without_markers_do_not_prevent_the_search_for_the_first_posture() -> None:
-    tracker, noise = PostureTracker(MODEL, TASKS), np.full(len(NAMES), NOISE)
+    noise = np.full(len(NAMES), NOISE)
+    tracker = PostureTracker(MODEL, TASKS, noise)
     nothing = np.full_like(seen()[0], np.nan)
     assert tracker.solve(0.0, nothing, noise, is_start=True).outcome is PostureOutcome.NO_MARKERS
     found = tracker.solve(0.01, seen()[0], noise, is_start=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -25,12 +27,14 @@ def observed() -> Array:
 def posture(values: Array) -> FramePosture:
     is_held = np.ones(len(values), dtype=np.bool_)
     nothing = np.zeros((0, 3))
-    return FramePosture(PostureOutcome.SOLVED, values, nothing, SD**2 * np.eye(len(values)), is_held)
+    covariance = SD**2 * np.eye(len(values))
+    return FramePosture(PostureOutcome.SOLVED, values, nothing, covariance, covariance, is_held)
 
 
 def hidden() -> FramePosture:
     nothing = np.full((2, 2), np.nan)
-    return FramePosture(PostureOutcome.NO_MARKERS, nothing[0], np.zeros((0, 3)), nothing, np.zeros(2, dtype=np.bool_))
+    is_held = np.zeros(2, dtype=np.bool_)
+    return FramePosture(PostureOutcome.NO_MARKERS, nothing[0], np.zeros((0, 3)), nothing, nothing, is_held)
 
 
 def smoothed(lag: float, gap: range = range(0)) -> tuple[Array, Array]:
@@ -83,7 +87,7 @@ def test_a_coordinate_without_hold_keeps_its_value_and_is_not_determined() -> No
     window, found = LagWindow(2), []
     for k, values in enumerate(observed()):
         one = posture(np.array([values[0], 0.7]))
-        unheld = FramePosture(one.outcome, one.coordinates, one.points, one.covariance, np.array([True, False]))
+        unheld = replace(one, is_held=np.array([True, False]))
         assert not window.add(TIME[k], unheld, NOISE).any()
         found += [window.pop()] if window.is_ready(0.1) else []
     states = np.array([state.state for state in found if state])
