@@ -1,4 +1,4 @@
-"""Imports between folders, size and names of files, the example configuration, the options in the README."""
+"""Imports between folders, size and names of files, the example configuration, uses of effective_config."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 import scipy.constants
@@ -104,3 +105,30 @@ def test_all_packages_of_the_picture_are_installed_with_the_distribution() -> No
     assert all((ROOT / package / "py.typed").is_file() for package in ("cuffstation", *PACKAGES)), "types for users"
     assert f"version: {project['project']['version']}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert project["project"]["scripts"] == {"station": "station.__main__:main"}
+
+
+NAME = "effective_config"
+ALLOWED = {
+    "recordings/manifest.py": "declares it",
+    "station/files/replay.py": "replays with it",
+    "station/live/replay.py": "replays with it",
+    "station/manifest.py": "writes it",
+}
+
+
+def test_only_audit_and_replay_mention_the_configuration_that_was_in_force() -> None:
+    mentioning = {name_of(path) for path in SOURCES if NAME in text_of(path) and _mentions(path)}
+    assert mentioning == set(ALLOWED)
+
+
+def _mentions(path: Path) -> bool:
+    """Whether the code, beyond docstrings, uses the name as an attribute, a variable, a keyword or a key."""
+    for node in nodes_of(path):
+        used = {getattr(node, field, None) for field in ("attr", "id", "arg", "value") if _is_text(node, field)}
+        if NAME in used:
+            return True
+    return False
+
+
+def _is_text(node: ast.AST, field: str) -> bool:
+    return isinstance(getattr(node, field, None), str)

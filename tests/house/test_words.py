@@ -1,7 +1,8 @@
-"""One name for one thing: no public class name occurs twice, and names and phrases that were replaced do not return."""
+"""One name for one thing: no public class twice, no replaced name or phrase, one line for a term of the glossary."""
 
 from __future__ import annotations
 
+import ast
 import io
 import re
 import tokenize
@@ -132,3 +133,37 @@ def test_no_value_is_named_by_an_empty_noun(folder: str) -> None:
 
 def _is_a_value(old: str, path: Path) -> bool:
     return re.search(rf"[\"']{old}[\"']", text_of(path)) is not None
+
+
+ROWS = [
+    [cell.strip() for cell in line.strip().strip("|").split("|")]
+    for line in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8").splitlines()
+    if line.startswith("| ") and not line.startswith("| term")
+]
+
+
+def test_there_are_at_least_forty_terms_and_none_twice() -> None:
+    terms = [row[0] for row in ROWS]
+    assert len(terms) >= 40
+    assert len(set(terms)) == len(terms)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+def test_the_place_of_a_term_exists(row: list[str]) -> None:
+    _term, _symbol, _unit, meaning, place = row
+    assert meaning
+    named = re.fullmatch(r"`([\w/]+\.py)(?:::(\w+)(?:\.(\w+))?)?`", place)
+    assert named is not None, place
+    path, name, member = named.groups()
+    scope = ast.parse((ROOT / path).read_text(encoding="utf-8")).body
+    for wanted in filter(None, (name, member)):
+        found = [node for node in scope if wanted in _names_of(node)]
+        assert found, f"{path} defines no {wanted}"
+        scope = getattr(found[0], "body", [])
+
+
+def _names_of(node: ast.stmt) -> set[str]:
+    if isinstance(node, ast.ClassDef | ast.FunctionDef):
+        return {node.name}
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    return {target.id for target in targets if isinstance(target, ast.Name)}

@@ -1,17 +1,24 @@
-"""Options and exit codes that are the same in every verb."""
+"""Options, help and exit codes that are the same in every verb; options without effect are wrong usage."""
 
 from __future__ import annotations
 
+import inspect
 import json
+import subprocess
+import sys
+from collections.abc import Callable
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import pytest
 import typer
+from typer.models import ParameterInfo
 
-from station.cli import app
-from tests.station.command import assert_one_sentence
+from station.cli import VERBS, app
+from station.messages.codes import InputCode
+from tests.station.command import Ran, assert_one_sentence, help_of
 from tests.station.test_cli import CONFIG, trial_file
 
 
@@ -109,3 +116,138 @@ def test_the_glenoid_has_an_option_for_both_values(
     monkeypatch.setattr("station.assessment.rmr.solve_muscles", solve)
     station("rmr", "--output", tmp_path / "out.csv", *given)
     assert requested.pop().has_glenoid_cone == has_glenoid
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_help_text_is_shown_as_it_is_written(verb: str) -> None:
+    shown = _compact(help_of(verb, 400))
+    for text in _help_texts(verb):
+        assert _compact(text) in shown
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_paragraph_of_a_help_text_breaks_only_where_the_line_is_full(verb: str) -> None:
+    width = 100
+    shown = help_of(verb, width)
+    text = shown.partition("╭")[0].partition("Usage:")[2].partition("\n")[2]
+    lines = [line.strip() for line in text.splitlines()]
+    for line, following in pairwise(lines):
+        if line and following:
+            assert len(f" {line} {following.split()[0]} ") > width, line
+
+
+def test_there_are_units_in_square_brackets() -> None:
+    assert "Start time [s]." in _help_texts("id")
+
+
+@pytest.mark.parametrize("module", ["station", "station.cli"])
+def test_the_command_runs_under_both_names_of_its_module(module: str) -> None:
+    command = [sys.executable, "-m", module, "--version"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout  # noqa: S603  (our own)
+    assert shown.startswith("cuffstation ")
+
+
+def _help_texts(verb: str) -> list[str]:
+    """Docstring and visible options of the function, which the rendered help does not go through."""
+    written = [inspect.getdoc(VERBS[verb]) or ""]
+    for hint in get_type_hints(VERBS[verb], include_extras=True).values():
+        for described in getattr(hint, "__metadata__", ()):
+            if isinstance(described, ParameterInfo) and described.help and not described.hidden:
+                written.append(described.help)
+    return written
+
+
+def _compact(text: str) -> str:
+    """Without white space and the frame of a table, so that lines may break anywhere."""
+    return "".join(text.replace("│", " ").split())
+
+
+Station = Callable[..., Ran]
+LEG = Path(__file__).parents[2] / "examples" / "leg"
+
+
+@pytest.fixture
+def requested(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The options of every call of the solver, which then fails."""
+    options = []
+
+    def solve(_inputs: object, _cut: object, given: object, *_others: object) -> None:
+        options.append(given)
+        raise OSError(0, "enough")
+
+    monkeypatch.setattr("station.assessment.rmr.solve_muscles", solve)
+    return options
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("--joint", ""),
+        ("--joint", " , "),
+        ("--reaction-on", "parent"),
+        ("--reaction-in", "child"),
+        ("--static-optimisation", "--glenoid"),
+        ("--static-optimisation", "--glenoid-aspect", "0.7"),
+        ("--no-glenoid", "--glenoid-aspect", "0.7"),
+    ],
+    ids=" ".join,
+)
+def test_an_option_without_effect_is_wrong_usage(
+    station: Station, tmp_path: Path, requested: list[Any], given: tuple[str, ...]
+) -> None:
+    ran = station("rmr", "--output", tmp_path / "a.csv", *given)
+    assert ran.code == 2
+    assert given[0] in ran.err or given[1] in ran.err
+    assert not requested
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("--joint", "elbow", "--reaction-on", "parent", "--reaction-in", "child"),
+        ("--static-optimisation",),
+        ("--static-optimisation", "--no-glenoid"),
+        ("--glenoid", "--glenoid-aspect", "0.7"),
+    ],
+    ids=" ".join,
+)
+def test_options_with_an_effect_are_solved(
+    station: Station, tmp_path: Path, requested: list[Any], given: tuple[str, ...]
+) -> None:
+    assert station("rmr", "--output", tmp_path / "a.csv", *given).code == 1
+    assert len(requested) == 1
+
+
+def test_names_are_taken_without_spaces_and_once(station: Station, tmp_path: Path, requested: list[Any]) -> None:
+    lists = ("--joint", "knee_r, hip_r,knee_r", "--free-coordinates", " pelvis_tx , pelvis_ty,")
+    station("rmr", "--output", tmp_path / "a.csv", *lists)
+    assert requested[0].reactions.joints == ("knee_r", "hip_r")
+    assert requested[0].free_coordinates == ("pelvis_tx", "pelvis_ty")
+
+
+@pytest.mark.parametrize("given", [("--glenoid",), ("--glenoid-aspect", "0.7")], ids=" ".join)
+def test_the_glenoid_of_a_model_without_a_shoulder_is_wrong_usage(
+    station: Station, tmp_path: Path, given: tuple[str, ...]
+) -> None:
+    files = ("--model", LEG / "leg.osim", "--motion", LEG / "stride.mot", "--every", 20)
+    ran = station("rmr", *files, *given, "--output", tmp_path / "a.csv")
+    assert_one_sentence(ran, 2, given[0])
+    assert "leg" in ran.err and InputCode.NO_GLENOID_TO_KEEP in ran.err
+
+
+@pytest.mark.parametrize("given", [("--write-setup", "a.xml"), ("--keep-joined-points",)], ids=" ".join)
+def test_options_of_a_set_up_need_one(station: Station, tmp_path: Path, given: tuple[str, ...]) -> None:
+    ran = station("scale", "--model", "bundled", "--markers", "a.trc", "--body-mass", 70, *given, "--output", "a.osim")
+    assert ran.code == 2
+    assert given[0] in ran.err
+
+
+def test_a_subject_has_an_arm_and_a_filter_of_its_own(station: Station, tmp_path: Path) -> None:
+    files = ("--suit", LEG / "shank_suit.toml", "--cuffs", LEG / "shank.json", "--output", tmp_path / "out")
+    subject = ("assess", "--subject", tmp_path, "--model", LEG / "leg.osim", *files)
+    ran = station(*subject)
+    assert_one_sentence(ran, 2, "--subject")
+    assert InputCode.NO_ARM_OF_SUBJECT in ran.err
+    ran = station(*subject, "--cutoff-hz", 3)
+    assert ran.code == 2
+    assert "--cutoff-hz" in ran.err

@@ -1,12 +1,15 @@
+"""One trial from its devices to its file, and what ends it from outside."""
+
 from __future__ import annotations
 
 import os
 import re
 import shutil
+import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,7 +33,9 @@ from station.bench.trial_recorder import TrialRecorder, TrialRefused, TrialResul
 from station.clock import Clock, ManualClock
 from station.config import StationConfig, parse_config
 from station.messages.codes import RefusalCode, TrialCode
+from station.messages.message import Message
 from station.protocol import TrialSpec
+from station.verbs.bench import _exit_code, _stop_on_signals
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
 from tests.station.refusals import raises_refusal
 
@@ -375,3 +380,51 @@ def test_a_trial_whose_folder_is_renamed_is_not_accepted_and_its_samples_are_kep
     assert TrialCode.RECORDING_MOVED in codes(result)
     outcome = open_recording(renamed / SPEC.file_name(1)).outcome
     assert outcome is not None and not outcome.accepted
+
+
+ENDINGS = [signal.SIGINT, signal.SIGTERM] + ([] if sys.platform == "win32" else [signal.SIGHUP])
+
+
+class _CountsStops:
+    stops = 0
+
+    def stop(self) -> None:
+        self.stops += 1
+
+
+@pytest.fixture
+def daemon() -> Iterator[_CountsStops]:
+    before = {number: signal.getsignal(number) for number in ENDINGS}
+    counts = _CountsStops()
+    _stop_on_signals(counts)
+    yield counts
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", ENDINGS)
+def test_ctrl_c_a_kill_and_a_closed_terminal_stop_the_trial_and_not_the_process(
+    daemon: _CountsStops, number: signal.Signals
+) -> None:
+    signal.raise_signal(number)
+    assert daemon.stops == 1
+
+
+@pytest.mark.parametrize(
+    ("reason", "is_accepted", "lost", "exit_code"),
+    [
+        (TrialCode.CAPTURE_ENDED, True, 0, 0),
+        (TrialCode.DURATION_REACHED, True, 0, 0),
+        (TrialCode.OPERATOR_STOP, True, 0, 3),
+        (TrialCode.CAPTURE_ENDED, True, 7, 3),
+        (TrialCode.DEVICE_LOST, False, 0, 3),
+    ],
+)
+def test_a_trial_that_the_operator_stops_is_accepted_and_incomplete(
+    reason: TrialCode, is_accepted: bool, lost: int, exit_code: int
+) -> None:
+    assert _exit_code(TrialResult(Path("a.mcap"), lost, (Message(reason),), accepted=is_accepted)) == exit_code
+
+
+def test_a_trial_that_is_cancelled_before_its_capture_has_failed() -> None:
+    assert _exit_code(TrialResult(None, 0, (Message(TrialCode.CANCELLED),), accepted=False)) == 1

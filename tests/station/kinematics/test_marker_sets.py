@@ -1,24 +1,33 @@
-"""Marker sets by name: their bodies and places, and a lab's own."""
+"""Marker sets by name, and a lab's own. Markers that do not go with the model are refused, odd ones are findings."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from recordings.exchange.trc import read_trc
+from recordings.exchange.tables import MarkerTable
+from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
 from solver.findings import CoverageCode
+from solver.inverse_kinematics.solve import TrackingTasks
 from solver.osim.ik_setup import read_ik_setup
 from solver.osim.model_reader import read_osim
+from station.kinematics.checks import find_in_markers
 from station.kinematics.ik import IkInputs, solve_postures
+from station.kinematics.marker_file import KinematicsError
 from station.kinematics.marker_sets import MarkerSetError, place_marker_set, read_marker_set
+from station.kinematics.scale import ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode
 from tests.solver.references import SHARED
-from tests.station.kinematics.test_bad_markers import written
-from tests.station.kinematics.test_ik import run, trial
+from tests.station.kinematics.test_ik import SETUP as IK_SETUP
+from tests.station.kinematics.test_ik import TASK, run, trial
+from tests.station.kinematics.test_scale import PAIR, SETUP, on_humerus
 
 MODEL = bundled_model()
 OWN = """
@@ -65,7 +74,7 @@ def test_a_labs_own_set_is_followed_and_a_marker_without_a_place_is_a_finding(tm
     own = tmp_path / "own.toml"
     own.write_text(OWN, encoding="utf-8")
     names = {"ij": "STRN", "EpL": "ELBL", "EpM": "KNEE"}
-    path = written(
+    path = written_trial(
         tmp_path, lambda table: replace(table, labels=tuple(names.get(label, label) for label in table.labels))
     )
     whole = own.read_text(encoding="utf-8")
@@ -105,7 +114,7 @@ def test_one_marker_on_the_scapula_is_a_finding(tmp_path: Path) -> None:
     kept = ["ij", "c7", "t8", *names]
     table = read_trc(tmp_path / "trial.trc", tracked=["ij"])
     columns = [table.labels.index(label) for label in kept]
-    path = written(
+    path = written_trial(
         tmp_path,
         lambda whole: replace(
             whole,
@@ -137,3 +146,261 @@ def test_what_was_solved_is_written_as_a_set_up_that_solves_the_same(tmp_path: P
     assert set(setup.markers) == {marker.name for marker in MODEL.markers}
     again = solve_postures(IkInputs("bundled", None, tmp_path / "ik.xml"))
     assert len(again.time) == 5
+
+
+Change = Callable[[MarkerTable], MarkerTable]
+NAMES = [marker.name for marker in bundled_model().markers]
+
+UNSEEN = [m.name for m in bundled_model().markers if m.body == bundled_model().body_index("scapula")][2:]
+"""So that two markers of the scapula are left."""
+
+
+def mirrored(table: MarkerTable) -> MarkerTable:
+    return replace(table, positions=table.positions * [1.0, 1.0, -1.0])
+
+
+def halved(table: MarkerTable) -> MarkerTable:
+    positions = table.positions.copy()
+    positions[:, ::2] = np.nan
+    return replace(table, positions=positions)
+
+
+def of_two_persons(table: MarkerTable) -> MarkerTable:
+    """The other one stands 0.6 m beside, and every second label is on his body."""
+    positions = table.positions.copy()
+    positions[:, ::2] += [600.0, 0.0, 200.0]
+    return replace(table, positions=positions)
+
+
+def beside_another_person(table: MarkerTable) -> MarkerTable:
+    labels = [f"{person}_{label}" for person in ("Anna", "Ben") for label in table.labels]
+    positions = np.concatenate([table.positions, table.positions + 500.0], axis=1)
+    return replace(table, labels=tuple(labels), positions=positions, residuals=np.zeros(positions.shape[:2]))
+
+
+def twice(table: MarkerTable) -> MarkerTable:
+    both = beside_another_person(table)
+    return replace(both, labels=(*table.labels, *table.labels))
+
+
+def in_metres(table: MarkerTable) -> MarkerTable:
+    return replace(table, positions=1e-3 * table.positions)
+
+
+def unknown(table: MarkerTable) -> MarkerTable:
+    return replace(table, labels=tuple(f"M{k}" for k in range(len(table.labels))))
+
+
+def unknown_but_one(table: MarkerTable) -> MarkerTable:
+    return replace(table, labels=(table.labels[0], *unknown(table).labels[1:]))
+
+
+BAD = {
+    mirrored: KinematicsCode.MIRRORED,
+    halved: KinematicsCode.MARKERS_MISSING,
+    of_two_persons: KinematicsCode.NO_FIT,
+    beside_another_person: KinematicsCode.SEVERAL_PERSONS,
+    twice: KinematicsCode.SEVERAL_PERSONS,
+    in_metres: KinematicsCode.WRONG_SIZE,
+    unknown: KinematicsCode.NONE_IN_COMMON,
+    unknown_but_one: KinematicsCode.ONE_IN_COMMON,
+}
+
+
+def written_trial(folder: Path, change: Change) -> Path:
+    path = folder / "trial.trc"
+    path.write_text(write_trc(change(read_trc(path, tracked=NAMES)), path.name), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("change", BAD, ids=[change.__name__ for change in BAD])
+def test_markers_that_do_not_go_with_the_model_are_refused_with_a_code(change: Change, tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    with pytest.raises(KinematicsError) as refused:
+        solve_postures(IkInputs("bundled", written_trial(tmp_path, change), None))
+    assert refused.value.code == BAD[change]
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("change", [mirrored, of_two_persons, beside_another_person, unknown])
+def test_a_body_is_not_scaled_by_them_either(change: Change, tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    one = on_humerus()[0]
+    pairs = "".join(PAIR.format(one=one, other=name) for name in NAMES if name != one)
+    setup = tmp_path / "scale.xml"
+    setup.write_text(SETUP.format(pairs=pairs, axes="Y", range="-1 9"), encoding="utf-8")
+    with pytest.raises(KinematicsError) as refused:
+        scale_body(ScaleInputs(setup, "bundled", written_trial(tmp_path, change)))
+    assert refused.value.code == BAD[change]
+
+
+def test_a_pair_of_markers_that_is_much_too_far_apart_scales_nothing(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    one, other = on_humerus()[:2]
+
+    def apart(table: MarkerTable) -> MarkerTable:
+        positions = table.positions.copy()
+        positions[:, table.labels.index(other)] += [0.0, -335.0, 0.0]
+        return replace(table, positions=positions)
+
+    setup = tmp_path / "scale.xml"
+    setup.write_text(SETUP.format(pairs=PAIR.format(one=one, other=other), axes="Y", range="-1 9"), encoding="utf-8")
+    with pytest.raises(KinematicsError) as refused:
+        scale_body(ScaleInputs(setup, "bundled", written_trial(tmp_path, apart)))
+    assert refused.value.code == KinematicsCode.WRONG_FACTOR
+
+
+def test_the_verb_ends_with_1_in_one_line_and_writes_nothing(tmp_path: Path, capsys, monkeypatch) -> None:
+    trial(tmp_path, frames=8)
+    path = written_trial(tmp_path, mirrored)
+    code, told = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    assert code == 1
+    assert len(told.strip().splitlines()) == 1
+    assert [each.name for each in tmp_path.iterdir()] == ["trial.trc"]
+
+
+def test_markers_exchanged_for_two_tenths_of_a_second_are_a_finding_and_code_3(
+    tmp_path: Path, capsys, monkeypatch
+) -> None:
+    trial(tmp_path, frames=60)
+    one, other = (NAMES.index(name) for name in ("EpL", "ai"))
+
+    def exchanged(table: MarkerTable) -> MarkerTable:
+        positions = table.positions.copy()
+        positions[20:40, [one, other]] = table.positions[20:40, [other, one]]
+        return replace(table, positions=positions)
+
+    path = written_trial(tmp_path, exchanged)
+    code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    assert code == 3
+    found = figures_of_one(KinematicsCode.EXCHANGED, tmp_path / "q_ik.json")
+    assert {found["one"], found["other"]} == {"EpL", "ai"}
+    assert (found["from_s"], found["to_s"]) == pytest.approx((0.2, 0.4))
+
+
+def test_a_pair_that_is_exchanged_again_and_again_is_one_finding() -> None:
+    markers, time = bundled_model().markers, np.arange(200) / 100
+    places = np.random.default_rng(3).normal(size=(len(markers), 3))
+    observed = places + 0.01 * np.sin(time)[:, None, None]
+    for start in range(10, 190, 20):
+        observed[start : start + 5, [2, 4]] = observed[start : start + 5, [4, 2]]
+    tasks = TrackingTasks(markers, np.ones(len(markers)))
+    (finding,) = find_in_markers(time, tasks, observed)
+    assert finding.code == KinematicsCode.EXCHANGED
+    assert finding.figures["count"] == 9
+    assert (finding.figures["from_s"], finding.figures["to_s"]) == pytest.approx((0.1, 1.75))
+
+
+def figures_of_one(code: KinematicsCode, report: Path) -> dict[str, Any]:
+    """Figures of the only finding with this code in the report of `station ik`."""
+    findings = json.loads(report.read_text(encoding="utf-8"))["findings"]
+    (found,) = [finding["figures"] for finding in findings if finding["code"] == code]
+    return found
+
+
+def hidden(*labels: str) -> Change:
+    def change(table: MarkerTable) -> MarkerTable:
+        positions = table.positions.copy()
+        positions[:, [table.labels.index(label) for label in labels]] = np.nan
+        return replace(table, positions=positions)
+
+    return change
+
+
+def test_a_marker_of_a_task_that_no_frame_shows_is_a_finding_and_does_not_cover_its_segment(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    tasks = "".join(TASK.format(name=name, weight=1) for name in NAMES)
+    (tmp_path / "ik.xml").write_text(IK_SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
+    complete = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
+    written_trial(tmp_path, hidden(*UNSEEN))
+    solved = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
+    found = {finding.code: finding.figures for finding in solved.findings}
+    assert found[KinematicsCode.NEVER_SEEN] == {"markers": ", ".join(sorted(UNSEEN))}
+    assert CoverageCode.FEW_SCAPULA_MARKERS in found
+    codes = {finding.code for finding in complete.findings}
+    assert not codes & {KinematicsCode.NEVER_SEEN, CoverageCode.FEW_SCAPULA_MARKERS}
+
+
+def test_a_misspelt_label_of_a_task_is_a_finding(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    tasks = "".join(TASK.format(name=name, weight=1) for name in NAMES)
+    (tmp_path / "ik.xml").write_text(IK_SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
+    written_trial(tmp_path, lambda table: replace(table, labels=tuple("AAA" if n == "aa" else n for n in table.labels)))
+    solved = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
+    found = {finding.code: finding.figures for finding in solved.findings}
+    assert found[KinematicsCode.NEVER_SEEN] == {"markers": "aa"}
+
+
+def test_a_body_is_scaled_with_a_finding_on_a_marker_that_no_frame_shows(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    one = on_humerus()[0]
+    pairs = "".join(PAIR.format(one=one, other=name) for name in NAMES if name not in (one, *UNSEEN))
+    placed = "".join(TASK.format(name=name, weight=1) for name in NAMES)
+    placer = (
+        f"<MarkerPlacer><time_range>-1 9</time_range><IKTaskSet><objects>{placed}</objects></IKTaskSet></MarkerPlacer>"
+    )
+    text = SETUP.format(pairs=pairs, axes="Y", range="-1 9").replace("</ScaleTool>", f"{placer}</ScaleTool>")
+    (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
+
+    def still(table: MarkerTable) -> MarkerTable:
+        return hidden(*UNSEEN)(replace(table, positions=np.repeat(table.positions[:1], 8, axis=0)))
+
+    body = scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled", written_trial(tmp_path, still)))
+    found = {finding.code: finding.figures for finding in body.findings}
+    assert found[KinematicsCode.NEVER_SEEN] == {"markers": ", ".join(sorted(UNSEEN))}
+    assert CoverageCode.FEW_SCAPULA_MARKERS in found
+
+
+def test_one_position_far_from_the_body_is_a_finding_with_its_time_and_code_3(
+    tmp_path: Path, capsys, monkeypatch
+) -> None:
+    trial(tmp_path, frames=60)
+
+    def displaced(table: MarkerTable) -> MarkerTable:
+        positions = table.positions.copy()
+        positions[20, table.labels.index("aa")] = 9999.0
+        return replace(table, positions=positions)
+
+    path = written_trial(tmp_path, displaced)
+    code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    assert code == 3
+    found = figures_of_one(KinematicsCode.FAR, tmp_path / "q_ik.json")
+    assert (found["marker"], found["frames"]) == ("aa", 1)
+    assert found["first_s"] == pytest.approx(0.2)
+
+
+def test_a_prefix_chooses_one_of_two_persons_and_the_only_one_is_taken_off(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    alone = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", None))
+    path = written_trial(tmp_path, beside_another_person)
+    chosen = solve_postures(IkInputs("bundled", path, None, prefix="Anna_"))
+    np.testing.assert_allclose(chosen.solution.coordinates, alone.solution.coordinates, atol=1e-9)
+
+    trial(tmp_path, frames=8)
+    path = written_trial(
+        tmp_path, lambda table: replace(table, labels=tuple(f"Anna_{label}" for label in table.labels))
+    )
+    only = solve_postures(IkInputs("bundled", path, None))
+    np.testing.assert_allclose(only.solution.coordinates, alone.solution.coordinates, atol=1e-9)
+    assert any("Anna_" in note for note in only.notes)
+
+
+@pytest.mark.parametrize("change", [lambda table: table, beside_another_person])
+def test_a_prefix_that_no_label_has_is_refused(change: Change, tmp_path: Path) -> None:
+    """Before, labels without it were taken, and the origin among them was lost."""
+    trial(tmp_path, frames=8)
+    path = written_trial(tmp_path, change)
+    with pytest.raises(KinematicsError) as refused:
+        solve_postures(IkInputs("bundled", path, None, prefix="Anne_"))
+    assert refused.value.code == KinematicsCode.NO_SUCH_PREFIX
+
+
+def test_a_file_with_z_up_is_a_finding_and_is_turned_on_request(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    alone = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", None))
+    path = written_trial(tmp_path, lambda table: replace(table, positions=table.positions[:, :, [2, 0, 1]]))
+    lying = solve_postures(IkInputs("bundled", path, None))
+    assert KinematicsCode.TILTED in {finding.code for finding in lying.findings}
+    upright = solve_postures(IkInputs("bundled", path, None, vertical="z"))
+    assert KinematicsCode.TILTED not in {finding.code for finding in upright.findings}
+    np.testing.assert_allclose(upright.solution.cost, alone.solution.cost, atol=1e-12)

@@ -1,11 +1,16 @@
+"""subject.toml, and motion trials of the simulated person as the assessment reads them."""
+
 from __future__ import annotations
 
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from fitting.wearer.wearer_trial import read_wearer_trial
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, read_subject, write_subject
+from tests.station.wearer import SPECS, WearerSession
 
 MARKED = Subject(mass_kg=61.5, vertical="y", markers={"acro mion": "aa", 'Él\u007f\t"': "ij"})
 CORDED = Subject(
@@ -24,3 +29,20 @@ def test_a_wearer_is_read_as_written(subject: Subject, tmp_path: Path) -> None:
 def test_what_is_not_known_is_left_out(tmp_path: Path) -> None:
     write_subject(tmp_path, Subject(vertical="y"))
     assert tomllib.loads((tmp_path / SUBJECT_FILE).read_text()) == {"hand_load_kg": 0.0, "vertical": "y"}
+
+
+POSE, FREE, TIGHT = SPECS
+
+
+def test_markers_are_where_the_person_had_them(wearer: WearerSession) -> None:
+    trial = read_wearer_trial(wearer.path(FREE))
+    truth = wearer.person.markers(wearer.starts[trial.file] + trial.time)
+    recorded = [trial.labels.index(label) for label in trial.body.body]
+    columns = [wearer.person.labels.index(label) for label in trial.body.body]
+    error = 1e3 * trial.markers[:, recorded] - truth[:, columns]
+    assert np.sqrt(np.nanmean(error**2)) < 0.5, "mm, of the cameras"
+
+
+def test_the_tension_of_the_cord_is_there_where_it_was_measured(wearer: WearerSession) -> None:
+    trial = read_wearer_trial(wearer.path(TIGHT))
+    assert trial.body.is_cord_measured and 20 < np.ptp(trial.force) < 80
