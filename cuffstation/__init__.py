@@ -13,7 +13,10 @@ A name is imported at its first use (PEP 562), so that reading a recording loads
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
@@ -94,8 +97,25 @@ _MODULES = {
 }
 """Public name → the module that has it."""
 
+_PACKAGES = ("documents", "drivers", "fitting", "recordings", "solver", "station")
 __all__ = list(_MODULES)
 
+
+def _ensure_own_packages() -> None:
+    """Raise ImportError if Python finds a module of the user under the name of one of our packages."""
+    for name in _PACKAGES:
+        module = sys.modules.get(name)
+        found = getattr(module, "__file__", None) if module else getattr(find_spec(name), "origin", None)
+        if found is None or Path(found).resolve().parents[1] != Path(__file__).resolve().parents[1]:
+            raise ImportError(
+                f"cuffstation needs its own package {name}, and Python finds {found or 'none'} in its place; rename "
+                "that file or folder, or run Python in another folder",
+                name=name,
+                path=found,
+            )
+
+
+_ensure_own_packages()
 
 if not TYPE_CHECKING:  # else a type checker accepts any name
 

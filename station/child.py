@@ -22,6 +22,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from multiprocessing import connection
+from pathlib import Path
 from typing import Any, NoReturn
 
 from station.end_signals import end_signals
@@ -72,7 +73,8 @@ class Child(ProcessLink):
         super().__init__(ours)
         try:
             self.process = subprocess.Popen(  # noqa: S603  (our own modules)
-                [sys.executable, "-m", "station.child", str(theirs.fileno()), module, *arguments],
+                # -P: a solver.py in the user's folder must not be imported in place of our package
+                [sys.executable, "-P", "-m", "station.child", str(theirs.fileno()), module, *arguments],
                 stdin=subprocess.DEVNULL,
                 **{"stdout": subprocess.DEVNULL, **_inherit(theirs.fileno()), **options},
             )
@@ -141,6 +143,7 @@ def main() -> None:
         link = _inherited_link(int(handle))
     except (ValueError, OSError):
         sys.exit("station.child is started by the station, with an inherited pipe; run `station --help`.")
+    sys.path.append(str(Path(__file__).parents[1]))  # a checkout, whose tests have children, too
     sys.exit(importlib.import_module(module).main(link, *arguments))
 
 

@@ -47,7 +47,7 @@ ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, Plain
 """One root of exceptions for each folder, with its exit code."""
 
 STAGES = {
-    "Try it": (whole.demo,),
+    "Try it": (whole.init, whole.demo),
     "At the bench": (bench.simulate, bench.check, bench.record, live.live, whole.serve),
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
     "Cuff parameters": (whole.judge, cuffs.fit),

@@ -139,7 +139,8 @@ class Cuff(EqualByFields):
         rows = (
             self.to_dataframe().drop(columns=["cuff", "donning"]).to_string(index=False, float_format="{:.4g}".format)
         )
-        return f"Cuff {self.name}, donning {self.donning}: {self.verdict}\n{rows}"
+        donning = f", donning {self.donning}" if self.donning else ""
+        return f"Cuff {self.name}{donning}: {self.verdict}\n{rows}"
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row per quantity, with its unit, value, standard_error, ci95_low, ci95_high and is_identified."""

@@ -16,6 +16,7 @@ class ConfigCode(StrEnum):
     NO_BOUNCE = "config.no_bounce"
     NO_BODY = "config.no_body"
     MISSING_PACKAGE = "installation.missing_package"
+    EXISTS = "installation.file_exists"
 
 
 class FolderCode(StrEnum):

@@ -25,8 +25,10 @@ SETUP: Mapping[StrEnum, str] = {
         "a pose or a motion"
     ),
     ConfigCode.MISSING_PACKAGE: (
-        "{purpose} needs the package {package}, which is not installed; install its extra: pip install -e '.[{extra}]'"
+        "{purpose} needs the package {package}, which is not installed; install its extra: "
+        "pip install 'cuffstation[{extra}]'"
     ),
+    ConfigCode.EXISTS: "{file} exists, and station init replaces no file; give another folder, or rename the file",
     FolderCode.NOT_A_FOLDER: "{folder} is not a folder; give a session folder of `station record`",
     FolderCode.NO_RECORDING: "{folder} contains no recording of a cuff (*.mcap); record a trial first",
     FolderCode.NOT_USABLE: "no recording in {folder} can be used: {reasons}",

@@ -1,4 +1,4 @@
-"""Verbs on whole sessions: demo, serve, judge, verify, report."""
+"""Verbs on whole sessions: init, demo, serve, judge, verify, report."""
 
 from __future__ import annotations
 
@@ -30,6 +30,16 @@ def demo(
 
         code = run_demo(output, speed, seed, ahead)
     raise typer.Exit(code)
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(help="Folder to write into; it is created.")] = Path(),
+) -> None:
+    """Write the example configuration and the examples for Python into a folder. Prints the paths."""
+    from station.files.init import write_examples
+
+    for path in write_examples(folder):
+        print(path)
 
 
 def serve(

@@ -72,7 +72,7 @@ def test_a_verb_that_needs_an_extra_names_it_in_one_sentence(verb: str, tmp_path
     ran = _small(verb, *plan, *force, *sessions, folder=tmp_path)
     (sentence,) = ran.stderr.splitlines()
     named = re.fullmatch(
-        rf"station: station {verb} needs the package (\w+), .* pip install -e '\.\[(\w+)\]' "
+        rf"station: station {verb} needs the package (\w+), .* pip install 'cuffstation\[(\w+)\]' "
         r"\[installation\.missing_package\]",
         sentence,
     )
@@ -91,7 +91,7 @@ def test_an_option_that_needs_an_extra_names_it_in_one_sentence(session: Path, t
     ):
         ran = _small(*words, folder=tmp_path)
         assert ran.returncode == 1
-        assert f"pip install -e '.[{extra}]'" in ran.stderr
+        assert f"pip install 'cuffstation[{extra}]'" in ran.stderr
         assert "Traceback" not in ran.stderr
 
 

@@ -68,6 +68,25 @@ def test_the_examples_run_as_notebooks_and_show_a_picture(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
+def test_the_notebook_of_forty_tasks_runs_and_keeps_its_results(tmp_path: Path) -> None:
+    nbclient = pytest.importorskip("nbclient", reason="needs the extra test")
+    import nbformat
+
+    path = ROOT / "examples" / "forty_tasks.ipynb"
+    kept = [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
+    assert len(kept) == 41, "imports, and a cell for each task"
+    notebook = nbformat.read(path, 4)
+    nbclient.NotebookClient(notebook, timeout=int(scaled_timeout(120)), kernel_name="python3").execute(
+        cwd=str(tmp_path)
+    )
+    run = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    for old, new in zip(kept, run, strict=True):
+        assert [set(output.get("data", {})) for output in old.outputs] == [
+            set(output.get("data", {})) for output in new.outputs
+        ], new.source
+
+
+@pytest.mark.slow
 def test_the_examples_and_a_script_of_a_user_pass_a_strict_check_of_types(tmp_path: Path) -> None:
     script = tmp_path / "of_a_user.py"
     script.write_text(USER_SCRIPT, encoding="utf-8")

@@ -334,3 +334,19 @@ def test_the_sample_session_is_copied_and_its_intervals_contain_the_truth(
     for estimate, truth in zip((cuff.stiffness, cuff.damping, cuff.migration), (8520.0, 210.0, 0.01201), strict=True):
         assert estimate.ci95[0] < truth < estimate.ci95[1]
     assert sum(path.stat().st_size for path in folder.iterdir()) < 1e6
+
+
+@pytest.mark.parametrize("name", ["documents", "drivers", "fitting", "recordings", "solver", "station"])
+@pytest.mark.parametrize("form", ["{}.py", "{}/__init__.py"])
+def test_a_file_of_the_user_with_the_name_of_a_package_is_named(
+    name: str, form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / form.format(name)
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("x = 1", encoding="utf-8")
+    monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ImportError) as refused:
+        cs._ensure_own_packages()
+    assert (refused.value.name, refused.value.path) == (name, str(file))
+    assert str(file) in str(refused.value)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Thread
 from typing import Any
 
@@ -45,6 +46,13 @@ def test_messages_of_any_length_arrive_both_ways_and_the_child_ends_with_the_lin
             assert child.receive_bytes() == bytes(length)
         child.close()
         assert child.process.wait(scaled_timeout(PATIENCE_S)) == 4
+
+
+def test_files_of_the_user_replace_no_package_in_a_child(tmp_path: Path) -> None:
+    for name in ("station", "tests", "json"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit(9)", encoding="utf-8")
+    with running("echo", cwd=tmp_path) as child:
+        assert answer(child, {"n": 1.5}) == {"n": 1.5}
 
 
 def test_senders_in_several_threads_do_not_mix_their_messages() -> None:
