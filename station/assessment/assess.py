@@ -48,6 +48,7 @@ from station.assessment.emg import MeasuredReduction
 from station.assessment.findings import Finding, findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, assess_people
+from station.assessment.study_comparison import StudyComparisonEntry, compare_with_study
 from station.assessment.total_json import PEOPLE_FILE, people_table, plain_total
 from station.checksums import write_checksums
 from station.messages.codes import AssessmentCode
@@ -72,7 +73,8 @@ class AssessedSuit:
     emg are measured reductions, inputs the names and hashes of the files, cuffs_standing the check of the cuffs file,
     subject the wearer whose body and motion were assessed, None without one; total the results for drawn people and
     donning the spread between donnings that they have, None without a budget of uncertainty; postures: for the picture
-    of the body, suit_names: what its places are called; on_inputs: findings on the motion and the model.
+    of the body, suit_names: what its places are called; on_inputs: findings on the motion and the model; study: the
+    source study's answer beside this one.
     """
 
     cuffs: tuple[Cuff, ...]
@@ -87,6 +89,7 @@ class AssessedSuit:
     total: TotalUncertainty | None = None
     donning: DonningSources | None = None
     on_inputs: tuple[Finding, ...] = ()
+    study: StudyComparisonEntry | None = None
 
     @property
     def is_changed(self) -> bool:
@@ -156,7 +159,19 @@ def assess_cuffs(
     on_inputs = _findings_on_inputs(case, on_loads, has_people=people is not None)
     names = dict(suit.names)
     return AssessedSuit(
-        fits, assessment, beside, emg, hashes, standing, drawn, names, subject, total, donning, on_inputs
+        fits,
+        assessment,
+        beside,
+        emg,
+        hashes,
+        standing,
+        drawn,
+        names,
+        subject,
+        total,
+        donning,
+        on_inputs,
+        study=compare_with_study(case, inputs, worn, assessment),
     )
 
 
@@ -247,6 +262,7 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     plain["decision"] = _plain_decision(assessed)
     if assessed.total is not None and assessed.donning is not None:
         plain["total_uncertainty"] = plain_total(assessed.total, assessed.donning)
+    plain["against_study"] = None if assessed.study is None else assessed.study.model_dump(mode="json")
     plain["emg"] = plain_emg(assessed.emg)
     plain["postures"] = assessed.postures
     plain["suit_names"] = assessed.suit_names

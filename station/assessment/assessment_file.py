@@ -13,6 +13,7 @@ from documents.validation import describe_error
 from station.assessment.decision_json import DecisionEntry
 from station.assessment.drawn_postures import PostureEntry
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
+from station.assessment.study_comparison import StudyComparisonEntry
 from station.assessment.total_json import TotalUncertaintyEntry, with_total_intervals
 from station.errors import StationError
 from station.messages.assessment_file_codes import AssessmentFileCode
@@ -148,6 +149,7 @@ class AssessmentDocument(AssessedMotionEntry):
     cuffs: dict[str, dict[str, NumberEntry | str | list[str] | None]] = Field(default_factory=dict)
     beside: OtherMotionEntry | None = None
     subject: SubjectDocument | None = None
+    against_study: StudyComparisonEntry | None = None
     postures: Annotated[list[PostureEntry], Field(description="for the picture of the body")] = Field(
         default_factory=list
     )

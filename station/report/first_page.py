@@ -75,7 +75,7 @@ def first_page(assessment: Plain | None, cuffs: Cuffs) -> FirstPage:
         tuple(_basis(assessment)),
         _decision(assessment),
         effect_of(assessment, "rigid"),
-        (*_limits_of_cuffs(cuffs), *_limits_of_assessment(assessment)),
+        (*_limits_of_cuffs(cuffs), *limits_of(assessment)),
     )
 
 
@@ -161,7 +161,8 @@ def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:
             yield f"Cuff {name}: {' and '.join(missing)} not identified."
 
 
-def _limits_of_assessment(assessment: Plain) -> Iterator[str]:
+def limits_of(assessment: Plain) -> Iterator[str]:
+    """What limits the result, in sentences."""
     yield from (text for code, text in _coded(assessment) if code in LIMITING)
     decision = (assessment.get("decision") or {}).get("at_reference") or {}
     if decision.get("code") in ADVICE:

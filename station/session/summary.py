@@ -54,8 +54,11 @@ class EndedSession:
 
 def summarise(folder: Path, progress: Progress = silent) -> Summary:
     """End the session and return what its page shows. Raises SummaryError if no trial can be fitted."""
-    from station.assessment.assess import sentences_on
+    from station.assessment.assessment_file import read_assessment
+    from station.assessment.assessment_json import ASSESSMENT_FILE
     from station.fit import SessionError
+    from station.report.first_page import answer, findings_of, limits_of
+    from station.report.page import located_assessment
 
     try:
         ended = end_session(folder, progress)
@@ -71,8 +74,11 @@ def summarise(folder: Path, progress: Progress = silent) -> Summary:
         }
         for name, cuff in ended.fitted.cuffs.items()
     )
-    found = sentences_on(ended.assessed, folder / "cuffs.json") if ended.assessed else ()
-    return Summary(rows, tuple(dict.fromkeys((*ended.assumed, *ended.missing, *found))))
+    if ended.assessed is None:
+        return Summary(rows, (*ended.assumed, *ended.missing))
+    assessment = located_assessment(read_assessment(folder / ASSESSMENT_FILE))
+    found = ("".join(map(str, answer(assessment))), *ended.missing, *ended.assumed)
+    return Summary(rows, tuple(dict.fromkeys((*found, *findings_of(assessment), *limits_of(assessment)))))
 
 
 def end_session(

@@ -161,6 +161,16 @@ def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
     assert page.count("<figcaption>") == 6, "effort, the same in every condition, body, change, activations, EMG"
 
 
+def test_the_difference_from_the_source_study_is_given_by_exchanging_one_part_at_a_time(plain: dict[str, Any]) -> None:
+    """The assessed motion is the bundled one: with rigid cuffs, nothing else is left to exchange."""
+    study = plain["against_study"]
+    by_part = {answer["exchanged"]: answer for answer in study["answers"]}
+    assert list(by_part) == ["nothing", "cuffs", "all"] and study["cuff"] in plain["cuffs"]
+    for key in ("rest_length_m", "effort"):
+        assert by_part["cuffs"][key]["value"] == pytest.approx(by_part["all"][key]["value"], rel=1e-9)
+    assert by_part["cuffs"]["rest_length_m"]["value"] - by_part["nothing"]["rest_length_m"]["value"] > 0.02
+
+
 def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
     assert [cuff.name for cuff in worn_cuffs(cuffs, ("elbow",))] == ["waist", "elbow"]

@@ -106,6 +106,12 @@ def test_figures_are_of_the_wearer_and_every_interval_contains_the_posture(plain
     assert plain["unsolved"]["count"]["value"] == 0
 
 
+def test_every_part_of_the_wearer_is_exchanged_for_that_of_the_study(plain: dict[str, Any]) -> None:
+    answers = {answer["exchanged"]: answer["effort"]["value"] for answer in plain["against_study"]["answers"]}
+    assert list(answers) == ["nothing", "cuffs", "body", "motion", "cord", "all"]
+    assert len({round(effort, 6) for effort in answers.values() if effort is not None}) > 3
+
+
 def test_the_measured_tension_of_the_cord_is_beside_the_predicted_one(plain: dict[str, Any]) -> None:
     cord = plain["subject"]["cord"]
     assert cord["correlation"] > 0.95

@@ -1,0 +1,129 @@
+"""Why the answer of an assessment is not that of the source study: one part is exchanged at a time.
+
+The study ("Effect of Cuff Compliance on Muscle Activation in a Passive Shoulder-Exotendon Suit", table 3) has rigid
+cuffs on one recorded motion. That motion is not bundled, so the bundled raise of the arm takes its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver.cuff import CuffParameters, by_site
+from solver.errors import SolverError
+from solver.model import Model
+from solver.motion import Kinematics
+from solver.suit.assessment import Assessment, assess
+from solver.suit.scenarios import LoadedMotion
+from solver.suit.suit import BUNDLED_SUIT, Suit
+from solver.suit.uncertainty import DrawSettings
+from station.assessment.assessment_inputs import AssessmentInputs
+from station.assessment.case import AssessedCase
+from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
+from station.sources import BUNDLED, kinematics_of
+
+STUDY_REST_LENGTH, STUDY_EFFORT = 0.74, 0.79
+"""Best rest length [m] and effort there, relative to a slack cord, with rigid cuffs."""
+FRAMES, REST_LENGTHS = 40, 16
+"""Frames and rest lengths of each assessment, at most."""
+
+
+class AnswerEntry(StrictEntry):
+    """The best rest length and the effort there; null where it is at an end of the range that was tried.
+
+    exchanged: what is not the session's own
+    """
+
+    exchanged: str
+    rest_length_m: NumberEntry
+    effort: NumberEntry
+
+
+class StudyComparisonEntry(StrictEntry):
+    """The study's answer, and those with this arm cuff, migration and compliance: the session's own first, then with
+    one part exchanged, and with all of them.
+    """
+
+    cuff: str
+    study_rest_length_m: KnownNumberEntry
+    study_effort: KnownNumberEntry
+    answers: list[AnswerEntry]
+
+
+def compare_with_study(
+    case: AssessedCase, inputs: AssessmentInputs, worn: Sequence[CuffParameters], assessment: Assessment
+) -> StudyComparisonEntry | None:
+    """With the arm cuff of the least effort; None for another model, suit or load than the study's.
+
+    Every answer is from a short assessment, so that differences between them are those of the exchanged part.
+    """
+    cuff = _best_arm(assessment)
+    is_of_study = (inputs.model, inputs.suit, inputs.external_loads) == (BUNDLED, BUNDLED_SUIT, None)
+    if cuff is None or not is_of_study:
+        return None
+    arms, waists = by_site(worn)
+    pair = [*waists, *(arm for arm in arms if arm.name == cuff)]
+    own = _Setting(case.model, case.kinematics, _shortened(case.suit))
+    model = inputs.read_model()
+    study = _Setting(model, kinematics_of(None, model), inputs.read_suit(len(own.suit.rest_lengths)))
+    settings = [("nothing", own, cuff), ("cuffs", own, None)]
+    if case.subject is not None:
+        settings.append(("body", replace(own, model=model), cuff))
+    if case.subject is not None or inputs.motion is not None:
+        settings.append(("motion", replace(own, kinematics=kinematics_of(None, own.model)), cuff))
+    if case.spread is not None:
+        settings.append(("cord", replace(own, suit=study.suit), cuff))
+    settings.append(("all", study, None))
+    return StudyComparisonEntry(
+        cuff=cuff,
+        study_rest_length_m=KnownNumberEntry(value=STUDY_REST_LENGTH),
+        study_effort=KnownNumberEntry(value=STUDY_EFFORT),
+        answers=[_answer(part, setting, pair, worn_cuff) for part, setting, worn_cuff in settings],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Setting:
+    """Body, motion and suit."""
+
+    model: Model
+    kinematics: Kinematics
+    suit: Suit
+
+
+def _best_arm(assessment: Assessment) -> str | None:
+    """The arm cuff with the least effort at its best rest length."""
+    efforts = {
+        curve.cuff: curve.figures["lowest_cost"].value for curve in assessment.curves if curve.condition == "both"
+    }
+    known = {cuff: effort for cuff, effort in efforts.items() if cuff and effort is not None}
+    return min(known, key=known.__getitem__) if known else None
+
+
+def _shortened(suit: Suit) -> Suit:
+    first, last = suit.rest_lengths[[0, -1]]
+    return replace(suit, rest_lengths=np.linspace(first, last, min(REST_LENGTHS, len(suit.rest_lengths))))
+
+
+def _answer(part: str, setting: _Setting, worn: Sequence[CuffParameters], cuff: str | None) -> AnswerEntry:
+    """With this arm cuff, migration and compliance, or with rigid cuffs; unknown where the exchanged part is refused,
+    as a motion beyond the range of the other body's joints.
+    """
+    every = math.ceil(len(setting.kinematics.time) / FRAMES)
+    try:
+        found = assess(
+            LoadedMotion(setting.model, setting.kinematics),
+            setting.suit,
+            worn,
+            every=every,
+            draws=DrawSettings(count=0),
+        )
+    except SolverError:
+        return AnswerEntry(exchanged=part, rest_length_m=NumberEntry(value=None), effort=NumberEntry(value=None))
+    condition = "rigid" if cuff is None else "both"
+    curve = next(curve for curve in found.curves if (curve.condition, curve.cuff) == (condition, cuff))
+    length, effort = curve.figures["rest_length"].value, curve.figures["lowest_cost"].value
+    return AnswerEntry(exchanged=part, rest_length_m=NumberEntry(value=length), effort=NumberEntry(value=effort))
