@@ -111,7 +111,7 @@ def test_a_cuff_without_migration_is_assessed_without_shift_and_named(tmp_path: 
     write_verdict(tmp_path, "cuff-hand_test-static_run-0.mcap", "redo", "the wearer coughed")
     summary = summarise(tmp_path)
     assert summary.rows[0]["migration [mm]"] == "not identified"
-    assert summary.findings[0] == f"hand: {sentence_of(NoteCode.NO_SHIFT)}"
+    assert f"hand: {sentence_of(NoteCode.NO_SHIFT)}" in summary.findings
     assessed = json.loads((tmp_path / "assessment.json").read_text())
     hand = assessed["cuffs"]["hand"]
     assert (hand["migration_m"]["value"], hand["migration_m"]["ci95"]) == (0.0, None)
