@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
 from solver.model import Model, ModelError
-from solver.personalisation.marker_errors import marker_errors
+from solver.personalisation.anthropometry import marker_errors
 from solver.redundancy.options import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.frame_posture import FramePosture, PostureTracker
@@ -57,7 +57,7 @@ class StreamSolver:
     suit       cord and masses of all scenarios
     lag_s      how far behind the markers results are [s], 0 to 0.5
     soft_tissue_m  standard deviation along each axis [m] of the skin under the markers, one for all or (markers,);
-               0 for markers on bone; None: 10 to 16 mm (solver/personalisation/marker_errors.py)
+               0 for markers on bone; None: 10 to 16 mm (solver/personalisation.anthropometry.py)
     """
 
     def __init__(
