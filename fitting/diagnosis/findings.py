@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fitting.diagnosis.fitted_pull import FittedPull
@@ -265,7 +266,9 @@ def _noise(dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
         swing, rest, swing_dof, rest_dof = np.array(noises).T
         ratio = math.sqrt(float((swing_dof @ swing**2 / swing_dof.sum()) / (rest_dof @ rest**2 / rest_dof.sum())))
         error = math.sqrt(1 / (2 * float(swing_dof.sum())) + 1 / (2 * float(rest_dof.sum())))  # of its logarithm
-        is_alarm = math.log(ratio) > max(math.log(NOISE_LIMIT), SIGNIFICANT * error)
+        # The variance of few samples at rest is skewed: the F distribution, at the probability of 3 standard errors.
+        significant = math.sqrt(scipy.special.fdtri(swing_dof.sum(), rest_dof.sum(), scipy.special.ndtr(SIGNIFICANT)))
+        is_alarm = ratio > max(NOISE_LIMIT, significant)
         yield Finding(FindingCode.FORCE_NOISE, ratio, ratio * error, "1", is_alarm)
     correlations = [fitted.dynamic.checks.marker_correlation for fitted in dynamic if fitted.dynamic]
     if correlations:
