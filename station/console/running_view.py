@@ -193,12 +193,13 @@ class _Figures:
         self._live = live
         self._limit, self._capacity = controller.runner.limits.force_n, controller.runner.limits.capacity_n
         with ui.element("div").classes("figures"):
-            with ui.column().classes("gap-1"):
+            with ui.column().classes("gap-1") as force:
                 self._force = ui.label().classes("figure").mark("force")
                 self._bar = ui.element("div").classes("load").mark("load")
                 with self._bar:
                     self._level = ui.element("div")
                 self._net = ui.label().classes("under").mark("net")
+            force.set_visibility(has_force(controller.session.config, live.spec))
             with ui.column().classes("gap-1"):
                 self._motion = ui.label().classes("figure").mark("displacement")
                 ui.label("elevation" if live.is_of_wearer else "displacement").classes("under")
@@ -234,10 +235,13 @@ class _Charts:
         self._live, self._client = live, ui.context.client
         self._sender = UpdateSender(self._draw)
         self._roles = marker_roles(controller.session.config, live.spec)
-        motion = motion_axis(live)
-        with ui.element("div").classes("charts"):
-            self._over_time = ui.echart(_over_time(motion)).mark("over-time")
-            self._loop = ui.echart(force_over_motion([], motion)).mark("loop")
+        motion, self._has_force = motion_axis(live), has_force(controller.session.config, live.spec)
+        self._loop: ui.echart | None = None
+        with ui.element("div").classes("charts" if self._has_force else "charts without-force"):
+            chart = _over_time(motion) if self._has_force else _motion_over_time(motion)
+            self._over_time = ui.echart(chart).mark("over-time")
+            if self._has_force:
+                self._loop = ui.echart(force_over_motion([], motion)).mark("loop")
             self._markers = ui.element("canvas").classes("markers").props('aria-label="markers, drag to turn"')
 
     def tick(self) -> None:
@@ -259,8 +263,17 @@ class _Charts:
     def _curves(self) -> list[tuple[int, list[dict[str, Any]]]]:
         """Id of each chart and its series."""
         curves = curves_over_time(self._live)
+        if self._loop is None:
+            return [(self._over_time.id, [{"data": curves[1]}])]
         loop = (self._loop.id, [{"data": _force_over_motion(self._live)}])
         return [(self._over_time.id, [{"data": points} for points in curves]), loop]
+
+
+def has_force(config: StationConfig, spec: TrialSpec) -> bool:
+    """Whether the load cell measures anything: in the trials of the wearer only the force of the cord."""
+    if spec.test not in BODY_TESTS:
+        return True
+    return config.body is not None and config.body.markers_in(spec.condition).is_cord_measured
 
 
 def curves_over_time(live: LiveTrial) -> list[list[tuple[float, float]]]:
@@ -294,3 +307,9 @@ def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
         "yAxis": [axis(FORCE_AXIS, FORCE), right],
         "series": [line(FORCE), line(DISPLACEMENT, yAxisIndex=1)],
     }
+
+
+def _motion_over_time(motion: str) -> dict[str, Any]:
+    """Chart of the motion of that name alone."""
+    chart = _over_time(motion)
+    return {**chart, "yAxis": [axis(motion, DISPLACEMENT)], "series": [line(DISPLACEMENT)]}

@@ -34,6 +34,8 @@ def show(controller: SessionController, recorded: Recorded, actions: Actions) ->
         with ui.column().classes("grow gap-2"):
             _figures(judgement)
             marks = _marks(controller, judgement)
+        if judgement.drawing:
+            ui.html(judgement.drawing, sanitize=False).classes("w-2/5 drawing").mark("drawing")
         if judgement.path:
             ui.echart(force_over_motion([list(point) for point in judgement.path])).classes("w-2/5 h-72").mark("loop")
     _decision(controller, recorded, judgement, marks, actions)

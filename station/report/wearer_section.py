@@ -14,7 +14,9 @@ from fitting.errors import UnusableTrial
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
-from station.charts.marks import COLOURS, HALF, Array, Chart, Line, Mark, Panel, Rule, values
+from station import charts
+from station.charts.marks import COLOURS, HALF, Array, Chart, Line, Panel, Rule, values
+from station.charts.svg import draw
 from station.emg.trials import EmgFileError, emg_of
 from station.protocol import CONDITION_NAMES
 from station.recordings_of_session import motions_in
@@ -41,9 +43,16 @@ def wearer_figures(folder: Path) -> list[PlannedFigure]:
     ]
 
 
+def motion_drawing(path: Path, trial: WearerTrial) -> str:
+    """The figure of one motion as HTML, with its own colours."""
+    maxima = _maxima(motions_in(path.parent))
+    style = Path(charts.__file__).with_name("chart.css").read_text(encoding="utf-8")
+    return f"<style>{style}</style>{draw(motion_figure(trial, maxima), _caption(trial, maxima))}"
+
+
 def motion_figure(trial: WearerTrial, maxima: Mapping[str, float]) -> Chart:
     """Elevation, EMG and cord force over session time, one below the other."""
-    panels = [_elevation(trial), *_emg(trial, maxima), *_cord(trial)]
+    panels = [*_elevation(trial), *_emg(trial, maxima), *_cord(trial)]
     last = len(panels) - 1
     return Chart((tuple(_over_time(panel, trial, is_last=place == last) for place, panel in enumerate(panels)),))
 
@@ -81,12 +90,10 @@ def _envelopes(trial: WearerTrial) -> EmgEnvelopes | None:
         return None
 
 
-def _elevation(trial: WearerTrial) -> Panel:
-    marks: list[Mark] = []
+def _elevation(trial: WearerTrial) -> Iterator[Panel]:
     if trial.elevation is not None:
-        marks.append(_line(trial.time, np.degrees(trial.elevation), 1))
-        marks += [Rule(cycle.start, "quiet", dash="dotted", is_upright=True) for cycle in trial.cycles]
-    return Panel(tuple(marks), y_label="elevation [°]")
+        cycles = (Rule(cycle.start, "quiet", dash="dotted", is_upright=True) for cycle in trial.cycles)
+        yield Panel((_line(trial.time, np.degrees(trial.elevation), 1), *cycles), y_label="elevation [°]")
 
 
 def _emg(trial: WearerTrial, maxima: Mapping[str, float]) -> Iterator[Panel]:

@@ -176,6 +176,7 @@ def _judge_wearer(findings: WearerFindings, recorded: Recorded) -> Judgement:
         tuple(Row(quantity, text, MISSING, MISSING) for quantity, text in findings.quantities.items()),
         findings.notes,
         marks=findings.marks,
+        drawing=findings.drawing,
     )
 
 

@@ -74,7 +74,7 @@ class Judgement:
     """advice follows from the reasons; the operator decides.
 
     verdicts: the results of the donning that are not identified so far, without those of tests still to come.
-    path is (displacement mm, force N) to draw; marks is the number of marks.
+    path is (displacement mm, force N) to draw, drawing the figure of a motion as HTML; marks is the number of marks.
     """
 
     file: str
@@ -84,6 +84,7 @@ class Judgement:
     rows: tuple[Row, ...] = ()
     notes: tuple[str, ...] = ()
     path: tuple[tuple[float, float], ...] = ()
+    drawing: str = ""
     marks: int = 0
     figures: tuple[Figure, ...] = ()
     verdicts: tuple[Verdict, ...] = ()

@@ -17,6 +17,7 @@ from station.emg.trials import EmgFileError, emg_of
 from station.kinematics.person_findings import MOVING
 from station.messages.codes import ReasonCode
 from station.messages.message import Message
+from station.report.wearer_section import motion_drawing
 from station.session.judgement import notes_at_the_bench
 
 MOST_HIDDEN = 0.1
@@ -25,12 +26,15 @@ MOST_HIDDEN = 0.1
 
 @dataclass(frozen=True)
 class WearerFindings:
-    """reasons to repeat the trial; quantities as text by name and unit; marks is the number of the operator's marks."""
+    """reasons to repeat the trial; quantities as text by name and unit; marks is the number of the operator's marks;
+    drawing: the figure of a motion as HTML, as the report has it.
+    """
 
     reasons: tuple[Message[ReasonCode], ...]
     quantities: Mapping[str, str]
     notes: tuple[str, ...]
     marks: int
+    drawing: str = ""
 
 
 def examine_wearer_trial(path: Path) -> WearerFindings:
@@ -42,6 +46,7 @@ def examine_wearer_trial(path: Path) -> WearerFindings:
         {name: text for part in parts for name, text in part.quantities.items()},
         (*notes_at_the_bench(trial.notes), *(note for part in parts for note in part.notes)),
         trial.marks,
+        motion_drawing(path, trial) if trial.manifest.test == "motion" else "",
     )
 
 

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from station.config import ProtocolSection
 from station.console.running_view import (
     curves_over_time,
+    has_force,
     marker_roles,
     markers_of,
     motion_of,
@@ -17,6 +20,8 @@ from station.session.guide import guide_for
 from station.session.live_trial import LiveTrial
 from station.session.wearer_guide import MotionGuide
 from tests.station.wearer import wearer_config
+
+BOUNCE = TrialSpec(None, "bounce", 1)
 
 
 @pytest.mark.parametrize(
@@ -62,5 +67,10 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
     roles = marker_roles(wearer_config(), spec)
     without = marker_roles(wearer_config(), TrialSpec(None, "motion", 1, condition="unsuited"))
     seen = {"ac": True, "cord_arm": False, "cuff_1": False}
+    assert [has_force(wearer_config(), one) for one in (spec, replace(spec, condition="unsuited"), BOUNCE)] == [
+        True,
+        False,
+        True,
+    ], "no chart of an idle load cell"
     assert (markers_of(seen, roles), markers_of(seen, without)) == ("hidden: cord_arm", "all 1 markers seen")
     assert (roles["ac"], roles["ij"], roles["cord_arm"]) == ("arm", "body", "suit") and "cuff_1" not in roles

@@ -81,5 +81,6 @@ def record_the_motion(page: Page, pictures: Path) -> None:
     page.set_viewport_size({"width": 1280, "height": 800})
     seen(page, re.compile(r"^motion, without the suit: no problems found"))
     seen(page, "2 of 2")
+    page.screenshot(path=pictures / "console-motion-verdict.png")
     assert unreadable(page) == []
     page.keyboard.press("k")

@@ -49,6 +49,15 @@ def quantities(judgement: Judgement) -> dict[str, str]:
     return {row.quantity: row.this for row in judgement.rows}
 
 
+def test_a_motion_is_drawn_with_its_elevation_its_emg_and_the_force_of_the_cord_alone(
+    judged: Callable[..., Judgement],
+) -> None:
+    axes = "elevation [°]", "EMG [µV]", "cord [N]"
+    shown = [[axis in judged(spec).drawing for axis in axes] for spec in (POSE, UNSUITED, TIGHT)]
+    assert shown == [[False, False, False], [True, True, False], [True, True, True]]
+    assert judged(UNSUITED).drawing.count('quiet dotted"') == CYCLES
+
+
 def test_a_pose_is_accepted_with_its_largest_movement(judged: Callable[..., Judgement], wearer: WearerSession) -> None:
     judgement = judged(POSE)
     assert (judgement.title, judgement.advice, judgement.reasons, judgement.grade) == ("pose", "accept", (), "good")
