@@ -1,6 +1,6 @@
-"""Time of the whole published study: 10 curves × 31 rest lengths × all frames, and the draws.
+"""Time of the whole published study: 10 curves × 31 rest lengths × all frames.
 
-    python benchmarks/assessment.py [--motion FLX01.mot] [--draws 200]
+    python benchmarks/assessment.py [--motion FLX01.mot]
 
 Prints the study cell by cell beside the published tables, the time for different numbers of frames, and the time of a
 scenario compared with OpenSim and a general optimiser, if such a script is beside the repository.
@@ -24,7 +24,6 @@ from solver.motion import Kinematics, decimate, differentiate, read_motion
 from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
-from solver.suit.uncertainty import DrawSettings
 
 SHARED = Path(__file__).parents[2] / "shared"
 PEER = SHARED / "peer" / "opensim_rmr.py"
@@ -58,20 +57,17 @@ READINGS = (("at_reference", 1), ("rest_length", 1), ("lowest_cost", 1), ("permi
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     arguments.add_argument("--motion", type=Path, default=SHARED / "data" / "motions" / "FLX01.mot")
-    arguments.add_argument("--draws", type=int, default=200)
     chosen = arguments.parse_args()
     model = bundled_model()
     kinematics = differentiate(read_motion(chosen.motion, model))
-    study(model, decimate(kinematics, 40), draws=0)  # compiles at the first call
+    study(model, decimate(kinematics, 40))  # compiles at the first call
     for every in (4, 2):
         frames = decimate(kinematics, every)
-        print(f"{len(frames.time)} frames: {study(model, frames, draws=0)[1]:.1f} s")
-    whole, seconds = study(model, kinematics, draws=0)
-    print(f"{len(kinematics.time)} frames: {seconds:.1f} s without draws, {whole.unsolved} unsolved\n")
+        print(f"{len(frames.time)} frames: {study(model, frames)[1]:.1f} s")
+    whole, seconds = study(model, kinematics)
+    print(f"{len(kinematics.time)} frames: {seconds:.1f} s, {whole.unsolved} unsolved\n")
     print_cells(whole)
     print_reductions(whole)
-    drawn, with_draws = study(model, kinematics, chosen.draws)
-    print(f"\n{chosen.draws} draws: {with_draws - seconds:.1f} s more; {drawn.uncertainty}")
     ours = 1e3 * seconds / whole.scenarios / len(kinematics.time)
     print(f"a frame of a scenario: {1e3 * ours:.0f} µs of wall time, everything shared included")
     peers = peer_milliseconds(chosen.motion)
@@ -83,7 +79,7 @@ def main() -> None:
         print(f"ratio={peers / ours:.0f}")
 
 
-def study(model: Model, kinematics: Kinematics, draws: int) -> tuple[Assessment, float]:
+def study(model: Model, kinematics: Kinematics) -> tuple[Assessment, float]:
     """The assessment of the published cuffs and the seconds it took."""
     cuffs = []
     for name, values in CUFFS.items():
@@ -91,7 +87,7 @@ def study(model: Model, kinematics: Kinematics, draws: int) -> tuple[Assessment,
         covariance = [[variances[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
         cuffs.append(CuffParameters(name, "waist" if name == "waist" else "arm", *values, np.array(covariance)))
     began = time.perf_counter()
-    found = assess(LoadedMotion(model, kinematics), read_suit(), cuffs, draws=DrawSettings(count=draws))
+    found = assess(LoadedMotion(model, kinematics), read_suit(), cuffs)
     return found, time.perf_counter() - began
 
 

@@ -99,7 +99,7 @@ def _flows(session: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
     pulls = [session / f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic")]
     yield "a fit of two recordings", lambda: cs.fit_donning(pulls)
     cuffs = cs.fit_session(session).cuffs
-    yield "an assessment of three frames", lambda: cs.assess(cuffs, draws=0, most_frames=3)
+    yield "an assessment of three frames", lambda: cs.assess(cuffs, people=0, most_frames=3)
     motion = next(path for path in sorted(session.glob("*.mcap")) if "motion" in path.name)
     recording, prepared = prepare_replay(motion)
     yield "the live solution of a motion", lambda: replay_live(recording, prepared)

@@ -22,14 +22,11 @@ from documents.interval import plus_minus
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.motion import differentiate
-from solver.suit.assessment import assess
+from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
-from solver.suit.uncertainty import DrawSettings
-from solver.uncertainty.cubes import CubesComparison
-from solver.uncertainty.figures import IndexedFigure
 from solver.uncertainty.indices import SobolIndices
-from solver.uncertainty.total import TotalUncertainty
+from solver.uncertainty.total import DrawnPeople, IndexedFigure
 from station.assessment.budget_file import read_budget
 from station.assessment.case import AssessedCase
 from station.assessment.decision_json import plain_decision
@@ -51,23 +48,23 @@ def main() -> None:
     model, suit = bundled_model(), read_suit()
     kinematics = differentiate(motion_of(chosen.motion, model))
     motion, cuffs = LoadedMotion(model, kinematics), published_cuffs()
-    assessment = assess(motion, suit, cuffs, draws=DrawSettings(count=0))
+    assessment = assess(motion, suit, cuffs)
     case = AssessedCase(model, kinematics, suit)
     run = PeopleRun(read_budget(people=chosen.people), chosen.folder, index_blocks=chosen.indices)
     began = time.perf_counter(), time.process_time()
-    total = assess_people(run, case, motion, cuffs, assessment, Clock().report)
+    found, people = assess_people(run, case, motion, cuffs, assessment, Clock().report)
     wall, processor = time.perf_counter() - began[0], time.process_time() - began[1]
-    print_tables(total)
-    for basis, entry in plain_decision(total, assessment.reference_rest_length).items():
+    if people is None or found.uncertainty is None:
+        raise SystemExit("no source of uncertainty varies")
+    print_tables(found)
+    for basis, entry in plain_decision(found.uncertainty, people.indices, assessment.reference_rest_length).items():
         if isinstance(entry, dict) and "text" in entry:
             print(f"\n{basis}: {entry['text']}")
             for pair in entry.get("pairs", ()):
                 print(f"  {pair}")
-    print_indices(total)
-    if total.cubes:
-        print_cubes(total.cubes)
-    if chosen.picture and total.indices:
-        draw_indices(total, chosen.picture)
+    print_indices(people)
+    if chosen.picture and people.indices:
+        draw_indices(people, chosen.picture)
     unit = 1e6 if sys.platform == "darwin" else 1e3
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
     print(f"\ntogether: {wall:.0f} s, {processor:.0f} s of processor, {memory:.0f} MB")
@@ -98,31 +95,33 @@ def published_cuffs() -> list[CuffParameters]:
     ]
 
 
-def print_tables(total: TotalUncertainty) -> None:
-    print(f"{total.people} people, {total.solved} solved; ± is half of the 95 % interval\n")
+def print_tables(found: Assessment) -> None:
+    if found.uncertainty:
+        print(f"{found.uncertainty.people} people, {found.uncertainty.solved} solved; ± is half of the 95 % interval\n")
     print("| condition | arm cuff | cost at 0.74 m | best rest length [m] | cost there | width [cm] |")
     print("|---|---|---|---|---|---|")
-    for (condition, cuff), figures in total.figures.items():
+    for curve in found.curves:
+        figures = curve.figures
         cells = [
             f"{plus_minus(figures[name].value or np.nan, figures[name].ci95, scale, 3)} ({published:g})"
             for (name, scale), published in zip(
                 (("at_reference", 1.0), ("rest_length", 1.0), ("lowest_cost", 1.0), ("permissible_error", 100.0)),
-                PUBLISHED[condition, cuff],
+                PUBLISHED[curve.condition, curve.cuff],
                 strict=True,
             )
         ]
-        print(f"| {condition} | {cuff or ''} | {' | '.join(cells)} |")
+        print(f"| {curve.condition} | {curve.cuff or ''} | {' | '.join(cells)} |")
 
 
-def group_names_of(total: TotalUncertainty) -> tuple[str, ...]:
-    return next((found.groups for found in total.indices.values() if found), ())
+def group_names_of(people: DrawnPeople) -> tuple[str, ...]:
+    return next((found.groups for found in people.indices.values() if found), ())
 
 
-def print_indices(total: TotalUncertainty) -> None:
-    groups = group_names_of(total)
+def print_indices(people: DrawnPeople) -> None:
+    groups = group_names_of(people)
     if groups:
         print(f"\n| figure | sd | {' | '.join(groups)} |\n|---|---|{'---|' * len(groups)}")
-    for (figure, cuffs), found in total.indices.items():
+    for (figure, cuffs), found in people.indices.items():
         if found is not None:
             cells = [
                 f"{first:.2f} ± {half:.2f}, {all_:.2f} ± {all_half:.2f}"
@@ -133,34 +132,12 @@ def print_indices(total: TotalUncertainty) -> None:
             print(f"| {figure} {' − '.join(cuffs)} | {np.sqrt(found.variance):.4f} | {' | '.join(cells)} |")
 
 
-def print_cubes(cubes: CubesComparison) -> None:
-    """Figures with both exponents for the same people, and what the exponent changes."""
-    print(f"\n{cubes.people} people with cubes, {cubes.solved} solved\n")
-    print("| condition | arm cuff | cost at 0.74 m | best rest length [m] | cost there |\n|---|---|---|---|---|")
-    for (condition, cuff), figures in cubes.figures.items():
-        cells = [
-            plus_minus(figures[name].value or np.nan, figures[name].ci95, 1.0, 3)
-            for name in ("at_reference", "rest_length", "lowest_cost")
-        ]
-        print(f"| {condition} | {cuff or ''} | {' | '.join(cells)} |")
-    print("\n| figure | change from squares to cubes | first order | total |\n|---|---|---|---|")
-    for (figure, names), found in cubes.changes.items():
-        if found is not None:
-            change = plus_minus(found.change.value or np.nan, found.change.ci95, 1.0, 4)
-            print(f"| {figure} {' − '.join(names)} | {change} | {found.first:.2f} | {found.total:.2f} |")
-    for exponent, decisions in (("cubes", cubes.decisions), ("squares", cubes.of_squares)):
-        for basis, decision in decisions.items():
-            print(f"{exponent}, {basis}: {decision.outcome} {decision.leading} {decision.probability}")
-            for pair in decision.pairs:
-                print(f"  {pair}")
-
-
-def draw_indices(total: TotalUncertainty, path: Path) -> None:
+def draw_indices(people: DrawnPeople, path: Path) -> None:
     """Bars of first-order (full) and total indices (outline) with their intervals."""
     import matplotlib.pyplot as plt
 
     shown: dict[str, SobolIndices] = {
-        label: found for figure, label in FIGURE_LABELS.items() if (found := total.indices.get(figure)) is not None
+        label: found for figure, label in FIGURE_LABELS.items() if (found := people.indices.get(figure)) is not None
     }
     figure, panels = plt.subplots(1, len(shown), figsize=(3.1 * len(shown), 3.0), sharey=True, layout="constrained")
     for panel, (label, found) in zip(np.atleast_1d(panels), shown.items(), strict=True):

@@ -32,7 +32,7 @@ print(f"the ankle carries up to {ankle.max():.0f} N")
 # %%
 cuffs = cs.read_cuffs(FOLDER / "shank.json")
 suit = FOLDER / "shank_suit.toml"
-assessment = cs.assess(cuffs, leg, stride, suit, options=options, external_loads=LOADS, draws=0)
+assessment = cs.assess(cuffs, leg, stride, suit, options=options, external_loads=LOADS, people=0)
 table = assessment.to_dataframe().set_index("condition")
 for condition, kind in (("rigid", "rigid"), ("visco_elastic", "yielding"), ("both", "yielding and migrated")):
     row = table.loc[condition]

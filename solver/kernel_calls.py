@@ -21,7 +21,6 @@ from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
-from solver.suit.uncertainty import DrawSettings
 
 SKIN_MARKERS = ("ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "EpL", "EpM")
 FRAMES_APART = 300
@@ -34,7 +33,7 @@ def call_every_kernel() -> None:
     suit = replace(suit, rest_lengths=np.array([suit.reference_rest_length]))
     cuff = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
     motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
-    assess(motion, suit, [cuff], every=FRAMES_APART, draws=DrawSettings(count=0))
+    assess(motion, suit, [cuff], every=FRAMES_APART)
     path_lines(model, postures(model, motion.kinematics.positions[:1], motion.kinematics.speeds[:1]))
     observed = _estimate_a_body(model, motion.kinematics.positions[:: FRAMES_APART // 3])
     _stream(model, observed)

@@ -30,8 +30,8 @@ from station.subject.subject_file import SUBJECT_FILE
 from station.tables import assessment_table, cuff_table
 from station.whole_file import write_whole
 
-MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16, "draws": 50}
-"""Limits of the assessment in the demo; `station assess` solves all frames with 200 draws."""
+MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16}
+"""Limits of the assessment in the demo; `station assess` solves all frames."""
 
 
 SUBJECT = "mass_kg = 75.0\n\n[cord]\nrest_length_m = 0.73\n"
@@ -90,7 +90,7 @@ def run_demo(folder: Path | None, speed: float | None, seed: int, ahead: Compila
     results.print(cuff_table(ended.fitted.cuffs, truth))
     assessed = ended.assessed
     if assessed is not None:
-        results.print(assessment_table(assessed.assessment, assessed.total))
+        results.print(assessment_table(assessed.assessment))
     for sentence in ended.missing:
         report(f"missing: {sentence}")
     print(ended.page)

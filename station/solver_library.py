@@ -9,13 +9,13 @@ from numbers import Real
 from os import PathLike
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fitting.cuffs.cuff_tables import CuffsLike, cuffs_of
-from solver.checks import ensure_at_least, ensure_names, ensure_type
+from solver.checks import ensure_at_least, ensure_known, ensure_names, ensure_type
 from solver.cuff import by_site
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
@@ -29,15 +29,17 @@ from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
 from solver.suit.assessment import assess as assess_suit
-from solver.suit.scenarios import Condition, LoadedMotion
+from solver.suit.scenarios import Condition, LoadedMotion, ensure_all_frames
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
-from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import cuff_findings, worn_cuffs
+from station.assessment.budget_file import read_budget
+from station.assessment.case import AssessedCase
 from station.assessment.draws import LEAST_DRAWS
 from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
 from station.assessment.left_out import effect_of, left_out_findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
+from station.assessment.people_run import PeopleRun, SourceChoice, assess_people
 from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
 from station.assessment.rmr import ensure_distinct_controls
 from station.assessment.slack_muscles import slack_findings, slack_muscles
@@ -165,7 +167,8 @@ def assess(  # noqa: PLR0913 (a notebook names what it changes)
     *,
     rest_lengths: ArrayLike | None = None,
     reference_rest_length: float | None = None,
-    draws: int = 200,
+    people: int | None = None,
+    sources: SourceChoice = "all",
     most_frames: int | None = None,
     options: RedundancyOptions | None = None,
     external_loads: File | None = None,
@@ -174,15 +177,17 @@ def assess(  # noqa: PLR0913 (a notebook names what it changes)
 
     The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. cuffs: as
     cuffs_of() takes them: cuffs or fits, mappings, a DataFrame, or the path of a cuffs.json. rest_lengths [m] and
-    reference_rest_length [m] replace those of the suit; activations() of the result is at the latter. draws:
-    number of draws of the cuffs from the covariance of their fit, at least 40, or 0 for no intervals; most_frames:
-    limit of the frames that are solved;
-    external_loads: OpenSim's ExternalLoads (.xml). The findings of the result are those that `station assess` prints.
-    Raises FitError for cuffs that cannot be worn, ModelError, SuitError.
+    reference_rest_length [m] replace those of the suit; activations() of the result is at the latter. people: number of
+    people drawn for intervals and the decision, at least 40, or 0 for none; None: as the bundled budget, and 0 with
+    elastic tendons. sources: "all" of the budget, or "cuffs" for the noise of their fit alone. most_frames: limit of
+    the frames that are solved; external_loads: OpenSim's ExternalLoads (.xml). The findings of the result are those
+    that `station assess` prints; its uncertainty.decisions are the decision. Raises FitError for cuffs that cannot be
+    worn, ModelError, SuitError.
     """
-    fits, drawn = cuffs_of(cuffs), DrawSettings(count=draws)
-    if draws:
-        ensure_at_least("draws", draws, LEAST_DRAWS)
+    fits = cuffs_of(cuffs)
+    ensure_known("sources", sources, get_args(SourceChoice))
+    if people is not None:
+        ensure_at_least("people", people, LEAST_DRAWS if people else 0)
     worn = worn_cuffs(fits, ())
     model = model or load_model()
     _ensure_model(model)
@@ -194,10 +199,14 @@ def assess(  # noqa: PLR0913 (a notebook names what it changes)
         every = math.ceil(len(kinematics.time) / most_frames)
     loads, on_inputs = _loads(external_loads, model, kinematics)
     motion = LoadedMotion(model, kinematics, loads, _options(options))
-    worn_suit = _with_lengths(_suit(suit), rest_lengths, reference_rest_length)
-    found = assess_suit(motion, worn_suit, worn, every=every, draws=drawn)
-    has_covariance = any(cuff.covariance.any() for cuff in worn)
-    on_suit = assessment_findings(found, has_covariance=has_covariance) + cuff_findings(fits.values())
+    case = AssessedCase(model, kinematics, _with_lengths(_suit(suit), rest_lengths, reference_rest_length))
+    found = assess_suit(motion, case.suit, worn, every=every)
+    budget = read_budget(people=people)
+    are_drawn = bool(budget.sample.people) and not (people is None and motion.options.tendons == "elastic")
+    if are_drawn:
+        ensure_all_frames(motion.options, budget.sample.frames)
+        found, _ = assess_people(PeopleRun(budget, sources=sources), case, motion, worn, found)
+    on_suit = assessment_findings(found, are_people_drawn=are_drawn) + cuff_findings(fits.values())
     return replace(found, findings=(*on_suit, *on_inputs, *left_out_findings(model, None)))
 
 

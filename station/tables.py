@@ -16,7 +16,6 @@ from recordings.manifest import DataOrigin
 from solver.suit.assessment import Assessment
 from solver.suit.optimise import OptimisedSuit
 from solver.suit.quantity import Quantity
-from solver.uncertainty.total import TotalUncertainty
 from station.assessment.interval_sources import sources_text
 from station.cuff_text import of_cuff
 from station.folded_table import FoldedTable
@@ -111,21 +110,17 @@ def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> Fol
     return table
 
 
-def assessment_table(assessment: Assessment, total: TotalUncertainty | None = None) -> FoldedTable:
-    """Normalised muscle effort of every condition at the reference rest length and at its best one.
-
-    Intervals are of the total uncertainty where it is known, otherwise of what was drawn.
-    """
+def assessment_table(assessment: Assessment) -> FoldedTable:
+    """Normalised muscle effort of every condition at the reference rest length and at its best one."""
     reference = f"effort at {assessment.reference_rest_length:.3f} m"
     summary = assessment.uncertainty
-    sources = "all sources" if total else sources_text(summary.sources) if summary else ""
-    interval = f"; in brackets: 95 % interval of {sources}" if sources else ""
+    interval = f"; in brackets: 95 % interval, containing {sources_text(summary.sources)}" if summary else ""
     table = FoldedTable(caption=f"{EFFORT_AND_ERROR}{interval}")
     table.add_column("condition", no_wrap=True)
     for heading in ("cuff", reference, "best rest length [m]", "effort there", "permissible error [cm]"):
         table.add_column(heading)
     for curve in assessment.curves:
-        figures = curve.figures if total is None else total.figures[curve.condition, curve.cuff]
+        figures = curve.figures
         table.add_row(
             curve.condition.replace("_", "-"),
             curve.cuff or "",

@@ -6,7 +6,7 @@ Cost is the sum of w a² over muscles and frames, relative to that of the suit w
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING, Literal
@@ -23,8 +23,9 @@ from solver.errors import SolverCode
 from solver.findings import CodedFinding, describe_codes
 from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
-from solver.suit.quantity import Quantity, bounds_of, quantity_of_draws
-from solver.suit.readouts import FIGURES, CurveReadouts, read_off_curves
+from solver.suit.decision import Basis, CuffDecision, DecisionRule
+from solver.suit.quantity import Quantity
+from solver.suit.readouts import FIGURES, CurveReadouts, Place, read_off_curves
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
     Condition,
@@ -32,13 +33,11 @@ from solver.suit.scenarios import (
     ScenarioEffort,
     SuitedMotion,
     SuitScenario,
-    ensure_all_frames,
     prepare_suited_motion,
     solve_scenarios,
     solve_without_suit,
 )
 from solver.suit.suit import Suit, SuitError
-from solver.suit.uncertainty import DrawnScenarios, DrawnSource, DrawSettings, solve_draws
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,6 +53,7 @@ class EffortCurve(EqualByFields):
 
     cuff          the arm cuff's name, None in the rigid condition
     cost          (rest lengths,) normalised cost of the muscles;  reserve_cost (rest lengths,) of the reserves
+    cost_ci95     (rest lengths, 2) ends of the 95 % interval of cost, NaN where it is unknown; None without people
     activations   (frames, muscles) at the reference rest length
     unsolved      (frame, rest length) pairs that are not SOLVED
     figures       name of a field of CurveReadouts → its figure, with the unit given there
@@ -68,6 +68,7 @@ class EffortCurve(EqualByFields):
     unsolved: int
     figures: Mapping[str, Quantity]
     reduction: Mapping[str, Quantity]
+    cost_ci95: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -84,18 +85,32 @@ class Comparison:
         return None if interval is None else not interval[0] <= 0 <= interval[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class UncertaintySummary:
-    """Settings of the draws, and the error of their decimation.
+    """Where the intervals of an assessment are from, and the decision between the arm cuffs.
 
+    people    drawn;  solved: with an effort at the reference rest length of every curve;  every: N-th frame
+    unsolved  outcome of the people who are not solved → number, the most frequent first
+    sources   groups of sources that were drawn
+    content   bounds (95 %) of the part of all people that an interval from so many contains
     largest_difference  name of a field of CurveReadouts → largest |decimated − whole| over all conditions, or NaN
-    sources             what was drawn
+    decisions between the cuffs that yield and have migrated;  rule: as decided
     """
 
-    draws: int
+    people: int
+    solved: int
     every: int
+    unsolved: Mapping[str, int]
+    sources: tuple[str, ...]
+    content: tuple[float, float]
     largest_difference: Mapping[str, float]
-    sources: tuple[DrawnSource, ...]
+    decisions: Mapping[Basis, CuffDecision]
+    rule: DecisionRule
+
+    @property
+    def is_total(self) -> bool:
+        """Whether more than the noise of the cuffs' fit was drawn."""
+        return set(self.sources) != {"fit"}
 
 
 TABLE = {
@@ -118,7 +133,7 @@ class Assessment(EqualByFields):
     waist_cuff      name of the cuff that yields at the waist, None for a rigid one
     slack           (frames, muscles) activations with a slack cord
     curves          rigid first, then each arm cuff in each condition
-    uncertainty     None without draws, or where no cuff has an uncertainty
+    uncertainty     where the intervals are from, None without drawn people; see solver.uncertainty.total
     scenarios       number of scenarios that were solved
     outcomes        each FrameOutcome but SOLVED that occurs → (frame, scenario) pairs that ended so
     muscle_outcomes each MuscleOutcome but CONVERGED that occurs → frames in which a muscle ended so
@@ -236,21 +251,15 @@ def assess(
     cuffs: Iterable[CuffParameters],
     *,
     every: int = 1,
-    draws: DrawSettings | None = None,
     progress: Progress = lambda *_: None,
 ) -> Assessment:
     """Evaluate the suit in every condition: rigid; shifted, yielding and both, with every arm cuff and the waist cuff.
 
     Muscles are solved in every N-th frame; progress(what, done, total) counts frames. External loads act in every
-    scenario, also with the slack cord. The intervals hold the uncertainty of the cuffs and of the drawn motions; with
-    a count of 0 there are none. Raises SuitError without an arm cuff, with two waist cuffs, for a suit that does not
-    fit or whose cord is always slack; MotionError for a motion that leaves the range of a joint; ModelError for elastic
-    tendons with draws or in some frames only.
+    scenario, also with the slack cord. There are no intervals; solver.uncertainty.total adds those of drawn people.
+    Raises SuitError without an arm cuff, with two waist cuffs, for a suit that does not fit or whose cord is always
+    slack; MotionError for a motion that leaves the range of a joint; ModelError for elastic tendons in some frames.
     """
-    draws = draws or DrawSettings()
-    apart = draws.frames_apart(len(motion.kinematics.time))
-    if draws.count:  # before all frames are solved
-        ensure_all_frames(motion.options, apart)
     arms, waist = _arms_and_waist(cuffs)
     suited = prepare_suited_motion(motion, suit, every)
     suited.ensure_pulls()
@@ -258,15 +267,6 @@ def assess(
     slack, efforts = solve_scenarios(suited, scenarios, partial(progress, "solving muscles"))
     bare = solve_without_suit(suited, slack)
     readouts = _read(suited, slack, scenarios, efforts)
-    drawn = None
-    if sources := draws.sources(cuff for cuff in (waist, *arms) if cuff):
-        decimated = [
-            prepare_suited_motion(replace(motion, kinematics=kinematics), suit, apart)
-            for kinematics in (motion.kinematics, *draws.motions)
-        ]
-        span = _all_tried if draws.motions else _around_optimum
-        spans = {_place(w): span(suit, w, reading) for w, reading in zip(scenarios, readouts, strict=True)}
-        drawn = solve_draws(decimated, waist, arms, draws.count, spans, partial(progress, "varying cuffs"))
     everything = [slack, bare, *efforts]
     return Assessment(
         muscles=motion.model.muscle_names,
@@ -278,11 +278,11 @@ def assess(
         waist_cuff=waist.name if waist else None,
         slack=slack.activations[0],
         curves=tuple(
-            _curve(suited.measured, scenario, effort, reading, drawn)
+            _curve(suited.measured, scenario, effort, reading)
             for scenario, effort, reading in zip(scenarios, efforts, readouts, strict=True)
         ),
-        comparisons=_comparisons(arms, scenarios, readouts, drawn),
-        uncertainty=_uncertainty(scenarios, readouts, drawn, sources),
+        comparisons=_comparisons(arms, scenarios, readouts),
+        uncertainty=None,
         scenarios=sum(len(effort.muscles) for effort in everything),
         outcomes=_outcomes(everything),
         muscle_outcomes=_muscle_outcomes(suited),
@@ -339,37 +339,14 @@ def _read(
     return readouts
 
 
-def _place(scenario: SuitScenario) -> tuple[Condition, str | None]:
+def _place(scenario: SuitScenario) -> Place:
     return scenario.condition, scenario.arm.name if scenario.arm else None
 
 
-def _all_tried(suit: Suit, scenario: SuitScenario, _: CurveReadouts) -> tuple[float, float]:
-    """All rest lengths and what the cuffs have slipped: another motion moves the optimum by centimetres."""
-    first, last = suit.rest_lengths[[0, -1]].tolist()
-    return first + scenario.migration, last + scenario.migration
-
-
-def _around_optimum(suit: Suit, scenario: SuitScenario, reading: CurveReadouts) -> tuple[float, float]:
-    """Rest lengths around the optimum, wide enough for its permissible error and for cuffs that differ somewhat; the
-    migration of the cuffs is added.
-    """
-    length, width = float(reading.rest_length[0]), float(reading.permissible_error[0])
-    if np.isnan(length + width):
-        return _all_tried(suit, scenario, reading)
-    return length - width + scenario.migration, length + width + scenario.migration
-
-
 def _curve(
-    measured: Sequence[str],
-    scenario: SuitScenario,
-    effort: ScenarioEffort,
-    reading: CurveReadouts,
-    drawn: DrawnScenarios | None,
+    measured: Sequence[str], scenario: SuitScenario, effort: ScenarioEffort, reading: CurveReadouts
 ) -> EffortCurve:
     condition, cuff = _place(scenario)
-    versions = drawn.readouts[condition, cuff] if drawn else None
-    if versions is not None and len(versions.at_reference) == 1:  # rigid cuffs in a motion without doubt
-        versions = None
     return EffortCurve(
         condition=condition,
         cuff=cuff,
@@ -377,54 +354,21 @@ def _curve(
         reserve_cost=effort.reserves[:-1],
         activations=effort.activations[-1],
         unsolved=effort.unsolved,
-        figures={
-            name: quantity_of_draws(
-                getattr(reading, name)[0],
-                getattr(versions, name) if versions else None,
-                bounds_of(versions, name) if versions else None,
-            )
-            for name in FIGURES
-        },
-        reduction={
-            name: quantity_of_draws(reading.reduction[0, i], versions.reduction[:, i] if versions else None)
-            for i, name in enumerate(measured)
-        },
+        figures={name: _quantity(getattr(reading, name)[0]) for name in FIGURES},
+        reduction={name: _quantity(reading.reduction[0, i]) for i, name in enumerate(measured)},
     )
 
 
 def _comparisons(
-    arms: Sequence[CuffParameters],
-    scenarios: Sequence[SuitScenario],
-    readouts: Sequence[CurveReadouts],
-    drawn: DrawnScenarios | None,
+    arms: Sequence[CuffParameters], scenarios: Sequence[SuitScenario], readouts: Sequence[CurveReadouts]
 ) -> tuple[Comparison, ...]:
     cost = {_place(w)[1]: r.at_reference[0] for w, r in zip(scenarios, readouts, strict=True) if w.condition == "both"}
-    compared = []
-    for a, b in combinations([arm.name for arm in arms], 2):
-        versions = None
-        if drawn:
-            versions = drawn.readouts["both", a].at_reference - drawn.readouts["both", b].at_reference
-        compared.append(Comparison((a, b), quantity_of_draws(cost[a] - cost[b], versions)))
-    return tuple(compared)
+    pairs = combinations([arm.name for arm in arms], 2)
+    return tuple(Comparison((a, b), _quantity(cost[a] - cost[b])) for a, b in pairs)
 
 
-def _uncertainty(
-    scenarios: Sequence[SuitScenario],
-    readouts: Sequence[CurveReadouts],
-    drawn: DrawnScenarios | None,
-    sources: tuple[DrawnSource, ...],
-) -> UncertaintySummary | None:
-    if drawn is None:
-        return None
-    names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
-    largest = {}
-    for name in names:
-        decimated = [getattr(drawn.readouts[_place(scenario)], name)[0] for scenario in scenarios]
-        # NaN if one of them is NaN; the result of max() would depend on their order
-        largest[name] = float(
-            np.max(np.abs(np.subtract(decimated, [getattr(readout, name)[0] for readout in readouts])))
-        )
-    return UncertaintySummary(drawn.count, drawn.every, largest, sources)
+def _quantity(value: float) -> Quantity:
+    return Quantity(None if np.isnan(value) else float(value))
 
 
 def _outcomes(efforts: Sequence[ScenarioEffort]) -> dict[FrameOutcome, int]:

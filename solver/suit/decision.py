@@ -11,14 +11,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from solver.suit.quantity import MOST_UNKNOWN, interval_of_draws
 
-MOST_UNKNOWN = 0.1
-"""Share of people without a solution above which no decision is made: they are not a random sample."""
+Array = NDArray[np.float64]
+Basis = Literal["at_reference", "at_best"]
+"""Every cuff at the suit's reference rest length, or each at its own best rest length."""
+BASES: Mapping[Basis, str] = {"at_reference": "at_reference", "at_best": "lowest_cost"}
+"""Basis → field of CurveReadouts with the effort."""
 
 
 class DecisionOutcome(StrEnum):
@@ -113,11 +117,10 @@ def decide(efforts: Mapping[str, Array], rule: DecisionRule | None = None) -> Cu
 def compare(efforts: Mapping[str, Array], cuffs: tuple[str, str], relevant_difference: float) -> PairProbability:
     """Probabilities for two cuffs from finite efforts (people,)."""
     difference = efforts[cuffs[0]] - efforts[cuffs[1]]
-    low, high = np.quantile(difference, [0.025, 0.975])
     first = float((difference <= -relevant_difference).mean())
     second = float((difference >= relevant_difference).mean())
     equivalent = float((np.abs(difference) < relevant_difference).mean())
-    return PairProbability(cuffs, float(difference.mean()), (float(low), float(high)), first, second, equivalent)
+    return PairProbability(cuffs, float(difference.mean()), interval_of_draws(difference), first, second, equivalent)
 
 
 def _joint(

@@ -1,6 +1,6 @@
 """Optimise a suit for one pair of cuffs: rest length and, optionally, stiffness and attachment points.
 
-Two optima: for the cuffs as fitted, and the robust one, with the least mean cost of cuffs drawn from their covariance.
+Two optima: for the cuffs as fitted, and the robust one, with the least mean cost over drawn cuffs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from solver.suit.scenarios import (
     solve_scenarios,
 )
 from solver.suit.suit import Suit, SuitError
-from solver.suit.uncertainty import SEED, DrawSettings, draw_cuff
 
 Array = NDArray[np.float64]
 Freedom = Literal["stiffness", "waist", "shoulder", "arm"]
@@ -37,6 +36,7 @@ STIFFNESS_STEP, MOST_STIFFNESS_STEPS = np.log(1.2), 8.0  # a factor of 4.3 eithe
 POINT_STEP, MOST_POINT_STEPS = 0.01, 5.0  # m
 PRECISION = 0.01  # of a step
 TRIES_PER_FREEDOM = 80
+MOST_APART, LEAST_FRAMES = 20, 30  # of the frames in which suits are tried
 STAGE = "trying suits"
 
 
@@ -52,7 +52,7 @@ class SuitCandidate:
     """A suit at its reference rest length, and its normalised cost.
 
     cost      with the fitted cuffs, muscles solved in all selected frames
-    drawn     (draws,) with the drawn cuffs, in the frames of the draws; empty without draws
+    drawn     (draws,) with the drawn cuffs, in the frames in which suits are tried; empty without draws
     at_limit  parameters at the limit of the search
     outcome   of the search that found it
     """
@@ -81,22 +81,24 @@ def optimise_suit(
     condition: Condition = "both",
     free: Sequence[Freedom] = (),
     *,
-    draws: DrawSettings | None = None,
+    drawn: Sequence[Pair] = (),
+    every: int | None = None,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> OptimisedSuit:
     """Search by the simplex method of Nelder and Mead, from the suit's reference rest length, with a waist cuff, None a
     rigid one, and an arm cuff.
 
-    Muscles are solved in the frames of the draws, 50 draws of the cuffs by default; motions are not drawn. Raises as
-    prepare_suited_motion, and if the cord never pulls. A candidate that cannot be solved has infinite cost.
+    drawn are the same cuffs drawn again, for the robust optimum. Muscles are solved in every N-th frame; None: 20, or
+    less where a short motion, as a stride, would keep fewer than 30 frames. Raises as prepare_suited_motion, and if the
+    cord never pulls. A candidate that cannot be solved has infinite cost.
     """
     if suit.is_straight and "shoulder" in free:
         raise SuitError("a straight cord has no shoulder point to move; free another point", SolverCode.SUIT)
-    draws, (waist, arm) = draws or DrawSettings(count=50), cuffs
-    decimated = prepare_suited_motion(motion, suit, draws.frames_apart(len(motion.kinematics.time)))
+    apart = every or min(MOST_APART, max(1, len(motion.kinematics.time) // LEAST_FRAMES))
+    decimated = prepare_suited_motion(motion, suit, apart)
     decimated.ensure_pulls()
     search = _Search(decimated, condition, tuple(free), progress)
-    pairs = _drawn_pairs(waist, arm, draws.count if condition != "rigid" else 0)
+    pairs = [cuffs, *(drawn if condition != "rigid" else ())]
     fitted = search.best(pairs[:1])
     robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted
     progress(STAGE, search.tried, search.tried)  # the total was the limit of iterations; it is now what was needed
@@ -112,15 +114,6 @@ def optimise_suit(
         for candidate, at_limit, outcome in ((suit, (), SearchOutcome.CONVERGED), fitted, robust)
     )
     return OptimisedSuit(start, best, safe, search.tried)
-
-
-def _drawn_pairs(waist: CuffParameters | None, arm: CuffParameters, draws: int) -> list[Pair]:
-    """The fitted pair, then the drawn ones, if any of the two has an uncertainty."""
-    if not any(cuff.covariance.any() for cuff in (waist, arm) if cuff):
-        draws = 0
-    generator = np.random.default_rng(SEED)
-    waists = draw_cuff(waist, draws, generator) if waist else [None] * (draws + 1)
-    return list(zip(waists, draw_cuff(arm, draws, generator), strict=True))
 
 
 def _costs(suited: SuitedMotion, suit: Suit, condition: Condition, pairs: Sequence[Pair]) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.suit.readouts import CurveReadouts
@@ -14,6 +15,8 @@ from solver.suit.readouts import CurveReadouts
 Array = NDArray[np.float64]
 
 TAIL = 0.025
+MOST_UNKNOWN = 0.1
+"""Share of draws without a solution above which there is no interval and no decision: they are no random sample."""
 COLUMNS = {"rest_length": 1, "lowest_cost": 2, "to_slack": 3}
 """Field of CurveReadouts → column of its bounds."""
 
@@ -54,29 +57,47 @@ def bounds_of(versions: CurveReadouts, name: str) -> EdgeBounds | None:
     return EdgeBounds(versions.bounds[:, COLUMNS[name]], sides)
 
 
-def quantity_of_draws(value: float, versions: Array | None, bounds: EdgeBounds | None = None) -> Quantity:
-    """versions (1 + draws,): of the fitted cuffs, then of the drawn ones, on fewer frames than the value; NaN where a
-    draw has none, and its bound counts.
+def quantity_of_draws(value: float | None, versions: Array, bounds: EdgeBounds | None = None) -> Quantity:
+    """versions (1 + draws,): of the assessment on the frames of the draws, then of the draws; the difference between
+    the value and the first is added to the others. Where a draw has none, its bound counts. A draw without either is
+    left out; if more than MOST_UNKNOWN of them are, there is no interval.
     """
-    if np.isnan(value):
-        return Quantity(None)
-    if versions is None or np.isnan(versions[0]):
-        return Quantity(float(value))
+    if value is None or np.isnan(versions[0]):
+        return Quantity(value)
     sides = np.zeros(len(versions))
     if bounds is not None:
         sides = np.where(np.isnan(versions), bounds.sides, 0.0)
         versions = np.where(np.isnan(versions), bounds.values, versions)
-    if np.isnan(versions).any():
-        return Quantity(float(value))
-    low, high = np.quantile(versions[1:] - versions[0], [TAIL, 1 - TAIL])
+    is_known = np.isfinite(versions[1:])
+    if not is_known.any() or is_known.mean() < 1 - MOST_UNKNOWN:
+        return Quantity(value)
+    low, high = interval_of_draws(versions[1:][is_known] - versions[0])
     # The value is always inside: a minimum, as the lowest cost, is below that of most draws.
     ends = float(value + min(low, 0.0)), float(value + max(high, 0.0))
-    return Quantity(float(value), ends, _censored(sides[1:]))
+    return Quantity(value, ends, _censored(sides[1:][is_known]))
+
+
+def interval_of_draws(values: Array) -> tuple[float, float]:
+    """The 95 % interval of finite values (draws,): order statistics at p (n + 1), between which the next draw lies with
+    95 % (David and Nagaraja 2003, Order Statistics, ch. 7.3); the outermost two of fewer than 39.
+    """
+    low, high = np.quantile(values, [TAIL, 1 - TAIL], method="weibull")
+    return float(low), float(high)
+
+
+def content_of_intervals(draws: int) -> tuple[float, float]:
+    """Bounds (95 %) of the part of all draws that an interval of this number of draws contains.
+
+    Between the order statistics r and s of n draws it has the distribution Beta(s − r, n + 1 − s + r).
+    """
+    inside = (1 - 2 * TAIL) * (draws + 1)
+    least, most = (float(scipy.stats.beta.ppf(p, inside, draws + 1 - inside)) for p in (TAIL, 1 - TAIL))
+    return least, most
 
 
 def _censored(sides: Array) -> CensoredEnd | None:
     """Which ends are bounds: those that the quantile takes from draws at the edge, or where these lie within it."""
-    most = math.floor(TAIL * (len(sides) - 1))
+    most = max(math.floor(TAIL * (len(sides) + 1)) - 1, 0)
     is_low, is_high = (np.count_nonzero(sides == side) > most for side in (-1, 1))
     if is_low and is_high:
         return CensoredEnd.BOTH

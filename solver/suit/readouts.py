@@ -15,6 +15,8 @@ from solver.suit.curve_minimum import find_minimum
 from solver.suit.scenarios import Condition, ScenarioEffort, SuitedMotion, SuitScenario
 
 Array = NDArray[np.float64]
+Place = tuple[Condition, str | None]
+"""Condition and arm cuff's name, None where all cuffs are rigid."""
 Solved = tuple[SuitScenario, ScenarioEffort]
 """A scenario and its effort; the last rest length is the reference, the others are those tried."""
 
@@ -60,10 +62,6 @@ class CurveReadouts:
     reduction: Array
     efforts: Array
     outcome: NDArray[np.str_]
-
-    def part(self, versions: slice) -> CurveReadouts:
-        """These versions alone."""
-        return CurveReadouts(**{field.name: getattr(self, field.name)[versions] for field in fields(self)})
 
 
 _OTHERS = {"bounds", "reduction", "efforts", "outcome"}

@@ -6,7 +6,7 @@ matrices of the redundancy problem; those who differ in body, muscles or motion 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import islice
@@ -14,11 +14,12 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.cuff import CuffParameters
+from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode, SolverError
 from solver.motion import Kinematics
+from solver.suit.assessment import Assessment
 from solver.suit.curve_minimum import edge_of_minimum
-from solver.suit.readouts import CurveReadouts, efforts_at, read_off_curves, stacked
+from solver.suit.readouts import CurveReadouts, Place, efforts_at, read_off_curves, stacked
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
     Condition,
@@ -30,7 +31,6 @@ from solver.suit.scenarios import (
     solve_scenarios,
 )
 from solver.suit.suit import Suit
-from solver.suit.uncertainty import Place
 from solver.uncertainty.factors import RandomFactor, Scores, columns_of, random_factors, scores_by_factor
 from solver.uncertainty.sources import UncertaintySources
 from solver.uncertainty.varied_model import MODEL_FACTORS, varied_cuff, varied_model, varied_options, varied_suit
@@ -41,7 +41,6 @@ Array = NDArray[np.float64]
 NODES = 8  # rest lengths of a person's curve
 SHORTER_NODES = 5  # below them, where the effort is drawn and no optimum expected
 MOST_SHIFTS = 3  # of the rest lengths tried, until the optimum is among them
-FRAMES = 40  # frames of the motion that are solved for a person, at most this number or one more
 UNBOUNDED = (-np.inf, np.inf)
 
 
@@ -80,6 +79,34 @@ class PeopleCase:
         """Greatest length of the cord's line on the body as assessed [m]; the rest lengths tried follow it."""
         suited = prepare_suited_motion(self.motion, self.suit, self.every)
         return float(suited.line.length.max())
+
+
+def people_case(
+    assessment: Assessment,
+    motion: LoadedMotion,
+    suit: Suit,
+    cuffs: Sequence[CuffParameters],
+    sources: UncertaintySources,
+    every: int,
+    drawn: tuple[Kinematics, ...] = (),
+) -> PeopleCase:
+    """What the people of an assessment have in common; the names are those of PeopleCase.
+
+    They try rest lengths around the best one of the assessment, over twice its permissible error; all of the suit's
+    where either is unknown.
+    """
+    arms, waists = by_site(cuffs)
+    waist = waists[0] if waists else None
+    by_name = {arm.name: arm for arm in arms}
+    spans: dict[Place, tuple[float, float]] = {}
+    for curve in assessment.curves:
+        arm = by_name[curve.cuff] if curve.cuff else None
+        length, width = curve.figures["rest_length"].value, curve.figures["permissible_error"].value
+        first, last = suit.rest_lengths[[0, -1]].tolist()
+        low, high = (first, last) if length is None or width is None else (length - width, length + width)
+        moved = SuitScenario(curve.condition, waist if arm else None, arm, suit.rest_lengths).migration
+        spans[curve.condition, curve.cuff] = low + moved, high + moved
+    return PeopleCase(motion, suit, waist, tuple(arms), sources, spans, every, drawn)
 
 
 def solve_people(
@@ -211,17 +238,3 @@ def _unknown(readouts: CurveReadouts, reason: SolverCode) -> CurveReadouts:
     parts = {field.name: getattr(readouts, field.name) for field in fields(CurveReadouts)}
     numbers = {name: np.full_like(part, np.nan) for name, part in parts.items() if name != "outcome"}
     return CurveReadouts(**numbers, outcome=np.array([str(reason)]))
-
-
-def person_spans(
-    suit: Suit, optima: Mapping[Place, tuple[float | None, float | None]], migrations: Mapping[Place, float]
-) -> dict[Place, tuple[float, float]]:
-    """Spans around the best rest length of the fitted cuffs, twice as wide as its permissible error; all rest lengths
-    where either is unknown. optima: both [m]; migrations: of the cuffs together [m].
-    """
-    first, last = suit.rest_lengths[[0, -1]].tolist()
-    spans = {}
-    for place, (length, width) in optima.items():
-        low, high = (first, last) if length is None or width is None else (length - width, length + width)
-        spans[place] = low + migrations[place], high + migrations[place]
-    return spans

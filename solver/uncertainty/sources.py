@@ -97,3 +97,14 @@ class UncertaintySources:
     body: BodySpread = field(default_factory=BodySpread)
     muscles: MuscleSpread = field(default_factory=MuscleSpread)
     motion: MotionSpread = field(default_factory=MotionSpread)
+
+    @property
+    def of_fit(self) -> UncertaintySources:
+        """The noise of the fit alone."""
+        return UncertaintySources(
+            self.fit,
+            DonningSpread(0.0, 0.0, 0.0),
+            BodySpread(0.0, 0.0, 0.0, 0.0),
+            MuscleSpread(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            MotionSpread(0.0, 0.0, 0.0, 0.0),
+        )

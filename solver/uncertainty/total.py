@@ -1,108 +1,130 @@
-"""Intervals of total uncertainty, and the decision between the cuffs, from drawn people."""
+"""Drawn people give an assessment its intervals, its decision between the cuffs, and the bands of its curves."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.suit.assessment import Assessment
-from solver.suit.decision import MOST_UNKNOWN, CuffDecision, DecisionRule, decide
-from solver.suit.quantity import Quantity
-from solver.suit.readouts import FIGURES, CurveReadouts
-from solver.suit.uncertainty import Place
-from solver.uncertainty.cubes import CubesComparison
-from solver.uncertainty.figures import BASES, Basis, IndexedFigure, quantity_of_people, shift_to_assessment
+from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
+from solver.suit.decision import BASES, DecisionRule, decide
+from solver.suit.quantity import bounds_of, content_of_intervals, quantity_of_draws
+from solver.suit.readouts import CurveReadouts, Place
 from solver.uncertainty.indices import SobolIndices
 
 Array = NDArray[np.float64]
+Readouts = Mapping[Place, CurveReadouts]
+IndexedFigure = tuple[str, tuple[str, ...]]
+"""A figure, as "effort_at_reference", with its arm cuff, or with the two of which it is a difference."""
+UNVARIED = 1e-12
+"""Range of efforts that differ by rounding only."""
+COMPARED = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
+"""Figures whose error of decimation is stated."""
 
 
 @dataclass(frozen=True, eq=False)
-class CostBand:
-    """Cost of the assessment and ends of its 95 % interval, (rest lengths,) each; NaN where too many are unknown."""
+class DrawnPeople:
+    """What is known of the people beyond the summary in the assessment.
 
-    cost: Array
-    low: Array
-    high: Array
-
-
-@dataclass(frozen=True, eq=False)
-class TotalUncertainty:
-    """Results for the drawn people.
-
-    people      number drawn;  solved: with an effort at the reference rest length of every curve;  every: N-th frame
-    figures     of each curve: name of a field of CurveReadouts → its figure with the interval of total uncertainty
-    reduction   of each curve: muscle or group of muscles → its figure
-    decisions   between the arm cuffs that yield and have migrated;  rule: as decided
     readouts    of each curve: of the fitted cuffs on the assessed person, then of the people
-    bands       of the normalised cost with every arm cuff that yields and has migrated
+    seed        of the sample;  index_blocks: blocks of the sample for Sobol indices
     indices     of each figure, None where it is unknown or does not vary; empty where none were asked for
-    cubes       the people who were solved again with an effort of cubes, None for none
-    seed        of the sample of people, None if it is not known
-    unsolved    outcome of the people who are not solved → number, the most frequent first
     """
 
-    people: int
-    solved: int
-    every: int
-    figures: Mapping[Place, Mapping[str, Quantity]]
-    reduction: Mapping[Place, Mapping[str, Quantity]]
-    decisions: Mapping[Basis, CuffDecision]
-    rule: DecisionRule
-    readouts: Mapping[Place, CurveReadouts]
-    bands: Mapping[Place, CostBand]
+    readouts: Readouts
+    seed: int
+    index_blocks: int = 0
     indices: Mapping[IndexedFigure, SobolIndices | None] = field(default_factory=dict)
-    cubes: CubesComparison | None = None
-    seed: int | None = None
-    unsolved: Mapping[str, int] = field(default_factory=dict)
 
 
-def total_uncertainty(
-    assessment: Assessment, readouts: Mapping[Place, CurveReadouts], every: int, rule: DecisionRule
-) -> TotalUncertainty:
-    """Compare the people with the assessed person on the same frames; the difference is added to the assessment's
-    figures, which are computed from more frames.
+def with_people(
+    assessment: Assessment, readouts: Readouts, every: int, sources: Sequence[str], rule: DecisionRule
+) -> Assessment:
+    """The assessment with the intervals of readouts (1 + people,), and the decision.
+
+    The first reading is of the assessed person on the frames of the people: its difference from the assessment, which
+    has more frames, is added to the others.
     """
-    curves = {(curve.condition, curve.cuff): curve for curve in assessment.curves}
     solved = np.all([np.isfinite(reading.at_reference[1:]) for reading in readouts.values()], axis=0)
-    efforts: dict[Basis, dict[str, Array]] = {basis: {} for basis in BASES}
-    for (condition, cuff), reading in readouts.items():
-        if condition == "both" and cuff is not None:
-            for basis, name in BASES.items():
-                efforts[basis][cuff] = shift_to_assessment(
-                    curves["both", cuff].figures[name].value, getattr(reading, name)
-                )
-    return TotalUncertainty(
+    curves = tuple(_with_intervals(curve, readouts[curve.condition, curve.cuff]) for curve in assessment.curves)
+    worn = {curve.cuff: curve for curve in curves if curve.condition == "both" and curve.cuff is not None}
+    efforts = {
+        basis: {cuff: _shifted(curve, name, readouts["both", cuff]) for cuff, curve in worn.items()}
+        for basis, name in BASES.items()
+    }
+    summary = UncertaintySummary(
         people=len(solved),
         solved=int(solved.sum()),
         every=every,
-        figures={
-            place: {
-                name: quantity_of_people(curves[place].figures[name].value, getattr(reading, name)) for name in FIGURES
-            }
-            for place, reading in readouts.items()
-        },
-        reduction={
-            place: {
-                muscle: quantity_of_people(figure.value, reading.reduction[:, index])
-                for index, (muscle, figure) in enumerate(curves[place].reduction.items())
-            }
-            for place, reading in readouts.items()
-        },
+        unsolved=_unsolved(list(readouts.values())),
+        sources=tuple(sources),
+        content=content_of_intervals(int(solved.sum())),
+        largest_difference={name: _largest_difference(assessment, readouts, name) for name in COMPARED},
         decisions={basis: decide(drawn, rule) for basis, drawn in efforts.items()},
         rule=rule,
-        readouts=readouts,
-        bands={
-            place: _band(curves[place].cost, reading.efforts)
-            for place, reading in readouts.items()
-            if reading.efforts.shape[1]
-        },
-        unsolved=_unsolved(list(readouts.values())),
     )
+    comparisons = tuple(_compared(comparison, readouts) for comparison in assessment.comparisons)
+    return replace(assessment, curves=curves, comparisons=comparisons, uncertainty=summary)
+
+
+def explained_figures(readouts: Readouts) -> dict[IndexedFigure, Array]:
+    """(people,) of the figures that have Sobol indices: of every arm cuff the effort at the reference rest length and
+    the best rest length, of two cuffs the differences of their efforts.
+    """
+    cuffs = {cuff: reading for (condition, cuff), reading in readouts.items() if condition == "both" and cuff}
+    found: dict[IndexedFigure, Array] = {}
+    for cuff, reading in cuffs.items():
+        found["effort_at_reference", (cuff,)] = reading.at_reference
+        found["best_rest_length", (cuff,)] = reading.rest_length
+    for a, b in combinations(cuffs, 2):
+        for basis, name in BASES.items():
+            found[f"difference_{basis}", (a, b)] = getattr(cuffs[a], name) - getattr(cuffs[b], name)
+    return found
+
+
+def _with_intervals(curve: EffortCurve, versions: CurveReadouts) -> EffortCurve:
+    """Without intervals if nothing that is drawn changes the curve, as that of rigid cuffs by the fit alone."""
+    known = versions.at_reference[np.isfinite(versions.at_reference)]
+    if len(known) and np.ptp(known) < UNVARIED:
+        return curve
+    return replace(
+        curve,
+        figures={
+            name: quantity_of_draws(figure.value, getattr(versions, name), bounds_of(versions, name))
+            for name, figure in curve.figures.items()
+        },
+        reduction={
+            name: quantity_of_draws(figure.value, versions.reduction[:, i])
+            for i, (name, figure) in enumerate(curve.reduction.items())
+        },
+        cost_ci95=_band(curve.cost, versions.efforts),
+    )
+
+
+def _compared(comparison: Comparison, readouts: Readouts) -> Comparison:
+    first, second = (readouts["both", cuff].at_reference for cuff in comparison.cuffs)
+    return replace(comparison, cost_difference=quantity_of_draws(comparison.cost_difference.value, first - second))
+
+
+def _shifted(curve: EffortCurve, name: str, versions: CurveReadouts) -> Array:
+    """(people,) of a figure, moved by what separates the assessed person from the assessment; NaN without a value."""
+    value, drawn = curve.figures[name].value, getattr(versions, name)
+    shifted: Array = drawn[1:] + ((np.nan if value is None else value) - drawn[0])
+    return shifted
+
+
+def _largest_difference(assessment: Assessment, readouts: Readouts, name: str) -> float:
+    """NaN if one of them is NaN; the result of max() would depend on their order."""
+    found = [
+        getattr(readouts[curve.condition, curve.cuff], name)[0] - (np.nan if value is None else value)
+        for curve in assessment.curves
+        for value in [curve.figures[name].value]
+    ]
+    return float(np.max(np.abs(found)))
 
 
 def _unsolved(readouts: Sequence[CurveReadouts]) -> dict[str, int]:
@@ -114,12 +136,9 @@ def _unsolved(readouts: Sequence[CurveReadouts]) -> dict[str, int]:
     return dict(Counter(str(outcome) for outcome in first if outcome is not None).most_common())
 
 
-def _band(cost: Array, versions: Array) -> CostBand:
-    """About the cost (rest lengths,) of the assessment, from versions (people + 1, rest lengths)."""
-    drawn = versions[1:] + (cost - versions[0])
-    is_known = np.isfinite(drawn).mean(axis=0) >= 1 - MOST_UNKNOWN
-    low, high = np.full((2, len(cost)), np.nan)
-    if is_known.any():
-        ends = np.nanquantile(drawn[:, is_known], [0.025, 0.975], axis=0)
-        low[is_known], high[is_known] = np.minimum(ends[0], cost[is_known]), np.maximum(ends[1], cost[is_known])
-    return CostBand(cost, low, high)
+def _band(cost: Array, versions: Array) -> Array | None:
+    """(rest lengths, 2) about the cost, from versions (1 + people, rest lengths); None where people have no efforts."""
+    if not versions.shape[1]:
+        return None
+    quantities = [quantity_of_draws(value, drawn) for value, drawn in zip(cost.tolist(), versions.T, strict=True)]
+    return np.array([quantity.ci95 or (np.nan, np.nan) for quantity in quantities])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +16,15 @@ from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER
 from solver.redundancy.options import RedundancyOptions
 from solver.scaling import Scaling, scale_model
 from solver.suit.suit import PARTS, Suit
-from solver.uncertainty.factors import OUTERMOST, Scores
+from solver.uncertainty.factors import OUTERMOST, RandomFactor, Scores, normal_scores, scores_by_factor, unit_sample
 from solver.uncertainty.sources import BodySpread, DonningSpread, FitSpread, MuscleSpread
 
 Array = NDArray[np.float64]
 
 LEAST_STIFFNESS = 0.05
 """Of a drawn cuff over the fitted one: an error of the fit that is normal would make it negative."""
+
+NO_DONNING = DonningSpread(0.0, 0.0, 0.0)
 
 MODEL_FACTORS = (
     "size",
@@ -88,6 +91,16 @@ def varied_cuff(cuff: CuffParameters, fit: FitSpread, donning: DonningSpread, sc
     return replace(
         cuff, stiffness=max(stiffness, LEAST_STIFFNESS * cuff.stiffness), damping=damping, migration=migration
     )
+
+
+def drawn_cuffs(cuffs: Sequence[CuffParameters], count: int, seed: int = 1) -> list[list[CuffParameters]]:
+    """These cuffs, drawn together from the uncertainty of their fits; empty where none of them has one."""
+    factors = [RandomFactor(f"fit.{cuff.name}", "fit", 3) for cuff in cuffs if cuff.covariance.any()]
+    if not factors or not count:
+        return []
+    sample = normal_scores(unit_sample(factors, count, "latin_hypercube", seed))
+    drawn = [scores_by_factor(factors, row) for row in sample]
+    return [[varied_cuff(cuff, FitSpread(), NO_DONNING, scores) for cuff in cuffs] for scores in drawn]
 
 
 def _spread_factors(donning: DonningSpread, scores: Scores) -> Array:

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fitting.cuffs.wearable_cuff import Cuff, with_interval_covariance
+from fitting.cuffs.wearable_cuff import Cuff
 from fitting.results.standing import Standing
 from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
@@ -19,10 +19,9 @@ from solver.model import Model
 from solver.personalisation.anthropometry import has_arm_segments
 from solver.redundancy.options import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
+from solver.suit.decision import BASES
 from solver.suit.scenarios import LoadedMotion
-from solver.suit.uncertainty import DrawSettings
-from solver.uncertainty.figures import BASES
-from solver.uncertainty.total import TotalUncertainty
+from solver.uncertainty.total import DrawnPeople
 from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
@@ -41,7 +40,7 @@ from station.assessment.assessment_json import (
     plain_emg,
 )
 from station.assessment.case import AssessedCase, read_case
-from station.assessment.decision_json import plain_decision, undecided_by_fit
+from station.assessment.decision_json import plain_decision, without_decision
 from station.assessment.donning import DonningSources, donning_sources
 from station.assessment.drawn_postures import plain_postures
 from station.assessment.emg import MeasuredReduction
@@ -49,7 +48,7 @@ from station.assessment.findings import Finding, findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, assess_people
 from station.assessment.study_comparison import StudyComparisonEntry, compare_with_study
-from station.assessment.total_json import PEOPLE_FILE, people_table, plain_total
+from station.assessment.uncertainty_json import PEOPLE_FILE, people_table, plain_uncertainty
 from station.checksums import write_checksums
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
@@ -71,10 +70,10 @@ class AssessedSuit:
     """Assessment of the cuffs, and a shorter one of another motion (its name first) or None.
 
     emg are measured reductions, inputs the names and hashes of the files, cuffs_standing the check of the cuffs file,
-    subject the wearer whose body and motion were assessed, None without one; total the results for drawn people and
-    donning the spread between donnings that they have, None without a budget of uncertainty; postures: for the picture
-    of the body, suit_names: what its places are called; on_inputs: findings on the motion and the model; study: the
-    source study's answer beside this one.
+    subject the wearer whose body and motion were assessed, None without one; people who gave the intervals, None
+    without any, and donning the spread between donnings that they have; postures: for the picture of the body,
+    suit_names: what its places are called; on_inputs: findings on the motion and the model; study: the source study's
+    answer beside this one; are_people_drawn: whether intervals were asked for.
     """
 
     cuffs: tuple[Cuff, ...]
@@ -86,10 +85,11 @@ class AssessedSuit:
     postures: list[dict[str, Any]]
     suit_names: dict[str, str]
     subject: dict[str, Any] | None = None
-    total: TotalUncertainty | None = None
+    people: DrawnPeople | None = None
     donning: DonningSources | None = None
     on_inputs: tuple[Finding, ...] = ()
     study: StudyComparisonEntry | None = None
+    are_people_drawn: bool = False
 
     @property
     def is_changed(self) -> bool:
@@ -103,8 +103,7 @@ class AssessedSuit:
 
     @property
     def findings(self) -> list[Finding]:
-        has_covariance = any(with_interval_covariance(cuff).covariance.any() for cuff in self.cuffs)
-        on_suit = findings(self.assessment, self.total, has_covariance=has_covariance)
+        on_suit = findings(self.assessment, are_people_drawn=self.are_people_drawn)
         return [*on_suit, *cuff_findings(self.cuffs), *self.on_inputs]
 
 
@@ -114,20 +113,14 @@ def assess_cuffs(
     *,
     most_frames: int | None = None,
     most_rest_lengths: int | None = None,
-    draws: int = 200,
     people: PeopleRun | None = None,
     progress: Progress = silent,
 ) -> AssessedSuit:
-    """Assess the cuffs in a suit on a model, and more briefly for another motion; with `people`, on drawn people, too.
+    """Assess the cuffs in a suit on a model, and more briefly for another motion; with `people`, with intervals.
 
-    most_frames and most_rest_lengths limit the frames and rest lengths, evenly spaced; None: all of them. draws is the
-    number of draws of the cuffs from the covariance of their fit.
+    most_frames and most_rest_lengths limit the frames and rest lengths, evenly spaced; None: all of them.
     """
-    donning = None
-    if people is not None:  # first: a session that cannot be used is reported at once
-        budget = people.budget.donning
-        declared = people.budget.sources.donning
-        donning = donning_sources(declared, inputs.cuffs, people.donnings, estimates=budget.estimate)
+    donning = None if people is None else _donning(people, inputs.cuffs)  # first: its faults are reported at once
     worn = worn_cuffs(cuffs, inputs.chosen)
     case = read_case(inputs, most_rest_lengths, progress)
     model, kinematics, suit = case.model, case.kinematics, case.suit
@@ -140,16 +133,16 @@ def assess_cuffs(
         suit,
         worn,
         every=1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames),
-        draws=DrawSettings(count=draws, motions=case.drawn),
         progress=progress,
     )
     fits = tuple(cuffs[cuff.name] for cuff in worn)
     standing = standing_of_cuffs(inputs.cuffs, fits)
-    total = None
-    if people is not None and donning is not None:
-        total = assess_people(people, case, moving, worn, assessment, progress, donning.spread)
+    drawn_people = None
+    if people is not None:
+        spread = None if donning is None else donning.spread
+        assessment, drawn_people = assess_people(people, case, moving, worn, assessment, progress, spread)
     drawn = plain_postures(model, kinematics, suit, assessment.time)
-    hashes = inputs.hashes() | ({} if people is None else {"budget": people.name})
+    hashes = inputs.hashes() | ({} if people is None else people.inputs)
     subject = None
     if inputs.subject is not None and case.subject is not None:
         cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
@@ -168,11 +161,20 @@ def assess_cuffs(
         drawn,
         names,
         subject,
-        total,
+        drawn_people,
         donning,
         on_inputs,
         study=compare_with_study(case, inputs, worn, assessment),
+        are_people_drawn=people is not None,
     )
+
+
+def _donning(people: PeopleRun, cuffs: Path) -> DonningSources | None:
+    """The spread between donnings of these people; None if the fit alone is drawn."""
+    if people.sources == "cuffs":
+        return None
+    declared, estimates = people.budget.sources.donning, people.budget.donning.estimate
+    return donning_sources(declared, cuffs, people.donnings, estimates=estimates)
 
 
 def _assess_other_motion(
@@ -194,7 +196,7 @@ def _assess_other_motion(
     every = 1 if options.tendons == "elastic" else every
     short, motion = inputs.read_suit(OTHER_REST_LENGTHS), LoadedMotion(loaded, kinematics, options=options)
     count = partial(_report_other, progress)
-    return name, assess(motion, short, worn, every=every, draws=DrawSettings(count=0), progress=count)
+    return name, assess(motion, short, worn, every=every, progress=count)
 
 
 def _findings_on_inputs(case: AssessedCase, on_loads: dict[str, str], *, has_people: bool) -> tuple[Finding, ...]:
@@ -212,14 +214,13 @@ def _report_other(progress: Progress, stage: str, done: int, total: int) -> None
 def assess_file(
     inputs: AssessmentInputs,
     output: Path,
-    draws: int = 200,
     people: PeopleRun | None = None,
     progress: Progress = silent,
 ) -> AssessedSuit:
     """cuffs.json → assessment.json and activations.csv in the output folder, and people.csv if people are drawn."""
     ensure_folder(output)
     cuffs = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
-    assessed = assess_cuffs(cuffs, inputs, draws=draws, people=people, progress=progress)
+    assessed = assess_cuffs(cuffs, inputs, people=people, progress=progress)
     write_assessment(assessed, output)
     return assessed
 
@@ -241,8 +242,7 @@ def decision_sentences(assessed: AssessedSuit) -> list[str]:
     plain = _plain_decision(assessed)
     entries = [plain[basis] for basis in BASES]
     settle = [entry["settle"] for entry in entries if entry.get("settle")]
-    cubes = [plain["cubes"]] if plain.get("cubes") else []
-    return list(dict.fromkeys(entry["text"] for entry in (*entries, *settle, *cubes)))
+    return list(dict.fromkeys(entry["text"] for entry in (*entries, *settle)))
 
 
 def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
@@ -260,8 +260,9 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     plain["findings"] = list(map(str, assessed.findings))
     plain["finding_codes"] = [asdict(finding) for finding in assessed.findings]
     plain["decision"] = _plain_decision(assessed)
-    if assessed.total is not None and assessed.donning is not None:
-        plain["total_uncertainty"] = plain_total(assessed.total, assessed.donning)
+    summary = assessed.assessment.uncertainty
+    if summary is not None and assessed.people is not None:
+        plain["uncertainty"] = plain_uncertainty(summary, assessed.people, assessed.donning)
     plain["against_study"] = None if assessed.study is None else assessed.study.model_dump(mode="json")
     plain["emg"] = plain_emg(assessed.emg)
     plain["postures"] = assessed.postures
@@ -276,16 +277,14 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     write_whole(folder / ASSESSMENT_FILE, POINT.sub(r"[\1, \2, \3]", text) + "\n")
     write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))
     written = [folder / ASSESSMENT_FILE, folder / ACTIVATIONS_FILE]
-    if assessed.total is not None:
-        write_whole(folder / PEOPLE_FILE, people_table(assessed.total))
+    if assessed.people is not None:
+        write_whole(folder / PEOPLE_FILE, people_table(assessed.people))
         written.append(folder / PEOPLE_FILE)
     write_checksums(*written)
 
 
 def _plain_decision(assessed: AssessedSuit) -> dict[str, Any]:
-    total = assessed.total
-    if total is None:
-        return undecided_by_fit(
-            can_draw_people="tendons" not in assessed.inputs, has_subject=assessed.subject is not None
-        )
-    return plain_decision(total, assessed.assessment.reference_rest_length)
+    summary, people = assessed.assessment.uncertainty, assessed.people
+    if summary is None or people is None or not summary.is_total:
+        return without_decision(can_draw_people="tendons" not in assessed.inputs)
+    return plain_decision(summary, people.indices, assessed.assessment.reference_rest_length)

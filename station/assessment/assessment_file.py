@@ -14,7 +14,7 @@ from station.assessment.decision_json import DecisionEntry
 from station.assessment.drawn_postures import PostureEntry
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 from station.assessment.study_comparison import StudyComparisonEntry
-from station.assessment.total_json import TotalUncertaintyEntry, with_total_intervals
+from station.assessment.uncertainty_json import UncertaintyEntry
 from station.errors import StationError
 from station.messages.assessment_file_codes import AssessmentFileCode
 from station.messages.codes import AssessmentCode
@@ -53,9 +53,10 @@ def read_activations(path: Path) -> pd.DataFrame:
 
 
 class SeriesEntry(StrictEntry):
-    """A number for every rest length; null where frames have no solution."""
+    """A number for every rest length; null where frames have no solution, or too many people have no interval."""
 
     value: Annotated[list[float | None], Field(min_length=1)]
+    ci95: list[Annotated[list[float], Field(min_length=2, max_length=2)] | None] | None = None
 
 
 class RestLengthsEntry(StrictEntry):
@@ -96,6 +97,7 @@ class AssessmentInputsEntry(StrictEntry):
     cuffs: str
     subject: str | None = None
     budget: str | None = None
+    donnings: str | None = None
     effort: str | None = None
     cutoff_hz: str | None = None
 
@@ -144,7 +146,7 @@ class AssessmentDocument(AssessedMotionEntry):
     findings: Annotated[list[str], Field(description="finding_codes in sentences")]
     finding_codes: list[AssessedFindingEntry] = Field(default_factory=list)
     decision: DecisionEntry | None = None
-    total_uncertainty: TotalUncertaintyEntry | None = None
+    uncertainty: UncertaintyEntry | None = None
     emg: list[MeasuredReductionEntry]
     cuffs: dict[str, dict[str, NumberEntry | str | list[str] | None]] = Field(default_factory=dict)
     beside: OtherMotionEntry | None = None
@@ -196,9 +198,6 @@ def read_assessment(path: Path) -> dict[str, Any]:
     for part, where in ((plain, ""), (plain.get("beside"), "beside.")):
         if part is not None:
             _check_conditions(path, part, where)
-    if document.total_uncertainty is not None:
-        _check_conditions(path, with_total_intervals(plain), "total_uncertainty.")
-        _check_bands(path, plain)
     if len(document.postures) not in (0, 3):
         raise _refusal(AssessmentFileCode.WRONG_POSTURES, path, count=len(document.postures))
     _check_muscles(path, plain, [row.muscle for row in document.emg])
@@ -231,15 +230,16 @@ def _check_conditions(path: Path, plain: dict[str, Any], where: str) -> None:
                 except ValidationError as error:
                     fault = describe_error(error, context=f"{place}.{condition}".strip("."))
                     raise _refusal(AssessmentFileCode.INVALID_ENTRY, path, reason=fault) from error
-                if key == "cost" and len(entries[condition]["value"]) != len(plain["rest_lengths_m"]["value"]):
-                    raise _wrong_entry(AssessmentFileCode.COST_MISSING, path, place, entries[condition])
+                if key == "cost":
+                    _check_cost(path, place, entries[condition], len(plain["rest_lengths_m"]["value"]))
 
 
-def _check_bands(path: Path, plain: dict[str, Any]) -> None:
-    for cuff, bands in (plain["total_uncertainty"].get("cost") or {}).items():
-        if SHOWN not in bands or len(bands[SHOWN]["ci95"]) != len(plain["rest_lengths_m"]["value"]):
-            where = f"total_uncertainty.cost.{cuff}"
-            raise _wrong_entry(AssessmentFileCode.INTERVAL_MISSING, path, where, bands)
+def _check_cost(path: Path, place: str, entry: dict[str, Any], lengths: int) -> None:
+    """The cost, and its intervals where there are any, must be of every rest length."""
+    if len(entry["value"]) != lengths:
+        raise _wrong_entry(AssessmentFileCode.COST_MISSING, path, place, entry)
+    if entry.get("ci95") is not None and len(entry["ci95"]) != lengths:
+        raise _wrong_entry(AssessmentFileCode.INTERVAL_MISSING, path, place, entry)
 
 
 def _conditions(cuff: str, entry: Any) -> tuple[str, ...]:

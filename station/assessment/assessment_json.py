@@ -13,7 +13,6 @@ from fitting.results.standing import Standing
 from fitting.uncertainty import Estimate
 from solver.suit.assessment import Assessment, EffortCurve
 from solver.suit.quantity import Quantity
-from solver.suit.uncertainty import SEED
 from station.assessment.emg import MeasuredReduction
 from station.assessment.outcomes import FRAME_SENTENCES
 
@@ -61,9 +60,8 @@ def plain_assessment(assessment: Assessment) -> Plain:
         ],
         "waist_cuff": assessment.waist_cuff,
         "rest_lengths_m": _list(assessment.rest_lengths),
-        "cost": by_cuff(lambda curve: _list(curve.cost)),
+        "cost": by_cuff(_cost),
         "reserve_cost": by_cuff(lambda curve: _list(curve.reserve_cost)),
-        "uncertainty": _uncertainty(assessment),
         "frames": known(len(assessment.time)),
         "scenarios": known(assessment.scenarios),
         "unsolved": {
@@ -136,22 +134,11 @@ def _optimum(curve: EffortCurve) -> Plain:
     }
 
 
-def _uncertainty(assessment: Assessment) -> Plain | None:
-    uncertainty = assessment.uncertainty
-    if uncertainty is None:
-        return None
-    return {
-        "draws": known(uncertainty.draws),
-        "seed": known(SEED),
-        "every_frame": known(uncertainty.every),
-        "sources": list(uncertainty.sources),
-        "subsampling_difference": {
-            "at_rigid_optimum": known(uncertainty.largest_difference["at_reference"]),
-            "rest_length_m": known(uncertainty.largest_difference["rest_length"]),
-            "normalised_cost": known(uncertainty.largest_difference["lowest_cost"]),
-            "permissible_error_m": known(uncertainty.largest_difference["permissible_error"]),
-        },
-    }
+def _cost(curve: EffortCurve) -> Plain:
+    plain = _list(curve.cost)
+    if curve.cost_ci95 is not None:
+        plain["ci95"] = [None if np.isnan(ends).any() else ends for ends in curve.cost_ci95.tolist()]
+    return plain
 
 
 def _number(figure: Quantity) -> Plain:

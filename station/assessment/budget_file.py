@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
@@ -21,6 +21,7 @@ from solver.uncertainty.sources import (
     MuscleSpread,
     UncertaintySources,
 )
+from station.assessment.draws import LEAST_DRAWS
 from station.errors import StationError
 from station.messages.codes import InputCode
 from station.messages.message import Message
@@ -39,14 +40,19 @@ Degrees = Annotated[NonNegative, Field(le=20.0)]
 Metres = Annotated[NonNegative, Field(le=0.1)]
 
 
+def _ensure_enough(people: int) -> int:
+    if people and people < LEAST_DRAWS:
+        raise ValueError(f"expected at least {LEAST_DRAWS} people for 95 % intervals, or 0 for none, and got {people}")
+    return people
+
+
 class SampleSection(Section):
     """Number and design of the drawn people."""
 
-    people: Annotated[Whole, Field(ge=2, le=MOST_PEOPLE)]
+    people: Annotated[Whole, AfterValidator(_ensure_enough), Field(le=MOST_PEOPLE)]
     method: Literal["latin_hypercube", "sobol"]
     seed: Annotated[Whole, Field(ge=0)]
     frames: Annotated[Whole, Field(ge=2)]
-    people_with_cubes: Annotated[Whole, Field(ge=0, le=MOST_PEOPLE)]
 
 
 class DecisionSection(Section):

@@ -8,11 +8,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from solver.suit.decision import CuffDecision, DecisionOutcome, DecisionRule, PairProbability
-from solver.uncertainty.cubes import CubesComparison
-from solver.uncertainty.figures import Basis, IndexedFigure
+from solver.suit.assessment import UncertaintySummary
+from solver.suit.decision import Basis, CuffDecision, DecisionOutcome, DecisionRule, PairProbability
 from solver.uncertainty.indices import SobolIndices
-from solver.uncertainty.total import TotalUncertainty
+from solver.uncertainty.total import IndexedFigure
 from station.assessment.assessment_json import known
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 from station.messages.codes import DecisionCode
@@ -56,17 +55,6 @@ class BasisEntry(StrictEntry):
     settle: SettleEntry | None = None
 
 
-class CubesDecisionEntry(StrictEntry):
-    """The decisions of people who were solved with an effort of cubes, and whether squares lead to the same ones."""
-
-    code: Annotated[DecisionCode, Field(strict=False)]
-    people: KnownNumberEntry
-    at_reference: BasisEntry
-    at_best: BasisEntry
-    figures: dict[str, float | str]
-    text: str
-
-
 class DecisionEntry(StrictEntry):
     """Which cuff to choose. contains: "fit" if only the uncertainty of the fit is known, "total" with a budget.
 
@@ -79,12 +67,15 @@ class DecisionEntry(StrictEntry):
     certainty: KnownNumberEntry
     at_reference: BasisEntry
     at_best: BasisEntry
-    cubes: CubesDecisionEntry | None = None
 
 
-def plain_decision(total: TotalUncertainty, reference_rest_length: float) -> dict[str, Any]:
+def plain_decision(
+    summary: UncertaintySummary,
+    indices: Mapping[IndexedFigure, SobolIndices | None],
+    reference_rest_length: float,
+) -> dict[str, Any]:
     """The decision from the efforts of drawn people; reference_rest_length [m]."""
-    rule, drawn = total.rule, total.people
+    rule, drawn = summary.rule, summary.people
     places: dict[Basis, str] = {
         "at_reference": f"At {reference_rest_length:.3f} m",
         "at_best": "Each at its own best rest length",
@@ -95,23 +86,19 @@ def plain_decision(total: TotalUncertainty, reference_rest_length: float) -> dic
         **{
             basis: {
                 **_plain_basis(decision, rule, drawn, places[basis]),
-                "settle": _plain_settle(decision, basis, total.indices),
+                "settle": _plain_settle(decision, basis, indices),
             }
-            for basis, decision in total.decisions.items()
+            for basis, decision in summary.decisions.items()
         },
-        "cubes": None if total.cubes is None else _plain_cubes(total.cubes, rule, places),
     }
 
 
-def undecided_by_fit(
-    rule: DecisionRule | None = None, *, can_draw_people: bool = True, has_subject: bool = False
-) -> dict[str, Any]:
-    """The decision without a budget: none, because one donning's fit is not what differs between days and people.
+def without_decision(rule: DecisionRule | None = None, *, can_draw_people: bool = True) -> dict[str, Any]:
+    """No decision, because the fit of one donning does not contain what differs between days and people.
 
-    can_draw_people: False with elastic tendons, with which people are refused; has_subject: assessed on the wearer
+    can_draw_people: False with elastic tendons, with which people are refused
     """
-    figures: Figures = {"subject": " --subject ." if has_subject else ""}
-    message = Message(DecisionCode.FIT_ONLY, figures) if can_draw_people else Message(DecisionCode.NO_PEOPLE)
+    message = Message(DecisionCode.FIT_ONLY if can_draw_people else DecisionCode.NO_PEOPLE)
     entry = {"code": message.code.value, "text": str(message)}
     return {"contains": "fit", **_plain_rule(rule or DecisionRule(), 0), "at_reference": entry, "at_best": entry}
 
@@ -153,32 +140,6 @@ def _plain_rule(rule: DecisionRule, people: int) -> dict[str, Any]:
         "people": known(people),
         "relevant_difference": known(rule.relevant_difference),
         "certainty": known(rule.certainty),
-    }
-
-
-def _plain_cubes(cubes: CubesComparison, rule: DecisionRule, places: Mapping[Basis, str]) -> dict[str, Any]:
-    differing = [basis for basis in cubes.decisions if not cubes.agrees(basis)]
-    figures: Figures = {"people": cubes.people}
-    if differing:
-        figures = {
-            **figures,
-            **{
-                exponent: " ".join(
-                    str(decision_message(decisions[basis], rule, cubes.people, places[basis])) for basis in differing
-                )
-                for exponent, decisions in (("cubes", cubes.decisions), ("squares", cubes.of_squares))
-            },
-        }
-    message = Message(DecisionCode.CUBES_DIFFER if differing else DecisionCode.CUBES_AGREE, figures)
-    return {
-        "code": message.code.value,
-        "people": known(cubes.people),
-        **{
-            basis: _plain_basis(decision, rule, cubes.people, places[basis])
-            for basis, decision in cubes.decisions.items()
-        },
-        "figures": dict(message.figures),
-        "text": str(message),
     }
 
 

@@ -1,6 +1,6 @@
-"""How many draws of the cuffs give 95 % intervals."""
+"""How many draws give 95 % intervals."""
 
 from __future__ import annotations
 
 LEAST_DRAWS = 40
-"""Of 40 draws one is expected beyond each end of the interval; fewer do not reach its ends."""
+"""From 39 draws on the order statistics of a 95 % interval exist: the least and the greatest of 39 draws."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from documents.interval import digits_of, rounded
 from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
-from solver.uncertainty.total import TotalUncertainty
 from station.assessment.interval_sources import sources_text
 from station.assessment.reserves import LARGE_RESERVES
 from station.messages.codes import AssessmentCode
@@ -34,25 +32,20 @@ MUSCLE_OUTCOMES = {
 Finding = Message[AssessmentCode]
 
 
-def findings(
-    assessment: Assessment, total: TotalUncertainty | None = None, *, has_covariance: bool = True
-) -> list[Finding]:
-    """The findings for terminal and report, the least effort first. Cuffs are compared with the intervals of the total
-    uncertainty where it is known, otherwise with those of the fit.
+def findings(assessment: Assessment, *, are_people_drawn: bool = False) -> list[Finding]:
+    """The findings for terminal and report, the least effort first.
 
-    has_covariance: whether a cuff has a covariance, from which draws could be made
+    are_people_drawn: whether intervals were asked for; without any, there was nothing to draw
     """
-    if total is not None:
-        assessment = replace(assessment, comparisons=_with_total(assessment.comparisons, total))
     return [
         _choice(assessment),
         *(_comparison(comparison, assessment.reference_rest_length) for comparison in assessment.comparisons),
         *_best_rest_lengths(assessment),
         *_rest_lengths_outside_range(assessment),
-        _intervals(assessment.uncertainty, has_covariance=has_covariance) if total is None else _total(total),
-        *_unsolved_people(total),
+        _intervals(assessment.uncertainty, are_people_drawn=are_people_drawn),
+        *_unsolved_people(assessment.uncertainty),
         *_cord_force(assessment),
-        *_migration(assessment, total),
+        *_migration(assessment),
         *_reserves(assessment),
         *_unsolved_frames(assessment),
         *_unconverged_muscles(assessment),
@@ -60,25 +53,11 @@ def findings(
     ]
 
 
-def _with_total(comparisons: Iterable[Comparison], total: TotalUncertainty) -> tuple[Comparison, ...]:
-    """The comparisons with the intervals of the drawn people, which are of the same pairs."""
-    intervals = {pair.cuffs: pair.ci95 for pair in total.decisions["at_reference"].pairs}
-    return tuple(
-        replace(comparison, cost_difference=replace(comparison.cost_difference, ci95=intervals.get(comparison.cuffs)))
-        for comparison in comparisons
-    )
-
-
-def _total(total: TotalUncertainty) -> Finding:
-    figures: Figures = {"people": total.people, "solved": total.solved, "every": total.every}
-    return Message(AssessmentCode.INTERVALS_TOTAL, figures)
-
-
-def _unsolved_people(total: TotalUncertainty | None) -> Iterator[Finding]:
+def _unsolved_people(summary: UncertaintySummary | None) -> Iterator[Finding]:
     """Named, because people without a solution need not be a random part of the sample, and intervals omit them."""
-    if total is not None and total.solved < total.people:
-        outcomes = ", ".join(f"{outcome} {count}" for outcome, count in total.unsolved.items())
-        figures: Figures = {"unsolved": total.people - total.solved, "people": total.people, "outcomes": outcomes}
+    if summary is not None and summary.solved < summary.people:
+        outcomes = ", ".join(f"{outcome} {count}" for outcome, count in summary.unsolved.items())
+        figures: Figures = {"unsolved": summary.people - summary.solved, "people": summary.people, "outcomes": outcomes}
         yield Message(AssessmentCode.PEOPLE_UNSOLVED, figures)
 
 
@@ -157,12 +136,18 @@ def _rest_lengths_outside_range(assessment: Assessment) -> Iterator[Finding]:
         yield Message(AssessmentCode.OUTSIDE_RANGE, {"first_m": float(first), "last_m": float(last)})
 
 
-def _intervals(uncertainty: UncertaintySummary | None, *, has_covariance: bool) -> Finding:
-    if uncertainty is None:
-        return Message(AssessmentCode.NO_INTERVALS if has_covariance else AssessmentCode.NO_COVARIANCE)
-    change = uncertainty.largest_difference
-    drawn = sources_text(uncertainty.sources)
-    figures: Figures = {"draws": uncertainty.draws, "every": uncertainty.every, "drawn": drawn}
+def _intervals(summary: UncertaintySummary | None, *, are_people_drawn: bool) -> Finding:
+    if summary is None:
+        return Message(AssessmentCode.NO_COVARIANCE if are_people_drawn else AssessmentCode.NO_INTERVALS)
+    change, (least, most) = summary.largest_difference, summary.content
+    figures: Figures = {
+        "people": summary.people,
+        "solved": summary.solved,
+        "every": summary.every,
+        "sources": sources_text(summary.sources),
+        "least_percent": 100 * least,
+        "most_percent": 100 * most,
+    }
     if np.isnan(list(change.values())).any():
         return Message(AssessmentCode.INTERVALS_UNVERIFIED, figures)
     changes: Figures = {
@@ -184,11 +169,11 @@ def _cord_force(assessment: Assessment) -> Iterator[Finding]:
         )
 
 
-def _migration(assessment: Assessment, total: TotalUncertainty | None) -> Iterator[Finding]:
+def _migration(assessment: Assessment) -> Iterator[Finding]:
     """The cost of migration with every cuff that also yields, the condition of the comparisons."""
     waist = f" and the {assessment.waist_cuff} cuff" if assessment.waist_cuff else ""
     for curve in assessment.curves:
-        found = curve.figures if total is None else total.figures.get((curve.condition, curve.cuff), curve.figures)
+        found = curve.figures
         lost, cost = found["cord_force_lost"].value, found["cost_per_arm_migration"]
         if curve.condition == "both" and lost is not None and cost.value is not None:
             digits = digits_of(cost.ci95, otherwise=1)

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from recordings.manifest import DataOrigin
-from solver.suit.optimise import Freedom, OptimisedSuit, SuitCandidate, optimise_suit
+from solver.cuff import CuffParameters
+from solver.suit.optimise import Freedom, OptimisedSuit, Pair, SuitCandidate, optimise_suit
 from solver.suit.scenarios import Condition, LoadedMotion
 from solver.suit.suit import PARTS, Suit, suit_toml
-from solver.suit.uncertainty import DrawSettings
+from solver.uncertainty.varied_model import drawn_cuffs
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
     cuff_findings,
@@ -64,7 +65,7 @@ def optimise_file(
         (waist, arm),
         condition,
         free,
-        draws=DrawSettings(count=draws),
+        drawn=_drawn_pairs(waist, arm, draws),
         progress=progress,
     )
     fits = [cuffs[cuff.name] for cuff in (arm, waist) if cuff]
@@ -92,6 +93,12 @@ def optimise_file(
     written = ("optimum.json", "suit.toml", *(("robust_suit.toml",) if optimised.robust.drawn.size else ()))
     write_checksums(*(output / name for name in written))
     return WrittenOptimum(optimised, tuple(remarks))
+
+
+def _drawn_pairs(waist: CuffParameters | None, arm: CuffParameters, draws: int) -> list[Pair]:
+    """Both cuffs, drawn from the uncertainty of their fits."""
+    worn = [arm] if waist is None else [arm, waist]
+    return [(next(iter(others), None), own) for own, *others in drawn_cuffs(worn, draws)]
 
 
 def _write_suit(path: Path, tried: SuitCandidate, description: str) -> None:

@@ -9,24 +9,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.cuff import CuffParameters, by_site
+from solver.cuff import CuffParameters
 from solver.suit.assessment import Assessment
-from solver.suit.readouts import CurveReadouts, stacked
-from solver.suit.scenarios import LoadedMotion, SuitScenario
+from solver.suit.readouts import CurveReadouts, Place, stacked
+from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import suit_toml
-from solver.suit.uncertainty import Place
-from solver.uncertainty.cubes import compare_exponents
 from solver.uncertainty.factors import normal_scores, unit_sample
-from solver.uncertainty.figures import explained_figures
-from solver.uncertainty.indices import group_sample, sobol_indices
-from solver.uncertainty.people import PeopleCase, person_spans, solve_people
+from solver.uncertainty.indices import group_names, group_sample, sobol_indices
+from solver.uncertainty.people import PeopleCase, people_case, solve_people
 from solver.uncertainty.sources import DonningSpread
-from solver.uncertainty.total import TotalUncertainty, total_uncertainty
+from solver.uncertainty.total import DrawnPeople, explained_figures, with_people
 from station.assessment.budget_file import BUNDLED_BUDGET, UncertaintyBudget, read_budget
 from station.assessment.case import AssessedCase
 from station.errors import StationError, UnusedOption
@@ -43,6 +40,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Readouts = dict[Place, CurveReadouts]
 
+SourceChoice = Literal["all", "cuffs"]
 PEOPLE_PER_TASK = 25
 """Some seconds of work, which is lost if the run is interrupted."""
 PARTS_FOLDER = "uncertainty"
@@ -79,6 +77,7 @@ def solve_here(tasks: Sequence[PeopleTask]) -> Iterator[tuple[str, Readouts]]:
 class PeopleRun:
     """How people are drawn and where finished tasks are kept; None keeps nothing.
 
+    sources: all of the budget, or the noise of the cuffs' fit alone
     source: the file of the budget;  index_blocks: blocks of the sample for Sobol indices, 0 for none
     donnings: session folders with repeated donnings, besides those of the assessed cuffs
     """
@@ -89,11 +88,14 @@ class PeopleRun:
     source: Path = BUNDLED_BUDGET
     index_blocks: int = 0
     donnings: tuple[Path, ...] = ()
+    sources: SourceChoice = "all"
 
     @property
-    def name(self) -> str:
-        """Name and SHA-256 of the file, or a name alone for the bundled one."""
-        return "bundled budget of uncertainty" if self.source == BUNDLED_BUDGET else named_hash(self.source)
+    def inputs(self) -> dict[str, str]:
+        """Role → name and SHA-256 of the budget, or a name alone for the bundled one; names of further sessions."""
+        name = "bundled budget of uncertainty" if self.source == BUNDLED_BUDGET else named_hash(self.source)
+        further = {"donnings": ", ".join(folder.resolve().name for folder in self.donnings)} if self.donnings else {}
+        return {"budget": name, **further}
 
 
 def assess_people(
@@ -104,34 +106,33 @@ def assess_people(
     assessment: Assessment,
     progress: Progress = silent,
     donning: DonningSpread | None = None,
-) -> TotalUncertainty:
-    """Draw people about the assessment of the motion with these cuffs; donning replaces the spread of the budget."""
-    case, sample = people_case(run.budget, assessed, motion, cuffs, assessment), run.budget.sample
+) -> tuple[Assessment, DrawnPeople | None]:
+    """The assessment of the motion with these cuffs, with the intervals of drawn people; as it is where nothing varies.
+
+    donning replaces the spread of the budget.
+    """
+    sources, sample = run.budget.sources, run.budget.sample
     if donning is not None:
-        case = replace(case, sources=replace(case.sources, donning=donning))
+        sources = replace(sources, donning=donning)
+    sources = sources if run.sources == "all" else sources.of_fit
+    every = max(1, round(len(motion.kinematics.time) / sample.frames))
+    case = people_case(assessment, motion, assessed.suit, cuffs, sources, every, assessed.drawn)
+    if not case.factors:
+        return assessment, None
     unit = unit_sample(case.factors, sample.people, sample.method, sample.seed)
     scores = np.vstack([np.zeros(unit.shape[1]), normal_scores(unit)])
     readouts = run_people(case, scores, run, progress)
-    total = replace(total_uncertainty(assessment, readouts, case.every, run.budget.rule), seed=sample.seed)
-    if sample.people_with_cubes:
-        again = slice(0, 1 + sample.people_with_cubes)
-        cubes = run_people(_with_cubes(case), scores[again], run, partial(_report, progress, "cubes"))
-        squares = {place: reading.part(again) for place, reading in readouts.items()}
-        total = replace(total, cubes=compare_exponents(squares, cubes, run.budget.rule))
+    found = with_people(assessment, readouts, case.every, group_names(case.factors), run.budget.rule)
+    people = DrawnPeople(readouts, sample.seed, run.index_blocks)
     if run.index_blocks:
         scores = group_sample(case.factors, run.index_blocks, sample.seed)
         figures = explained_figures(run_people(case, scores, run, partial(_report, progress, "Sobol indices")))
-        total = replace(total, indices=sobol_indices(case.factors, figures, sample.seed))
-    return total
+        people = replace(people, indices=sobol_indices(case.factors, figures, sample.seed))
+    return found, people
 
 
 def _report(progress: Progress, part: str, stage: str, done: int, total: int) -> None:
     progress(f"{stage}, {part}", done, total)
-
-
-def _with_cubes(case: PeopleCase) -> PeopleCase:
-    """The same people with an effort of cubes."""
-    return replace(case, motion=replace(case.motion, options=replace(case.motion.options, exponent=3)))
 
 
 def run_people(case: PeopleCase, scores: Array, run: PeopleRun, progress: Progress = silent) -> Readouts:
@@ -152,31 +153,6 @@ def run_people(case: PeopleCase, scores: Array, run: PeopleRun, progress: Progre
         progress("assessing people", done, len(scores))
     parts = [found[task.key] for task in tasks]
     return {place: stacked([part[place] for part in parts]) for place in parts[0]}
-
-
-def people_case(
-    budget: UncertaintyBudget,
-    assessed: AssessedCase,
-    motion: LoadedMotion,
-    cuffs: Sequence[CuffParameters],
-    assessment: Assessment,
-) -> PeopleCase:
-    """What the people have in common; they try rest lengths around the best one of the assessment."""
-    suit = assessed.suit
-    arms, waists = by_site(cuffs)
-    waist = waists[0] if waists else None
-    by_name = {arm.name: arm for arm in arms}
-    optima: dict[Place, tuple[float | None, float | None]] = {}
-    migrations: dict[Place, float] = {}
-    for curve in assessment.curves:
-        place: Place = curve.condition, curve.cuff
-        arm = by_name[curve.cuff] if curve.cuff else None
-        scenario = SuitScenario(curve.condition, waist if arm else None, arm, suit.rest_lengths)
-        optima[place] = curve.figures["rest_length"].value, curve.figures["permissible_error"].value
-        migrations[place] = scenario.migration
-    every = max(1, round(len(motion.kinematics.time) / budget.sample.frames))
-    spans = person_spans(suit, optima, migrations)
-    return PeopleCase(motion, suit, waist, tuple(arms), budget.sources, spans, every, assessed.drawn)
 
 
 def _description(case: PeopleCase) -> bytes:
@@ -245,34 +221,44 @@ def _write_part(folder: Path | None, key: str, readouts: Readouts) -> None:
 
 @dataclass(frozen=True)
 class PeopleOptions:
-    """Options of the command line; index_blocks, donnings, scheduler and workers apply to drawn people only.
-
-    People are drawn if any of the first three is given; workers: processes of this computer.
+    """Options of the command line; people: 0 for none, None for those of the budget; workers: processes of this
+    computer.
     """
 
-    budget: Path | None = None
     people: int | None = None
+    sources: SourceChoice = "all"
+    budget: Path | None = None
     index_blocks: int | None = None
     scheduler: str | None = None
     workers: int | None = None
     donnings: tuple[Path, ...] = ()
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether finished tasks are kept: those of the default take a few seconds."""
+        return (self.people, self.budget, self.index_blocks) != (None, None, None)
 
 
 @contextmanager
 def people_run(output: Path, options: PeopleOptions) -> Iterator[PeopleRun | None]:
     """The run of these options, None if no people are to be drawn; local processes end with the block.
 
-    Raises UnusedOption for a cluster without people.
+    Raises UnusedOption for options of drawn people without any.
     """
-    if options.budget is None and options.people is None and options.index_blocks is None:
-        if options.scheduler is not None or options.workers is not None or options.donnings:
+    source = options.budget or BUNDLED_BUDGET
+    budget = read_budget(source, options.people)
+    if not budget.sample.people:
+        if (options.scheduler, options.workers, options.index_blocks, options.donnings) != (None, None, None, ()):
             raise UnusedOption(Message(InputCode.NO_PEOPLE))
         yield None
         return
-    source = options.budget or BUNDLED_BUDGET
-    folder, blocks = output / PARTS_FOLDER, options.index_blocks or 0
     run = PeopleRun(
-        read_budget(source, options.people), folder, source=source, index_blocks=blocks, donnings=options.donnings
+        budget,
+        output / PARTS_FOLDER if options.is_kept else None,
+        source=source,
+        index_blocks=options.index_blocks or 0,
+        donnings=options.donnings,
+        sources=options.sources,
     )
     scheduler, workers = options.scheduler, options.workers
     if scheduler is None and workers is None:

@@ -19,7 +19,6 @@ from solver.motion import Kinematics
 from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import BUNDLED_SUIT, Suit
-from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.assessment.case import AssessedCase
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
@@ -119,7 +118,6 @@ def _answer(part: str, setting: _Setting, worn: Sequence[CuffParameters], cuff: 
             setting.suit,
             worn,
             every=every,
-            draws=DrawSettings(count=0),
         )
     except SolverError:
         return AnswerEntry(exchanged=part, rest_length_m=NumberEntry(value=None), effort=NumberEntry(value=None))

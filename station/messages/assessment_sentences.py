@@ -10,7 +10,10 @@ from station.messages.codes import AssessmentCode, InputCode
 _CHOICE = "Least effort at {at_m:.3f} m: {cuff}, with migration and compliance {effort:.3f} of that with a slack cord"
 _DIFFERENCE = "{first} − {second}: {difference_percent} % effort at {at_m:.3f} m"
 _INTERVAL = _DIFFERENCE + " (95 % CI {low_percent} to {high_percent} %)"
-_INTERVALS = "Intervals are computed from {draws:.0f} draws of {drawn} on one in {every:.0f} frames"
+_INTERVALS = (
+    "Intervals contain {sources}: {people:.0f} drawn people, {solved:.0f} with a solution. So many people give 95 % "
+    "intervals that hold {least_percent:.0f} to {most_percent:.0f} % of all people. One in {every:.0f} frames is solved"
+)
 _UNSOLVED = "{frames:.0f} of {all_frames:.0f} frames of all scenarios "
 _INFEASIBLE = _UNSOLVED + (
     "are infeasible: no activations between 0 and 1 and controls within their limits give the accelerations"
@@ -45,20 +48,16 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "A dash in place of a best rest length, or of its width, means that it lies outside the range tried, "
         "{first_m:.3f} to {last_m:.3f} m."
     ),
-    AssessmentCode.NO_INTERVALS: ("Intervals are not computed: no draws were requested."),
+    AssessmentCode.NO_INTERVALS: ("Intervals are not computed: no people were drawn."),
     AssessmentCode.NO_COVARIANCE: (
         "Intervals are not computed: the cuffs have no covariance, so there is nothing to draw. Give their standard "
         "errors, or fit the cuffs from recordings."
     ),
     AssessmentCode.INTERVALS: (
-        _INTERVALS + "; this decimation alone changes efforts by up to {effort:.4f}, best rest lengths by up to "
+        _INTERVALS + ", which alone changes efforts by up to {effort:.4f}, best rest lengths by up to "
         "{rest_length_mm:.1f} mm and permissible errors by up to {permissible_error_mm:.1f} mm."
     ),
-    AssessmentCode.INTERVALS_UNVERIFIED: _INTERVALS + "; the effect of this decimation is unknown for some figures.",
-    AssessmentCode.INTERVALS_TOTAL: (
-        "Intervals contain fit, donning, body, muscles and motion: {people:.0f} drawn people, {solved:.0f} with a "
-        "solution, on one in {every:.0f} frames."
-    ),
+    AssessmentCode.INTERVALS_UNVERIFIED: _INTERVALS + "; the effect of this is unknown for some figures.",
     AssessmentCode.PEOPLE_UNSOLVED: (
         "{unsolved:.0f} of {people:.0f} drawn people have no solution for at least one cuff ({outcomes}). The "
         "intervals are of the others, and may be too narrow."
@@ -205,7 +204,8 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     InputCode.TABLE_FORMAT: "the output is {name}, expected a name that ends in {suffixes}",
     InputCode.BUDGET: "{path} is not a budget of uncertainty ({reason}); correct it",
     InputCode.NO_PEOPLE: (
-        "--scheduler, --workers and --donnings are for drawn people, and none are drawn; add --people 1000"
+        "--indices, --scheduler, --workers and --donnings are for drawn people, and none are drawn; leave out "
+        "--people 0"
     ),
     InputCode.NO_GLENOID_TO_KEEP: (
         "{options} needs a shoulder with a glenoid, and the model {model} has none; leave it out"

@@ -38,19 +38,11 @@ DECISIONS: Mapping[StrEnum, str] = {
         "variance that differs from zero. Run `station assess` with --indices 128 or more."
     ),
     DecisionCode.FIT_ONLY: (
-        "No decision: the intervals do not contain the variation of donnings, bodies and muscles. Draw people: in the "
-        "session folder run `station assess --cuffs cuffs.json --output .{subject} --people 1000`, with the other "
-        "options of this assessment."
+        "No decision: the intervals do not contain the variation of donnings, bodies, muscles and motions. Assess "
+        "again without `--people 0` and `--sources cuffs`."
     ),
     DecisionCode.NO_PEOPLE: (
-        "No decision: people are not drawn with elastic tendons. Assess again with `--people "
-        "1000` and without `--tendons elastic`, and compare how much effort the cuffs save with both."
-    ),
-    DecisionCode.CUBES_AGREE: (
-        "With the sum of cubed activations as the effort, {people:.0f} of these people lead to the same statements."
-    ),
-    DecisionCode.CUBES_DIFFER: (
-        "The statements depend on the exponent of the effort. With the sum of cubed activations, {people:.0f} of these "
-        "people: {cubes} With squares, the same people: {squares}"
+        "No decision: people are not drawn with elastic tendons. Assess again without `--tendons elastic`, and compare "
+        "how much effort the cuffs save with both."
     ),
 }

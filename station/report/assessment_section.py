@@ -82,8 +82,8 @@ def places_of(assessment: Plain) -> Mapping[str, str]:
 
 def effort_figures(assessment: Plain) -> list[PlannedFigure]:
     """The first page's picture of the muscles: effort over the rest length with every arm cuff."""
-    total = assessment.get("total_uncertainty") or {}
-    bands = f"; shaded: 95 % bands of {total['people']['value']:.0f} drawn people" if total.get("cost") else ""
+    uncertainty = assessment.get("uncertainty")
+    bands = f"; shaded: 95 % bands of {uncertainty['people']['value']:.0f} drawn people" if uncertainty else ""
     caption = (
         f"Effort over the rest length of the cord, with migration and compliance{bands}. Small dots: lengths solved"
     )

@@ -9,7 +9,7 @@ from typing import Any
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from solver.suit.suit import BUNDLED_SUIT as BUNDLED
 from station.assessment.decision_json import listed
-from station.assessment.interval_sources import sources_of, sources_text
+from station.assessment.interval_sources import sources_text
 from station.messages.codes import AssessmentCode, DecisionCode
 from station.report.cuff_section import Cuffs, effect_of
 from station.report.numbers import Shown, fixed, length, saving_in_words
@@ -143,13 +143,14 @@ def _basis(assessment: Plain) -> Iterator[Shown]:
 
 def intervals_of(assessment: Plain) -> str:
     """What the intervals of the assessment contain; empty without any."""
-    return "the total uncertainty" if assessment.get("total_uncertainty") else sources_text(sources_of(assessment))
+    uncertainty = assessment.get("uncertainty")
+    return sources_text(list(map(str, uncertainty["sources"]))) if uncertainty else ""
 
 
 def _decision(assessment: Plain) -> tuple[str, ...]:
     """Of the best rest lengths and of the reference one."""
     decision = assessment.get("decision") or {}
-    entries = [decision.get(basis) for basis in ("at_best", "at_reference", "cubes")]
+    entries = [decision.get(basis) for basis in ("at_best", "at_reference")]
     texts = [entry["text"] for entry in entries if entry and entry["code"] not in (*ADVICE, DecisionCode.ONLY_CUFF)]
     return tuple(dict.fromkeys(texts))
 

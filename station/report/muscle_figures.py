@@ -232,12 +232,11 @@ def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], band
 
 
 def _bands(assessment: Plain, arms: Sequence[str]) -> Iterator[Band | Line]:
-    """Of total uncertainty, with their edges, which distinguish overlapping bands."""
-    found = (assessment.get("total_uncertainty") or {}).get("cost") or {}
+    """Of the intervals, with their edges, which distinguish overlapping bands."""
     lengths = values(assessment["rest_lengths_m"]["value"])
     for cuff, colour in zip(arms, COLOURS, strict=False):
-        if cuff in found:
-            low, high = values([ends or (None, None) for ends in found[cuff]["both"]["ci95"]]).T
+        if ends_of_lengths := assessment["cost"][cuff]["both"].get("ci95"):
+            low, high = values([ends or (None, None) for ends in ends_of_lengths]).T
             fine, low = _smooth(lengths, low)
             _, high = _smooth(lengths, high)
             yield Band(fine, low, high, colour)

@@ -29,7 +29,6 @@ from fitting.results.standing import Standing
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
-from station.assessment.total_json import with_total_intervals
 from station.checksums import sha256_of, write_checksums
 from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
@@ -75,7 +74,7 @@ class Results:
     """What the text of a page is made of.
 
     document: content of cuffs.json, or what a fit would write there, empty without either
-    assessment: located, with the intervals of total uncertainty where people were drawn
+    assessment: located
     """
 
     folder: Path
@@ -156,7 +155,8 @@ def read_results(folder: Path, fitted: SessionFit | None = None) -> Results:
 
 def located_assessment(assessment: Mapping[str, Any]) -> Mapping[str, Any]:
     """assessment.json as the page shows it."""
-    return with_total_intervals(located(assessment, Source.of(ASSESSMENT_FILE)))
+    found: Mapping[str, Any] = located(assessment, Source.of(ASSESSMENT_FILE))
+    return found
 
 
 def render(results: Results, drawn: Drawn = MappingProxyType({})) -> tuple[str, NumberRegister]:

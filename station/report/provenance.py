@@ -21,7 +21,7 @@ class Draws:
     """Number of random draws, and the seed of their generator."""
 
     count: int
-    seed: int | None
+    seed: int
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,8 @@ class Provenance:
         """Draws behind the interval of an assessed number; None for other numbers."""
         if source.file != ASSESSMENT_FILE or self.assessment is None or source.keys[:1] in (["cuffs"], ["subject"]):
             return None
-        is_total = source.keys[:1] == ["total_uncertainty"]
-        part, key = ("total_uncertainty", "people") if is_total else ("uncertainty", "draws")
-        settings = self.assessment.get(part)
-        if not settings:
-            return None
-        seed = (settings.get("seed") or {}).get("value")
-        return Draws(int(settings[key]["value"]), None if seed is None else int(seed))
+        settings = self.assessment.get("uncertainty")
+        return Draws(int(settings["people"]["value"]), int(settings["seed"]["value"])) if settings else None
 
     def _behind_cuffs_file(self, keys: list[str]) -> Iterable[str]:
         plain = self.cuffs or {}

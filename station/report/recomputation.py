@@ -19,6 +19,8 @@ from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.assessment_json import ASSESSMENT_FILE
+from station.assessment.budget_file import read_budget
+from station.assessment.people_run import PeopleRun, SourceChoice
 from station.checksums import sha256_of
 from station.files.chain import NUMBERS_FILE, Link
 from station.fit import fit_session_folder
@@ -34,8 +36,6 @@ TOLERANCE = 1e-6
 """Relative difference of two numbers that count as equal: other processors and libraries round differently."""
 NOT_COMPUTED = frozenset({"seal", "recordings", "versions", "inputs", "inputs_checked"})
 """Keys that name files and versions."""
-OF_PEOPLE = frozenset({"total_uncertainty", "decision", "findings", "finding_codes"})
-"""Keys that rest on drawn people, where there are any: drawing them again takes minutes."""
 
 Plain = Mapping[str, Any]
 
@@ -94,19 +94,13 @@ def _links(file: str, computed: Plain, results: Results, what: str) -> Iterator[
     """Of a file of results, and of the numbers in the report that are from it; results hold the computed one."""
     plain, listed = _read(results.folder / file) or {}, _listed(results.folder)
     if plain:
-        left_out = _left_out(plain)
-        compared = {key: value for key, value in plain.items() if key not in left_out}
+        compared = {key: value for key, value in plain.items() if key not in NOT_COMPUTED}
         yield _link(f"{file} ← {what}", list(differences(compared, computed)))
     reported = {key: number for key, number in listed.items() if number.source.file == file}
     if reported:
         again = render(results)[1].numbers
         found = [found for key, number in reported.items() for found in _of_number(key, number, again.get(key))]
         yield _link(f"{NUMBERS_FILE} ← {what}, {len(reported)} numbers", found)
-
-
-def _left_out(plain: Plain) -> frozenset[str]:
-    """Keys of a result that are not computed again."""
-    return NOT_COMPUTED | (OF_PEOPLE if plain.get("total_uncertainty") else frozenset())
 
 
 def _of_number(key: str, number: ReportedNumber, again: ReportedNumber | None) -> Iterator[Difference]:
@@ -123,7 +117,9 @@ def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, pro
 
     inputs = _inputs(folder, plain)
     if inputs is None:
-        remark = "its motion, model, suit or effort file is not in this folder; assess it again with those files"
+        remark = (
+            "its motion, model, suit, effort or budget file is not in this folder; assess it again with those files"
+        )
         yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, remark)
         return
     worn = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
@@ -132,15 +128,27 @@ def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, pro
         inputs,
         most_frames=int(plain["frames"]["value"]),
         most_rest_lengths=len(plain["rest_lengths_m"]["value"]),
-        draws=int(plain["uncertainty"]["draws"]["value"]) if plain.get("uncertainty") else 0,
+        people=_people(plain),
         progress=progress,
     )
     with TemporaryDirectory() as written:
         write_assessment(assessed, Path(written))
         computed = read_json(Path(written) / ASSESSMENT_FILE)
-    whole = {**computed, **{key: plain[key] for key in _left_out(plain) & set(plain)}}
+    whole = {**computed, **{key: plain[key] for key in NOT_COMPUTED & set(plain)}}
     results = replace(read_results(folder, fitted), assessment=located_assessment(whole))
     yield from _links(ASSESSMENT_FILE, computed, results, "the model")
+
+
+def _people(plain: Plain) -> PeopleRun | None:
+    """The people of the assessment, drawn again from the bundled budget."""
+    uncertainty = plain.get("uncertainty")
+    if not uncertainty:
+        return None
+    budget = read_budget()
+    people = {"people": int(uncertainty["people"]["value"])}
+    budget = budget.model_copy(update={"sample": budget.sample.model_copy(update=people)})
+    sources: SourceChoice = "cuffs" if uncertainty["sources"] == ["fit"] else "all"
+    return PeopleRun(budget, sources=sources, index_blocks=int(uncertainty["index_blocks"]["value"]))
 
 
 def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
@@ -148,10 +156,18 @@ def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
     named, cuffs = plain["inputs"], folder / CUFFS_FILE
     has_subject = bool(plain.get("subject"))
     is_bundled = {role: named[role].startswith("bundled") for role in ("model", "motion")}
-    others = {"emg", "external_loads", "beside", "effort"} & set(named)
+    has_own_budget = not named.get("budget", "bundled").startswith("bundled")
+    others = {"emg", "external_loads", "beside", "effort", "donnings"} & set(named)
     is_known = has_subject or all(is_bundled.values())
     suit = named["suit"].endswith(sha256_of(BUNDLED_SUIT))
-    if not (is_known and suit and cuffs.is_file() and not others and named["cuffs"].endswith(sha256_of(cuffs))):
+    if not (
+        is_known
+        and suit
+        and cuffs.is_file()
+        and not others
+        and not has_own_budget
+        and named["cuffs"].endswith(sha256_of(cuffs))
+    ):
         return None
     chosen = tuple(name for name, cuff in plain["cuffs"].items() if cuff["site"] != "waist")
     inputs = AssessmentInputs(cuffs, chosen=chosen, paths=named["paths"], subject=folder if has_subject else None)

@@ -127,8 +127,11 @@ def _assess(
     from solver.errors import SolverError
     from station.assessment.assess import assess_cuffs
     from station.assessment.assessment_inputs import AssessmentInputs
+    from station.assessment.budget_file import read_budget
+    from station.assessment.people_run import PeopleRun
 
     inputs = AssessmentInputs(folder / "cuffs.json")
+    options = {"people": PeopleRun(read_budget()), **options}
     finding = Message(AssessmentCode.WEARER_NOT_RECORDED)
     if any(manifest.condition != "mvc" for manifest in motions_in(folder).values()):
         try:

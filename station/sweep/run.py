@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from solver.suit.uncertainty import LEAST_FRAMES
+from solver.suit.optimise import LEAST_FRAMES
 from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
 from station.output_folder import ensure_folder
@@ -70,7 +70,7 @@ def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = 
 
 
 def _few_frames(every: int, rows: Sequence[Outcome]) -> tuple[Message[SweepCode], ...]:
-    """A finding where the plan leaves fewer frames of a motion than the draws of an assessment have."""
+    """A finding where the plan leaves fewer frames of a motion than a search for a suit tries."""
     frames = [float(row["frames"]) for row in rows if row["frames"] is not None]
     few = sum(count < LEAST_FRAMES for count in frames)
     if every == 1 or not few:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -15,32 +15,54 @@ from station.verbs.given_options import given_of
 from station.verbs.motion_options import BundledOrMotion, BundledOrOsim, CutoffHz, EffortFile, ExternalLoads
 from station.verbs.options import Condition, Freedom, Paths, Tendons, print_message
 
+if TYPE_CHECKING:
+    from station.assessment.people_run import PeopleOptions
+
 CuffsFile = Annotated[Path, typer.Option(help="cuffs.json of `station fit`, or written by hand.")]
-People = Annotated[
-    int | None, typer.Option(min=2, help="People drawn for the total uncertainty and the decision, as 1000.")
-]
-Budget = Annotated[
-    Path | None, typer.Option(help="Sources of uncertainty (.toml); draws its number of people. Default: bundled.")
-]
-Indices = Annotated[
-    int | None,
-    typer.Option(min=8, help="Sobol indices of the sources, from 7 times as many people; a power of two, as 128."),
+Budget = Annotated[Path | None, typer.Option(help="Sources of uncertainty (.toml). Default: the bundled budget.")]
+Sources = Annotated[
+    Literal["all", "cuffs"],
+    typer.Option(
+        help="Sources of the intervals: all of the budget, or the fit of the cuffs alone, without a decision."
+    ),
 ]
 
 
-def _enough_draws(draws: int) -> int:
+def _power_of_two(blocks: int | None) -> int | None:
+    if blocks is not None and blocks & (blocks - 1):
+        raise typer.BadParameter(f"expected a power of two, as 128, and got {blocks}")
+    return blocks
+
+
+def _enough_draws(draws: int | None) -> int | None:
     """Refuse fewer draws than a 95 % interval needs; 0 are for none."""
-    if 0 < draws < LEAST_DRAWS:
-        raise typer.BadParameter(f"{draws} draws give no 95 % interval, expected at least {LEAST_DRAWS}, or 0 for none")
+    if draws is not None and 0 < draws < LEAST_DRAWS:
+        raise typer.BadParameter(f"{draws} give no 95 % interval, expected at least {LEAST_DRAWS}, or 0 for none")
     return draws
 
 
+Indices = Annotated[
+    int | None,
+    typer.Option(
+        min=8,
+        callback=_power_of_two,
+        help="Sobol indices of the sources, from 7 times as many people; a power of two, as 128.",
+    ),
+]
+People = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        callback=_enough_draws,
+        help=f"People drawn for intervals and decision, {LEAST_DRAWS} or more, or 0 for none. Default: of the budget.",
+    ),
+]
 Draws = Annotated[
     int,
     typer.Option(
         min=0,
         callback=_enough_draws,
-        help=f"Number of draws from the covariance of the cuffs, {LEAST_DRAWS} or more; 0 for no intervals.",
+        help=f"Number of draws from the covariance of the cuffs, {LEAST_DRAWS} or more; 0 for no robust suit.",
     ),
 ]
 Workers = Annotated[
@@ -69,8 +91,8 @@ def assess(
     emg: Annotated[Path | None, typer.Option(help="Measured EMG: a CSV of muscle,reduction_percent,sd.")] = None,
     beside: Annotated[Path | None, typer.Option(help="Another motion for comparison.")] = None,
     subject: Subject = None,
-    draws: Draws = 200,
     people: People = None,
+    sources: Sources = "all",
     budget: Budget = None,
     indices: Indices = None,
     donnings: Donnings = None,
@@ -97,32 +119,32 @@ def assess(
         raise typer.BadParameter("--subject brings its own motion; leave out --motion, --external-loads and --beside")
     if subject is not None and given_of(context, ("cutoff_hz",)):
         raise typer.BadParameter(f"--subject has a filter of its own, at {CUTOFF_HZ:g} Hz; leave out --cutoff-hz")
-    if indices is not None and indices & (indices - 1):
-        raise typer.BadParameter(f"--indices should be a power of two, as 128, and is {indices}")
     chosen = tuple(cuff or ())
     files = (cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, chosen, paths, external_loads, subject, effort)
+    drawn = PeopleOptions(people, sources, budget, indices, scheduler, workers, tuple(donnings or ()))
     if tendons == "elastic":
-        _ensure_undrawn(is_drawn=(draws, people, budget, indices) != (0, None, None, None))
+        _ensure_undrawn(drawn)
+        drawn = PeopleOptions(people=0)
     inputs = AssessmentInputs(*files, cutoff_hz or None, tendons)
     with (
         progress_bars(Console(stderr=True)) as progress,
         compilation_shown(progress, compilation),
-        people_run(output, PeopleOptions(budget, people, indices, scheduler, workers, tuple(donnings or ()))) as run,
+        people_run(output, drawn) as run,
     ):
-        assessed = assess_file(inputs, output, draws, run, progress)
+        assessed = assess_file(inputs, output, run, progress)
     write_report(output)
-    Console(markup=False).print(assessment_table(assessed.assessment, assessed.total))
+    Console(markup=False).print(assessment_table(assessed.assessment))
     for sentence in sentences_on(assessed, cuffs):
         print_message(sentence)
     raise typer.Exit(LOSSY if assessed.assessment.unsolved or assessed.is_changed else DONE)
 
 
-def _ensure_undrawn(*, is_drawn: bool) -> None:
-    """Refuse draws with elastic tendons."""
-    if is_drawn:
+def _ensure_undrawn(options: PeopleOptions) -> None:
+    """Refuse drawn people with elastic tendons."""
+    if options.people or options.budget or options.index_blocks or options.donnings:
         raise typer.BadParameter(
-            "--tendons elastic needs --draws 0 and no people, because draws are solved in some of the frames and fibre "
-            "velocities are differences of frames"
+            "--tendons elastic draws no people, because people are solved in some of the frames and fibre velocities "
+            "are differences of frames; leave out --people, --budget, --indices and --donnings"
         )
 
 

@@ -26,7 +26,7 @@ QUICKER = {
     "simulate": SPEED,
     "record": SPEED,
     "replay": SPEED,
-    "assess": ("--draws", "0"),
+    "assess": ("--people", "0"),
     "optimise": ("--draws", "0"),
 }
 """Documented options that spare the time of whoever waits for the tests."""

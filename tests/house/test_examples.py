@@ -25,7 +25,7 @@ fit = cs.fit_session(cs.sample_session(), window={"cuff-hand_test-static_run-1.m
 error: float = fit.cuffs["hand"].covariance_dataframe().to_numpy()[0, 0]
 table = pd.DataFrame({"name": ["hand"], "stiffness": [8520], "damping": [210], "migration": [0.012]})
 for cuffs in (fit, fit.cuffs, table, table.iloc[0], "cuffs.json", cs.published_cuffs(), [cs.Cuff("hand", stiffness=1)]):
-    assessment: cs.Assessment = cs.assess(cuffs, rest_lengths=[0.7, 0.75], draws=0)
+    assessment: cs.Assessment = cs.assess(cuffs, rest_lengths=[0.7, 0.75], people=0)
 figure, axes = plt.subplots()
 same = cs.plot(assessment, ax=axes).get_xlabel()
 png: bytes = cs.plot(fit)._repr_png_()

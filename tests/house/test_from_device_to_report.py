@@ -60,7 +60,6 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
         inputs,
         most_frames=12,
         most_rest_lengths=16,
-        draws=0,
     )
     write_assessment(assessed, session)
     plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))

@@ -126,7 +126,7 @@ def test_every_result_prints_a_few_lines_and_is_drawn(session: Path, fitted: cs.
     model = cs.load_model()
     motion = cs.load_motion(model, every=40)
     solution = cs.solve_motion(model, motion)
-    assessment = cs.assess(fitted.cuffs, model, motion, draws=0)
+    assessment = cs.assess(fitted.cuffs, model, motion, people=0)
     recording = cs.read_recording(next(session.glob("*static*.mcap")))
     for result in (fitted, fitted.cuffs["hand"], solution, assessment, recording):
         assert 1 <= len(repr(result).splitlines()) <= 12
@@ -254,7 +254,7 @@ def test_activations_are_given_in_every_condition_at_the_rest_length_that_is_ask
     motion = cs.load_motion(model, every=40)
     cuffs = [cs.Cuff(name, stiffness=8520, damping=210, migration=0.012) for name in ("hand", "tube")]
     lengths = {"rest_lengths": [0.6, 0.7, 0.8], "reference_rest_length": 0.7}
-    assessment = cs.assess(cuffs, model, motion, draws=0, **lengths)
+    assessment = cs.assess(cuffs, model, motion, people=0, **lengths)
     curves = assessment.effort_curves().set_index(["condition", "cuff", "rest_length_m"])["effort"]
     assert len(curves) == 7 * 3
     table = assessment.to_dataframe().set_index(["condition", "cuff"])

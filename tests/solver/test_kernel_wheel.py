@@ -25,7 +25,7 @@ model = cs.load_model()
 times = []
 for _ in range(2):
     began = time.process_time()
-    cs.assess(cs.read_cuffs(sys.argv[2]), model, cs.load_motion(model, every=200), draws=0)
+    cs.assess(cs.read_cuffs(sys.argv[2]), model, cs.load_motion(model, every=200), people=0)
     times.append(time.process_time() - began)
 print(times[0] - times[1])
 """

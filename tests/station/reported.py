@@ -11,12 +11,13 @@ from tests.station.foreign import static_and_dynamic
 STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
 
 
-def report_session(folder: Path, draws: int = 0) -> Path:
+def report_session(folder: Path, people: int = 0) -> Path:
     """Two trials of one cuff from an independent experiment, with their results, in a new folder `session` below."""
     from station.assessment.assess import assess_cuffs, write_assessment
     from station.assessment.assessment_inputs import AssessmentInputs
     from station.fit import fit_session_folder
     from station.report.page import write_report
+    from tests.station.few_people import few_people
 
     folder /= "session"
     folder.mkdir(parents=True)
@@ -28,6 +29,7 @@ def report_session(folder: Path, draws: int = 0) -> Path:
     fitted = fit_session_folder(folder, folder / "cuffs.json")
     inputs = AssessmentInputs(folder / "cuffs.json")
     worn = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
-    write_assessment(assess_cuffs(worn, inputs, most_frames=4, most_rest_lengths=5, draws=draws), folder)
+    run = few_people(people) if people else None
+    write_assessment(assess_cuffs(worn, inputs, most_frames=4, most_rest_lengths=5, people=run), folder)
     write_report(folder, fitted)
     return folder

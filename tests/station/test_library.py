@@ -106,16 +106,17 @@ def test_a_solution_without_a_solved_frame_is_described_without_a_warning(step: 
 @pytest.mark.parametrize(
     "ask",
     [
-        lambda: cs.assess({}, draws=-5),
-        lambda: cs.assess({}, draws=39),
-        lambda: cs.assess({}, draws=2.5),  # type: ignore[arg-type]
+        lambda: cs.assess({}, people=-5),
+        lambda: cs.assess({}, people=39),
+        lambda: cs.assess({}, people=2.5),  # type: ignore[arg-type]
+        lambda: cs.assess({}, sources="fit"),  # type: ignore[arg-type]
         lambda: cs.assess({}, most_frames=0),
         lambda: cs.open_stream([]),
         lambda: cs.load_motion(cs.load_model(), every=0),
         lambda: cs.load_motion(cs.load_model(), every=-1),
     ],
 )
-def test_numbers_of_draws_and_frames_that_cannot_be_are_refused(ask: Callable[[], object]) -> None:
+def test_options_that_cannot_be_are_refused(ask: Callable[[], object]) -> None:
     with pytest.raises(ModelError) as refused:
         ask()
     assert refused.value.code == SolverCode.WRONG_OPTION

@@ -17,8 +17,8 @@ from fitting.results.rendering import Note
 from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
 from solver.suit.assessment import UncertaintySummary
+from solver.suit.decision import DecisionRule
 from solver.suit.quantity import Quantity
-from solver.suit.uncertainty import DrawnSource
 from station.folded_table import FoldedTable
 from station.tables import assessment_table, print_cuffs
 from tests.station.assessment.test_findings import assessment, curve
@@ -71,15 +71,12 @@ def test_a_lag_that_no_bounce_calibrated_is_printed_once_for_all_cuffs() -> None
     assert capture.get().count(str(note)) == 1
 
 
-@pytest.mark.parametrize("sources", [(), (DrawnSource.CUFFS,), (DrawnSource.CUFFS, DrawnSource.MOTIONS)])
-def test_the_caption_of_an_assessment_names_what_was_drawn(sources: tuple[DrawnSource, ...]) -> None:
-    summary = UncertaintySummary(50, 20, {}, sources) if sources else None
-    caption = str(assessment_table(assessment(curve("hand", 0.85), uncertainty=summary)).caption)
-    assert ("cuffs" in caption, "posture" in caption, "interval" in caption) == (
-        DrawnSource.CUFFS in sources,
-        DrawnSource.MOTIONS in sources,
-        bool(sources),
-    )
+@pytest.mark.parametrize("sources", [(), ("fit",), ("fit", "motion")])
+def test_the_caption_of_an_assessment_names_what_was_drawn(sources: tuple[str, ...]) -> None:
+    drawn = UncertaintySummary(50, 50, 20, {}, sources, (0.9, 0.98), {}, {}, DecisionRule()) if sources else None
+    caption = str(assessment_table(assessment(curve("hand", 0.85), uncertainty=drawn)).caption)
+    found = "fit" in caption, "motion" in caption, "interval" in caption
+    assert found == ("fit" in sources, "motion" in sources, bool(sources))
 
 
 def test_the_caption_of_an_assessment_explains_the_terms_of_its_headings() -> None:

@@ -19,7 +19,6 @@ from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from solver.suit.suited_model import SuitedModel
-from solver.suit.uncertainty import DrawSettings
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
@@ -29,12 +28,11 @@ MOTION = replace(WHOLE, **{name: getattr(WHOLE, name)[:6] for name in ROWS})
 SUIT = replace(read_suit(), rest_lengths=np.array([0.7, 0.75]), reference_rest_length=0.75)
 HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.015, np.diag([100.0, 10.0, 0.002]) ** 2)
 ELASTIC = RedundancyOptions(tendons="elastic")
-UNDRAWN = DrawSettings(count=0)
 
 
 @pytest.fixture(scope="module")
 def assessment():  # type: ignore[no-untyped-def]
-    return assess(LoadedMotion(MODEL, MOTION, options=ELASTIC), SUIT, (HAND,), draws=UNDRAWN)
+    return assess(LoadedMotion(MODEL, MOTION, options=ELASTIC), SUIT, (HAND,))
 
 
 def solved(*, has_cord: bool) -> MotionSolution:
@@ -54,16 +52,14 @@ def test_a_scenario_is_the_motion_with_the_forces_of_the_cord_as_loads(assessmen
 
 
 def test_elastic_tendons_change_the_saved_effort(assessment) -> None:  # type: ignore[no-untyped-def]
-    rigid = assess(LoadedMotion(MODEL, MOTION), SUIT, (HAND,), draws=UNDRAWN)
+    rigid = assess(LoadedMotion(MODEL, MOTION), SUIT, (HAND,))
     assert assessment.unsolved == rigid.unsolved == 0
     assert abs(assessment.curves[0].cost[0] - rigid.curves[0].cost[0]) > 1e-4
 
 
-def test_draws_and_single_frames_are_refused() -> None:
+def test_single_frames_are_refused() -> None:
     motion = LoadedMotion(MODEL, MOTION, options=ELASTIC)
-    with raises_refusal(SolverCode.UNSUPPORTED, naming="every 20-th"):
-        assess(motion, SUIT, (HAND,), draws=DrawSettings(count=8, every=20))
     with raises_refusal(SolverCode.UNSUPPORTED, naming="every 2-th"):
-        assess(motion, SUIT, (HAND,), every=2, draws=UNDRAWN)
+        assess(motion, SUIT, (HAND,), every=2)
     with raises_refusal(SolverCode.UNSUPPORTED, naming="fibre velocities"):
-        optimise_suit(motion, SUIT, (None, HAND), draws=DrawSettings(every=20))
+        optimise_suit(motion, SUIT, (None, HAND), every=20)

@@ -13,19 +13,19 @@ from solver.suit.assessment import assess
 from solver.suit.optimise import SearchOutcome, optimise_suit
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
-from solver.suit.uncertainty import DrawSettings
+from solver.uncertainty.varied_model import drawn_cuffs
 
 MODEL = bundled_model()
 MOTION = decimate(differentiate(simulate_arm_raise(MODEL)), 10)
 SUIT = read_suit()
 WAIST = CuffParameters("waist", "waist", 2140.0, 124.0, 0.012)
-UNDRAWN = DrawSettings(count=0, every=10)
 HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.012, np.diag([200.0, 20.0, 0.01]) ** 2)
 
 
 def found(*free, condition="visco_elastic", draws=0, arm=HAND, **options):
-    settings = DrawSettings(draws, every=10)
-    return optimise_suit(LoadedMotion(MODEL, MOTION), SUIT, (WAIST, arm), condition, free, draws=settings, **options)
+    drawn = [tuple(pair) for pair in drawn_cuffs((WAIST, arm), draws)]
+    motion = LoadedMotion(MODEL, MOTION)
+    return optimise_suit(motion, SUIT, (WAIST, arm), condition, free, drawn=drawn, every=10, **options)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def rest_length_only():
 
 def test_the_best_rest_length_is_that_of_the_curve(rest_length_only):
     coarse = replace(SUIT, rest_lengths=np.linspace(0.66, 0.78, 9))
-    curves = assess(LoadedMotion(MODEL, MOTION), coarse, [WAIST, HAND], every=10, draws=UNDRAWN).curves
+    curves = assess(LoadedMotion(MODEL, MOTION), coarse, [WAIST, HAND], every=10).curves
     (figures,) = [curve.figures for curve in curves if curve.condition == "visco_elastic"]
     assert rest_length_only.fitted.suit.reference_rest_length == pytest.approx(figures["rest_length"].value, abs=2e-3)
 
@@ -63,7 +63,7 @@ def test_a_freed_point_moves_by_five_centimetres_at_most():
 def test_a_search_that_ends_at_a_bound_reports_it(rest_length_only):
     assert rest_length_only.fitted.at_limit == ()
     narrow = replace(SUIT, rest_lengths=np.linspace(0.6, 0.68, 5), reference_rest_length=0.66)
-    stopped = optimise_suit(LoadedMotion(MODEL, MOTION), narrow, (WAIST, HAND), "rigid", draws=UNDRAWN)
+    stopped = optimise_suit(LoadedMotion(MODEL, MOTION), narrow, (WAIST, HAND), "rigid", every=10)
     assert stopped.fitted.at_limit == ("rest_length",)
     assert stopped.fitted.suit.reference_rest_length == pytest.approx(0.68, abs=1e-3)
 

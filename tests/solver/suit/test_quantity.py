@@ -5,7 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from solver.suit.quantity import CensoredEnd, EdgeBounds, Quantity, bounds_of, quantity_of_draws
+from solver.suit.quantity import (
+    CensoredEnd,
+    EdgeBounds,
+    Quantity,
+    bounds_of,
+    content_of_intervals,
+    interval_of_draws,
+    quantity_of_draws,
+)
 
 DRAWN = 0.7 + 0.05 * np.random.default_rng(1).standard_normal(2001)
 DRAWN[0] = 0.7
@@ -19,7 +27,7 @@ DRAWN[0] = 0.7
 def test_an_interval_holds_95_percent_of_equally_spaced_draws_and_the_value(
     fitted: float, ci95: tuple[float, float]
 ) -> None:
-    found = quantity_of_draws(10.0, np.array([fitted, *np.linspace(0.0, 1.0, 1001)]))
+    found = quantity_of_draws(10.0, np.array([fitted, *np.arange(1, 1000) / 1000]))
     assert found.ci95 == pytest.approx(ci95, abs=1e-12) and (found.value, found.censored) == (10.0, None)
 
 
@@ -41,25 +49,44 @@ def test_an_end_beyond_the_lengths_tried_is_a_bound_and_the_other_stays(
 
 @pytest.mark.parametrize(
     ("draws", "at_edge", "is_bound"),
-    [(40, 0, False), (40, 1, True), (41, 1, False), (41, 2, True), (80, 1, False), (80, 2, True), (81, 2, False)],
+    [(38, 0, False), (38, 1, True), (39, 1, True), (78, 1, True), (79, 1, False), (79, 2, True), (118, 2, True)],
 )
 @pytest.mark.parametrize(("side", "censored"), [(-1.0, CensoredEnd.LOW), (1.0, CensoredEnd.HIGH)])
 def test_an_end_is_a_bound_if_the_lower_draw_of_its_quantile_is_at_the_edge(
     draws: int, at_edge: int, is_bound: bool, side: float, censored: CensoredEnd
 ) -> None:
-    """The 2.5 % quantile of n draws lies between the draws k and k + 1 with k = ⌊0.025 (n − 1)⌋, counted from 0."""
+    """The lower end of n draws lies between the draws k and k + 1 with k = ⌊0.025 (n + 1)⌋, counted from 1."""
     versions, sides = np.linspace(-1.0, 1.0, 1 + draws) * side, np.zeros(1 + draws)
     versions[1 : 1 + at_edge], sides[1 : 1 + at_edge] = np.nan, side
     found = quantity_of_draws(0.0, versions, EdgeBounds(np.full(1 + draws, 2.0 * side), sides))
     assert found.ci95 is not None and found.censored == (censored if is_bound else None)
 
 
-def test_without_bounds_a_draw_without_a_number_leaves_no_interval() -> None:
+@pytest.mark.parametrize(("draws", "order"), [(39, 1), (79, 2), (199, 5)])
+def test_the_ends_are_order_statistics_between_which_the_next_draw_lies_with_95_percent(draws: int, order: int) -> None:
+    """P(X(r) < X < X(s)) = (s − r) / (n + 1)."""
+    values = np.random.default_rng(3).standard_normal(draws)
+    ends = np.sort(values)[[order - 1, draws - order]]
+    assert interval_of_draws(values) == pytest.approx(ends, abs=1e-12)
+    assert (draws + 1 - 2 * order) / (draws + 1) == pytest.approx(0.95)
+
+
+def test_the_content_of_an_interval_has_the_stated_bounds() -> None:
+    """Intervals of 100 uniform draws, whose content is their width."""
+    ends = np.array([interval_of_draws(draws) for draws in np.random.default_rng(2).random((4000, 100))])
+    least, most = content_of_intervals(100)
+    content = np.diff(ends, axis=1)
+    assert (least, most) == pytest.approx(np.quantile(content, [0.025, 0.975]), abs=0.005)
+    assert content.mean() == pytest.approx(0.95, abs=0.002)
+
+
+def test_draws_without_a_number_are_left_out_and_above_a_tenth_of_them_there_is_no_interval() -> None:
     versions = DRAWN.copy()
-    versions[3] = np.nan
+    versions[1:201] = np.nan
+    assert quantity_of_draws(0.7, versions) == quantity_of_draws(0.7, np.append(DRAWN[0], DRAWN[201:]))
+    versions[201] = np.nan
     assert quantity_of_draws(0.7, versions) == Quantity(0.7)
-    assert quantity_of_draws(0.7, None) == Quantity(0.7)
-    assert quantity_of_draws(np.nan, DRAWN) == Quantity(None)
+    assert quantity_of_draws(None, DRAWN) == Quantity(None)
     versions[0] = np.nan
     assert quantity_of_draws(0.7, versions, EdgeBounds(np.zeros(2001), np.ones(2001))) == Quantity(0.7)
 

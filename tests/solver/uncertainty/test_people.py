@@ -17,7 +17,6 @@ from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion, prepare_suited_motion
 from solver.suit.suit import read_suit
-from solver.suit.uncertainty import DrawSettings
 from solver.uncertainty.factors import columns_of, normal_scores, unit_sample
 from solver.uncertainty.people import PeopleCase, solve_people
 from solver.uncertainty.sources import BodySpread, DonningSpread, MuscleSpread, UncertaintySources
@@ -59,7 +58,7 @@ def people():
 
 
 def test_zero_scores_are_the_assessment_with_the_fitted_cuffs(people):
-    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY, draws=DrawSettings(count=0))
+    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY)
     for curve in found.curves:
         reading = people[curve.condition, curve.cuff]
         assert reading.at_reference[0] == pytest.approx(curve.figures["at_reference"].value, abs=1e-9)
@@ -69,7 +68,7 @@ def test_zero_scores_are_the_assessment_with_the_fitted_cuffs(people):
 
 
 def test_the_effort_over_all_rest_lengths_is_that_of_solving_each_of_them(people):
-    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY, draws=DrawSettings(count=0))
+    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY)
     (curve,) = (curve for curve in found.curves if curve.condition == "both")
     efforts = people["both", "hand"].efforts
     np.testing.assert_allclose(efforts[0], curve.cost, atol=5e-3)

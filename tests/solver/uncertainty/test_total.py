@@ -1,21 +1,28 @@
-"""Total uncertainty: people are shifted to the assessment's figures, and the cuffs are decided on."""
+"""Drawn people give an assessment its intervals: shifted to its figures, by source, and with the decision."""
 
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from solver.suit.assessment import Comparison, assess
 from solver.suit.decision import DecisionOutcome, DecisionRule
-from solver.suit.quantity import Quantity
+from solver.suit.quantity import Quantity, content_of_intervals, interval_of_draws
 from solver.suit.readouts import CurveReadouts
-from solver.uncertainty.people import person_spans
-from solver.uncertainty.total import total_uncertainty
-from tests.solver.uncertainty.test_people import CASE, EVERY, HAND, SUIT, WAIST, DrawSettings, assess, people  # noqa: F401
+from solver.uncertainty.factors import normal_scores, unit_sample
+from solver.uncertainty.people import people_case, solve_people
+from solver.uncertainty.sources import UncertaintySources
+from solver.uncertainty.total import with_people
+from tests.solver.uncertainty.test_people import CASE, EVERY, HAND, SUIT, WAIST, people  # noqa: F401
+
+UNSURE = replace(HAND, covariance=np.diag([100.0, 10.0, 0.002]) ** 2)
+OF_FIT = UncertaintySources().of_fit
+DRAWS = 8
 
 
 @pytest.fixture(scope="module")
 def assessment():
-    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY, draws=DrawSettings(count=0))
+    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY)
     return replace(found, curves=tuple(shifted(curve, 0.01) for curve in found.curves))
 
 
@@ -25,29 +32,53 @@ def shifted(curve, by):
     return replace(curve, figures={**curve.figures, "at_reference": Quantity(value)})
 
 
+def summarised(assessment, readouts):
+    return with_people(assessment, readouts, EVERY, ("fit", "body"), DecisionRule())
+
+
+def drawn(*cuffs, suit=SUIT, sources=OF_FIT, count=DRAWS, motions=()):
+    """The assessment of these cuffs, with the intervals of these sources."""
+    found = assess(CASE.motion, suit, cuffs, every=EVERY)
+    case = people_case(found, CASE.motion, suit, cuffs, sources, EVERY, motions)
+    unit = unit_sample(case.factors, count, "latin_hypercube", seed=1)
+    scores = np.vstack([np.zeros(unit.shape[1]), normal_scores(unit)])
+    return with_people(found, solve_people(case, scores, workers=1), EVERY, ("fit",), DecisionRule())
+
+
+@pytest.fixture(scope="module")
+def of_fit():
+    return drawn(WAIST, UNSURE)
+
+
+def curve_of(assessment, condition, cuff="hand"):
+    (found,) = [c for c in assessment.curves if c.condition == condition and (c.cuff or cuff) == cuff]
+    return found
+
+
 def test_intervals_are_of_the_people_about_the_figures_of_the_assessment(assessment, people):  # noqa: F811
-    total = total_uncertainty(assessment, people, EVERY, DecisionRule())
-    assert (total.people, total.solved) == (3, 3)
-    for curve in assessment.curves:
-        figure, drawn = total.figures[curve.condition, curve.cuff]["at_reference"], people[curve.condition, curve.cuff]
-        assert figure.value == curve.figures["at_reference"].value
-        ends = np.quantile(drawn.at_reference[1:] + 0.01, [0.025, 0.975])
+    found = summarised(assessment, people)
+    assert (found.uncertainty.people, found.uncertainty.solved) == (3, 3)
+    assert found.uncertainty.content == content_of_intervals(3)
+    for before, curve in zip(assessment.curves, found.curves, strict=True):
+        figure, versions = curve.figures["at_reference"], people[curve.condition, curve.cuff]
+        assert figure.value == before.figures["at_reference"].value
+        ends = interval_of_draws(versions.at_reference[1:] + 0.01)
         expected = min(ends[0], figure.value), max(ends[1], figure.value)
         assert figure.ci95 == pytest.approx(expected, abs=1e-9)
-        assert set(total.reduction[curve.condition, curve.cuff]) == set(curve.reduction)
+        assert set(curve.reduction) == set(before.reduction)
+    assert found.uncertainty.largest_difference["at_reference"] == pytest.approx(0.01, abs=1e-9)
 
 
 def test_the_band_is_of_the_people_about_the_curve_of_the_assessment_where_enough_are_known(assessment, people):  # noqa: F811
-    drawn = people["both", "hand"]
-    efforts = drawn.efforts.copy()
+    versions = people["both", "hand"]
+    efforts = versions.efforts.copy()
     efforts[1, 0] = np.nan  # one of three people has no solution with the shortest cord
-    found = {**people, ("both", "hand"): replace(drawn, efforts=efforts)}
-    bands = total_uncertainty(assessment, found, EVERY, DecisionRule()).bands
-    assert list(bands) == [("both", "hand")]
-    low, high = bands["both", "hand"].low, bands["both", "hand"].high
+    found = summarised(assessment, {**people, ("both", "hand"): replace(versions, efforts=efforts)})
+    assert [curve.condition for curve in found.curves if curve.cost_ci95 is not None] == ["both"]
+    curve = curve_of(found, "both")
+    low, high = curve.cost_ci95.T
     assert np.isnan([low[0], high[0]]).all() and np.isfinite(low[1:]).all()
-    (curve,) = (curve for curve in assessment.curves if curve.condition == "both")
-    ends = np.quantile((drawn.efforts[1:] - drawn.efforts[0] + curve.cost)[:, 3], [0.025, 0.975])
+    ends = interval_of_draws((versions.efforts[1:] - versions.efforts[0] + curve.cost)[:, 3])
     assert (low[3], high[3]) == pytest.approx((min(ends[0], curve.cost[3]), max(ends[1], curve.cost[3])))
 
 
@@ -57,11 +88,11 @@ def test_one_cuff_alone_is_no_choice_and_too_many_unknown_people_leave_no_interv
         place: replace(r, **{name: np.where([1, 1, 0, 0], getattr(r, name).T, np.nan).T for name in numbers})
         for place, r in people.items()
     }
-    assert total_uncertainty(assessment, people, EVERY, DecisionRule()).decisions["at_best"].outcome == "only_cuff"
-    total = total_uncertainty(assessment, unknown, EVERY, DecisionRule())
-    assert total.decisions["at_reference"].outcome is DecisionOutcome.UNKNOWN
-    assert total.figures["both", "hand"]["at_reference"].ci95 is None
-    assert total.solved == 1
+    assert summarised(assessment, people).uncertainty.decisions["at_best"].outcome is DecisionOutcome.ONLY_CUFF
+    found = summarised(assessment, unknown)
+    assert found.uncertainty.decisions["at_reference"].outcome is DecisionOutcome.UNKNOWN
+    assert curve_of(found, "both").figures["at_reference"].ci95 is None
+    assert found.uncertainty.solved == 1
 
 
 def test_people_without_an_effort_are_counted_once_by_their_outcome(assessment, people):  # noqa: F811
@@ -73,14 +104,70 @@ def test_people_without_an_effort_are_counted_once_by_their_outcome(assessment, 
         effort[persons] = np.nan
         outcome[persons] = [outcomes[person] for person in persons]
         found[place] = replace(people[place], at_reference=effort, outcome=outcome)
-    total = total_uncertainty(assessment, found, EVERY, DecisionRule())
-    assert list(total.unsolved.items()) == [("infeasible", 2), ("not_converged", 1)]
-    assert total.solved == total.people - sum(total.unsolved.values()) == 0
-    assert total_uncertainty(assessment, people, EVERY, DecisionRule()).unsolved == {}
+    summary = summarised(assessment, found).uncertainty
+    assert list(summary.unsolved.items()) == [("infeasible", 2), ("not_converged", 1)]
+    assert summary.solved == summary.people - sum(summary.unsolved.values()) == 0
+    assert summarised(assessment, people).uncertainty.unsolved == {}
 
 
-def test_rest_lengths_of_people_are_around_the_optimum_or_all():
-    optima = {("both", "hand"): (0.7, 0.05), ("rigid", None): (None, None)}
-    spans = person_spans(SUIT, optima, {("both", "hand"): 0.02, ("rigid", None): 0.0})
-    assert spans["both", "hand"] == pytest.approx((0.67, 0.77))
-    assert spans["rigid", None] == pytest.approx((0.63, 0.87))
+def test_people_try_rest_lengths_around_the_optimum_or_all():
+    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY)
+    rigid, *others = found.curves
+    unknown = replace(rigid, figures={**rigid.figures, "rest_length": Quantity(None)})
+    case = people_case(replace(found, curves=(unknown, *others)), CASE.motion, SUIT, (WAIST, HAND), CASE.sources, EVERY)
+    length, width = (curve_of(found, "both").figures[name].value for name in ("rest_length", "permissible_error"))
+    migration = WAIST.migration + HAND.migration
+    assert case.spans["both", "hand"] == pytest.approx((length - width + migration, length + width + migration))
+    assert case.spans["rigid", None] == pytest.approx((0.63, 0.87))
+
+
+def test_drawn_migration_moves_the_best_rest_length_and_the_force_and_not_the_cost_there(of_fit):
+    figures = curve_of(of_fit, "shift").figures
+    (shortest, longest), (weakest, strongest) = figures["rest_length"].ci95, figures["cord_force"].ci95
+    assert 0.001 < longest - shortest < 4 * 0.002  # eight draws with a standard error of 2 mm
+    assert strongest - weakest == pytest.approx(SUIT.stiffness * (longest - shortest), rel=0.05)
+    cheapest, dearest = figures["lowest_cost"].ci95
+    assert dearest - cheapest < 1e-4
+
+
+def test_every_figure_of_a_yielding_shifted_cuff_has_an_interval_around_it(of_fit):
+    found = curve_of(of_fit, "both")
+    for name, figure in found.figures.items():
+        low, high = figure.ci95
+        assert low <= figure.value <= high, name
+    assert all(figure.ci95 for figure in found.reduction.values() if figure.value is not None)  # no idle muscle
+    assert all(figure.ci95 is None for figure in curve_of(of_fit, "rigid").figures.values())
+
+
+def test_cuffs_that_may_have_slipped_far_have_intervals_too():
+    unsure = replace(HAND, covariance=np.diag([850.0, 60.0, 0.008]) ** 2)
+    found = drawn(replace(WAIST, covariance=np.diag([200.0, 30.0, 0.006]) ** 2), unsure, count=30)
+    figures = curve_of(found, "both").figures
+    assert all(figure.ci95[0] <= figure.value <= figure.ci95[1] for figure in figures.values())
+    assert np.ptp(figures["rest_length"].ci95) > 0.025
+
+
+def test_on_the_same_frames_the_people_differ_by_interpolation_only(of_fit):
+    assert max(of_fit.uncertainty.largest_difference.values()) < 5e-3
+    along_the_bone = drawn(WAIST, UNSURE, suit=replace(SUIT, migration_direction="bone"), count=2)
+    assert max(along_the_bone.uncertainty.largest_difference.values()) < 5e-3
+
+
+def test_motions_drawn_beside_the_assessed_one_widen_the_intervals_of_rigid_cuffs():
+    motion = CASE.motion.kinematics
+    raised = tuple(replace(motion, positions=motion.positions * (1 + share)) for share in (-0.06, -0.03))
+    found = drawn(WAIST, UNSURE, motions=raised)
+    assert np.ptp(curve_of(found, "rigid").figures["at_reference"].ci95) > 1e-3
+
+
+def test_two_cuffs_are_compared_person_by_person():
+    tube = replace(HAND, name="tube", migration=0.003, covariance=UNSURE.covariance / 100)
+    twin = replace(UNSURE, name="twin")
+    found = drawn(WAIST, UNSURE, tube, twin, count=DRAWS)
+    compared = {one.cuffs: one for one in found.comparisons}
+    assert set(compared) == {("hand", "tube"), ("hand", "twin"), ("tube", "twin")}
+    costs = [curve_of(found, "both", cuff).figures["at_reference"].value for cuff in ("hand", "tube")]
+    assert compared["hand", "tube"].cost_difference.value == pytest.approx(costs[0] - costs[1])
+    assert compared["hand", "tube"].differ
+    assert compared["hand", "twin"].differ is False
+    assert Comparison(("a", "b"), Quantity(0.1)).differ is None

@@ -33,6 +33,7 @@ from station.messages.message import Message
 from station.report.first_page import IN_TABLES
 from station.report.page import write_report
 from tests.solver import refusals as solver_refusals
+from tests.station.few_people import few_people
 from tests.station.loads import write_weight
 from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
@@ -70,7 +71,13 @@ def assessed(folder: Path) -> AssessedSuit:
     emg = folder / "emg.csv"
     emg.write_text("muscle,reduction_percent,sd\nDeltoideusScapula_M,18,9\nupper_trapezius,-4,15\n", encoding="utf-8")
     inputs = AssessmentInputs(write_cuffs(folder / "cuffs.json"), emg=emg)
-    found = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, most_frames=8, most_rest_lengths=9, draws=3)
+    found = assess_cuffs(
+        read_cuffs_to_wear(inputs.cuffs),
+        inputs,
+        most_frames=8,
+        most_rest_lengths=9,
+        people=few_people(3, sources="cuffs"),
+    )
     write_assessment(found, folder)
     return found
 
@@ -291,7 +298,7 @@ def test_an_external_load_acts_in_every_scenario(tmp_path: Path) -> None:
     costs = []
     for inputs in (free, loaded):
         cuffs = read_cuffs_to_wear(inputs.cuffs)
-        found = assess_cuffs(cuffs, inputs, most_frames=8, most_rest_lengths=5, draws=0)
+        found = assess_cuffs(cuffs, inputs, most_frames=8, most_rest_lengths=5)
         costs.append([curve.figures["at_reference"].value for curve in found.assessment.curves])
         assert found.assessment.longest_cord == pytest.approx(0.86, abs=0.02)
     assert (np.array(costs[1]) > np.array(costs[0])).all()  # of a greater effort the suit saves a smaller share

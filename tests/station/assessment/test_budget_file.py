@@ -33,9 +33,9 @@ def test_every_spread_of_the_bundled_file_has_its_origin_beside_it() -> None:
 
 def test_missing_keys_keep_the_bundled_values(tmp_path: Path) -> None:
     path = written(tmp_path, "[donning]\nstiffness = 0.3\n[decision]\nrelevant_difference = 0.05\n")
-    budget = read_budget(path, people=12)
+    budget = read_budget(path, people=120)
     assert (budget.donning.stiffness, budget.donning.migration) == (0.3, 0.2)
-    assert (budget.rule.relevant_difference, budget.rule.certainty, budget.sample.people) == (0.05, 0.9, 12)
+    assert (budget.rule.relevant_difference, budget.rule.certainty, budget.sample.people) == (0.05, 0.9, 120)
 
 
 @pytest.mark.parametrize(
@@ -45,8 +45,8 @@ def test_missing_keys_keep_the_bundled_values(tmp_path: Path) -> None:
         ('[donning]\nestimate = "yes"\n', "donning.estimate"),
         ("[muscles]\nstrength = -0.1\n", "muscles.strength"),
         ("[motion]\nposture_deg = 90.0\n", "motion.posture_deg"),
-        ("[sample]\npeople = 1\n", "sample.people"),
-        ("[sample]\npeople_with_cubes = -1\n", "sample.people_with_cubes"),
+        ("[sample]\npeople = 39\n", "sample.people"),
+        ("[sample]\npeople = -1\n", "sample.people"),
         ('[sample]\nmethod = "grid"\n', "sample.method"),
         ("donning = 3\n", "donning"),
         ("[donning\n", ""),

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.core import TyperGroup
-from typer.main import get_command
 
-from solver.suit.decision import DecisionRule, decide
+from solver.suit.assessment import UncertaintySummary
+from solver.suit.decision import Basis, CuffDecision, DecisionRule, decide
 from solver.uncertainty.indices import SobolIndices
-from solver.uncertainty.total import TotalUncertainty
-from station.assessment.decision_json import DecisionEntry, percent, plain_decision, undecided_by_fit
-from station.cli import app
+from station.assessment.decision_json import DecisionEntry, percent, plain_decision, without_decision
 from station.messages.codes import DecisionCode
 
 RULE = DecisionRule()
@@ -28,6 +24,10 @@ INDICES = {
     )
     for basis in ("at_reference", "at_best")
 }
+
+
+def summary(decisions: Mapping[Basis, CuffDecision]) -> UncertaintySummary:
+    return UncertaintySummary(1001, 1001, 1, {}, ("fit", "body"), (0.9, 0.99), {}, decisions, RULE)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_every_outcome_has_its_code_and_its_sentence(
 ) -> None:
     decision = decide(efforts, RULE)
     decisions: Any = {"at_reference": decision, "at_best": decision}
-    plain = plain_decision(TotalUncertainty(1001, 1001, 1, {}, {}, decisions, RULE, {}, {}, INDICES), 0.74)
+    plain = plain_decision(summary(decisions), INDICES, 0.74)
     entry = DecisionEntry.model_validate(plain)
     assert entry.at_reference.code is code
     assert entry.at_reference.text.startswith(sentence)
@@ -85,32 +85,15 @@ def test_every_outcome_has_its_code_and_its_sentence(
 def test_an_open_decision_without_indices_asks_for_them() -> None:
     decision = decide({"hand": LOW + 0.02 + SPREAD, "tube": LOW}, RULE)
     decisions: Any = {"at_reference": decision, "at_best": decision}
-    total = TotalUncertainty(1001, 1001, 1, {}, {}, decisions, RULE, {}, {})
-    settle = DecisionEntry.model_validate(plain_decision(total, 0.74)).at_reference.settle
+    settle = DecisionEntry.model_validate(plain_decision(summary(decisions), {}, 0.74)).at_reference.settle
     assert settle is not None and settle.code is DecisionCode.SETTLE_UNKNOWN
     assert settle.figures == {"first": "tube", "second": "hand"}
 
 
-def test_without_a_budget_there_is_no_decision() -> None:
-    entry = DecisionEntry.model_validate(undecided_by_fit())
-    assert (entry.contains, entry.people.value, entry.at_best.code) == ("fit", 0, DecisionCode.FIT_ONLY)
-
-
-@pytest.mark.parametrize("has_subject", [False, True])
-def test_the_command_that_draws_people_is_complete(has_subject: bool) -> None:
-    text = DecisionEntry.model_validate(undecided_by_fit(has_subject=has_subject)).at_best.text
-    (command,) = re.findall(r"`station (.*?)`", text)
-    verb, *words = command.split()
-    group = get_command(app)
-    assert isinstance(group, TyperGroup)
-    parsed = group.commands[verb].make_context(verb, words).params
-    assert (parsed["cuffs"], parsed["output"], parsed["people"]) == (Path("cuffs.json"), Path(), 1000)
-    assert parsed["subject"] == (Path() if has_subject else None)
-
-
-def test_without_a_budget_no_people_are_suggested_where_they_would_be_refused() -> None:
-    plain = undecided_by_fit(can_draw_people=False)
-    assert DecisionEntry.model_validate(plain).at_reference.code is DecisionCode.NO_PEOPLE
+@pytest.mark.parametrize(("can_draw_people", "code"), [(True, DecisionCode.FIT_ONLY), (False, DecisionCode.NO_PEOPLE)])
+def test_without_people_there_is_no_decision(*, can_draw_people: bool, code: DecisionCode) -> None:
+    entry = DecisionEntry.model_validate(without_decision(can_draw_people=can_draw_people))
+    assert (entry.contains, entry.people.value, entry.at_reference.code, entry.at_best.code) == ("fit", 0, code, code)
 
 
 @pytest.mark.parametrize(("probability", "text"), [(1.0, "> 99"), (0.972, "97"), (0.004, "< 1"), (0.0, "< 1")])

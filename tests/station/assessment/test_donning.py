@@ -63,7 +63,10 @@ def test_what_is_no_session_and_mixed_origins_are_refused(session: Path, tmp_pat
     simulated = write_sessions(tmp_path, 1, operators=1, origin="simulated")
     with raises_refusal(StudyError, StudyCode.MIXED_ORIGIN):
         donning_sources(DECLARED, session / "cuffs.json", simulated)
-    with raises_refusal(UnusedOption, InputCode.NO_PEOPLE), people_run(tmp_path, PeopleOptions(donnings=(session,))):
+    with (
+        raises_refusal(UnusedOption, InputCode.NO_PEOPLE),
+        people_run(tmp_path, PeopleOptions(people=0, donnings=(session,))),
+    ):
         pass
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import numpy as np
@@ -10,17 +11,12 @@ import pytest
 from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
-from solver.suit.decision import CuffDecision, DecisionRule, decide
+from solver.suit.decision import DecisionRule
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import CurveReadouts
-from solver.suit.uncertainty import DrawnSource
-from solver.uncertainty.figures import Basis
-from solver.uncertainty.total import TotalUncertainty
 from station.assessment.assessment_json import plain_assessment
 from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
 from station.messages.codes import AssessmentCode
-
-CUFFS, MOTIONS = DrawnSource.CUFFS, DrawnSource.MOTIONS
 
 
 def curve(cuff: str | None, cost: float | None, condition: str = "both") -> EffortCurve:
@@ -52,6 +48,11 @@ def assessment(*curves: EffortCurve, **more: object) -> Assessment:
         outcomes={},
         muscle_outcomes={},
     )
+    return replace(plain, **more)  # type: ignore[arg-type]
+
+
+def summary(change: Mapping[str, float], **more: object) -> UncertaintySummary:
+    plain = UncertaintySummary(200, 198, 20, {}, ("fit", "motion"), (0.92, 0.98), change, {}, DecisionRule())
     return replace(plain, **more)  # type: ignore[arg-type]
 
 
@@ -164,34 +165,36 @@ def test_the_effort_of_reserves_near_the_reference_is_given(reserve: float, code
     assert one(findings(assessment(cuff)), code).figures == {"effort": reserve, "at_m": 0.75}
 
 
+DRAWN = {
+    "people": 200,
+    "solved": 198,
+    "every": 20,
+    "sources": "the fit of the cuffs and motion",
+    "least_percent": 92.0,
+    "most_percent": 98.0,
+}
+
+
 def test_what_unsolved_frames_leave_unknown_is_never_a_number() -> None:
     unknown = replace(curve("hand", None), reserve_cost=np.full(2, np.nan))
     names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
-    found = findings(
-        assessment(unknown, uncertainty=UncertaintySummary(5, 20, dict.fromkeys(names, np.nan), (MOTIONS,)))
-    )
-    assert one(found, AssessmentCode.INTERVALS_UNVERIFIED).figures == {
-        "draws": 5,
-        "every": 20,
-        "drawn": "the wearer's posture",
-    }
+    found = findings(assessment(unknown, uncertainty=summary(dict.fromkeys(names, np.nan))))
+    assert one(found, AssessmentCode.INTERVALS_UNVERIFIED).figures == DRAWN
     assert not any("nan" in str(finding) for finding in found)
 
 
 def test_the_effect_of_decimation_is_given() -> None:
     names = ("at_reference", "lowest_cost", "rest_length", "permissible_error")
-    summary = UncertaintySummary(
-        200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)), (CUFFS, MOTIONS)
-    )
-    finding = one(findings(assessment(curve("hand", 0.85), uncertainty=summary)), AssessmentCode.INTERVALS)
-    assert finding.figures == {
-        "draws": 200,
-        "every": 20,
-        "drawn": "the cuffs' fit and the wearer's posture",
-        "effort": 0.002,
-        "rest_length_mm": 0.5,
-        "permissible_error_mm": 1.5,
-    }
+    change = summary(dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
+    finding = one(findings(assessment(curve("hand", 0.85), uncertainty=change)), AssessmentCode.INTERVALS)
+    assert finding.figures == {**DRAWN, "effort": 0.002, "rest_length_mm": 0.5, "permissible_error_mm": 1.5}
+
+
+@pytest.mark.parametrize(
+    ("are_people_drawn", "code"), [(True, AssessmentCode.NO_COVARIANCE), (False, AssessmentCode.NO_INTERVALS)]
+)
+def test_the_reason_of_missing_intervals_is_given(*, are_people_drawn: bool, code: AssessmentCode) -> None:
+    one(findings(assessment(curve("hand", 0.85)), are_people_drawn=are_people_drawn), code)
 
 
 @pytest.mark.parametrize("outcome", OUTCOMES)
@@ -241,10 +244,7 @@ def test_the_remedy_of_large_reserves_names_the_option() -> None:
 def test_drawn_people_without_a_solution_are_counted_by_outcome(
     unsolved: dict[str, int], told: list[tuple[int, str]]
 ) -> None:
-    rule = DecisionRule()
-    decision = decide({"hand": np.linspace(0.7, 0.8, 51)}, rule)
-    decisions: dict[Basis, CuffDecision] = {"at_reference": decision, "at_best": decision}
-    total = TotalUncertainty(50, 50 - sum(unsolved.values()), 1, {}, {}, decisions, rule, {}, {}, unsolved=unsolved)
-    found = findings(assessment(curve("hand", 0.8)), total)
+    drawn = summary({"at_reference": np.nan}, people=50, solved=50 - sum(unsolved.values()), unsolved=unsolved)
+    found = findings(assessment(curve("hand", 0.8), uncertainty=drawn))
     figures = [finding.figures for finding in found if finding.code == AssessmentCode.PEOPLE_UNSOLVED]
     assert [(figure["unsolved"], figure["outcomes"]) for figure in figures] == told

@@ -17,6 +17,7 @@ from station.messages.message import Message
 from station.output_folder import NotAFolder
 from station.report.page import write_report
 from tests.station.assessment.test_assess import write_cuffs
+from tests.station.few_people import few_people
 from tests.station.refusals import raises_refusal
 
 
@@ -40,7 +41,7 @@ def test_the_suits_found_are_worn_by_the_next_assessment_at_the_cost_that_was_fo
     found = optimise_file(inputs, tmp_path, "both", ("stiffness",), draws=2).optimised
     for name, tried in (("suit.toml", found.fitted), ("robust_suit.toml", found.robust)):
         worn = replace(inputs, suit=tmp_path / name)
-        assessment = assess_cuffs(read_cuffs_to_wear(cuffs), worn, most_rest_lengths=5, draws=0).assessment
+        assessment = assess_cuffs(read_cuffs_to_wear(cuffs), worn, most_rest_lengths=5).assessment
         (curve,) = [curve for curve in assessment.curves if curve.condition == "both"]
         assert assessment.reference_rest_length == tried.suit.reference_rest_length
         assert worn.read_suit().stiffness == tried.suit.stiffness
@@ -64,21 +65,21 @@ def test_cuffs_without_a_covariance_have_no_intervals_and_a_remark_says_so(tmp_p
     path.write_text(json.dumps(given), encoding="utf-8")
     assert remark in optimise_file(inputs, tmp_path, draws=2).remarks
     assert remark not in optimise_file(inputs, tmp_path, draws=0).remarks
-    assessed = assess_cuffs(read_cuffs_to_wear(path), inputs, most_frames=3, most_rest_lengths=3, draws=2)
+    run = few_people(2, sources="cuffs")
+    assessed = assess_cuffs(read_cuffs_to_wear(path), inputs, most_frames=3, most_rest_lengths=3, people=run)
     assert AssessmentCode.NO_COVARIANCE in [finding.code for finding in assessed.findings]
     assert assessed.assessment.uncertainty is None
 
 
 def test_an_assessment_with_elastic_tendons_suggests_nothing_that_is_refused(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
-    found = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, most_frames=3, most_rest_lengths=3, draws=0)
+    found = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, most_frames=3, most_rest_lengths=3)
     assert AssessmentCode.NO_INTERVALS in [finding.code for finding in found.findings]
     elastic = replace(found, inputs=replace(inputs, tendons="elastic").hashes())
     (sentence,) = decision_sentences(elastic)
     assert sentence == str(Message(DecisionCode.NO_PEOPLE))
-    for assessed, suggests in ((found, True), (elastic, False)):
-        write_assessment(assessed, tmp_path)
-        assert ("Drawn people (--people 1000)" in write_report(tmp_path).read_text(encoding="utf-8")) == suggests
+    write_assessment(elastic, tmp_path)
+    assert "--people" not in write_report(tmp_path).read_text(encoding="utf-8")
 
 
 def test_an_output_that_is_a_file_is_refused_before_anything_is_solved(tmp_path: Path) -> None:

@@ -27,7 +27,6 @@ from solver.suit.cord import cord_line, suit_forces
 from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import Suit, SuitError, read_suit, suit_toml
-from solver.suit.uncertainty import DrawSettings
 from solver.time_series_table import read_table, write_table
 from station.exit_code import FAILED
 from tests.fitting.refusals import raises_refusal
@@ -86,11 +85,11 @@ def test_the_files_give_a_report_with_the_words_of_the_leg(station, tmp_path: Pa
 
 
 def test_the_results_of_the_library_have_the_findings_of_the_command_line(leg: Model, station, tmp_path: Path) -> None:
-    assert station("assess", *FILES, *SUIT_FILES[:4], "--draws", 0, "--output", tmp_path).code in (0, 3)
+    assert station("assess", *FILES, *SUIT_FILES[:4], "--people", 0, "--output", tmp_path).code in (0, 3)
     plain = json.loads((tmp_path / "assessment.json").read_text())
     motion = cs.load_motion(leg, LEG / "stride.mot")
     cuffs, loads = cs.read_cuffs(LEG / "shank.json"), LEG / "ground.xml"
-    assessment = cs.assess(cuffs, leg, motion, LEG / "shank_suit.toml", draws=0, external_loads=loads)
+    assessment = cs.assess(cuffs, leg, motion, LEG / "shank_suit.toml", people=0, external_loads=loads)
     assert [found.code for found in assessment.findings] == [found["code"] for found in plain["finding_codes"]]
     assert list(map(str, assessment.findings)) == plain["findings"]
     assert [found.code for found in motion.findings] == ["motion.low_cutoff"]
@@ -101,19 +100,19 @@ def test_all_say_that_a_cuff_migrated_against_the_pull_and_refuse_one_that_gives
     leg: Model, station, tmp_path: Path
 ) -> None:
     cuffs = tmp_path / "shank.json"
-    suit, options = LEG / "shank_suit.toml", ("--cuffs", cuffs, "--draws", 0, "--output", tmp_path / "out")
+    suit, options = LEG / "shank_suit.toml", ("--cuffs", cuffs, "--output", tmp_path / "out")
     for damping, migration, is_refused in ((210, -0.012, False), (-210, 0.012, True)):
         figures = {"stiffness_n_per_m": 8520, "damping_n_s_per_m": damping, "migration_m": migration}
         cuffs.write_text(json.dumps({"cuffs": {"shank": figures}}))
-        for verb in ("assess", "optimise"):
-            ran = station(verb, *FILES, "--suit", suit, *options)
+        for verb, undrawn in (("assess", "--people"), ("optimise", "--draws")):
+            ran = station(verb, *FILES, "--suit", suit, *options, undrawn, 0)
             if is_refused:
                 assert_refused(ran, FAILED, FitErrorCode.CUFFS_INVALID)
             else:
                 assert "The migration of shank is −12.0 mm" in ran.err
         with raises_refusal(FitErrorCode.CUFFS_INVALID) if is_refused else nullcontext():
             motion = cs.load_motion(leg, LEG / "stride.mot", every=20)
-            found = cs.assess(cs.read_cuffs(cuffs), leg, motion, suit, draws=0, external_loads=LEG / "ground.xml")
+            found = cs.assess(cs.read_cuffs(cuffs), leg, motion, suit, people=0, external_loads=LEG / "ground.xml")
             assert "cuffs.negative_migration" in [finding.code for finding in found.findings]
 
 
@@ -134,8 +133,8 @@ def test_a_solution_of_the_library_says_that_reserves_give_what_muscles_should(t
     assert "knee_angle" in str(solution.findings[1]) and "pelvis" not in str(solution.findings[1])
 
 
-@pytest.mark.parametrize("wrong", [(), ("--draws", 80), ("--draws", 0, "--people", 100)])
-def test_elastic_tendons_are_refused_with_draws(station, tmp_path: Path, wrong: tuple[object, ...]) -> None:
+@pytest.mark.parametrize("wrong", [("--people", 100), ("--indices", 8), ("--donnings", LEG)])
+def test_elastic_tendons_are_refused_with_people(station, tmp_path: Path, wrong: tuple[object, ...]) -> None:
     refused = station("assess", *FILES, *SUIT_FILES, "--tendons", "elastic", *wrong, "--output", tmp_path / "out")
     assert refused.code == 2 and not (tmp_path / "out").exists()
 
@@ -232,7 +231,7 @@ def test_what_is_wrong_with_motion_and_loads_is_a_finding_of_assessment_and_opti
     (tmp_path / "effort.toml").write_text("[reserves]\n" + "\n".join(reserves))
     files = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads, "--cutoff-hz", 6)
     files += ("--suit", tmp_path / "suit.toml", "--cuffs", LEG / "shank.json", "--effort", tmp_path / "effort.toml")
-    ran = station("assess", *files, "--draws", 0, "--output", tmp_path / "assessed")
+    ran = station("assess", *files, "--people", 0, "--output", tmp_path / "assessed")
     assert ran.code in (0, 3) and "patella_angle 0.1 rad" in ran.err
     plain = json.loads((tmp_path / "assessed" / "assessment.json").read_text())
     codes = {finding["code"]: finding["figures"] for finding in plain["finding_codes"]}
@@ -251,7 +250,7 @@ def test_what_is_wrong_with_motion_and_loads_is_a_finding_of_assessment_and_opti
 
 
 def test_people_with_other_legs_have_the_masses_of_the_model(station, tmp_path: Path) -> None:
-    ran = station("assess", *FILES, *SUIT_FILES, "--draws", 0, "--people", 2, "--output", tmp_path)
+    ran = station("assess", *FILES, *SUIT_FILES, "--people", 40, "--output", tmp_path)
     assert ran.code in (0, 3)
     plain = json.loads((tmp_path / "assessment.json").read_text())
     assert "model.no_arm_segments" in {finding["code"] for finding in plain["finding_codes"]}
@@ -284,7 +283,7 @@ def test_the_best_rest_length_of_a_stride_is_that_of_all_its_frames(leg: Model, 
     carried = ("thigh_angle", "hip_x", "hip_y", "knee_angle")
     options = options_for(leg, RedundancyOptions(unweighted_coordinates=carried))
     motion, cuff = LoadedMotion(leg, kinematics, loads, options), CuffParameters("shank", "arm", 8520.0, 210.0, 0.012)
-    found = optimise_suit(motion, suit, (None, cuff), draws=DrawSettings(count=0)).fitted
+    found = optimise_suit(motion, suit, (None, cuff)).fitted
     lengths = np.linspace(0.3124, 0.3144, 11)
     scenario = SuitScenario("both", None, cuff, lengths)
     costs = solve_scenarios(prepare_suited_motion(motion, suit), [scenario])[1][0].muscles

@@ -118,7 +118,7 @@ def test_a_stiffness_edited_in_the_cuffs_file_is_reported_by_assess_and_report(
     page = (session / "report.html").read_text(encoding="utf-8")
     assert '<div class="note" id="doubts">' in page
 
-    ran = station("assess", "--cuffs", session / "cuffs.json", "--output", session, "--motion", motion, "--draws", 0)
+    ran = station("assess", "--cuffs", session / "cuffs.json", "--output", session, "--motion", motion, "--people", 0)
     assert ran.code == 3 and str(Message(ChainCode.CHANGED, {"file": "cuffs.json", "sums": CHECKSUMS_FILE})) in ran.err
     plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))
     worn = plain["cuffs"]["hand"]

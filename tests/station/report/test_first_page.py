@@ -7,12 +7,10 @@ from typing import Any
 import pytest
 
 from station.assessment.assessment_json import CURVE_KEYS
-from station.assessment.total_json import with_total_intervals
 from station.charts.marks import Band
 from station.messages.codes import AssessmentCode, DecisionCode
 from station.messages.html import with_commands
-from station.report.assessment_section import assessment_section
-from station.report.cuff_section import effect_of
+from station.report.assessment_section import assessment_section, effort_figures
 from station.report.first_page import BUNDLED_SUIT, findings_of, first_page
 from station.report.muscle_figures import cuffs_figure
 from station.report.numbers import figure, located, saving, saving_in_words
@@ -164,43 +162,28 @@ def test_commands_of_a_sentence_are_code_and_the_rest_is_escaped() -> None:
     assert str(with_commands("a < b: run `station fit`")) == "a &lt; b: run <code>station fit</code>"
 
 
-def test_with_drawn_people_the_page_has_their_intervals_and_bands() -> None:
-    total = {
-        "people": _number(100),
-        "at_rigid_optimum": {"rigid": _number(0.88), "hand": {"both": _number(0.906, 0.7, 1.0)}},
-        "cost": {"hand": {"both": {"value": [1.2, 0.87, 0.95], "ci95": [None, [0.7, 1.0], [0.8, 1.1]]}}},
-    }
-    curve = {"value": [1.2, 0.87, 0.95], "ci95": None}
+def test_with_drawn_people_the_effort_has_their_band_and_the_caption_their_number() -> None:
+    curve: dict[str, Any] = {"value": [1.2, 0.87, 0.95], "ci95": [None, [0.7, 1.0], [0.8, 1.1]]}
     assessment = _assessment(
-        total_uncertainty=total,
-        cost={"rigid": curve, "hand": {"both": curve}},
+        uncertainty={"people": _number(100), "sources": ["fit"]},
+        cost={"rigid": {**curve, "ci95": None}, "hand": {"both": curve}},
         rest_lengths_m={"value": [0.6, 0.65, 0.7]},
         reference_rest_length_m=_number(0.7),
     )
-    shown = with_total_intervals(assessment)
-    assert str(effect_of(shown, "hand")[2]) == "9 (0\u00a0to\u00a030)"
-    assert str(effect_of(assessment, "hand")[2]) == "9.4 (2.0\u00a0to\u00a017.0)"
-    assert shown["optimum"] == assessment["optimum"], "figures that the people do not have stay as they are"
-    ((panel,),) = cuffs_figure(shown).columns
+    assert "100 drawn people" in str(effort_figures(assessment)[0].caption)
+    ((panel,),) = cuffs_figure(assessment).columns
     (band,) = (mark for mark in panel.marks if isinstance(mark, Band))
     assert band.high.tolist()[1:] == [1.0, 1.1] and panel.y_limits[0] is not None and panel.y_limits[0] < 0.7
-    ((panel,),) = cuffs_figure({**assessment, "total_uncertainty": None}).columns
+    curve = {**curve, "ci95": None}
+    without = {**assessment, "uncertainty": None, "cost": {"rigid": curve, "hand": {"both": curve}}}
+    ((panel,),) = cuffs_figure(without).columns
     assert not any(isinstance(mark, Band) for mark in panel.marks)
+    assert "people" not in str(effort_figures(without)[0].caption)
 
 
-@pytest.mark.parametrize(
-    ("more", "named"),
-    [
-        ({"uncertainty": {"sources": ["cuffs"]}}, {"cuffs"}),
-        ({"uncertainty": {"sources": ["cuffs", "motions"]}}, {"cuffs", "posture"}),
-        ({"uncertainty": {"sources": ["motions"]}}, {"posture"}),
-        ({"uncertainty": {"draws": _number(50)}}, {"cuffs"}),
-        ({"uncertainty": {"draws": _number(50)}, "subject": {}}, {"cuffs"}),
-        ({"uncertainty": {"draws": _number(50)}, "subject": {"mass_kg": 1.0}}, {"cuffs", "posture"}),
-        ({"uncertainty": None}, set()),
-    ],
-)
-def test_the_section_on_the_suit_names_what_its_intervals_contain(more: dict[str, Any], named: set[str]) -> None:
+@pytest.mark.parametrize("sources", [["fit"], ["fit", "motion"], []])
+def test_the_section_on_the_suit_names_what_its_intervals_contain(sources: list[str]) -> None:
     columns = {key: {"rigid": _number(1.0), "hand": {"both": _number(1.0)}} for key in CURVE_KEYS.values()}
-    section = assessment_section(_assessment(inputs={}, **columns, **more), ())
-    assert {word for word in ("cuffs", "posture") if word in section.intervals} == named
+    drawn = {"people": _number(50), "sources": sources} if sources else None
+    section = assessment_section(_assessment(inputs={}, uncertainty=drawn, **columns), ())
+    assert [word for word in ("fit", "motion") if word in section.intervals] == sources

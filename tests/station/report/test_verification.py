@@ -25,7 +25,7 @@ EFFORT = "assessment.at_rigid_optimum.hand.both"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return report_session(tmp_path_factory.mktemp("made"), draws=2)
+    return report_session(tmp_path_factory.mktemp("made"), people=2)
 
 
 @pytest.fixture

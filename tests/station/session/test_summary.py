@@ -24,7 +24,7 @@ from tests.station.refusals import raises_refusal
 from tests.station.wearer import SPECS, WearerSession
 
 POSE, FREE, TIGHT = (spec.file_name(1) for spec in SPECS)
-SHORT = {"most_frames": 45, "most_rest_lengths": 4, "draws": 0}
+SHORT = {"most_frames": 45, "most_rest_lengths": 4, "people": None}
 """EMG is compared with activations that are at most half a second apart."""
 
 

@@ -17,9 +17,9 @@ from solver.errors import SolverCode, SolverError
 from solver.model import ModelError
 from solver.motion import differentiate, read_motion
 from solver.raise_arm import simulate_arm_raise
+from solver.suit.optimise import LEAST_FRAMES
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import SuitError, read_suit
-from solver.suit.uncertainty import LEAST_FRAMES, DrawSettings
 from solver.time_series_table import write_table
 from station import sources
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
@@ -56,7 +56,7 @@ def test_the_cost_of_every_case_is_that_of_the_assessment(tmp_path: Path) -> Non
     model = bundled_model()
     worn = worn_cuffs(read_cuffs_to_wear(tmp_path / "cuffs.json"), ())
     motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
-    whole = assess(motion, read_suit(), worn, every=60, draws=DrawSettings(count=0))
+    whole = assess(motion, read_suit(), worn, every=60)
     assert (found.cases, found.failed, found.unsolved) == (4, 0, 0)
     for row in table.to_dict("records"):
         (curve,) = [c for c in whole.curves if (c.condition, c.cuff or row["cuff"]) == (row["condition"], row["cuff"])]
