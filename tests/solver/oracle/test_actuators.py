@@ -30,8 +30,6 @@ from tests.solver.oracle.two_bodies import (
 )
 from tests.solver.references import relative_difference
 
-pytestmark = pytest.mark.oracle
-
 Array = NDArray[np.float64]
 
 

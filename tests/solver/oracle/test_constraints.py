@@ -15,8 +15,6 @@ from tests.solver.oracle.test_joints import FUNCTIONS
 from tests.solver.oracle.two_bodies import difference, frame_of, given, model_with, opensim, read_back, vec3
 from tests.solver.refusals import raises_refusal
 
-pytestmark = pytest.mark.oracle
-
 ENDS = [("ground", "upper"), ("ground", "lower"), ("upper", "ground"), ("lower", "ground"), ("upper", "lower")]
 HELD = vec3(0.1, 0.2, -0.1), vec3(0.05, -0.1, 0.2)
 

@@ -9,8 +9,6 @@ import pytest
 
 from tests.solver.oracle.two_bodies import difference, given, model_with, opensim, read_back
 
-pytestmark = pytest.mark.oracle
-
 
 @pytest.mark.parametrize("coordinate", ["first_coord_0", "first_coord_2", "second_coord_0"])
 @pytest.mark.parametrize("joint", ["PlanarJoint", "FreeJoint"])

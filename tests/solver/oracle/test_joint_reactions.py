@@ -23,8 +23,6 @@ from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim,
 from tests.solver.references import relative_difference
 from tests.solver.refusals import raises_refusal
 
-pytestmark = pytest.mark.oracle
-
 Array = NDArray[np.float64]
 TENSION, EFFORT = 130.0, 17.0  # N of the muscle, N or N m of the actuator
 KINDS = ("PinJoint", "BallJoint", "FreeJoint", "UniversalJoint", "WeldJoint")

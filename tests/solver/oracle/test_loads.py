@@ -28,7 +28,6 @@ from tests.solver.references import relative_difference
 
 certify: Any = pytest.importorskip("tests.solver.certify")
 
-pytestmark = pytest.mark.oracle
 
 Array = NDArray[np.float64]
 COLUMNS = [f"{part}_{axis}" for part in ("pull", "grip", "twist") for axis in "xyz"]

@@ -21,8 +21,6 @@ from tests.solver.oracle.two_bodies import (
     vec3,
 )
 
-pytestmark = pytest.mark.oracle
-
 ENDS = [("ground", (0.3, 0.2, -0.1)), ("lower", (0.02, -0.2, 0.1))]
 SIDES = ("all", "x", "+x", "-x", "y", "+y", "-y", "z", "+z", "-z")
 SURFACES = [(kind, side) for kind in ("WrapCylinder", "WrapSphere", "WrapEllipsoid", "WrapTorus") for side in SIDES]

@@ -20,13 +20,10 @@ from solver.functions.muscle_curves import DeGrooteFreglyCurves, SchutteCurves, 
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from tests.solver.oracle.test_actuators import ADDED
-from tests.solver.oracle.test_closed_form_forces import between_tilted_frames, constants
-from tests.solver.oracle.test_force_elements import lay
-from tests.solver.oracle.test_scaled_forces import ALONG_PATHS
+from tests.solver.oracle.test_force_elements import between_tilted_frames, constants, lay
+from tests.solver.oracle.test_scaling import ALONG_PATHS
 from tests.solver.oracle.two_bodies import difference_to, frame_of, given, model_with, opensim, read_back, vec3
 from tests.solver.osim.test_model_writer import assert_same
-
-pytestmark = pytest.mark.oracle
 
 
 def springs_of_coordinates(model: Any) -> None:
