@@ -127,7 +127,8 @@ class _CodeCache(_Cache):  # type: ignore[misc]
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        lock = Path(self.cache_path) / f"{function.__module__}.{function.__name__}.lock"
+        name = function.__name__.strip("<>")  # of a lambda; Windows has no such file names
+        lock = Path(self.cache_path) / f"{function.__module__}.{name}.lock"
         self._lock = FileLock(lock, LOCK_TIMEOUT_S, thread_local=False)
 
     def _index_key(self, signature: Any, codegen: Any) -> tuple[object, ...]:

@@ -161,7 +161,7 @@ def test_without_a_writable_folder_it_is_compiled_and_reported_once(
 ) -> None:
     (tmp_path / "__pycache__").write_text("a file where the folder would be")
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "__pycache__"))
+    monkeypatch.setattr("numba.core.caching.AppDirs.user_cache_dir", str(tmp_path / "__pycache__"))
     monkeypatch.setattr(compiled._NoCache, "is_reported", False)
     assert _kernel(tmp_path)(3.0) == 6.0
     assert _kernel(tmp_path, factor=5.0)(3.0) == 15.0
