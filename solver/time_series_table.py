@@ -122,10 +122,17 @@ def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], A
     return names, table[is_new], replace(header, repeated=int(np.sum(~is_new)))
 
 
-def ensure_seconds(path: Path, time: Array) -> None:
-    """Raise MotionError for times (frames,) whose steps are those of milliseconds."""
-    step = float(np.median(np.diff(time))) if len(time) >= FEWEST_SAMPLED else 0.0
-    if step >= LONGEST_STEP_S:
+def ensure_seconds(path: Path, time: Array, motion: Array | None = None) -> None:
+    """Raise MotionError for times (frames,) whose steps are those of milliseconds.
+
+    motion: times [s] that the table is for. A table of few rows has milliseconds if it begins and ends with the motion,
+    within a step, a thousand times later, and the motion lies within one step of it.
+    """
+    step = float(np.median(np.diff(time)))
+    is_in_ms = len(time) >= FEWEST_SAMPLED and step >= LONGEST_STEP_S
+    if motion is not None and len(time) > 2 and step >= motion[-1] - motion[0]:
+        is_in_ms |= bool((np.abs(time[[0, -1]] - 1e3 * motion[[0, -1]]) <= step).all())
+    if is_in_ms:
         raise MotionError(
             f"{path.name} should have times in s and has steps of {step:g}, as of times in ms; divide them by 1000",
             SolverCode.TIME_UNIT,

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.text import read_lines, read_numbers
+from recordings.exchange.text import listed, read_lines, read_numbers
 
 Array = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def _columns(titles: Sequence[str], units: Sequence[str], path: Path) -> list[in
     missing = [title for title in expected if found.count(title) != 1]
     if missing:
         raise ForeignFile(
-            f"{path} has the columns {', '.join(titles)}, expected one {', one '.join(missing)}; use a joint force",
+            f"{path} has the columns {listed(titles)}, expected one {', one '.join(missing)}; use a joint force",
             RecordingCode.FOREIGN_MISSING_COLUMN,
         )
     columns = [found.index(title) for title in expected]

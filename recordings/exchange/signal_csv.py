@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.tables import SignalTable, require_rising, require_single_channels
 from recordings.exchange.text import (
+    listed,
     read_lines,
     read_numbers,
     require_fields,
@@ -40,7 +41,7 @@ def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalT
         )
     if time_column not in titles:
         raise ForeignFile(
-            f"{path} has no column {time_column}, only {', '.join(titles)}; name it with --time-column",
+            f"{path} has no column {time_column}, only {listed(titles)}; name it with --time-column",
             RecordingCode.FOREIGN_MISSING_COLUMN,
         )
     require_single_channels([title for title in titles if title in (time_column, *wanted)], str(path))

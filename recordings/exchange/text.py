@@ -108,7 +108,7 @@ def require_fields(lines: Sequence[str], separator: str, titles: Sequence[str], 
             is_comma = separator == "," and len(fields) > count
             remedy = "are decimals written with commas? Export points, or semicolons between columns"
             raise ForeignFile(
-                f"{path}, line {first_line + i}, has {len(fields)} fields, expected {count} ({', '.join(titles)}); "
+                f"{path}, line {first_line + i}, has {len(fields)} fields, expected {count} ({listed(titles)}); "
                 f"{remedy if is_comma else 'repair the line, or export it again'}",
                 RecordingCode.FOREIGN_TITLES,
             )
@@ -120,6 +120,11 @@ def _no_number(path: Path, line: int, field: str, column: int) -> ForeignFile:
         f"{path}, line {line}, has {field!r} in column {column + 1}, expected a number{remedy}",
         RecordingCode.FOREIGN_NOT_A_NUMBER,
     )
+
+
+def listed(titles: Sequence[str]) -> str:
+    """Titles of a table for a sentence, in quotes where they contain a comma."""
+    return ", ".join(f'"{title}"' if "," in title else title for title in titles)
 
 
 def printed_by_c(lines: Sequence[str]) -> tuple[str, ...]:

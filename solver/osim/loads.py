@@ -96,7 +96,7 @@ class _Data:
                 f"{path.name} should begin with a column time that increases, and does not; check it",
                 SolverCode.MALFORMED_TABLE,
             )
-        ensure_seconds(path, table[:, 0])
+        ensure_seconds(path, table[:, 0], time)
         _ensure_covered(path, table[:, 0], time)
         _ensure_no_gap(path, table[:, 0], time)
         filled = _without_gaps(table)

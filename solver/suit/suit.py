@@ -166,7 +166,7 @@ def ensure_fits(suit: Suit, model: Model) -> None:
         if body not in bodies:
             raise SuitError(
                 f"the suit's {where} is on the body {body}, which the model {model.name} does not have; it has "
-                f"{', '.join(bodies)}",
+                f"{', '.join(bodies)}; give a suit of this model",
                 SolverCode.SUIT_BODY,
             )
     for group, members in suit.groups.items():
@@ -174,7 +174,7 @@ def ensure_fits(suit: Suit, model: Model) -> None:
         if unknown:
             raise SuitError(
                 f"the suit's groups.{group} names {', '.join(unknown)}, which the model {model.name} does not have; "
-                f"it has {', '.join(muscles)}",
+                f"it has {', '.join(muscles)}; give a suit of this model",
                 SolverCode.SUIT_MUSCLE,
             )
 

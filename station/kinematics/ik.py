@@ -198,7 +198,7 @@ def with_marker_set(model: Model, marker_set: str) -> tuple[Model, list[str], tu
     placed = place_marker_set(model, marker_set)
     found = {KinematicsCode.WITHOUT_PLACE: placed.without_place, KinematicsCode.ELSEWHERE: placed.elsewhere}
     findings = tuple(Message(code, {"markers": ", ".join(markers)}) for code, markers in found.items() if markers)
-    return placed.model, list(placed.names), on_model + findings
+    return placed.model, list(placed.names), on_model + unattached_findings(marker_set, placed.unattached) + findings
 
 
 def ensure_common(file: str, labels: Sequence[str], followed: Sequence[str], known: Sequence[str]) -> None:

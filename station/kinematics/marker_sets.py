@@ -44,12 +44,14 @@ class PlacedMarkers:
     """A model with the markers of a set.
 
     names          of those that have a place in it;  without_place of the others
+    unattached     of those on bodies that the model lacks
     elsewhere      of those that the model has on another body than the set; they stay there
     """
 
     model: Model
     names: tuple[str, ...]
     without_place: tuple[str, ...]
+    unattached: tuple[str, ...]
     elsewhere: tuple[str, ...]
 
 
@@ -76,16 +78,22 @@ def read_marker_set(name: str) -> LabelledMarkers:
 
 
 def place_marker_set(model: Model, name: str) -> PlacedMarkers:
-    """Give a model the markers of a set. Raises MarkerSetError for an unknown set and a body that the model lacks."""
+    """Give a model the markers of a set. Raises MarkerSetError for an unknown set, and if the model has none of its
+    bodies.
+    """
     marker_set = read_marker_set(name)
     bodies = {body.name: index for index, body in enumerate(model.bodies)}
     known = {marker.name: marker for marker in model.markers}
+    unattached = tuple(label for label, site in marker_set.markers.items() if site.body not in bodies)
+    if len(unattached) == len(marker_set.markers):
+        first = {"marker": unattached[0], "body": marker_set.markers[unattached[0]].body}
+        figures = {"set": name, **first, "model": model.name, "known": ", ".join(bodies)}
+        raise MarkerSetError(Message(KinematicsCode.NO_BODY, figures))
     placed: list[Marker] = []
     elsewhere = []
     for label, site in marker_set.markers.items():
-        if site.body not in bodies:
-            figures = {"set": name, "marker": label, "body": site.body, "model": model.name}
-            raise MarkerSetError(Message(KinematicsCode.NO_BODY, {**figures, "known": ", ".join(bodies)}))
+        if label in unattached:
+            continue
         if label in known:
             placed.append(known[label])
             elsewhere += [label] * (known[label].body != bodies[site.body])
@@ -96,8 +104,8 @@ def place_marker_set(model: Model, name: str) -> PlacedMarkers:
         elif site.location_m is not None:
             placed.append(Marker(label, bodies[site.body], np.array(site.location_m)))
     names = tuple(marker.name for marker in placed)
-    without_place = tuple(label for label in marker_set.markers if label not in names)
-    return PlacedMarkers(with_markers(model, placed), names, without_place, tuple(elsewhere))
+    without_place = tuple(label for label in marker_set.markers if label not in (*names, *unattached))
+    return PlacedMarkers(with_markers(model, placed), names, without_place, unattached, tuple(elsewhere))
 
 
 @cache

@@ -54,6 +54,7 @@ def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) ->
         ("\n \n", RecordingCode.FOREIGN_EMPTY, ""),
         ("time,force\n0,1\n", RecordingCode.FOREIGN_MISSING_COLUMN, "time_s"),
         ("0.0,1.5\n0.1,1.5\n", RecordingCode.FOREIGN_MISSING_COLUMN, "time_s"),
+        ('t,"Torque, request"\n0,1\n', RecordingCode.FOREIGN_MISSING_COLUMN, 'only t, "Torque, request"; '),
         ("time_s,force_v\n", RecordingCode.FOREIGN_TOO_SHORT, ""),
         ("time_s,force_v\n0,1\n0.1,high\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 3, has 'high' in column 2"),
         ("time_s,force_v\n0,1\n,1\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 3"),

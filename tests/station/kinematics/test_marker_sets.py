@@ -37,6 +37,7 @@ source = "the lab's protocol, 2026"
 STRN = { body = "thorax", location_m = [0.02, -0.05, 0.0] }
 ELBL = { body = "humerus", same_as = ["EpL"] }
 KNEE = { body = "humerus" }
+HEEL = { body = "calcn" }
 """
 
 
@@ -69,7 +70,7 @@ def test_a_wrist_marker_that_a_published_model_has_on_the_ulna_stays_there_and_i
     assert patient.bodies[placed.model.marker("RS2").body].name == "ulna"
 
 
-def test_a_labs_own_set_is_followed_and_a_marker_without_a_place_is_a_finding(tmp_path: Path) -> None:
+def test_a_labs_own_set_is_followed_and_markers_without_a_place_or_a_body_are_findings(tmp_path: Path) -> None:
     trial(tmp_path, frames=6)
     own = tmp_path / "own.toml"
     own.write_text(OWN, encoding="utf-8")
@@ -84,8 +85,9 @@ def test_a_labs_own_set_is_followed_and_a_marker_without_a_place_is_a_finding(tm
     solved = solve_postures(IkInputs("bundled", path, None, marker_set=str(own)))
     followed = [marker.name for marker in solved.tasks.markers]
     assert "ELBL" in followed and "KNEE" not in followed
-    (found,) = [each for each in solved.findings if each.code is KinematicsCode.WITHOUT_PLACE]
-    assert found.figures["markers"] == "KNEE"
+    found = {each.code: each.figures for each in solved.findings}
+    assert found[KinematicsCode.WITHOUT_PLACE]["markers"] == "KNEE"
+    assert found[KinematicsCode.UNATTACHED] == {"file": str(own), "markers": "HEEL"}
 
 
 @pytest.mark.parametrize(
