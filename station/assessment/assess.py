@@ -143,11 +143,8 @@ def assess_cuffs(
         assessment, drawn_people = assess_people(people, case, moving, worn, assessment, progress, spread)
     drawn = plain_postures(model, kinematics, suit, assessment.time)
     hashes = inputs.hashes() | ({} if people is None else people.inputs)
-    subject = None
-    if inputs.subject is not None and case.subject is not None:
-        cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
-        subject = plain_subject(case.subject, case.spread, cord)
-        hashes |= subject_inputs(inputs.subject, case.subject)
+    subject, named = _wearer(inputs, case, worn, assessment.waist_cuff)
+    hashes |= named
     on_loads = load_checks(inputs.external_loads, moving.loads, moving.model, moving.kinematics)
     on_inputs = _findings_on_inputs(case, on_loads, has_people=people is not None)
     names = dict(suit.names)
@@ -175,6 +172,16 @@ def _donning(people: PeopleRun, cuffs: Path) -> DonningSources | None:
         return None
     declared, estimates = people.budget.sources.donning, people.budget.donning.estimate
     return donning_sources(declared, cuffs, people.donnings, estimates=estimates)
+
+
+def _wearer(
+    inputs: AssessmentInputs, case: AssessedCase, worn: Sequence[CuffParameters], waist: str | None
+) -> tuple[dict[str, Any] | None, dict[str, str]]:
+    """The wearer as plain data, and what stood for the inputs of the assessment; None and nothing without one."""
+    if inputs.subject is None or case.subject is None:
+        return None, {}
+    cord = compare_cord(case.subject, case.suit, {cuff.name: cuff for cuff in worn}, waist)
+    return plain_subject(case.subject, case.spread, cord), subject_inputs(inputs.subject, case.subject)
 
 
 def _assess_other_motion(
