@@ -2,16 +2,12 @@
 
     python benchmarks/assessment.py [--motion FLX01.mot]
 
-Prints the study cell by cell beside the published tables, the time for different numbers of frames, and the time of a
-scenario compared with OpenSim and a general optimiser, if such a script is beside the repository.
+Prints the study cell by cell beside the published tables, and the time for different numbers of frames.
 """
 
 from __future__ import annotations
 
 import argparse
-import re
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -26,9 +22,6 @@ from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 
 SHARED = Path(__file__).parents[2] / "shared"
-PEER = SHARED / "peer" / "opensim_rmr.py"
-PEER_MODEL = SHARED / "data" / "models" / "TSM_subject_noWeight.osim"
-PEER_FRAMES = 12
 
 # stiffness [N/m], damping [N s/m], migration [m], as published
 CUFFS = {
@@ -70,13 +63,6 @@ def main() -> None:
     print_reductions(whole)
     ours = 1e3 * seconds / whole.scenarios / len(kinematics.time)
     print(f"a frame of a scenario: {1e3 * ours:.0f} µs of wall time, everything shared included")
-    peers = peer_milliseconds(chosen.motion)
-    if peers is None:
-        print(f"no peer at {PEER.name}: no ratio")
-    else:
-        hours = peers * whole.scenarios * len(kinematics.time) / 3.6e6
-        print(f"the peer, which starts each scenario anew: {peers:.0f} ms a frame, {hours:.1f} h for this study")
-        print(f"ratio={peers / ours:.0f}")
 
 
 def study(model: Model, kinematics: Kinematics) -> tuple[Assessment, float]:
@@ -111,16 +97,6 @@ def print_reductions(found: Assessment) -> None:
     for group in read_suit().groups:
         values = [curves[pair].reduction[group].value for pair in shown]
         print(f"{group:20}" + "".join("     –" if value is None else f"{100 * value:6.0f}" for value in values))
-
-
-def peer_milliseconds(motion: Path) -> float | None:
-    """Time of the peer for a frame: linear maps by OpenSim, then SLSQP; None without the script."""
-    if not PEER.is_file():
-        return None
-    command = [sys.executable, str(PEER), str(PEER_MODEL), str(motion), str(PEER_FRAMES)]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-    found = re.search(r"maps ([\d.]+) ms +SLSQP ([\d.]+) ms", ran.stdout)
-    return sum(map(float, found.groups())) if found else None
 
 
 if __name__ == "__main__":
