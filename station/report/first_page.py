@@ -12,7 +12,7 @@ from station.assessment.decision_json import listed
 from station.assessment.interval_sources import sources_text
 from station.messages.codes import AssessmentCode, DecisionCode
 from station.report.cuff_section import Cuffs, effect_of
-from station.report.numbers import Shown, fixed, length, saving_in_words
+from station.report.numbers import Shown, fixed, length, saving, saving_in_words
 from station.sources import named_hash, without_hash
 
 Plain = Mapping[str, Any]
@@ -95,15 +95,18 @@ def answer(assessment: Plain) -> Iterator[Shown]:
     elif code == DecisionCode.CHOOSE:
         yield f"Choose the {leading[0]} cuff: "
     elif code in (DecisionCode.EQUIVALENT, DecisionCode.EQUIVALENT_AND_WORSE):
-        yield f"Choose {' or '.join(leading)} by comfort, they save the same: "
+        yield f"Choose {', '.join(leading[:-1])} or {leading[-1]} by comfort, they save the same: "
     else:
         yield f"Not decided between {listed(list(known))}; {leading[0]} has the least effort so far: "
     for cuff in leading:
         best = assessment["optimum"][cuff]["both"]
         at = fixed(best["rest_length_m"]["value"], digits=3)
-        name = f"{cuff} " if len(leading) > 1 else ""
-        yield from (name, saving_in_words(best["normalised_cost"]), " at a rest length of ", at, " m")
-        yield "." if cuff == leading[-1] else "; "
+        if cuff == leading[0]:
+            yield from (saving_in_words(best["normalised_cost"]), " at a rest length of ", at, " m")
+            yield f" with {cuff}" if len(leading) > 1 else ""
+        else:
+            yield from ("; ", saving(best["normalised_cost"]), " % at ", at, f" m with {cuff}")
+    yield "."
 
 
 def findings_of(assessment: Plain) -> list[str]:

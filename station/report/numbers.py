@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from markupsafe import Markup
 
-from documents.interval import between, bracketed, plus_minus, rounded
+from documents.interval import UNBROKEN, between, bracketed, plus_minus, rounded
 from fitting.results.standing import Standing
 from station.report.pictures import Picture
 from station.report.provenance import Provenance
@@ -156,7 +156,8 @@ def saving_in_words(entry: Mapping[str, Any]) -> Shown:
         return "effort not known"
     sign, word = (-1.0, "less") if entry["value"] <= 1.0 else (1.0, "more")
     number, _, brackets = _percent(entry, sign).partition(" (")
-    ends_text = f" (95 % interval {brackets[:-1]} %)" if brackets else ""
+    low, more, _ = brackets.removesuffix(")").partition(f"{UNBROKEN}or{UNBROKEN}more")
+    ends_text = f" (95 % interval {low} %{more})" if brackets else ""
     return _of(entry, f"{number} % {word} effort than with a slack cord{ends_text}")
 
 

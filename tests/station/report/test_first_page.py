@@ -71,7 +71,7 @@ def _number(value: float | None, *ci95: float) -> dict[str, Any]:
         (
             _number(0.906, 0.83, 0.98) | {"censored": "low"},
             "9.4 (2.0\u00a0or\u00a0more)",
-            "9.4 % less effort than with a slack cord (95 % interval 2.0\u00a0or\u00a0more %)",
+            "9.4 % less effort than with a slack cord (95 % interval 2.0 %\u00a0or\u00a0more)",
         ),
         (_number(None), "–", "effort not known"),
     ],
@@ -98,7 +98,7 @@ SAVED = "13.5 % less effort than with a slack cord at a rest length of 0.650 m"
         (
             ("hand", "tube"),
             EQUIVALENT,
-            f"Choose hand or tube by comfort, they save the same: hand {SAVED}; tube {SAVED}.",
+            f"Choose hand or tube by comfort, they save the same: {SAVED} with hand; 13.5 % at 0.650 m with tube.",
         ),
         (("hand", "tube"), UNDECIDED, f"Not decided between hand and tube; tube has the least effort so far: {SAVED}."),
         (("hand", "tube"), FIT_ONLY, f"Not decided between hand and tube; hand has the least effort so far: {SAVED}."),
