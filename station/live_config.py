@@ -21,7 +21,7 @@ class LiveSection(BaseModel):
     model: str = ""  # .osim; without it the wearer's body from the session's earlier trials, or the bundled one
     suit: Path | None = None  # suit.toml; without it the bundled suit
     cuffs: Path | None = None  # without it cuffs.json of the session; without both only rigid cuffs
-    arm_cuff: str = ""  # that is worn; without it the one of subject.toml, or the first in cuffs.json
+    arm_cuff: str = ""  # that is worn; without it that of subject.toml, else the only one fitted
     other_cuff: str = ""  # a further scenario
     rest_length_m: Positive | None = None  # without it that of subject.toml, or the suit's reference
     rest_lengths_m: tuple[Positive, ...] = Field(default=(), max_length=4)  # further scenarios, for the best length

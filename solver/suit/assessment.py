@@ -90,7 +90,8 @@ class UncertaintySummary:
     """Where the intervals of an assessment are from, and the decision between the arm cuffs.
 
     people    drawn;  solved: with an effort at the reference rest length of every curve;  every: N-th frame
-    unsolved  outcome of the people who are not solved → number, the most frequent first
+    unsolved  outcome of the people who are not solved → number, the most frequent first;  infeasible: number of people
+              whose muscles cannot do the motion, who are left out
     sources   groups of sources that were drawn
     content   bounds (95 %) of the part of all people that an interval from so many contains
     largest_difference  name of a field of CurveReadouts → largest |decimated − whole| over all conditions, or NaN
@@ -106,6 +107,7 @@ class UncertaintySummary:
     largest_difference: Mapping[str, float]
     decisions: Mapping[Basis, CuffDecision]
     rule: DecisionRule
+    infeasible: int = 0
 
     @property
     def is_total(self) -> bool:

@@ -20,6 +20,8 @@ Place = tuple[Condition, str | None]
 Solved = tuple[SuitScenario, ScenarioEffort]
 """A scenario and its effort; the last rest length is the reference, the others are those tried."""
 
+LARGE_RESERVES = 0.1
+"""Effort of the reserves, over that of the muscles with a slack cord, above which muscles do not explain a motion."""
 IDLE = 1e-9
 """Mean activation below which a muscle counts as inactive and has no reduction."""
 
@@ -45,6 +47,8 @@ class CurveReadouts:
     reduction          (n, measured) 1 − mean activation / that with a slack cord, at the reference; see SuitedMotion
     efforts            (n, rest lengths) normalised cost at the suit's rest lengths, of drawn people with migration and
                        compliance; NaN below those that have a solution. (n, 0) otherwise
+    reserves           effort of the reserve actuators at the reference rest length, over that of the muscles with a
+                       slack cord
     outcome            FrameOutcome that leaves at_reference unknown, or SOLVED; the SolverCode of a drawn person who
                        cannot be evaluated
     """
@@ -61,10 +65,15 @@ class CurveReadouts:
     bounds: Array
     reduction: Array
     efforts: Array
+    reserves: Array
     outcome: NDArray[np.str_]
 
+    def part(self, versions: NDArray[np.bool_]) -> CurveReadouts:
+        """These versions alone."""
+        return CurveReadouts(**{field.name: getattr(self, field.name)[versions] for field in fields(self)})
 
-_OTHERS = {"bounds", "reduction", "efforts", "outcome"}
+
+_OTHERS = {"bounds", "reduction", "efforts", "reserves", "outcome"}
 FIGURES = tuple(field.name for field in fields(CurveReadouts) if field.name not in _OTHERS)
 """Fields with one number for each version."""
 
@@ -114,6 +123,7 @@ def _read(suited: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrate
         bounds=bounds[None],
         reduction=1 - np.divide(mean, mean_slack, out=np.full_like(mean, np.nan), where=mean_slack > IDLE)[None],
         efforts=np.empty((1, 0)),
+        reserves=effort.reserves[-1:],
         outcome=np.array([str(_outcome(cost, (*effort.outcomes[-1], *slack.outcomes[0])))]),
     )
 

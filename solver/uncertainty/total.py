@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
 from solver.suit.decision import BASES, DecisionRule, decide
 from solver.suit.quantity import bounds_of, content_of_intervals, quantity_of_draws
-from solver.suit.readouts import CurveReadouts, Place
+from solver.suit.readouts import LARGE_RESERVES, CurveReadouts, Place
 from solver.uncertainty.indices import SobolIndices
 
 Array = NDArray[np.float64]
 Readouts = Mapping[Place, CurveReadouts]
 IndexedFigure = tuple[str, tuple[str, ...]]
 """A figure, as "effort_at_reference", with its arm cuff, or with the two of which it is a difference."""
+INFEASIBLE_MOTION = "infeasible_motion"
 UNVARIED = 1e-12
 """Range of efforts that differ by rounding only."""
 COMPARED = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
@@ -47,8 +48,10 @@ def with_people(
     """The assessment with the intervals of readouts (1 + people,), and the decision.
 
     The first reading is of the assessed person on the frames of the people: its difference from the assessment, which
-    has more frames, is added to the others.
+    has more frames, is added to the others. People whose muscles cannot do the motion are left out (mark_infeasible).
     """
+    is_feasible = np.all([reading.outcome != INFEASIBLE_MOTION for reading in readouts.values()], axis=0)
+    readouts = {place: reading.part(is_feasible) for place, reading in readouts.items()}
     solved = np.all([np.isfinite(reading.at_reference[1:]) for reading in readouts.values()], axis=0)
     curves = tuple(_with_intervals(curve, readouts[curve.condition, curve.cuff]) for curve in assessment.curves)
     worn = {curve.cuff: curve for curve in curves if curve.condition == "both" and curve.cuff is not None}
@@ -57,7 +60,7 @@ def with_people(
         for basis, name in BASES.items()
     }
     summary = UncertaintySummary(
-        people=len(solved),
+        people=len(is_feasible) - 1,
         solved=int(solved.sum()),
         every=every,
         unsolved=_unsolved(list(readouts.values())),
@@ -66,14 +69,31 @@ def with_people(
         largest_difference={name: _largest_difference(assessment, readouts, name) for name in COMPARED},
         decisions={basis: decide(drawn, rule) for basis, drawn in efforts.items()},
         rule=rule,
+        infeasible=int((~is_feasible).sum()),
     )
     comparisons = tuple(_compared(comparison, readouts) for comparison in assessment.comparisons)
     return replace(assessment, curves=curves, comparisons=comparisons, uncertainty=summary)
 
 
+def mark_infeasible(readouts: Readouts, *, has_assessed: bool) -> Readouts:
+    """With the outcome INFEASIBLE_MOTION of people for whom reserve actuators take over, by the rule of the assessed
+    motion: in any condition more than LARGE_RESERVES of the effort with a slack cord.
+
+    has_assessed: the first is the assessed person, who is never marked; no other is where that motion is infeasible
+    itself, of which a finding says so.
+    """
+    is_marked = np.any([reading.reserves > LARGE_RESERVES for reading in readouts.values()], axis=0)
+    if has_assessed:
+        is_marked &= not is_marked[0]
+    return {
+        place: replace(reading, outcome=np.where(is_marked, INFEASIBLE_MOTION, reading.outcome))
+        for place, reading in readouts.items()
+    }
+
+
 def explained_figures(readouts: Readouts) -> dict[IndexedFigure, Array]:
     """(people,) of the figures that have Sobol indices: of every arm cuff the effort at the reference rest length and
-    the best rest length, of two cuffs the differences of their efforts.
+    the best rest length, of two cuffs the differences of their efforts; NaN for people with an infeasible motion.
     """
     cuffs = {cuff: reading for (condition, cuff), reading in readouts.items() if condition == "both" and cuff}
     found: dict[IndexedFigure, Array] = {}
@@ -83,7 +103,8 @@ def explained_figures(readouts: Readouts) -> dict[IndexedFigure, Array]:
     for a, b in combinations(cuffs, 2):
         for basis, name in BASES.items():
             found[f"difference_{basis}", (a, b)] = getattr(cuffs[a], name) - getattr(cuffs[b], name)
-    return found
+    is_infeasible = np.any([reading.outcome == INFEASIBLE_MOTION for reading in readouts.values()], axis=0)
+    return {figure: np.where(is_infeasible, np.nan, values) for figure, values in found.items()}
 
 
 def _with_intervals(curve: EffortCurve, versions: CurveReadouts) -> EffortCurve:

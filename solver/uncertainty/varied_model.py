@@ -24,6 +24,10 @@ Array = NDArray[np.float64]
 LEAST_STIFFNESS = 0.05
 """Of a drawn cuff over the fitted one: an error of the fit that is normal would make it negative."""
 
+NEXT_DONNING = np.sqrt(2.0)
+"""Spread of the next donning about the measured one, over the spread between donnings: √(1 + 1/n). The fitted cuff is
+that of n = 1 donning, which differs from the mean of all donnings as much as the next one does.
+"""
 NO_DONNING = DonningSpread(0.0, 0.0, 0.0)
 
 MODEL_FACTORS = (
@@ -86,7 +90,8 @@ def varied_cuff(cuff: CuffParameters, fit: FitSpread, donning: DonningSpread, sc
     if (name := f"fit.{cuff.name}") in scores:
         values = values + fit.factor * covariance_root(cuff.covariance) @ scores[name]
     if (name := f"donning.{cuff.name}") in scores:
-        values = values * np.exp(np.array(donning.spreads) * _spread_factors(donning, scores) * scores[name])
+        spreads = NEXT_DONNING * np.array(donning.spreads) * _spread_factors(donning, scores)
+        values = values * np.exp(spreads * scores[name])
     stiffness, damping, migration = values.tolist()
     return replace(
         cuff, stiffness=max(stiffness, LEAST_STIFFNESS * cuff.stiffness), damping=damping, migration=migration

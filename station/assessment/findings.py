@@ -10,8 +10,8 @@ from documents.interval import digits_of, rounded
 from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
+from solver.suit.readouts import LARGE_RESERVES
 from station.assessment.interval_sources import sources_text
-from station.assessment.reserves import LARGE_RESERVES
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 
@@ -55,10 +55,19 @@ def findings(assessment: Assessment, *, are_people_drawn: bool = False) -> list[
 
 def _unsolved_people(summary: UncertaintySummary | None) -> Iterator[Finding]:
     """Named, because people without a solution need not be a random part of the sample, and intervals omit them."""
-    if summary is not None and summary.solved < summary.people:
+    if summary is not None and summary.unsolved:
         outcomes = ", ".join(f"{outcome} {count}" for outcome, count in summary.unsolved.items())
-        figures: Figures = {"unsolved": summary.people - summary.solved, "people": summary.people, "outcomes": outcomes}
+        unsolved = sum(summary.unsolved.values())
+        figures: Figures = {"unsolved": unsolved, "people": summary.people, "outcomes": outcomes}
         yield Message(AssessmentCode.PEOPLE_UNSOLVED, figures)
+    if summary is not None and summary.infeasible:
+        left_out: Figures = {
+            "infeasible": summary.infeasible,
+            "people": summary.people,
+            "percent": 100 * summary.infeasible / summary.people,
+            "reserves_percent": 100 * LARGE_RESERVES,
+        }
+        yield Message(AssessmentCode.PEOPLE_INFEASIBLE, left_out)
 
 
 def _choice(assessment: Assessment) -> Finding:

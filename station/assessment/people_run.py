@@ -23,7 +23,7 @@ from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.indices import group_names, group_sample, sobol_indices
 from solver.uncertainty.people import PeopleCase, people_case, solve_people
 from solver.uncertainty.sources import DonningSpread
-from solver.uncertainty.total import DrawnPeople, explained_figures, with_people
+from solver.uncertainty.total import DrawnPeople, explained_figures, mark_infeasible, with_people
 from station.assessment.budget_file import BUNDLED_BUDGET, UncertaintyBudget, read_budget
 from station.assessment.case import AssessedCase
 from station.errors import StationError, UnusedOption
@@ -121,13 +121,14 @@ def assess_people(
         return assessment, None
     unit = unit_sample(case.factors, sample.people, sample.method, sample.seed)
     scores = np.vstack([np.zeros(unit.shape[1]), normal_scores(unit)])
-    readouts = run_people(case, scores, run, progress)
+    readouts = mark_infeasible(run_people(case, scores, run, progress), has_assessed=True)
     found = with_people(assessment, readouts, case.every, group_names(case.factors), run.budget.rule)
     people = DrawnPeople(readouts, sample.seed, run.index_blocks)
     if run.index_blocks:
         scores = group_sample(case.factors, run.index_blocks, sample.seed)
-        figures = explained_figures(run_people(case, scores, run, partial(_report, progress, "Sobol indices")))
-        people = replace(people, indices=sobol_indices(case.factors, figures, sample.seed))
+        solved = run_people(case, scores, run, partial(_report, progress, "Sobol indices"))
+        sampled = mark_infeasible(solved, has_assessed=False)
+        people = replace(people, indices=sobol_indices(case.factors, explained_figures(sampled), sample.seed))
     return found, people
 
 

@@ -28,9 +28,8 @@ ReserveShares = Mapping[str, tuple[float, float]]
 """Coordinate → root mean squares over the solved frames of the force of actuators, and of that needed [N m, N]."""
 
 LARGE_RESERVES = 0.1
-"""Share of reserves above which muscles do not explain a motion: of the RMS force that the motion needs, or of the
-effort with a slack cord (the published motions need less than 0.01). OpenSim's guide "Reserves and Residuals" has it
-for peaks.
+"""Share of reserves in the RMS force that a motion needs, above which muscles do not explain it (the published motions
+need less than 0.01). OpenSim's guide "Reserves and Residuals" has it for peaks.
 """
 LARGE_RESIDUALS = 0.1
 """Share of the weight of the model above which residuals carry the body in place of measured loads. OpenSim's guide

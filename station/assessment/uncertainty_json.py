@@ -51,13 +51,15 @@ class IndicesEntry(StrictEntry):
 
 
 class UncertaintyEntry(StrictEntry):
-    """Where the intervals are from: the number of people drawn, and of those solved in every condition, in every N-th
-    frame. content is the part of all people inside an interval, with the bounds that so many people give.
+    """Where the intervals are from: the number of people drawn, of those solved in every condition, in every N-th
+    frame, and of those left out because their muscles cannot do the motion. content is the part of all people inside
+    an interval, with the bounds that so many people give.
     """
 
     people: KnownNumberEntry
     seed: KnownNumberEntry
     solved: KnownNumberEntry
+    infeasible: KnownNumberEntry
     every_frame: KnownNumberEntry
     sources: Annotated[list[Group], Field(min_length=1)]
     content: KnownNumberEntry
@@ -74,6 +76,7 @@ def plain_uncertainty(summary: UncertaintySummary, people: DrawnPeople, donning:
         "people": known(summary.people),
         "seed": known(people.seed),
         "solved": known(summary.solved),
+        "infeasible": known(summary.infeasible),
         "every_frame": known(summary.every),
         "sources": list(summary.sources),
         "content": {"value": 1 - 2 * TAIL, "ci95": list(summary.content)},

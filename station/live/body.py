@@ -30,6 +30,7 @@ from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 from station.sources import BUNDLED, model_of
 from station.subject.assessed_subject import fit_suit, measure_subject, read_wearer_trials
+from station.subject.measured_cord import worn_arm_cuff
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, read_subject
 
 CUFFS_FILE = "cuffs.json"
@@ -149,7 +150,7 @@ def _cuffs(
     cuffs = read_cuffs_to_wear(path)
     waist = next((cuff for cuff in cuffs.values() if cuff.site == "waist"), None)
     arms = [name for name, cuff in cuffs.items() if cuff.site == "arm"]
-    name = settings.arm_cuff or (cord.cuff if cord and cord.cuff else None) or next(iter(arms), None)
+    name = worn_arm_cuff(settings.arm_cuff or (cord.cuff if cord else None), arms)
     worn = worn_cuffs({waist.name: waist}, ())[0] if waist else None
     return cuffs, worn, _arm_cuff(cuffs, name) if name else None
 

@@ -62,6 +62,11 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "{unsolved:.0f} of {people:.0f} drawn people have no solution for at least one cuff ({outcomes}). The "
         "intervals are of the others, and may be too narrow."
     ),
+    AssessmentCode.PEOPLE_INFEASIBLE: (
+        "{infeasible:.0f} of {people:.0f} drawn people ({percent:.0f} %) are left out: their muscles cannot do the "
+        "motion, because reserve actuators would need more than {reserves_percent:.0f} % of the effort with a slack "
+        "cord. The motion was done, so intervals and decision are of the others."
+    ),
     AssessmentCode.CORD_FORCE: (
         "With rigid cuffs the cord pulls with up to {force_n:.0f} N, and is slack throughout from a rest length "
         "of {slack_m:.3f} m on, {slack_cm:.1f} cm above the best one."

@@ -298,6 +298,7 @@ class AssessmentCode(StrEnum):
     INTERVALS = "intervals.computed"
     INTERVALS_UNVERIFIED = "intervals.unverified"
     PEOPLE_UNSOLVED = "intervals.people_unsolved"
+    PEOPLE_INFEASIBLE = "intervals.people_infeasible"
     CORD_FORCE = "cord.force"
     MIGRATION_COST = "cord.migration_cost"
     MIGRATION_COST_OPEN = "cord.migration_cost.not_distinguished"

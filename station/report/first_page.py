@@ -25,6 +25,7 @@ LIMITING = frozenset(
         AssessmentCode.NO_COVARIANCE,
         AssessmentCode.INTERVALS,
         AssessmentCode.INTERVALS_UNVERIFIED,
+        AssessmentCode.PEOPLE_INFEASIBLE,
         AssessmentCode.PEOPLE_UNSOLVED,
         AssessmentCode.RESERVES_LARGE,
         AssessmentCode.RATE_EXCEEDED,

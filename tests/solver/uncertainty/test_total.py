@@ -12,7 +12,7 @@ from solver.suit.readouts import CurveReadouts
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.people import people_case, solve_people
 from solver.uncertainty.sources import UncertaintySources
-from solver.uncertainty.total import with_people
+from solver.uncertainty.total import INFEASIBLE_MOTION, explained_figures, mark_infeasible, with_people
 from tests.solver.uncertainty.test_people import CASE, EVERY, HAND, SUIT, WAIST, people  # noqa: F401
 
 UNSURE = replace(HAND, covariance=np.diag([100.0, 10.0, 0.002]) ** 2)
@@ -171,3 +171,25 @@ def test_two_cuffs_are_compared_person_by_person():
     assert compared["hand", "tube"].differ
     assert compared["hand", "twin"].differ is False
     assert Comparison(("a", "b"), Quantity(0.1)).differ is None
+
+
+def test_people_whose_muscles_cannot_do_the_motion_are_marked_counted_and_left_out(assessment, people):  # noqa: F811
+    """By the rule of the assessed motion: reserves above a tenth of the effort with a slack cord, in any condition."""
+    reserves = {("both", "hand"): [0.0, 17.0, 0.09, 0.0], ("rigid", None): [0.0, 3.2, 0.0, 0.12]}
+    heavy = {place: replace(one, reserves=np.array(reserves.get(place, [0.0] * 4))) for place, one in people.items()}
+    marked = mark_infeasible(heavy, has_assessed=True)
+    assert (marked["shift", "hand"].outcome == INFEASIBLE_MOTION).tolist() == [False, True, False, True]
+    found = summarised(assessment, marked)
+    assert (found.uncertainty.people, found.uncertainty.infeasible, found.uncertainty.solved) == (3, 2, 1)
+    assert found.uncertainty.content == content_of_intervals(1)
+    only = {place: one.part(np.array([True, False, True, False])) for place, one in people.items()}
+    assert [c.figures for c in found.curves] == [c.figures for c in summarised(assessment, only).curves]
+    efforts = explained_figures(marked)["effort_at_reference", ("hand",)]
+    assert np.isnan(efforts).tolist() == [False, True, False, True]
+
+
+def test_where_the_assessed_motion_is_infeasible_nobody_is_left_out(people):  # noqa: F811
+    heavy = {place: replace(one, reserves=np.array([0.2, 17.0, 0.0, 0.0])) for place, one in people.items()}
+    marked = mark_infeasible(heavy, has_assessed=True)
+    assert not any((one.outcome == INFEASIBLE_MOTION).any() for one in marked.values())
+    assert mark_infeasible(heavy, has_assessed=False)["rigid", None].outcome[0] == INFEASIBLE_MOTION

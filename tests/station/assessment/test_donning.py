@@ -78,9 +78,9 @@ def test_cuffs_drawn_about_an_estimated_spread_have_the_t_distribution_of_its_de
     assert len(columns_of(factors, ["donning_spread"])) == 3
     drawn = [varied_cuff(HAND, sources.fit, donning, scores_by_factor(factors, row)) for row in scores]
     for name, spread, freedom in (("stiffness", 0.1, 5.0), ("damping", 0.2, np.inf), ("migration", 0.3, 12.0)):
-        logs = np.log([getattr(cuff, name) / getattr(HAND, name) for cuff in drawn]) / spread
+        logs = np.log([getattr(cuff, name) / getattr(HAND, name) for cuff in drawn]) / (np.sqrt(2) * spread)
         if name == "stiffness":
-            logs = logs[logs > np.log(0.05) / spread + 1e-9]  # the least stiffness of a drawn cuff
+            logs = logs[logs > np.log(0.05) / (np.sqrt(2) * spread) + 1e-9]  # the least stiffness of a drawn cuff
         assert stats.kstest(logs, stats.t(freedom).cdf).pvalue > 0.01
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fitting.wearer.wearer_trial import read_wearer_trial
+from station.subject.measured_cord import worn_arm_cuff
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, read_subject, write_subject
 from tests.station.wearer import SPECS, WearerSession
 
@@ -46,3 +47,19 @@ def test_markers_are_where_the_person_had_them(wearer: WearerSession) -> None:
 def test_the_tension_of_the_cord_is_there_where_it_was_measured(wearer: WearerSession) -> None:
     trial = read_wearer_trial(wearer.path(TIGHT))
     assert trial.body.is_cord_measured and 20 < np.ptp(trial.force) < 80
+
+
+@pytest.mark.parametrize(
+    ("named", "arms", "worn"),
+    [
+        ("tube", ["hand", "tube"], "tube"),
+        (None, ["hand"], "hand"),
+        (None, ["hand", "tube"], None),
+        (None, [], None),
+        ("", ["hand"], "hand"),
+    ],
+)
+def test_the_cuff_that_is_worn_is_the_named_one_or_the_only_one(
+    named: str | None, arms: list[str], worn: str | None
+) -> None:
+    assert worn_arm_cuff(named, arms) == worn
