@@ -195,6 +195,11 @@ def write_assigned(folder: Path, file: str, assignment: Assignment) -> None:
     _append(folder, AssignedEntry, file=file, **vars(assignment))
 
 
+def utc_now() -> str:
+    """The time as in a journal."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
 class _Lines:
     """Applies the lines of a journal in order, at a constant cost per line."""
 
@@ -262,17 +267,13 @@ def _as_assigned(trial: Recorded, assignment: Assignment) -> Recorded:
 
 
 def _append(folder: Path, kind: type[JournalEntry], **values: Any) -> None:
-    entry = kind(at=_now(), format=FORMAT, **values)
+    entry = kind(at=utc_now(), format=FORMAT, **values)
     _append_line(folder / JOURNAL_FILE, entry.model_dump(mode="json"))
 
 
 def append_line(path: Path, kind: str, **values: Any) -> None:
     """Append a line with the time, its kind and the values to a file of JSON lines. Raises JournalError."""
-    _append_line(path, {"at": _now(), "kind": kind, **values})
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
+    _append_line(path, {"at": utc_now(), "kind": kind, **values})
 
 
 def _append_line(path: Path, entry: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 from queue import Empty
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ REST_PART_OF_CAPACITY = 0.02
 RATE_TOLERANCE = 0.1
 SATURATION = 0.99
 """Fraction of full scale from which a reading counts as saturated."""
+GRADES = {"good": "[green]ok[/]", "doubtful": "[yellow]?[/]", "bad": "[red]no[/]"}
 OPEN_S = 5.0
 LISTEN_S = 1.5
 
@@ -47,6 +48,11 @@ class CheckResult:
     message: Message[CheckCode]
     is_good: bool = field(kw_only=True)
     is_doubtful: bool = field(default=False, kw_only=True)
+
+    @property
+    def grade(self) -> Literal["good", "doubtful", "bad"]:
+        """good only if it was checked and no fault was found."""
+        return "bad" if not self.is_good else "doubtful" if self.is_doubtful else "good"
 
     @property
     def found(self) -> str:
@@ -137,15 +143,18 @@ def show_results(results: Sequence[CheckResult], console: Console | None = None,
     else:
         table = Table("", "subject", "result")
         for result in results:
-            grade = "[red]no[/]" if not result.is_good else "[yellow]?[/]" if result.is_doubtful else "[green]ok[/]"
-            table.add_row(grade, result.subject, result.found)
+            table.add_row(GRADES[result.grade], result.subject, result.found)
         (console or Console()).print(table)
     return 0 if all(result.is_good for result in results) else 1
 
 
 def inspect_bench(config: StationConfig, folder: Path, make_devices: MakeDevices = devices_for) -> list[CheckResult]:
     """Open the devices, read them for LISTEN_S and compare what they send with the configuration."""
-    survey, devices = survey_devices(config, folder, RealClock(), make_devices)
+    return compare(*survey_devices(config, folder, RealClock(), make_devices), config, folder)
+
+
+def compare(survey: DeviceSurvey, devices: Sequence[str], config: StationConfig, folder: Path) -> list[CheckResult]:
+    """What the devices sent, compared with the configuration."""
     return [
         *(check_device(survey, device) for device in devices),
         *(_check_rate(survey, stream) for stream in survey.streams.values()),
@@ -225,7 +234,9 @@ def _check_rate(survey: DeviceSurvey, stream: Stream) -> CheckResult:
         return CheckResult(stream.name, message, is_good=True, is_doubtful=True)
     figures: Figures = {"rate_hz": rate, "nominal_hz": stream.rate_hz, "source": stream.source}
     is_good = abs(rate - stream.rate_hz) <= RATE_TOLERANCE * stream.rate_hz
-    return CheckResult(stream.name, Message(CheckCode.RATE, figures), is_good=is_good)
+    return CheckResult(
+        stream.name, Message(CheckCode.RATE if is_good else CheckCode.WRONG_RATE, figures), is_good=is_good
+    )
 
 
 def _check_force(survey: DeviceSurvey, config: StationConfig) -> list[CheckResult]:
@@ -281,4 +292,5 @@ def _check_disk(folder: Path, needed: float) -> CheckResult:
     free = bytes_free(folder)
     shown = folder.resolve() if folder == Path() else folder
     figures: Figures = {"free_gb": free / 1e9, "folder": str(shown), "needed_gb": needed / 1e9}
-    return CheckResult("disk", Message(CheckCode.DISK, figures), is_good=free >= needed)
+    code = CheckCode.DISK if free >= needed else CheckCode.DISK_LOW
+    return CheckResult("disk", Message(code, figures), is_good=free >= needed)

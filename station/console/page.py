@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
+from fitting.trial.mass_checks import MassCheckError
 from station.bench.simulation import SimulationError
 from station.console import next_view, running_view, setup_view, summary_view, verdict_view
 from station.console.actions import Action, Actions
@@ -127,7 +128,7 @@ class _Page:
             awaitable = action()
             if awaitable is not None:
                 await awaitable
-        except (CommandRefused, JournalError, SimulationError) as refused:
+        except (CommandRefused, JournalError, SimulationError, MassCheckError) as refused:
             self._refuse(str(refused))
         else:
             self._refuse("")

@@ -147,7 +147,7 @@ def serve(
         app.add_api_route("/beat", answer_beat)
         app.add_api_route("/report", lambda: _report(controller.session.folder))
         app.on_startup(partial(print_address, address, is_opened=is_opened))
-        app.on_startup(controller.reviewer.warm_up)
+        app.on_startup(controller.prepare)
         app.timer(HEARTBEAT_S, controller.reviewer.process_recordings)
         feed = LiveFeed(lambda: controller.session.folder)
         stack.callback(feed.close)

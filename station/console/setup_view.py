@@ -10,8 +10,8 @@ from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
 from recordings.manifest import TrialCondition
-from station.bench.check import CheckResult
 from station.console.actions import Actions
+from station.console.bench_card import show_bench, verdict_of
 from station.console.kept_form import forget_form, keep_form
 from station.console.wearer_form import WearerForm, number_of
 from station.journal import Setup
@@ -24,8 +24,6 @@ from station.session.listing import ListedSession, list_sessions
 from station.session.open_session import CommandRefused
 from station.session.plan_check import is_subject_code, looks_like_a_name
 
-ICONS = {"good": "check_circle", "doubtful": "help_outline", "bad": "cancel"}
-
 
 def show(controller: SessionController, actions: Actions) -> None:
     listed = list_sessions(controller.session.config.session.folder)
@@ -35,7 +33,7 @@ def show(controller: SessionController, actions: Actions) -> None:
             form = _SetupForm(controller, EarlierSessions(listed, controller.session.config))
         with ui.column().classes("w-full lg:w-1/2 gap-4"):
             with ui.card().classes("w-full").mark("bench"):
-                _preflight(controller, actions)
+                show_bench(controller.checker, actions)
             with ui.card().classes("w-full"):
                 _sessions(controller, actions, listed)
     keep_form("setup", form.fields)
@@ -44,9 +42,24 @@ def show(controller: SessionController, actions: Actions) -> None:
         form.begin()
         forget_form("setup")
 
+    async def begin_on_checked_bench() -> None:
+        form.ensure_possible()
+        with actions.form:
+            waiting = ui.label("the session begins when the bench is checked").classes("text-xl")
+        try:
+            await controller.checker.wait()
+        finally:
+            waiting.delete()
+        grade, results = controller.checker.grade, controller.checker.results
+        if grade == "bad":
+            question = f"The bench is {verdict_of(grade, results)}. Begin anyway?"
+            actions.ask(question, ("Begin anyway", begin), "Back to the set-up")
+        else:
+            begin()
+
     for box in form.boxes:
-        box.on("keydown.enter", lambda: actions.run(begin))
-    actions.add("Begin", "b", begin, kind="main")
+        box.on("keydown.enter", lambda: actions.run(begin_on_checked_bench))
+    actions.add("Begin", "b", begin_on_checked_bench, kind="main")
     actions.add("Rehearse", "r", lambda: form.begin(is_rehearsal=True))
 
 
@@ -83,10 +96,18 @@ class _SetupForm:
         for field in (self._subject, self._number, self._cuffs):
             field.on_value_change(self._show_file)
 
+    def ensure_possible(self) -> None:
+        """Raises CommandRefused for a set-up with a fault."""
+        self._controller.session.ensure_possible(self._setup())
+        if self._wearer is not None:
+            _ = self._wearer.wearer
+
     def begin(self, *, is_rehearsal: bool = False) -> None:
         """Raises CommandRefused, JournalError."""
-        wearer = None if self._wearer is None else self._wearer.wearer
-        self._controller.session.begin(self._setup(), wearer=wearer, is_rehearsal=is_rehearsal)
+        session, wearer = self._controller.session, None if self._wearer is None else self._wearer.wearer
+        session.begin(self._setup(), wearer=wearer, is_rehearsal=is_rehearsal)
+        if session.folder is not None:
+            self._controller.checker.write_readings(session.folder)
 
     def _fields(self) -> dict[str, ValueElement[Any]]:
         fields: dict[str, ValueElement[Any]] = {
@@ -186,36 +207,3 @@ def _session(controller: SessionController, actions: Actions, session: ListedSes
             ui.linear_progress(session.done / max(1, session.trials), show_value=False).classes("w-28").props(
                 "size=10px rounded"
             )
-
-
-def _preflight(controller: SessionController, actions: Actions) -> None:
-    ui.label("Bench").classes("heading")
-    column = ui.column().classes("gap-1")
-    with column:
-        ui.label("not checked yet").classes("text-xl quiet")
-
-    async def check() -> None:
-        button.disable()
-        column.clear()
-        with column:
-            ui.spinner()
-        try:
-            results = await controller.reviewer.preflight()
-        finally:
-            column.clear()
-            button.enable()
-        with column:
-            for result in results:
-                grade = grade_of(result)
-                with ui.row().classes("items-start no-wrap gap-2 text-lg"):
-                    ui.icon(ICONS[grade], size="1.6rem").classes(grade).mark(f"grade-{grade}")
-                    ui.label(f"{result.subject}: {result.found}").mark("preflight")
-
-    button = actions.add("Check the bench", "c", check, mark="check", is_apart=True)
-
-
-def grade_of(result: CheckResult) -> str:
-    """good only if it was checked and no fault was found."""
-    if not result.is_good:
-        return "bad"
-    return "doubtful" if result.is_doubtful else "good"

@@ -14,6 +14,7 @@ _TOO_SLOW = "this computer is too slow: "
 _FASTER = "; close other programs or use a faster computer"
 _CERTIFICATE = "certificate {serial_number}of {calibrated_on}, {age_days} days old, due on {due_on}"
 _FORCE = "{mean_n:+.2f} N, standard deviation {sd_n:.2f} N"
+_DISK = "{free_gb:.1f} GB free for {folder}, the plan needs {needed_gb:.2f} GB"
 _MASS = "{found_n:.2f} ± {sd_n:.2f} N, expected {expected_n:.2f} ± {tolerance_n:.2f} N"
 
 _TRIAL: Mapping[StrEnum, str] = {
@@ -123,10 +124,13 @@ _REFUSALS: Mapping[StrEnum, str] = {
 _CHECKS: Mapping[StrEnum, str] = {
     CheckCode.ANSWERS: "answers{identity}",
     CheckCode.ANSWERS_SIMULATED: "answers{identity}; the device is SIMULATED",
-    CheckCode.NO_ANSWER: "{device} did not answer within {timeout_s:g} s",
+    CheckCode.NO_ANSWER: "{device} did not answer within {timeout_s:g} s; check its power and its cable",
     CheckCode.DEVICE_ERROR: "{text} [{code}]",
     CheckCode.UNREADABLE: "{text}",
     CheckCode.RATE: "{rate_hz:.1f} samples/s, nominal {nominal_hz:g}; {source}",
+    CheckCode.WRONG_RATE: (
+        "{rate_hz:.1f} samples/s, expected {nominal_hz:g}; {source}; check the rate that is set at the device"
+    ),
     CheckCode.NO_CAPTURE: "no frames: no capture is running (nominal {nominal_hz:g} Hz)",
     CheckCode.AT_REST: _FORCE,
     CheckCode.SATURATED: _FORCE + "; saturated at {limit:.4g} {unit}, check the wiring",
@@ -144,13 +148,15 @@ _CHECKS: Mapping[StrEnum, str] = {
         "the polarity"
     ),
     CheckCode.LABELS_PRESENT: "all labels present",
-    CheckCode.LABELS_MISSING: "missing {missing}; present {present}",
-    CheckCode.DISK: "{free_gb:.1f} GB free for {folder}, the plan needs {needed_gb:.2f} GB",
+    CheckCode.LABELS_MISSING: "missing {missing}; present {present}; label them in the mocap system",
+    CheckCode.DISK: _DISK,
+    CheckCode.DISK_LOW: _DISK + "; free some space",
     CheckCode.MASS_RIGHT: _MASS,
     CheckCode.MASS_WRONG: _MASS + "; check the mass, load_cell.capacity_kg, full_scale_v and polarity",
     CheckCode.MASS_WITHOUT_ZERO: (
         _MASS + "; the reading includes the zero, run with --known-mass 0 on the empty cell first"
     ),
+    CheckCode.MASS_UNREAD: "not read; hang one on the cell, enter it and read it",
 }
 
 BENCH: Mapping[StrEnum, str] = {**_TRIAL, **_REFUSALS, **_CHECKS}

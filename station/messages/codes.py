@@ -110,6 +110,7 @@ class CheckCode(StrEnum):
     DEVICE_ERROR = "device.error"
     UNREADABLE = "device.unreadable"
     RATE = "stream.rate"
+    WRONG_RATE = "stream.wrong_rate"
     NO_CAPTURE = "stream.no_capture"
     AT_REST = "force.at_rest"
     SATURATED = "force.saturated"
@@ -123,9 +124,11 @@ class CheckCode(StrEnum):
     LABELS_PRESENT = "markers.present"
     LABELS_MISSING = "markers.missing"
     DISK = "disk.free"
+    DISK_LOW = "disk.low"
     MASS_RIGHT = "mass.right"
     MASS_WRONG = "mass.wrong"
     MASS_WITHOUT_ZERO = "mass.zero_missing"
+    MASS_UNREAD = "mass.unread"
 
 
 class JournalCode(StrEnum):
@@ -185,6 +188,7 @@ class CommandCode(StrEnum):
     NO_MASSES = "setup.no_masses"
     WRONG_REPEATS = "setup.repeats"
     WRONG_QUANTITY = "setup.quantity"
+    WRONG_KNOWN_MASS = "setup.known_mass"
     NO_BODY = "setup.no_body"
     MASSES_NOT_NUMBERS = "setup.masses_not_numbers"
     OTHER_PLAN = "session.other_plan"

@@ -65,6 +65,7 @@ _COMMANDS: Mapping[StrEnum, str] = {
     CommandCode.WRONG_QUANTITY: (
         "the {quantity} is {text}, expected {lowest:g} to {highest:g} {unit}; leave the field empty if it is not known"
     ),
+    CommandCode.WRONG_KNOWN_MASS: "the known mass is {text}, expected kilograms above 0, such as 2.5",
     CommandCode.MASSES_NOT_NUMBERS: (
         "the load steps are {text}, expected kilograms separated by spaces, such as 1.53 1.53"
     ),

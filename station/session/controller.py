@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
+from station.session.bench_checker import BenchChecker
 from station.session.open_session import OpenSession
 from station.session.reviewer import Reviewer
 from station.session.trial_runner import TrialRunner
@@ -28,6 +29,12 @@ class SessionController:
         self.session = OpenSession(config, speed, clock_port if bench is None else bench.clock_port)
         self.runner = TrialRunner(self.session, bench)
         self.reviewer = Reviewer(self.session)
+        self.checker = BenchChecker(self.session, self.reviewer.in_worker)
+
+    async def prepare(self) -> None:
+        """Check the bench, which the operator waits for, then import the fit, which is needed after the first trial."""
+        await self.checker.wait()
+        await self.reviewer.warm_up()
 
     def close(self) -> None:
         """End the console; a running trial continues to its end."""

@@ -89,9 +89,7 @@ class OpenSession:
     ) -> None:
         """Open a session, by default in the folder of its name; an existing one is resumed, with its wearer."""
         self.refuse_while_running()
-        fault = check_setup(setup, self.config)
-        if fault is not None:
-            raise WrongSetup(fault)
+        self.ensure_possible(setup)
         folder = rehearsal_folder() if is_rehearsal else folder or self.folder_of(setup)
         before = read_journal(folder).setup
         if before is not None and (plan := describe_plan(before, self.config)) != describe_plan(setup, self.config):
@@ -102,6 +100,12 @@ class OpenSession:
         self._open(folder, is_rehearsal=is_rehearsal)
         if wearer is not None and not (folder / SUBJECT_FILE).exists():
             write_subject(folder, wearer)
+
+    def ensure_possible(self, setup: Setup) -> None:
+        """Raises WrongSetup for one with a fault."""
+        fault = check_setup(setup, self.config)
+        if fault is not None:
+            raise WrongSetup(fault)
 
     def resume(self, folder: Path) -> None:
         """Resume the session of this folder, also one of another console or of a terminal."""

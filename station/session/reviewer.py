@@ -10,7 +10,6 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, Literal
 
-from station.bench.check import CheckResult, inspect_bench
 from station.journal import Assignment, write_assigned, write_donned, write_mark, write_undone, write_verdict
 from station.journal_lines import Choice
 from station.messages.codes import CommandCode, TerminalCode, TrialCode
@@ -128,14 +127,6 @@ class Reviewer:
             self._session.message = str(Message(TerminalCode.SUMMARY_FAILED, figures))
         finally:
             self.progress = ""
-
-    async def preflight(self) -> list[CheckResult]:
-        """Check the bench."""
-        self._session.refuse_while_running()
-        results: list[CheckResult] = await self.in_worker(
-            inspect_bench, self._session.config, self._session.config.session.folder
-        )
-        return results
 
     async def warm_up(self) -> None:
         """Import the modules of the fit in the worker before the first trial needs them."""

@@ -56,7 +56,23 @@ def test_the_set_up_asks_for_a_code_and_offers_no_file_name_without_one(browser:
         for subject, offered in (("P01", 1), ("M\u00fcller / x", 0)):
             page.get_by_label("Subject code").fill(subject)
             expect(page.get_by_text("files such as")).to_have_count(offered, timeout=patience_ms())
-        page.get_by_role("button", name="Check the bench").click()
         card = page.locator(".q-card", has=page.get_by_text("Bench", exact=True))
+        expect(card.get_by_text("NI Dev1: ")).to_be_visible(timeout=patience_ms())
+        card.get_by_text("checks passed").click()
         expect(card.get_by_text("disk:")).to_be_visible(timeout=patience_ms())
         expect(card.get_by_text("Resume a session")).to_have_count(0)
+
+
+def test_a_session_begins_on_a_bench_with_faults_only_after_a_confirmation(browser: Browser, tmp_path: Path) -> None:
+    with ServedConsole(write_config(tmp_path)) as console:  # no device answers at its ports
+        page = open_page(browser, console.address)
+        page.get_by_label("Subject code").fill("P01")
+        page.get_by_role("button", name="Begin").click()
+        seen(page, "Begin anyway?")
+        seen(page, "Not ready: ")
+        assert not (tmp_path / "sessions").exists()
+        page.get_by_role("button", name="Back to the set-up").click()
+        expect(page.get_by_text("Begin anyway?")).to_have_count(0)
+        page.get_by_role("button", name="Begin").click()
+        page.get_by_role("button", name="Begin anyway").click()
+        seen(page, "next: hand, static")

@@ -70,6 +70,7 @@ def set_up(page: Page, pictures: Path) -> None:
     seen(page, "this looks like a name")
     says_simulated(page)
     page.get_by_role("button", name="Check the bench").click()
+    page.get_by_text("checks passed").click()
     seen(page, "NI Dev1: answers")
     seen(page, "the device is SIMULATED")
     seen(page, "disk:")
@@ -250,7 +251,7 @@ def test_a_rehearsal_by_keyboard_is_readable_on_a_tablet_in_light_and_dark(brows
         assert unreadable(page) == [], "a field that is being filled in"
         page.keyboard.press("Escape")  # leaves the field: from here on keys act
         page.keyboard.press("c")
-        seen(page, "disk:")
+        seen(page, "Ready")
         assert unreadable(page) == []
         press_tab_until(page, "Rehearse (r)")
         page.keyboard.press("Enter")

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from station.bench.check import CheckResult
-from station.console.setup_view import _parse_masses, grade_of
+from station.console.setup_view import _parse_masses
 from station.messages.codes import CheckCode, CommandCode
 from station.messages.message import Message
 from station.session.open_session import CommandRefused
@@ -32,4 +32,4 @@ def test_an_ambiguous_number_is_refused(typed: str) -> None:
     ],
 )
 def test_only_a_checked_subject_without_a_fault_is_green(result: CheckResult, grade: str) -> None:
-    assert grade_of(result) == grade
+    assert result.grade == grade

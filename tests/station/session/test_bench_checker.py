@@ -1,0 +1,84 @@
+"""One check of the bench for all pages, whose worst result decides, with readings that go into the next session."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fitting.trial.mass_checks import MassCheck, read_checks
+from station.bench.check import CheckResult
+from station.bench.known_mass import inspect_bench_and_zero
+from station.config import StationConfig
+from station.console.bench_card import verdict_of
+from station.messages.codes import CheckCode, CommandCode
+from station.messages.message import Message
+from station.session.bench_checker import BenchChecker
+from station.session.open_session import CommandRefused, OpenSession
+from tests.station.refusals import raises_refusal
+
+GOOD = CheckResult("disk", Message(CheckCode.LABELS_PRESENT), is_good=True)
+DOUBTFUL = CheckResult("/markers", Message(CheckCode.NO_CAPTURE, {"nominal_hz": 100}), is_good=True, is_doubtful=True)
+BAD = CheckResult("NI Dev1", Message(CheckCode.NO_ANSWER, {"device": "NI Dev1", "timeout_s": 5}), is_good=False)
+RIGHT = CheckResult("2 kg on the load cell", Message(CheckCode.MASS_RIGHT), is_good=True)
+ZERO, LOADED = MassCheck("a", 0.0, 0.0, 3.0, 0.01, None), MassCheck("b", 2.0, 19.6, 19.6, 0.01, 3.0)
+
+
+class Bench:
+    """Answers for the worker process, and counts the checks."""
+
+    def __init__(self, *results: CheckResult) -> None:
+        self.results, self.checks = list(results), 0
+
+    async def __call__(self, work: Callable[..., Any], *_: Any) -> Any:
+        await asyncio.sleep(0)
+        if work is inspect_bench_and_zero:
+            self.checks += 1
+            return list(self.results), ZERO
+        return LOADED, RIGHT
+
+
+def checker_of(bench: Bench) -> tuple[BenchChecker, OpenSession]:
+    session = OpenSession(StationConfig(), None, None)
+    return BenchChecker(session, bench), session
+
+
+def test_the_worst_result_comes_first_and_is_the_verdict() -> None:
+    checker, _ = checker_of(Bench(GOOD, DOUBTFUL, BAD))
+    assert checker.grade is None
+    asyncio.run(checker.wait())
+    assert checker.results[:2] == (BAD, DOUBTFUL) and checker.results[-1] == GOOD and checker.grade == "bad"
+    assert verdict_of(checker.grade, checker.results) == "not ready: 1 problem"
+
+
+def test_several_pages_wait_for_one_check() -> None:
+    bench = Bench(GOOD)
+    checker, _ = checker_of(bench)
+
+    async def pages() -> None:
+        await asyncio.gather(checker.wait(), checker.check(), checker.wait())
+        await checker.wait()
+
+    asyncio.run(pages())
+    assert bench.checks == 1
+
+
+def test_a_known_mass_completes_the_check_and_its_readings_go_into_one_session(tmp_path: Path) -> None:
+    checker, _ = checker_of(Bench(GOOD))
+    asyncio.run(checker.wait())
+    assert (checker.grade, checker.results[0].message.code) == ("doubtful", CheckCode.MASS_UNREAD)
+    asyncio.run(checker.read_mass(2.0))
+    assert checker.grade == "good" and RIGHT in checker.results
+    for folder in ("first", "second"):
+        checker.write_readings(tmp_path / folder)
+    assert read_checks(tmp_path / "first") == (ZERO, LOADED) and read_checks(tmp_path / "second") == ()
+
+
+def test_while_a_trial_runs_the_devices_are_not_read() -> None:
+    bench = Bench(GOOD)
+    checker, session = checker_of(bench)
+    session.has_running_trial = True
+    with raises_refusal(CommandRefused, CommandCode.TRIAL_RUNNING):
+        asyncio.run(checker.check())
+    assert bench.checks == 0
