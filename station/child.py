@@ -27,6 +27,13 @@ from typing import Any, NoReturn
 
 from station.end_signals import end_signals
 
+DETACHED: dict[str, Any] = (
+    {"creationflags": 0x0800_0000 | 0x0000_0200}  # CREATE_NO_WINDOW and CREATE_NEW_PROCESS_GROUP
+    if sys.platform == "win32"
+    else {"start_new_session": True}
+)
+"""Options of a child that outlives its terminal: Ctrl-C, Ctrl-Break and closing end the session, and not a trial."""
+
 
 class ProcessLink:
     """One end of the pipe. send() blocks while the other process does not receive; raises OSError once it has ended."""
@@ -93,6 +100,11 @@ class Child(ProcessLink):
             code = self.process.wait()
         self.close()
         return code
+
+    def leave(self) -> None:
+        """Close the link, and leave the process to end by itself."""
+        self.close()
+        threading.Thread(target=self.process.wait, name="a process that outlives us", daemon=True).start()
 
 
 def exit_at_once(code: int) -> NoReturn:

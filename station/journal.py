@@ -27,12 +27,15 @@ from station.journal_lines import (
     FORMAT,
     JOURNAL_FILE,
     LARGEST_JOURNAL,
+    LONGEST_NOTE,
     AssignedEntry,
     Choice,
     DonnedEntry,
     JournalEntry,
     JournalLine,
     MarkEntry,
+    NextEntry,
+    NoteEntry,
     RecordedEntry,
     Repeats,
     SetupEntry,
@@ -115,6 +118,8 @@ class Journal:
 
     recorded    as assigned by the operator, if it was recorded as another trial;  assignments  by file name
     verdicts    in the order of the decisions;  an undone decision is not included
+    chosen      trials that were chosen as the next one, the latest first
+    notes       by file name; the session's under ""
     begun       UTC of the setup, as in the file; empty without one
     """
 
@@ -126,6 +131,8 @@ class Journal:
     skipped: frozenset[TrialSpec] = frozenset()  # trials of the plan that are not recorded
     assignments: Mapping[str, Assignment] = field(default_factory=dict)
     begun: str = ""
+    chosen: tuple[TrialSpec, ...] = ()
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def redone(self) -> dict[str, str]:
@@ -181,8 +188,17 @@ def write_donned(folder: Path, cuff: str) -> None:
 
 def write_skipped(folder: Path, spec: TrialSpec) -> None:
     """A trial of the plan is skipped in this session."""
-    place = {"cuff": spec.cuff, "test": spec.test, "repeat": spec.repeat, "donning": spec.donning}
-    _append(folder, SkippedEntry, **place, condition=spec.condition)
+    _append(folder, SkippedEntry, **_place(spec))
+
+
+def write_next(folder: Path, spec: TrialSpec) -> None:
+    """A trial of the plan is recorded next, also if it was skipped."""
+    _append(folder, NextEntry, **_place(spec))
+
+
+def write_note(folder: Path, file: str, text: str) -> None:
+    """A note on a recording, or on the session if file is empty; longer ones are cut."""
+    _append(folder, NoteEntry, file=file, text=text.strip()[:LONGEST_NOTE])
 
 
 def write_undone(folder: Path, file: str, *, donned_cuff: str | None = None) -> None:
@@ -200,6 +216,11 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
+def _place(spec: TrialSpec) -> dict[str, Any]:
+    place = {"cuff": spec.cuff, "test": spec.test, "repeat": spec.repeat, "donning": spec.donning}
+    return {**place, "condition": spec.condition}
+
+
 class _Lines:
     """Applies the lines of a journal in order, at a constant cost per line."""
 
@@ -212,6 +233,8 @@ class _Lines:
         self._marks: dict[str, dict[int, str]] = {}
         self._donnings: dict[str, int] = {}
         self._skipped: set[TrialSpec] = set()
+        self._chosen: dict[TrialSpec, None] = {}  # in the order of the choices
+        self._notes: dict[str, str] = {}
         self._assignments: dict[str, Assignment] = {}
 
     def add(self, entry: JournalEntry) -> None:
@@ -227,6 +250,8 @@ class _Lines:
                 self._verdicts[entry.file] = Decision(entry.choice, entry.reason)
             case MarkEntry():
                 self._marks.setdefault(entry.file, {})[entry.number] = entry.name
+            case NoteEntry():
+                self._notes[entry.file] = entry.text
             case _:
                 self._change_plan(entry)
 
@@ -240,12 +265,21 @@ class _Lines:
             frozenset(self._skipped),
             self._assignments,
             self._begun,
+            tuple(reversed(self._chosen)),
+            self._notes,
         )
 
     def _change_plan(self, entry: JournalEntry) -> None:
         match entry:
             case SkippedEntry():
-                self._skipped.add(TrialSpec(**entry.values()))
+                spec = TrialSpec(**entry.values())
+                self._skipped.add(spec)
+                self._chosen.pop(spec, None)
+            case NextEntry():
+                spec = TrialSpec(**entry.values())
+                self._skipped.discard(spec)
+                self._chosen.pop(spec, None)
+                self._chosen[spec] = None
             case DonnedEntry():
                 self._donnings[entry.cuff] = self._donnings.get(entry.cuff, 0) + 1
             case UndoneEntry():

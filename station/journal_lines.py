@@ -17,6 +17,7 @@ FORMAT: Literal[1] = 1
 """Format of a line. It increases if a key changes its meaning, not if one is added."""
 MOST_REPEATS = 1000
 JOURNAL_FILE = "session.jsonl"
+LONGEST_NOTE = 10_000
 LARGEST_JOURNAL = 16 * 2**20
 """Bytes; the journal of a long day has a hundred thousand."""
 
@@ -119,15 +120,32 @@ class DonnedEntry(JournalEntry):
     cuff: str
 
 
-class SkippedEntry(JournalEntry):
-    """A trial of the plan is skipped."""
-
-    kind: Literal["skipped"] = "skipped"
+class _PlannedTrial(JournalEntry):
     cuff: str | None
     test: TestKind
     repeat: int
     donning: str = "1"
     condition: TrialCondition | None = None
+
+
+class SkippedEntry(_PlannedTrial):
+    """A trial of the plan is skipped."""
+
+    kind: Literal["skipped"] = "skipped"
+
+
+class NextEntry(_PlannedTrial):
+    """A trial of the plan is the next one, also if it was skipped before."""
+
+    kind: Literal["next"] = "next"
+
+
+class NoteEntry(JournalEntry):
+    """A note on a recording, or on the session if file is empty; it replaces the previous one."""
+
+    kind: Literal["note"] = "note"
+    file: FileName
+    text: Annotated[str, Field(max_length=LONGEST_NOTE)]
 
 
 class UndoneEntry(JournalEntry):
@@ -158,6 +176,8 @@ class JournalLine(
             | MarkEntry
             | DonnedEntry
             | SkippedEntry
+            | NextEntry
+            | NoteEntry
             | UndoneEntry
             | AssignedEntry,
             Field(discriminator="kind"),

@@ -88,6 +88,16 @@ class WorldClock:
         return self._now
 
     @property
+    def has_stations(self) -> bool:
+        """Whether a station is attached."""
+        return bool(self._goals)
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the world moves no more."""
+        return self._failure is not None
+
+    @property
     def speed(self) -> float | None:
         """The slowest pace that an attached station has set; without one, the clock's own."""
         paces = tuple(self._paces.values())

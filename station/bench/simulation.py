@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from station.bench.typed_commands import execute_commands_in_thread
-from station.child import Child
+from station.child import DETACHED, Child
 from station.config import StationConfig, parse_config
 from station.end_signals import end_signals
 from station.errors import StationError
@@ -49,16 +49,19 @@ class WrongTrial(SimulationError):
 class SimulatedBench:
     """A context manager; the child (simulator_process.py) ends with this process.
 
-    speed None: the simulated world advances as fast as an attached station handles it, and only then.
+    speed None: the simulated world advances as fast as an attached station handles it, and only then. outlives: like a
+    real bench, it stays for a trial that is still recorded when this process ends or is killed.
     """
 
-    def __init__(self, settings: dict[str, Any], speed: float | None, seed: int) -> None:
+    def __init__(self, settings: dict[str, Any], speed: float | None, seed: int, *, outlives: bool = False) -> None:
         self.ready: dict[str, Any] = {}
         self._settings = {**settings, "speed": speed, "seed": seed}
+        self._outlives = outlives
         self._child: Child | None = None
 
     def __enter__(self) -> SimulatedBench:
-        self._child = Child("station.bench.simulator_process")
+        arguments, options = (("outlives",), DETACHED) if self._outlives else ((), {})
+        self._child = Child("station.bench.simulator_process", *arguments, **options)
         try:
             self.ready = self.request(self._settings)
         except BaseException:
@@ -87,12 +90,15 @@ class SimulatedBench:
         self.close()
 
     def close(self) -> None:
-        """End the child, by force if it has not ended within END_TIMEOUT_S."""
+        """End the child, by force after END_TIMEOUT_S; one that outlives this process ends by itself."""
         child, self._child = self._child, None
         if child is not None:
             with suppress(OSError):
                 child.send({"quit": True})
-            child.ensure_ended(END_TIMEOUT_S)
+            if self._outlives and self.ready:
+                child.leave()
+            else:
+                child.ensure_ended(END_TIMEOUT_S)
 
     @property
     def clock_port(self) -> int:

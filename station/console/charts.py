@@ -5,6 +5,7 @@ Drawn for a light page; on a dark one the browser inverts the whole chart (style
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 INK, FORCE, DISPLACEMENT = "#2c3640", "#0b4f9e", "#a83a00"
@@ -44,6 +45,20 @@ def line(colour: str = FORCE, **more: Any) -> dict[str, Any]:
     return {"type": "line", "showSymbol": False, "color": colour, "lineStyle": style, "data": [], **more}
 
 
+def zoomed_by_wheel(**axes: Any) -> dict[str, Any]:
+    """Wheel and drag move and scale the axes; a double click shows all again (style of ECharts' data zoom)."""
+    return {"type": "inside", "filterMode": "none", **axes}
+
+
+def marks_at(marks: Mapping[int, float], names: Mapping[int, str]) -> dict[str, Any]:
+    """Vertical lines at the marks of the operator, number → time [s], with their names."""
+    lines = [
+        {"xAxis": round(at, 3), "name": f"{number} {names.get(number, '')}".strip()} for number, at in marks.items()
+    ]
+    label = {"formatter": "{b}", "fontSize": 16, "color": INK}
+    return {"symbol": "none", "animation": False, "label": label, "lineStyle": {"color": INK}, "data": lines}
+
+
 def force_over_motion(path: list[list[float]], motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
     """Chart of a path of points (displacement mm or elevation deg, force N); motion is the name of that axis."""
     return {
@@ -51,5 +66,6 @@ def force_over_motion(path: list[list[float]], motion: str = DISPLACEMENT_AXIS) 
         "grid": {"left": 60, "right": 20, "top": 40, "bottom": 60},
         "xAxis": axis_below(motion, splitNumber=4),
         "yAxis": axis(FORCE_AXIS),
+        "dataZoom": [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=0)],
         "series": [line(data=path)],
     }

@@ -87,8 +87,10 @@ window.station = (() => {
     now,
     // One update of the charts; at is the time at which its data left the recorder [Unix s].
     draw({ at, charts, markers }) {
-      for (const [id, series] of charts) getElement(id)?.chart?.setOption({ series });
-      window.drawMarkers?.(...markers);
+      if (!document.body.classList.contains("paused")) {
+        for (const [id, series] of charts) getElement(id)?.chart?.setOption({ series });
+        window.drawMarkers?.(...markers);
+      }
       this.showAge(at * 1000, "data");
       return true;
     },
@@ -97,6 +99,11 @@ window.station = (() => {
       [shownAt, shownWhat] = [at, what];
       render();
     },
-    clearAge() { shownAt = null; },
+    clearAge() {
+      shownAt = null;
+      document.body.classList.remove("paused");
+    },
+    // Paused charts can be read and scaled; force, time and age go on.
+    togglePause() { document.body.classList.toggle("paused"); },
   };
 })();

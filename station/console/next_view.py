@@ -1,38 +1,56 @@
-"""The next trial: the preparation at the bench, and its place in the plan."""
+"""The next trial: the preparation at the bench, its place in the plan, and the time left."""
 
 from __future__ import annotations
 
 from nicegui import ui
 
 from station.console.actions import Actions
+from station.console.trial_dialog import offer_trial
 from station.protocol import BODY_TESTS, CONDITION_NAMES, TrialSpec
 from station.session.controller import SessionController
-from station.session.plan_status import PlanStatus, preparation
+from station.session.plan_status import PlanStatus, minutes_left, preparation
 
 
 def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
-    spec = plan.spec
+    spec, config = plan.spec, controller.session.trial_config
     assert spec is not None  # noqa: S101  (without one the page shows the summary)
     ui.label(preparation(plan, controller.session.config)).classes("cue").mark("order")
-    ui.label(f"next: {spec.title}").classes("text-3xl").mark("next")
+    with ui.row().classes("items-baseline gap-6"):
+        ui.label(f"next: {spec.title}").classes("text-3xl").mark("next")
+        ui.label(f"about {minutes_left(plan, config)} min left in this session").classes("text-xl quiet").mark("time")
     if plan.has_pause:
         _show_pause(controller)
-    show_plan(plan)
+    show_plan(controller, plan, actions)
     actions.add("Arm", "a", controller.runner.arm, kind="main")
+    skip = actions.add("Skip this trial", "n", lambda: _skip(controller, spec), mark="skip")
+    _explain(skip, "it is not recorded; its place in the plan offers it again")
     add_exits(controller, actions)
 
 
-def show_plan(plan: PlanStatus) -> None:
-    """Show every trial of the plan, a row per cuff and one of the wearer: kept, next, skipped or to come."""
+def _skip(controller: SessionController, spec: TrialSpec) -> None:
+    controller.session.skip(spec)
+
+
+def show_plan(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
+    """Show every trial of the plan, a row per cuff and one of the wearer; a click offers what can be done with it."""
     rows: dict[str, list[TrialSpec]] = {}
     for trial in plan.trials:
         rows.setdefault(trial.cuff or ("wearer" if trial.test in BODY_TESTS else "load cell"), []).append(trial)
-    with ui.grid(columns="auto 1fr").classes("items-center gap-x-6 gap-y-3 w-full mt-4").mark("plan"):
+    with ui.element("div").classes("plan mt-4").mark("plan"):
         for subject, trials in rows.items():
             ui.label(subject).classes("heading")
             with ui.element("div").classes("stages"):
                 for trial in trials:
-                    ui.label(_short_name(trial)).classes(f"stage {_state_of(trial, plan)}")
+                    _chip(controller, plan, actions, trial)
+
+
+def _chip(controller: SessionController, plan: PlanStatus, actions: Actions, trial: TrialSpec) -> None:
+    state = _state_of(trial, plan)
+    chip = ui.element("button").classes(f"stage {state}").mark(f"trial-{trial.title}")
+    chip.props(f'type=button aria-label="{trial.title}: {state or "to come"}"')
+    with chip:
+        ui.label(_short_name(trial))
+    chip.on("click", lambda: offer_trial(controller, plan, trial, actions))
 
 
 def _short_name(trial: TrialSpec) -> str:

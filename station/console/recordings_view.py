@@ -21,6 +21,7 @@ def add_recordings(controller: SessionController, actions: Actions) -> None:
         last = list(journal.verdicts)[-1]
         button = actions.add("Undo", "u", controller.reviewer.undo)
         button.tooltip(f"undo the decision on {last}: {_decision(journal, last)}")
+    actions.add("Note", "o", lambda: _open_note(controller, actions), mark="note")
     if journal.recorded:
         actions.add("Recordings", "t", lambda: _open(controller, actions))
 
@@ -28,8 +29,9 @@ def add_recordings(controller: SessionController, actions: Actions) -> None:
 def _open(controller: SessionController, actions: Actions) -> None:
     journal = controller.session.journal
     with ui.dialog(value=True) as dialog, ui.card().classes("w-full max-w-none").style("width: min(1100px, 94vw)"):
+        dialog.props('aria-label="Recordings of this session"')
         ui.label("Recordings of this session").classes("heading")
-        with ui.grid(columns="auto auto auto 1fr").classes("items-center gap-x-6 gap-y-2 w-full text-lg"):
+        with ui.element("div").classes("recordings text-lg"):
             for recorded in journal.recorded:
                 _row(controller, actions, dialog, journal, recorded)
         ui.button("Close", on_click=dialog.close).props("outline")
@@ -39,27 +41,48 @@ def _open(controller: SessionController, actions: Actions) -> None:
 def _row(
     controller: SessionController, actions: Actions, dialog: ui.dialog, journal: Journal, recorded: Recorded
 ) -> None:
-    ui.label(_title(recorded)).tooltip(recorded.file)
-    ui.label(_decision(journal, recorded.file)).classes("quiet")
+    with ui.column().classes("gap-0 min-w-0"):
+        ui.label(_title(recorded))
+        ui.label(recorded.file).classes("quiet text-sm break-all")
+    with ui.column().classes("gap-0 quiet min-w-0"):
+        ui.label(_decision(journal, recorded.file))
+        if note := journal.notes.get(recorded.file):
+            ui.label(f"note: {note}")
 
     def undo() -> None:
         controller.reviewer.undo(recorded.file)
 
     button = ui.button("Undo", on_click=lambda: _perform(actions, dialog, undo)).props("outline").classes("small")
     button.mark(f"undo-{recorded.file}").set_enabled(recorded.file in journal.verdicts)
-    with ui.row().classes("items-center gap-2 no-wrap"):
+    with ui.row().classes("items-center gap-2"):
         setup = journal.setup
         if recorded.cuff is None or setup is None:
             return
-        cuff = ui.select(list(setup.cuffs), value=recorded.cuff).props("dense")
-        test = ui.select(list(TESTS), value=recorded.test).props("dense")
-        repeat = ui.select(list(range(1, setup.repeats + 1)), value=recorded.repeat).props("dense")
+        cuff = ui.select(list(setup.cuffs), value=recorded.cuff, label="cuff").props("dense")
+        test = ui.select(list(TESTS), value=recorded.test, label="test").props("dense")
+        repeat = ui.select(list(range(1, setup.repeats + 1)), value=recorded.repeat, label="repeat").props("dense")
 
         def assign() -> None:
             controller.reviewer.assign(recorded.file, str(cuff.value), test.value, int(repeat.value))
 
         button = ui.button("Assign to this trial", on_click=lambda: _perform(actions, dialog, assign))
         button.props("outline no-wrap").classes("small").mark(f"assign-{recorded.file}")
+
+
+def _open_note(controller: SessionController, actions: Actions) -> None:
+    """A dialog for the note on the session."""
+    with ui.dialog(value=True) as dialog, ui.card().classes("w-full max-w-none").style("width: min(700px, 94vw)"):
+        dialog.props('aria-label="Note on the session"')
+        note = ui.textarea("Note on this session", value=controller.session.journal.notes.get("", ""))
+        note.props("autofocus autogrow outlined").classes("w-full").mark("session-note")
+
+        def save() -> None:
+            controller.session.note("", note.value or "")
+
+        with ui.row():
+            ui.button("Save", on_click=lambda: _perform(actions, dialog, save)).props("unelevated color=primary")
+            ui.button("Close", on_click=dialog.close).props("outline")
+    dialog.on("hide", dialog.delete)
 
 
 async def _perform(actions: Actions, dialog: ui.dialog, action: Any) -> None:

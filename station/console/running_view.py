@@ -21,6 +21,8 @@ from station.console.charts import (
     axis_below,
     force_over_motion,
     line,
+    marks_at,
+    zoomed_by_wheel,
 )
 from station.console.mark_receipt import MarkReceipt
 from station.console.update_sender import UpdateSender
@@ -57,6 +59,7 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
     actions.add("Stop", "s", lambda: _stop(controller, live, actions), kind="danger")
     actions.add("Mark", "m", receipt.mark, kind="main").classes("mark-button")
     actions.add("Tare", "z", controller.runner.tare)
+    actions.add("Pause the charts", "p", _toggle_pause, mark="pause")
     silence = actions.add(
         "Silence the alarm", "i", controller.runner.acknowledge_alarm, kind="danger", mark="alarm-seen"
     )
@@ -79,6 +82,10 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
         charts.tick()
 
     return tick
+
+
+def _toggle_pause() -> None:
+    ui.run_javascript("station.togglePause()")
 
 
 async def _stop(controller: SessionController, live: LiveTrial, actions: Actions) -> None:
@@ -266,7 +273,8 @@ class _Charts:
         if self._loop is None:
             return [(self._over_time.id, [{"data": curves[1]}])]
         loop = (self._loop.id, [{"data": _force_over_motion(self._live)}])
-        return [(self._over_time.id, [{"data": points} for points in curves]), loop]
+        marked = {"markLine": marks_at(self._live.marks, self._live.mark_names)}
+        return [(self._over_time.id, [{"data": curves[0], **marked}, {"data": curves[1]}]), loop]
 
 
 def has_force(config: StationConfig, spec: TrialSpec) -> bool:
@@ -305,6 +313,7 @@ def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
         "grid": {"left": 60, "right": 60, "top": 40, "bottom": 60},
         "xAxis": axis_below(TIME_AXIS, splitNumber=5),
         "yAxis": [axis(FORCE_AXIS, FORCE), right],
+        "dataZoom": [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=[0, 1], zoomOnMouseWheel="shift")],
         "series": [line(FORCE), line(DISPLACEMENT, yAxisIndex=1)],
     }
 

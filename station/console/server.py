@@ -138,7 +138,7 @@ def serve(
     with ExitStack() as stack:
         bench = None
         if is_simulated:
-            bench = stack.enter_context(SimulatedBench(practice_settings(config), speed or 1.0, seed))
+            bench = stack.enter_context(SimulatedBench(practice_settings(config), speed or 1.0, seed, outlives=True))
             config = _practice_config(bench.configure(config))
         port_of_clock = None if is_simulated or speed is None else clock_port(config)
         controller = SessionController(config, speed or 1.0, bench, port_of_clock)

@@ -21,7 +21,7 @@ def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> N
             ui.label(controller.reviewer.progress).classes("text-xl")
     summary = controller.session.summary
     if summary is None:
-        show_plan(plan)
+        show_plan(controller, plan, actions)
         button = actions.add("Fit, assess and report", "f", controller.reviewer.finish, kind="main", mark="finish")
         button.set_enabled(not controller.reviewer.progress)
     else:

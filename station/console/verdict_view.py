@@ -93,13 +93,16 @@ def _decision(
             "Reason (needed to redo)", value="" if judgement.advice == "accept" else join_sentences(judgement.reasons)
         )
         reason.classes("w-full").mark("why")
+        note = ui.input("Note on this trial", value=controller.session.journal.notes.get(recorded.file, ""))
+        note.classes("w-full").mark("trial-note")
     form = f"verdict of {recorded.file}"
-    keep_form(form, {"reason": reason} | {str(number): field for number, field in enumerate(marks, 1)})
+    keep_form(form, {"reason": reason, "note": note} | {str(number): field for number, field in enumerate(marks, 1)})
 
     def decide(choice: Choice, *, is_donned_anew: bool = False) -> None:
         for number, name in enumerate(marks, 1):
             if name.value:
                 controller.reviewer.name_mark(number, name.value)
+        controller.session.note(recorded.file, note.value or "")
         controller.reviewer.decide(choice, reason.value or "", is_donned_anew=is_donned_anew)
         forget_form(form)
 

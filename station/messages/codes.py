@@ -197,6 +197,8 @@ class CommandCode(StrEnum):
     COMPLETE = "session.complete"
     SUMMARY_RUNNING = "session.summary_running"
     NOTHING_TO_SKIP = "command.nothing_to_skip"
+    NOT_LEFT = "command.not_left"
+    NOT_DONE = "command.not_done"
     TRIAL_RUNNING = "command.trial_running"
     UNDECIDED = "command.undecided"
     NO_TRIAL = "command.no_trial"

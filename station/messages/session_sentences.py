@@ -77,6 +77,8 @@ _COMMANDS: Mapping[StrEnum, str] = {
     CommandCode.COMPLETE: "every trial of the plan is accepted; the session is complete",
     CommandCode.SUMMARY_RUNNING: "the report is already being written; wait for its end",
     CommandCode.NOTHING_TO_SKIP: "no trial of the plan is left to skip",
+    CommandCode.NOT_LEFT: "{trial} is not left in the plan; redo it to record it again",
+    CommandCode.NOT_DONE: "{trial} has no recording that is kept, so there is none to redo",
     CommandCode.TRIAL_RUNNING: "a trial is running; stop it or wait for its end",
     CommandCode.UNDECIDED: "{file} waits for a decision; keep or redo it first",
     CommandCode.NO_TRIAL: "no trial is running",

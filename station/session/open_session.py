@@ -11,7 +11,7 @@ from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.config import StationConfig
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.journal import Journal, Setup, read_journal, write_setup, write_skipped
+from station.journal import Journal, Setup, read_journal, write_next, write_note, write_setup, write_skipped
 from station.journal_lines import JOURNAL_FILE
 from station.messages.codes import CommandCode
 from station.messages.message import Message
@@ -138,14 +138,30 @@ class OpenSession:
         """Return from an early end to the plan."""
         self.is_ending, self.summary, self.message = False, None, ""
 
-    def skip(self) -> TrialSpec:
-        """Skip the next trial of the plan, while none runs."""
+    def skip(self, spec: TrialSpec | None = None) -> TrialSpec:
+        """Skip a trial that is left, by default the next one, while none runs."""
         self.refuse_while_running()
         plan = self.plan
-        if plan is None or self.folder is None or plan.spec is None:
+        spec = plan.spec if plan is not None and spec is None else spec
+        if plan is None or self.folder is None or spec not in plan.left or spec is None:
             raise CommandRefused.of(CommandCode.NOTHING_TO_SKIP)
-        write_skipped(self.folder, plan.spec)
-        return plan.spec
+        write_skipped(self.folder, spec)
+        return spec
+
+    def choose(self, spec: TrialSpec) -> None:
+        """Make a trial that is left or skipped the next one, while none runs."""
+        self.refuse_while_running()
+        plan = self.plan
+        if plan is None or self.folder is None or spec not in (*plan.left, *plan.skipped):
+            raise CommandRefused.of(CommandCode.NOT_LEFT, trial=spec.title)
+        write_next(self.folder, spec)
+
+    def note(self, file: str, text: str) -> None:
+        """Write a note on a recording, or on the session if file is empty; it replaces the previous one."""
+        if self.folder is None:
+            raise CommandRefused.of(CommandCode.NO_SESSION)
+        if text.strip() != self.journal.notes.get(file, ""):
+            write_note(self.folder, file, text)
 
     def refuse_while_running(self) -> None:
         if self.has_running_trial:

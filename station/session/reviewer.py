@@ -14,6 +14,7 @@ from station.journal import Assignment, write_assigned, write_donned, write_mark
 from station.journal_lines import Choice
 from station.messages.codes import CommandCode, TerminalCode, TrialCode
 from station.messages.message import Message
+from station.protocol import TrialSpec
 from station.session.adoption import adopt_recordings
 from station.session.judgement import Judgement, judgement_without_fit
 from station.session.open_session import CommandRefused, OpenSession
@@ -53,6 +54,26 @@ class Reviewer:
             write_donned(self._session.folder, plan.undecided.cuff)
         self._discard_fit()
         self._decided_s = time.perf_counter()
+
+    def redo(self, spec: TrialSpec, reason: str, *, is_donned_anew: bool = False) -> None:
+        """Set the accepted recording of a trial aside, so that the trial is left again."""
+        self._session.refuse_while_running()
+        plan, journal = self._session.plan, self._session.journal
+        place = (spec.cuff, spec.test, spec.condition, spec.repeat, spec.donning)
+        accepted = [
+            trial.file
+            for trial in journal.recorded
+            if (trial.cuff, trial.test, trial.condition, trial.repeat, trial.donning) == place
+            and trial.file in journal.verdicts
+            and trial.file not in journal.redone
+        ]
+        if plan is None or self._session.folder is None or spec not in plan.done or not accepted:
+            raise CommandRefused.of(CommandCode.NOT_DONE, trial=spec.title)
+        for file in accepted:
+            write_verdict(self._session.folder, file, "redo", reason)
+        if is_donned_anew and spec.cuff is not None:
+            write_donned(self._session.folder, spec.cuff)
+        self._discard_fit()
 
     def undo(self, file: str = "") -> None:
         """Undo a decision, by default the last one: its recording waits for a decision again.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,19 +13,13 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from station.child import Child
+from station.child import DETACHED, Child
 from station.config import StationConfig
 from station.journal import Recorded
 from station.messages.codes import RefusalCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 
-DETACHED: dict[str, Any] = (
-    {"creationflags": 0x0800_0000 | 0x0000_0200}  # CREATE_NO_WINDOW and CREATE_NEW_PROCESS_GROUP
-    if sys.platform == "win32"
-    else {"start_new_session": True}
-)
-"""Closing the terminal, Ctrl-C or Ctrl-Break in it end the session, and not the trial that is being recorded."""
 END_TIMEOUT_S = 10.0
 """Wall seconds for a recorder to end after it has closed its link."""
 _RECORDED = TypeAdapter(Recorded)

@@ -85,7 +85,7 @@ def run_session(
     with ExitStack() as stack:
         bench = None
         if is_simulated:
-            bench = stack.enter_context(SimulatedBench(simulator_settings(config), speed or 1.0, seed))
+            bench = stack.enter_context(SimulatedBench(simulator_settings(config), speed or 1.0, seed, outlives=True))
             config = bench.configure(config)
         is_simulator = not is_simulated and (speed is not None or is_served_by_simulator(config))
         if is_simulator and (refusal := check_folder(folder, SIMULATOR)):

@@ -25,6 +25,8 @@ from station.journal import (
     write_assigned,
     write_donned,
     write_mark,
+    write_next,
+    write_note,
     write_recorded,
     write_setup,
     write_skipped,
@@ -141,6 +143,29 @@ def test_a_skipped_trial_is_that_of_its_donning(tmp_path: Path) -> None:
     trial = TrialSpec("hand", "static", 2, donning="3")
     write_skipped(tmp_path, trial)
     assert read_journal(tmp_path).skipped == {trial}
+
+
+def test_the_last_choice_of_a_trial_overrules(tmp_path: Path) -> None:
+    one, other = TrialSpec("hand", "static", 1), TrialSpec(None, "motion", 1, condition="tight")
+    write_next(tmp_path, one)
+    write_next(tmp_path, other)
+    assert read_journal(tmp_path).chosen == (other, one)
+    write_skipped(tmp_path, other)
+    assert (read_journal(tmp_path).chosen, read_journal(tmp_path).skipped) == ((one,), {other})
+    write_next(tmp_path, other)
+    assert (read_journal(tmp_path).chosen, read_journal(tmp_path).skipped) == ((other, one), set())
+
+
+def test_a_later_note_replaces_the_earlier_one_of_the_same_recording(tmp_path: Path) -> None:
+    for file, text in (
+        ("", "rainy"),
+        ("a.mcap", "wearer coughed"),
+        ("", " rainy, 18 \u00b0C\n"),
+        ("b.mcap", "x" * 20_000),
+    ):
+        write_note(tmp_path, file, text)
+    notes = read_journal(tmp_path).notes
+    assert (notes[""], notes["a.mcap"], len(notes["b.mcap"])) == ("rainy, 18 \u00b0C", "wearer coughed", 10_000)
 
 
 def test_a_line_of_another_file_has_its_time_and_kind_in_a_folder_that_is_made(tmp_path: Path) -> None:

@@ -187,6 +187,28 @@ def test_a_skipped_trial_stays_skipped_when_the_session_is_resumed(controller: S
         controller.session.skip()
 
 
+def test_any_trial_that_is_left_is_skipped_or_chosen_and_any_kept_one_redone(controller: SessionController) -> None:
+    controller.session.begin(replace(SETUP, repeats=2))
+    first, second, third, fourth = controller.session.plan.trials  # type: ignore[union-attr]
+    controller.session.skip(third)
+    controller.session.choose(fourth)
+    plan = controller.session.plan
+    assert plan is not None and (plan.left, plan.skipped) == ((fourth, first, second), {third})
+    put_recording(controller)
+    with raises_refusal(CommandRefused, CommandCode.NOT_DONE):
+        controller.reviewer.redo(first, "no decision yet")
+    controller.reviewer.decide("accept", "")
+    with raises_refusal(CommandRefused, CommandCode.NOT_LEFT):
+        controller.session.choose(first)
+    with raises_refusal(CommandRefused, CommandCode.NOTHING_TO_SKIP):
+        controller.session.skip(first)
+    with raises_refusal(JournalError, JournalCode.NO_REASON):
+        controller.reviewer.redo(first, " ")
+    controller.reviewer.redo(first, "the rope was caught")
+    plan = controller.session.plan
+    assert plan is not None and plan.done == frozenset() and first in plan.left
+
+
 def test_commands_that_are_not_possible_now_are_refused(controller: SessionController) -> None:
     for work, code in (
         (controller.runner.arm, CommandCode.NO_SESSION),

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from station.config import parse_config
+from station.config import StationConfig, parse_config
 from station.journal import Decision, Journal, Recorded, Setup
 from station.protocol import TrialSpec
 from station.session.plan_status import (
     PlanStatus,
     is_donned_without_trial,
+    minutes_left,
     plan_status,
     preparation,
     redo_loses_migration,
@@ -108,6 +109,30 @@ def test_a_skipped_trial_is_not_next_and_counts_as_skipped_until_it_is_recorded(
     assert (plan.skipped, plan.spec) == ({first}, second)
     plan = session((recorded("hand", "static"), ACCEPT), skipped=skipped)
     assert (plan.skipped, plan.done) == (frozenset(), {first})
+
+
+def test_a_chosen_trial_is_next_before_those_chosen_earlier(session) -> None:
+    first, second, third, fourth, *_ = session().trials
+    plan = session(chosen=(fourth, third, TrialSpec("forearm", "static", 1)))
+    assert plan.left[:3] == (fourth, third, first)
+    plan = session((recorded("hand", "dynamic", 2), ACCEPT), chosen=(fourth, third))
+    assert plan.left[:3] == (third, first, second), "a recorded one no longer"
+
+
+def test_a_cuff_to_which_the_rope_returns_is_worn_as_before(session) -> None:
+    one, other, again = recorded("hand", "static"), recorded("elbow", "static"), TrialSpec("hand", "dynamic", 1)
+    assert not session((one, ACCEPT), chosen=(again,)).is_back
+    plan = session((one, ACCEPT), (other, ACCEPT), chosen=(again,))
+    assert plan.spec == again and plan.is_back and not plan.is_new_cuff
+    assert preparation(plan, StationConfig()) == "Rope to the hand cuff, worn as before, and slack"
+
+
+def test_the_time_left_is_that_of_the_protocol(session) -> None:
+    """Two static trials of 5 loads, two dynamic ones of 20 s, one donning, one pause of 60 s, four decisions."""
+    config = parse_config({"protocol": {"step_masses_kg": [1, 1], "hold_s": 7, "swing_s": 20, "pause_s": 60}}, "test")
+    assert minutes_left(session(setup=ONE_CUFF), config) == round((2 * 5 * 12 + 2 * 20 + 90 + 60 + 4 * 20) / 60)
+    done = [(replace(trial, file=f"{trial.file}"), verdict) for trial, verdict in accepted(ONE_CUFF, 4)]
+    assert minutes_left(session(*done, setup=ONE_CUFF), config) == 1
 
 
 def test_a_cuff_donned_anew_starts_its_repeats_anew(session) -> None:
