@@ -25,7 +25,7 @@ SOUND = """
         tone.stop(from + 0.15);
     });
     speechSynthesis.cancel();
-    speechSynthesis.speak(new SpeechSynthesisUtterance(%(text)s));
+    speechSynthesis.speak(Object.assign(new SpeechSynthesisUtterance(%(text)s), {lang: "en-US"}));
 })()
 """
 

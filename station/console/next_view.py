@@ -47,7 +47,8 @@ def show_plan(controller: SessionController, plan: PlanStatus, actions: Actions)
 def _chip(controller: SessionController, plan: PlanStatus, actions: Actions, trial: TrialSpec) -> None:
     state = _state_of(trial, plan)
     chip = ui.element("button").classes(f"stage {state}").mark(f"trial-{trial.title}")
-    chip.props(f'type=button aria-label="{trial.title}: {state or "to come"}"')
+    subject = trial.cuff or ("wearer" if trial.test in BODY_TESTS else "load cell")
+    chip.props(f'type=button aria-label="{_short_name(trial)}, {subject}: {state or "to come"}"')
     with chip:
         ui.label(_short_name(trial))
     chip.on("click", lambda: offer_trial(controller, plan, trial, actions))

@@ -163,6 +163,7 @@ def serve(
             show=False,
             reload=False,
             show_welcome_message=False,
+            language="en-US",
             gzip_middleware_factory=CompressionMiddleware,
         )
 
