@@ -121,10 +121,29 @@ class _TimeLeftColumn(bars.ProgressColumn):
     """
 
     def render(self, task: bars.Task) -> Text:
-        if task.finished or not task.elapsed or not task.completed or task.total is None:
+        if task.finished or not task.elapsed or task.total is None:
             return Text()
-        left = task.elapsed * (task.total - task.completed) / task.completed
-        return Text(f"about {_seconds(left)} left")
+        return Text(time_left(task.elapsed, task.completed, task.total))
+
+
+@dataclass
+class StageProgress:
+    """A stage as views show it; begun_s on time.monotonic()."""
+
+    name: str
+    begun_s: float
+    done: int
+    total: int
+
+    @property
+    def part(self) -> float:
+        """From 0 to 1."""
+        return self.done / self.total if self.total else 0.0
+
+
+def time_left(elapsed_s: float, done: float, total: float) -> str:
+    """Estimate of the time left, from the mean duration of the finished steps; empty before the first one."""
+    return f"about {_seconds(elapsed_s * (total - done) / done)} left" if done else ""
 
 
 def _seconds(duration_s: float) -> str:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import time
+
 from nicegui import ui
 
 from station.console.actions import Actions
 from station.console.next_view import show_plan
+from station.progress import time_left
 from station.session.controller import SessionController
 from station.session.plan_status import PlanStatus
+
+PROGRESS_S = 0.5
 
 
 def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
@@ -16,9 +21,7 @@ def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> N
         text = f"{plan.undecided.file} waits for a decision; the fit uses it unless it is redone."
         ui.label(text).classes("text-xl doubtful").mark("undecided")
     if controller.reviewer.progress:
-        with ui.row().classes("items-center"):
-            ui.spinner(size="2rem")
-            ui.label(controller.reviewer.progress).classes("text-xl")
+        _show_progress(controller)
     summary = controller.session.summary
     if summary is None:
         show_plan(controller, plan, actions)
@@ -36,6 +39,27 @@ def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> N
     actions.add("Session list", "l", controller.session.leave, mark="leave", is_apart=True)
     if controller.session.is_ending:
         actions.add("Back to the plan", "b", controller.session.resume_plan, mark="back")
+
+
+def _show_progress(controller: SessionController) -> None:
+    """A bar for each stage so far, with the time left of the current one."""
+    with ui.row().classes("items-center"):
+        ui.spinner(size="2rem")
+        ui.label(controller.reviewer.progress).classes("text-xl")
+    stages = ui.element("div").classes("progress").props("role=status").mark("progress")
+
+    def tick() -> None:
+        stages.clear()
+        with stages:
+            for stage in controller.reviewer.stages:
+                is_over = stage.done >= stage.total
+                ui.label(stage.name).classes("text-lg")
+                bar = ui.linear_progress(stage.part, show_value=False).props("size=14px rounded")
+                bar.props(f'aria-label="{stage.name}"')
+                left = time_left(time.monotonic() - stage.begun_s, stage.done, stage.total)
+                ui.label("done" if is_over else left or "begun").classes("text-lg quiet")
+
+    ui.timer(PROGRESS_S, tick)
 
 
 def headline_of(plan: PlanStatus) -> str:

@@ -14,25 +14,27 @@ from station.journal import Assignment, write_assigned, write_donned, write_mark
 from station.journal_lines import Choice
 from station.messages.codes import CommandCode, TerminalCode, TrialCode
 from station.messages.message import Message
+from station.progress import StageProgress
 from station.protocol import TrialSpec
 from station.session.adoption import adopt_recordings
 from station.session.judgement import Judgement, judgement_without_fit
 from station.session.open_session import CommandRefused, OpenSession
 from station.session.plan_check import describe_plan
 from station.session.plan_status import is_donned_without_trial
-from station.session.summary import SummaryError, summarise
+from station.session.summary import Summary, SummaryError, summarise
 from station.session.worker import Worker
 
 
 class Reviewer:
     """Fits and assesses in a worker process. Methods raise CommandRefused and JournalError.
 
-    progress is the current work on the session as a whole, empty while there is none.
+    progress is the current work on the session as a whole, empty while there is none; stages are those of it so far.
     """
 
     def __init__(self, session: OpenSession) -> None:
         self._session = session
         self.progress = ""
+        self.stages: list[StageProgress] = []
         self.is_judging = False
         self._decided_s = -math.inf
         self._worker = Worker()
@@ -133,14 +135,14 @@ class Reviewer:
             self.is_judging = False
 
     async def finish(self) -> None:
-        """Fit, assess and report the session; takes a minute or two."""
+        """Fit, assess and report the session."""
         if self._session.folder is None:
             raise CommandRefused.of(CommandCode.NO_SESSION)
         if self.progress:
             raise CommandRefused.of(CommandCode.SUMMARY_RUNNING)
-        self.progress = "fitting, assessing and writing the report: a minute or two"
+        self.progress, self.stages = str(Message(TerminalCode.SUMMARY_STARTED)), []
         try:
-            self._session.summary, self._session.message = await self.in_worker(summarise, self._session.folder), ""
+            self._session.summary, self._session.message = await self._summarise(self._session.folder), ""
         except SummaryError as error:
             self._session.message = str(error)
         except Exception as error:  # a bug must reach the operator; recordings and decisions are stored
@@ -148,6 +150,17 @@ class Reviewer:
             self._session.message = str(Message(TerminalCode.SUMMARY_FAILED, figures))
         finally:
             self.progress = ""
+
+    async def _summarise(self, folder: Path) -> Summary:
+        summary: Summary = await self._worker.run_with_progress(self._note_progress, summarise, folder)
+        return summary
+
+    def _note_progress(self, stage: str, done: int, total: int) -> None:
+        known = next((known for known in self.stages if known.name == stage), None)
+        if known is None:
+            self.stages = [*self.stages, StageProgress(stage, time.monotonic(), done, total)]
+        else:
+            known.done, known.total = done, total
 
     async def warm_up(self) -> None:
         """Import the modules of the fit in the worker before the first trial needs them."""

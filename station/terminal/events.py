@@ -204,6 +204,15 @@ class SummaryStarted:
 
 
 @dataclass(frozen=True)
+class SummaryProgressed:
+    """A stage of the summary has begun, of so many steps."""
+
+    event: ClassVar[str] = "summing_up_stage"
+    stage: str
+    steps: int
+
+
+@dataclass(frozen=True)
 class SummaryFinished:
     """cuffs: one row per cuff, heading → text; findings of the assessment in sentences."""
 
@@ -237,6 +246,7 @@ Event = (
     | Waiting
     | CommandAnswered
     | SummaryStarted
+    | SummaryProgressed
     | SummaryFinished
     | SessionClosed
 )

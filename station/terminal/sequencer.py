@@ -29,6 +29,7 @@ from station.terminal.events import (
     SessionClosed,
     SessionOpened,
     SummaryFinished,
+    SummaryProgressed,
     SummaryStarted,
     TrialEnded,
     TrialSkipped,
@@ -347,8 +348,12 @@ class SessionSequencer:
         session = self._controller.session
         self._output.show_event(SummaryStarted(str(Message(TerminalCode.SUMMARY_STARTED))))
         work = asyncio.create_task(self._controller.reviewer.finish())
+        shown = 0
         while not work.done():
             command = await self._commands.next(POLL_S)
+            for stage in self._controller.reviewer.stages[shown:]:
+                shown += 1
+                self._output.show_event(SummaryProgressed(stage.name, stage.total))
             if command is not None and self._handle_between(command):
                 work.cancel()
                 session.is_ending = session.is_ending and command.action is Action.FINISH

@@ -98,8 +98,9 @@ class TextOutput:
             case events.CommandAnswered():
                 for line in event.sentence.splitlines():
                     self._print(f"  {line}", "yellow" if event.is_refused else "")
-            case events.SummaryStarted():
-                self._print(f"{event.sentence[0].upper()}{event.sentence[1:]}: a minute or two.")
+            case events.SummaryStarted() | events.SummaryProgressed():
+                text = event.sentence if isinstance(event, events.SummaryStarted) else f"  {event.stage}"
+                self._print(f"{text[0].upper()}{text[1:]}")
             case events.SummaryFinished():
                 for row in event.cuffs:
                     for heading, text in row.items():

@@ -12,6 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from station.progress import Progress
 from station.session.worker import Worker
 from tests.timeout import scaled_timeout
 
@@ -39,6 +40,28 @@ def test_a_worker_that_is_killed_is_replaced() -> None:
 
     first, second = asyncio.run(whole())
     assert len({first, second, os.getpid()}) == 3
+
+
+def _work_in_steps(steps: int, progress: Progress) -> str:
+    for done in range(steps + 1):
+        progress("counting", done, steps)
+    return "counted"
+
+
+def test_the_progress_of_a_function_reaches_the_console() -> None:
+    reported: list[tuple[str, int, int]] = []
+
+    async def whole() -> str:
+        worker = Worker()
+        result = await worker.run_with_progress(lambda *report: reported.append(report), _work_in_steps, 3)
+        async with asyncio.timeout(scaled_timeout(60.0)):
+            while len(reported) < 4:
+                await asyncio.sleep(0.01)
+        worker.close()
+        return str(result)
+
+    assert asyncio.run(whole()) == "counted"
+    assert reported == [("counting", done, 3) for done in range(4)]
 
 
 def test_a_closed_worker_ends_in_the_middle_of_a_function(tmp_path: Path) -> None:
