@@ -354,6 +354,8 @@ def load_config(path: Path) -> StationConfig:
     """Read station.toml. Raises ConfigError."""
     try:
         data = read_toml(path)
+    except FileNotFoundError as error:
+        raise ConfigError(Message(ConfigCode.MISSING, {"path": str(path)})) from error
     except OSError as error:
         figures = {"path": str(path), "reason": str(error.strerror)}
         raise ConfigError(Message(ConfigCode.UNREADABLE, figures)) from error

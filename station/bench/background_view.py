@@ -18,7 +18,8 @@ JOIN_TIMEOUT_S = 5.0
 class BackgroundView(ABC):
     """A context manager around a trial. offer() and show() return at once, even while the thread is busy."""
 
-    def __init__(self, name: str, refresh_s: float, backlog: int) -> None:
+    def __init__(self, name: str, refresh_s: float, backlog: int | None) -> None:
+        """backlog: items that may wait; None: all, and the end waits until they are handled."""
         self.dropped = 0
         self._refresh_s = refresh_s
         self._backlog: deque[Item] = deque(maxlen=backlog)
@@ -55,4 +56,4 @@ class BackgroundView(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop.set()
-        self._thread.join(JOIN_TIMEOUT_S)
+        self._thread.join(None if self._backlog.maxlen is None else JOIN_TIMEOUT_S)

@@ -23,7 +23,8 @@
       cell.querySelector(".fill").style.width = `${100 * width}%`;
     }
     for (const [id, series] of curves) if (series.length) addPoints(id, series, seconds);
-    station.showAge(1000 * at, `${isOver ? "ended · " : ""}lag ${Math.round(1000 * lag)} ms · values`);
+    if (isOver) station.clearAge(); // the last values of a trial that has ended are not late
+    else station.showAge(1000 * at, `lag ${Math.round(1000 * lag)} ms · values`);
     return true;
   };
 })();

@@ -47,6 +47,7 @@ class _Page:
 
     def build(self) -> None:
         self._client = ui.context.client
+        self._client.content.props("tabindex=0 role=main")  # it scrolls by keys
         self._header = ui.header().classes("items-center justify-between no-wrap")
         with self._header:
             with ui.row().classes("items-center gap-5 no-wrap"):

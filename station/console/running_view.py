@@ -270,10 +270,10 @@ class _Charts:
     def _curves(self) -> list[tuple[int, list[dict[str, Any]]]]:
         """Id of each chart and its series."""
         curves = curves_over_time(self._live)
-        if self._loop is None:
-            return [(self._over_time.id, [{"data": curves[1]}])]
-        loop = (self._loop.id, [{"data": _force_over_motion(self._live)}])
         marked = {"markLine": marks_at(self._live.marks, self._live.mark_names)}
+        if self._loop is None:
+            return [(self._over_time.id, [{"data": curves[1], **marked}])]
+        loop = (self._loop.id, [{"data": _force_over_motion(self._live)}])
         return [(self._over_time.id, [{"data": curves[0], **marked}, {"data": curves[1]}]), loop]
 
 
@@ -321,4 +321,5 @@ def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
 def _motion_over_time(motion: str) -> dict[str, Any]:
     """Chart of the motion of that name alone."""
     chart = _over_time(motion)
-    return {**chart, "yAxis": [axis(motion, DISPLACEMENT)], "series": [line(DISPLACEMENT)]}
+    zoom = [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=0, zoomOnMouseWheel="shift")]
+    return {**chart, "yAxis": [axis(motion, DISPLACEMENT)], "dataZoom": zoom, "series": [line(DISPLACEMENT)]}

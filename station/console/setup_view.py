@@ -195,9 +195,7 @@ def _session(controller: SessionController, actions: Actions, session: ListedSes
     name = f"{setup.subject}, session {setup.number}: {trials.removeprefix('; ')}"
     when = f"{session.begun.day} {session.begun:%B %Y, %H:%M}" if session.begun else "date unknown"
     progress = f"{session.done} of {session.trials}"
-    button = ui.button(on_click=lambda: actions.run(lambda: controller.session.resume(folder))).props(
-        f'flat aria-label="{name}"'
-    )
+    button = ui.button(on_click=lambda: actions.run(lambda: controller.session.resume(folder))).props("flat")
     with button.classes("w-full session").mark("resume"):
         button.tooltip(str(folder))
         with ui.grid(columns="1fr auto").classes("w-full gap-x-4 gap-y-0 text-left items-center"):
@@ -205,5 +203,5 @@ def _session(controller: SessionController, actions: Actions, session: ListedSes
             ui.label(f"{progress} trials").classes("text-right")
             ui.label(f"{when}{f' · {setup.operator}' if setup.operator else ''}").classes("quiet text-lg")
             ui.linear_progress(session.done / max(1, session.trials), show_value=False).classes("w-28").props(
-                "size=10px rounded"
+                f'size=10px rounded aria-label="{progress} trials"'
             )

@@ -30,15 +30,17 @@ def show(controller: SessionController, recorded: Recorded, actions: Actions) ->
             ui.label(f"{'checking' if recorded.cuff is None else 'fitting'} {recorded.file}").classes("cue")
         return
     _headline(judgement)
-    with ui.row().classes("w-full gap-8 items-start no-wrap"):
-        with ui.column().classes("grow gap-2"):
+    with ui.element("div").classes("verdict"):
+        with ui.column().classes("gap-2"):
             _figures(judgement)
             marks = _marks(controller, judgement)
+            note = ui.input("Note on this trial", value=controller.session.journal.notes.get(recorded.file, ""))
+            note.classes("w-full").mark("trial-note")
         if judgement.drawing:
-            ui.html(judgement.drawing, sanitize=False).classes("w-2/5 drawing").mark("drawing")
+            ui.html(judgement.drawing, sanitize=False).classes("drawing").mark("drawing")
         if judgement.path:
-            ui.echart(force_over_motion([list(point) for point in judgement.path])).classes("w-2/5 h-72").mark("loop")
-    _decision(controller, recorded, judgement, marks, actions)
+            ui.echart(force_over_motion([list(point) for point in judgement.path])).classes("h-72").mark("loop")
+    _decision(controller, recorded, judgement, [note, *marks], actions)
 
 
 def _headline(judgement: Judgement) -> None:
@@ -80,8 +82,14 @@ def _marks(controller: SessionController, judgement: Judgement) -> list[ui.input
 
 
 def _decision(
-    controller: SessionController, recorded: Recorded, judgement: Judgement, marks: Sequence[ui.input], actions: Actions
+    controller: SessionController,
+    recorded: Recorded,
+    judgement: Judgement,
+    typed: Sequence[ui.input],
+    actions: Actions,
 ) -> None:
+    """typed are the fields of the note on the trial and of the names of its marks."""
+    note, *marks = typed
     is_costly = redo_loses_migration(recorded, controller.session.journal)
     with actions.form:
         if is_costly:
@@ -93,8 +101,6 @@ def _decision(
             "Reason (needed to redo)", value="" if judgement.advice == "accept" else join_sentences(judgement.reasons)
         )
         reason.classes("w-full").mark("why")
-        note = ui.input("Note on this trial", value=controller.session.journal.notes.get(recorded.file, ""))
-        note.classes("w-full").mark("trial-note")
     form = f"verdict of {recorded.file}"
     keep_form(form, {"reason": reason, "note": note} | {str(number): field for number, field in enumerate(marks, 1)})
 

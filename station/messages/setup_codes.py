@@ -9,6 +9,7 @@ class ConfigCode(StrEnum):
     """Reason why the configuration cannot be used."""
 
     UNREADABLE = "config.unreadable"
+    MISSING = "config.missing"
     WRONG_SYNTAX = "config.wrong_syntax"
     WRONG_VALUE = "config.wrong_value"
     UNKNOWN_KEY = "config.unknown_key"

@@ -9,6 +9,7 @@ from station.messages.setup_codes import ConfigCode, FolderCode, SimulationCode
 
 SETUP: Mapping[StrEnum, str] = {
     ConfigCode.UNREADABLE: "the configuration {path} cannot be read: {reason}",
+    ConfigCode.MISSING: "there is no configuration {path}; `station init` writes an example, or give another --config",
     ConfigCode.WRONG_SYNTAX: "{path} {reason}",
     ConfigCode.WRONG_VALUE: "{path}: {reason}",
     ConfigCode.UNKNOWN_KEY: "{path}: {reason}; {advice}",

@@ -157,8 +157,12 @@ class TextOutput:
             self._print(f"  To be redone{place}{anew}: {event.file} ({event.reason})", "yellow")
 
     def _print_path(self, path: str) -> None:
+        """On a line of its own: above the key line where both are on the terminal, else on stdout."""
         with suppress(OSError, ValueError):  # the reader has ended; the session continues
-            print(path, file=self._paths, flush=True)
+            if self._region is not None and self._paths.isatty():
+                self._console.print(path, highlight=False, markup=False, soft_wrap=True)
+            else:
+                print(path, file=self._paths, flush=True)
 
     def _print(self, text: str, style: str = "") -> None:
         """Print one paragraph, on a terminal wrapped to its width and indented like its first line."""

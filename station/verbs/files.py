@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
@@ -20,7 +21,6 @@ from station.verbs.options import (
     Repeat,
     Rerun,
     Rrd,
-    Speed,
     TestOfPull,
     ensure_not_read,
     ensure_writable,
@@ -50,7 +50,10 @@ def replay(
     session: Annotated[
         Path | None, typer.Option(help="Record it again into this folder; default: keep nothing.")
     ] = None,
-    speed: Speed = 1.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="Largest speed, as a multiple of real time; default: 1, with --rrd alone no limit."),
+    ] = None,
     rrd: Rrd = None,
     rerun: Rerun = False,
     format: FormatOption = "table",  # noqa: A002
@@ -71,6 +74,8 @@ def replay(
         ensure_folder(session)
     for change in changed_files([file]):
         print_message(str(change))
+    is_file_alone = rrd is not None and not rerun
+    pace = speed or (math.inf if is_file_alone else 1.0)
     with ExitStack() as stack:
         manifest = open_recording(file).manifest
         if session is not None and (refusal := check_folder(session, manifest.devices)):
@@ -80,14 +85,14 @@ def replay(
         live = LiveView(RealClock(), file.stem, load_cell=manifest.load_cell, cuff=subject)
         views: list[View] = [stack.enter_context(live)]
         if rrd is None and not rerun:
-            result = play_back(file, folder, speed, views)
+            result = play_back(file, folder, pace, views)
         else:
             from station.viewer.log import open_rerun
             from station.viewer.scene import log_scene
 
             cord = subject.rope_markers if subject else manifest.body.suit if manifest.body else ()
-            logs = open_rerun(stack, rrd, cord, has_viewer=rerun)
-            result = play_back(file, folder, speed, [*views, *logs])
+            logs = open_rerun(stack, rrd, cord, has_viewer=rerun, is_complete=is_file_alone)
+            result = play_back(file, folder, pace, [*views, *logs])
             for log in logs:
                 log_scene(log.stream, file, log.edge_ns, log.extent)
     print_result(result, format, is_kept=session is not None)

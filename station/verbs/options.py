@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
 Speed = Annotated[
-    float, typer.Option(min=0.1, help="Largest speed of the simulated bench or the replay, as a multiple of real time.")
+    float, typer.Option(min=0.1, help="Largest speed of the simulated bench, as a multiple of real time.")
 ]
 Test = Literal["static", "dynamic", "bounce", "pose", "motion"]
 TestOfPull = Literal["static", "dynamic", "bounce"]

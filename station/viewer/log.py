@@ -36,12 +36,17 @@ Columns = list[tuple[NDArray[np.int64], NDArray[np.floating]]]
 """Host times [ns], and values at them."""
 
 
-def open_rerun(stack: ExitStack, path: Path | None, rope: tuple[str, ...], *, has_viewer: bool) -> list[RerunLog]:
-    """Open the requested views: file, viewer, both or none. Raises ViewerError if the viewer does not start."""
+def open_rerun(
+    stack: ExitStack, path: Path | None, rope: tuple[str, ...], *, has_viewer: bool, is_complete: bool = False
+) -> list[RerunLog]:
+    """Open the requested views: file, viewer, both or none. Raises ViewerError if the viewer does not start.
+
+    is_complete: nothing is dropped, however fast the items come; the end waits for the last one.
+    """
     sinks: list[Path | str] = [] if path is None else [path]
     if has_viewer:
         sinks.append(start_viewer())
-    return [stack.enter_context(RerunLog(sink, rope)) for sink in sinks]
+    return [stack.enter_context(RerunLog(sink, rope, None if is_complete else BACKLOG)) for sink in sinks]
 
 
 class RerunLog(BackgroundView):
@@ -51,8 +56,8 @@ class RerunLog(BackgroundView):
     DeviceTimes. edge_ns is the sync edge on this timeline.
     """
 
-    def __init__(self, sink: Path | str, rope: tuple[str, ...] = ()) -> None:
-        super().__init__("rerun log", REFRESH_S, BACKLOG)
+    def __init__(self, sink: Path | str, rope: tuple[str, ...] = (), backlog: int | None = BACKLOG) -> None:
+        super().__init__("rerun log", REFRESH_S, backlog)
         self.stream = open_stream("cuffstation", sink)
         self._rope = rope
         self._labels: tuple[str, ...] = ()

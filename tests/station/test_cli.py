@@ -57,7 +57,7 @@ def test_a_configuration_that_cannot_be_used_is_code_2(station, tmp_path: Path) 
     bad.write_text("[daq]\nsample_rate_hz = 6000\n")
     knee = (*RECORD[:3], "--cuff", "knee", *RECORD[5:])
     assert_refused(station(*RECORD, "--config", bad), 2, ConfigCode.WRONG_VALUE)
-    assert_refused(station(*RECORD, "--config", tmp_path / "none.toml"), 2, ConfigCode.UNREADABLE)
+    assert_refused(station(*RECORD, "--config", tmp_path / "none.toml"), 2, ConfigCode.MISSING)
     assert_refused(station(*knee, "--config", CONFIG), 2, ConfigCode.UNKNOWN_CUFF)
 
 

@@ -133,7 +133,7 @@ def test_an_unknown_cuff_is_refused() -> None:
 
 
 def test_a_missing_or_broken_file_is_refused(tmp_path: Path) -> None:
-    with raises_refusal(ConfigError, ConfigCode.UNREADABLE):
+    with raises_refusal(ConfigError, ConfigCode.MISSING):
         load_config(tmp_path / "none.toml")
     broken = tmp_path / "broken.toml"
     broken.write_text("[daq\n")
