@@ -6,6 +6,7 @@ from nicegui import ui
 
 from station.console.actions import Actions
 from station.console.trial_dialog import offer_trial
+from station.console.wearer_form import offer_wearer
 from station.protocol import BODY_TESTS, CONDITION_NAMES, TrialSpec
 from station.session.controller import SessionController
 from station.session.plan_status import PlanStatus, minutes_left, preparation
@@ -24,6 +25,7 @@ def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> N
     actions.add("Arm", "a", controller.runner.arm, kind="main")
     skip = actions.add("Skip this trial", "n", lambda: _skip(controller, spec), mark="skip")
     _explain(skip, "it is not recorded; its place in the plan offers it again")
+    offer_wearer(controller, actions)
     add_exits(controller, actions)
 
 

@@ -9,16 +9,14 @@ from typing import Any
 from nicegui import ui
 
 from fitting.trial.mass_checks import MassCheckError
-from station.bench.simulation import SimulationError
 from station.console import next_view, running_view, setup_view, summary_view, verdict_view
 from station.console.actions import Action, Actions
 from station.console.audio_alerts import AudioAlerts
 from station.console.live_page import PATH as LIVE_PATH
 from station.console.recordings_view import add_recordings
-from station.journal import JournalError
+from station.errors import StationError
 from station.session.controller import SessionController
 from station.session.live_trial import LiveTrial
-from station.session.open_session import CommandRefused
 from station.session.plan_status import PlanStatus
 
 REFRESH_S = 0.08
@@ -129,7 +127,7 @@ class _Page:
             awaitable = action()
             if awaitable is not None:
                 await awaitable
-        except (CommandRefused, JournalError, SimulationError, MassCheckError) as refused:
+        except (StationError, MassCheckError) as refused:
             self._refuse(str(refused))
         else:
             self._refuse("")

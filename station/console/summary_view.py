@@ -8,6 +8,7 @@ from nicegui import ui
 
 from station.console.actions import Actions
 from station.console.next_view import show_plan
+from station.console.wearer_form import offer_wearer
 from station.progress import time_left
 from station.session.controller import SessionController
 from station.session.plan_status import PlanStatus
@@ -36,6 +37,7 @@ def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> N
         for sentence in summary.findings:
             ui.label(sentence).classes("text-xl").mark("finding")
         ui.link("Open the report", "/report", new_tab=True).classes("text-2xl").mark("report")
+    offer_wearer(controller, actions)
     actions.add("Session list", "l", controller.session.leave, mark="leave", is_apart=True)
     if controller.session.is_ending:
         actions.add("Back to the plan", "b", controller.session.resume_plan, mark="back")

@@ -9,7 +9,10 @@ from typing import Any
 from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
+from station.console.actions import Actions
+from station.kinematics.marker_sets import published_sets
 from station.messages.codes import CommandCode
+from station.session.controller import SessionController
 from station.session.open_session import CommandRefused
 from station.subject.subject_file import Cord, Subject
 
@@ -84,6 +87,38 @@ class WearerForm:
             markers=dict(self._labels),
             cord=Cord(rest_length_m=rest, cuff=cuff) if rest is not None or cuff is not None else None,
         )
+
+
+def offer_wearer(controller: SessionController, actions: Actions) -> None:
+    """Add the button that opens the dialog of the wearer, if the configuration has one."""
+    if controller.session.config.body is not None:
+        actions.add("Wearer", "w", lambda: _open_wearer(controller, actions), mark="wearer-dialog")
+
+
+def _open_wearer(controller: SessionController, actions: Actions) -> None:
+    """Raises SubjectError for a damaged subject.toml."""
+    wearer = controller.session.wearer
+    with ui.dialog(value=True) as dialog, ui.card().classes("w-full max-w-none").style("width: min(900px, 94vw)"):
+        dialog.props('aria-label="Wearer"')
+        ui.label("Wearer").classes("heading")
+        form = WearerForm(tuple(controller.session.config.cuffs), published_sets())
+        form.show(wearer)
+
+        fault = ui.label().classes("text-lg bad").props("role=alert")
+
+        async def save() -> None:
+            try:
+                declared = form.wearer
+            except CommandRefused as refused:  # the fields keep their content
+                fault.text = str(refused)
+                return
+            dialog.close()
+            await actions.run(lambda: controller.session.declare_wearer(declared))
+
+        with ui.row():
+            ui.button("Save", on_click=save).props("unelevated color=primary")
+            ui.button("Close", on_click=dialog.close).props("outline")
+    dialog.on("hide", dialog.delete)
 
 
 def number_of(text: str) -> float:

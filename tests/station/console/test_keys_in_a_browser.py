@@ -59,3 +59,24 @@ def test_a_form_survives_a_new_console_and_describes_the_wearer_of_its_session(
         seen(page, "next: pose")
     expected = Subject(mass_kg=61.5, cord=Cord(rest_length_m=0.73))
     assert read_subject(tmp_path / "sessions" / "sub-P01_ses-4") == expected
+
+
+def test_the_wearer_is_changed_in_an_open_session(browser: Browser, tmp_path: Path) -> None:
+    config = write_config(tmp_path)
+    config.write_text(config.read_text() + WEARER)
+    with ServedConsole(config) as console:
+        page = open_page(browser, console.address)
+        page.get_by_label("Subject code").fill("P01")
+        page.get_by_role("button", name="Begin").click()
+        page.get_by_role("button", name="Begin anyway").click()
+        page.get_by_role("button", name="Wearer (w)").click()
+        dialog = page.get_by_role("dialog")
+        dialog.get_by_label(MASS).fill("7")
+        dialog.get_by_role("button", name="Save").click()
+        seen(page, "the body mass is '7', expected 20 to 300 kg")
+        dialog.get_by_label(MASS).fill("70")
+        dialog.get_by_role("button", name="Save").click()
+        dialog.wait_for(state="detached")
+        page.get_by_role("button", name="Wearer (w)").click()
+        expect(dialog.get_by_label(MASS)).to_have_value("70")
+    assert read_subject(tmp_path / "sessions" / "sub-P01_ses-1").mass_kg == 70.0
