@@ -35,9 +35,9 @@ from station.journal_lines import (
     JournalLine,
     MarkEntry,
     NextEntry,
-    NoteEntry,
     RecordedEntry,
     Repeats,
+    SessionNoteEntry,
     SetupEntry,
     SkippedEntry,
     UndoneEntry,
@@ -198,7 +198,7 @@ def write_next(folder: Path, spec: TrialSpec) -> None:
 
 def write_note(folder: Path, file: str, text: str) -> None:
     """A note on a recording, or on the session if file is empty; longer ones are cut."""
-    _append(folder, NoteEntry, file=file, text=text.strip()[:LONGEST_NOTE])
+    _append(folder, SessionNoteEntry, file=file, text=text.strip()[:LONGEST_NOTE])
 
 
 def write_undone(folder: Path, file: str, *, donned_cuff: str | None = None) -> None:
@@ -250,7 +250,7 @@ class _Lines:
                 self._verdicts[entry.file] = Decision(entry.choice, entry.reason)
             case MarkEntry():
                 self._marks.setdefault(entry.file, {})[entry.number] = entry.name
-            case NoteEntry():
+            case SessionNoteEntry():
                 self._notes[entry.file] = entry.text
             case _:
                 self._change_plan(entry)

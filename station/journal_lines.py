@@ -140,7 +140,7 @@ class NextEntry(_PlannedTrial):
     kind: Literal["next"] = "next"
 
 
-class NoteEntry(JournalEntry):
+class SessionNoteEntry(JournalEntry):
     """A note on a recording, or on the session if file is empty; it replaces the previous one."""
 
     kind: Literal["note"] = "note"
@@ -177,7 +177,7 @@ class JournalLine(
             | DonnedEntry
             | SkippedEntry
             | NextEntry
-            | NoteEntry
+            | SessionNoteEntry
             | UndoneEntry
             | AssignedEntry,
             Field(discriminator="kind"),

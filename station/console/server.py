@@ -153,6 +153,7 @@ def serve(
         stack.callback(feed.close)
         app.timer(LIVE_POLL_S, feed.poll)
         ui.page(LIVE_PATH, title="live muscles")(lambda: show_live_page(feed))
+        app.config.quasar_config["loadingBar"]["skipHijack"] = True  # else it runs with every beat
         ui.run(
             lambda: show_page(controller),
             host=host,

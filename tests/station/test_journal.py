@@ -92,6 +92,8 @@ def test_every_line_that_is_written_fits_the_published_schema(tmp_path: Path) ->
     write_mark(tmp_path, "a.mcap", 1, "coughed")
     write_donned(tmp_path, "hand")
     write_skipped(tmp_path, TrialSpec(None, "bounce", 1))
+    write_next(tmp_path, TrialSpec(None, "bounce", 1))
+    write_note(tmp_path, "a.mcap", "a warm day")
     write_undone(tmp_path, "a.mcap", donned_cuff="hand")
     write_assigned(tmp_path, "a.mcap", Assignment(CuffSite("elbow", "arm", ("a",), ("d",)), "static", 1, "1"))
     lines = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text().splitlines()]

@@ -24,6 +24,7 @@ from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.listing import list_sessions
 from station.session.open_session import CommandRefused
+from station.session.worker import Worker
 from tests.station.console.served import write_config
 from tests.station.refusals import raises_refusal
 from tests.station.session.benched import simulated_bench
@@ -251,7 +252,7 @@ def test_an_unexpected_error_of_the_summary_is_a_message(
         raise ZeroDivisionError("oh")
 
     controller.session.begin(SETUP)
-    monkeypatch.setattr(controller.reviewer, "in_worker", fail)
+    monkeypatch.setattr(Worker, "run", fail)
     run(controller.reviewer.finish())
     figures = {"error": "ZeroDivisionError: oh"}
     assert controller.session.message == str(Message(TerminalCode.SUMMARY_FAILED, figures))
