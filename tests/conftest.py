@@ -77,7 +77,7 @@ def _timeout_of(item: pytest.Item) -> float:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    items[:] = _longest_first(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+    items[:] = longest_first(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
     for item in items:
         if "hardware" in item.keywords and not config.getoption("--hardware"):
             item.add_marker(pytest.mark.skip(reason="needs the bench: run with --hardware"))
@@ -85,7 +85,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason="the public data set is not beside the repository"))
 
 
-def _longest_first(items: list[pytest.Item], processes: int) -> list[pytest.Item]:
+def longest_first(items: list[pytest.Item], processes: int) -> list[pytest.Item]:
     """Each process begins with its share of the tests that have a time-out of their own, the longest first.
 
     At the end of the run, one of them would leave the other processes without work. A process begins with an equal part

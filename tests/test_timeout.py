@@ -1,10 +1,11 @@
-"""The time-outs of tests under load."""
+"""The time-outs of tests under load, and the order that they give to the tests."""
 
 from __future__ import annotations
 
 import psutil
 import pytest
 
+from tests.conftest import longest_first
 from tests.timeout import count_cores, scaled_timeout
 
 
@@ -34,3 +35,16 @@ def test_the_timeout_of_a_test_is_scaled_whoever_sets_it(request: pytest.Fixture
 @pytest.mark.timeout(1234)
 def test_a_marker_of_the_test_comes_before_the_configuration(request: pytest.FixtureRequest) -> None:
     assert request.node.get_closest_marker("timeout").args[0] >= 1234
+
+
+def test_every_process_begins_with_its_share_of_the_longest_tests(request: pytest.FixtureRequest) -> None:
+    def item(name: str, timeout: float | None = None) -> pytest.Item:
+        made = pytest.Function.from_parent(request.node.parent, name=name, callobj=lambda: None)
+        if timeout is not None:
+            made.add_marker(pytest.mark.timeout(timeout))
+        return made
+
+    tests = [item("a"), item("long", 900), item("b"), item("c"), item("longest", 1200), item("d"), item("e")]
+    found = [test.name for test in longest_first(tests, 2)]
+    assert found == ["longest", "a", "b", "long", "c", "d", "e"], "xdist gives three of seven to the first process"
+    assert [test.name for test in longest_first(tests, 9)] == ["longest", "long", *"abcde"]
