@@ -30,10 +30,10 @@ from station.emg.comparison import ConditionFiles, compare_emg
 from station.emg.emg_json import write_emg
 from station.report.canvas import FORCE, LINE, MOTION, SHADES, STYLE
 from station.report.emg_figures import shapes_figure
-from station.report.fit_figures import repeat_figure
+from station.report.figures import fit_figure
 
 HERE = Path(__file__).parent
-CUFF, REPEAT = "hand", 2
+CUFF = "hand"
 MUSCLES_SHOWN = 6
 EMG_CHANNELS = 4
 MM = 1e3
@@ -42,10 +42,12 @@ COLOURS = 256
 
 
 def draw_fit(session: Path) -> None:
-    """fit.png: what the fit reads and what it returns, of one repeat."""
+    """fit.png: what the fit reads and what it returns, of one cuff, as the report shows it."""
     fit = cs.fit_session(session).cuffs[CUFF]
-    shown = {fitted.pull.trial.test: fitted for fitted in fit.pulls.values() if fitted.pull.trial.repeat == REPEAT}
-    _screenshot(repeat_figure(fit, shown["static"], shown["dynamic"]), HERE / "fit.png")
+    static, dynamic = (
+        [fitted for fitted in fit.pulls.values() if fitted.pull.trial.test == test] for test in ("static", "dynamic")
+    )
+    _screenshot(fit_figure(fit, static, dynamic), HERE / "fit.png")
 
 
 @mpl.rc_context(STYLE)

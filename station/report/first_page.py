@@ -12,7 +12,7 @@ from station.assessment.decision_json import listed
 from station.assessment.interval_sources import sources_text
 from station.messages.codes import AssessmentCode, DecisionCode
 from station.report.cuff_section import Cuffs, effect_of
-from station.report.numbers import Shown, fixed, length, saving, saving_in_words
+from station.report.numbers import Shown, figure, fixed, length, saving_in_words
 from station.sources import named_hash, without_hash
 
 Plain = Mapping[str, Any]
@@ -101,12 +101,13 @@ def answer(assessment: Plain) -> Iterator[Shown]:
         yield f"Not decided between {listed(list(known))}; {leading[0]} has the least effort so far: "
     for cuff in leading:
         best = assessment["optimum"][cuff]["both"]
-        at = fixed(best["rest_length_m"]["value"], digits=3)
+        at = figure(best["rest_length_m"])
+        at = at if isinstance(at, str) else at.alone
         if cuff == leading[0]:
             yield from (saving_in_words(best["normalised_cost"]), " at a rest length of ", at, " m")
             yield f" with {cuff}" if len(leading) > 1 else ""
         else:
-            yield from ("; ", saving(best["normalised_cost"]), " % at ", at, f" m with {cuff}")
+            yield from ("; ", saving_in_words(best["normalised_cost"], is_first=False), " at ", at, f" m with {cuff}")
     yield "."
 
 

@@ -112,6 +112,11 @@ class Number:
     def __str__(self) -> str:
         return self.text
 
+    @property
+    def alone(self) -> Number:
+        """The number without its interval, with the same digits."""
+        return replace(self, text=self.text.partition(" (")[0])
+
     def within(self, text: str) -> Number:
         """The number in a longer text, in place of its braces."""
         return replace(self, text=text.replace("{}", self.text))
@@ -150,15 +155,18 @@ def saving(entry: Mapping[str, Any]) -> Shown:
     return UNKNOWN if _is_unknown(entry) else _of(entry, _percent(entry, -1.0))
 
 
-def saving_in_words(entry: Mapping[str, Any]) -> Shown:
-    """`9 % less effort than with a slack cord (95 % interval 2 to 15 %)`; `more` above 1."""
+def saving_in_words(entry: Mapping[str, Any], *, is_first: bool = True) -> Shown:
+    """`9 % less effort than with a slack cord (95 % interval 2 to 15 %)`; `more` above 1.
+
+    is_first: otherwise `9 % less (2 to 15 %)`
+    """
     if _is_unknown(entry):
         return "effort not known"
     sign, word = (-1.0, "less") if entry["value"] <= 1.0 else (1.0, "more")
     number, _, brackets = _percent(entry, sign).partition(" (")
     low, more, _ = brackets.removesuffix(")").partition(f"{UNBROKEN}or{UNBROKEN}more")
-    ends_text = f" (95 % interval {low} %{more})" if brackets else ""
-    return _of(entry, f"{number} % {word} effort than with a slack cord{ends_text}")
+    than, what = (" effort than with a slack cord", "95 % interval ") if is_first else ("", "")
+    return _of(entry, f"{number} % {word}{than}" + (f" ({what}{low} %{more})" if brackets else ""))
 
 
 def half_width(entry: Mapping[str, Any], scale: float = 1.0, digits: int = 0) -> Number:
