@@ -26,17 +26,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fitting.dynamic.cross_checks import check
+from fitting.dynamic.cross_checks import check, output_error
 from fitting.dynamic.damping import fit_damping
 from fitting.dynamic.errors_in_variables import C, K, estimate
-from fitting.dynamic.output_error import output_error
 from fitting.dynamic.swing import Swing
 from fitting.pull.pull import make_pulls
 from fitting.results.rendering import name_of
 from fitting.session import fit_session
-from fitting.spatial.held_tensor import held_tensor
-from fitting.spatial.swung_tensor import swung_tensor
 from fitting.spatial.tensor import entries_of
+from fitting.spatial.tensors import held_tensor, swung_tensor
 from fitting.trial.clocks import DRIFT_PRIOR_SD, LagUncertainty
 from fitting.trial.trial import Trial, build_trial
 from fitting.uncertainty import Repeat, combine

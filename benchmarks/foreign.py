@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile
 from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc
 
 Array = NDArray[np.float64]

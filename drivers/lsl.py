@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.device import HostClock
-from drivers.device_clock import DeviceClock
+from drivers.device import DeviceClock, HostClock
 from drivers.errors import DeviceCode, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from drivers.device import HostClock
 from drivers.errors import DeviceCode, DeviceError, DeviceLost
-from drivers.nidaq_errors import OVERRUN, TIMED_OUT, code_of, loss_of, refusal_of
-from drivers.nidaq_session import DaqSession
+from drivers.nidaq_session import OVERRUN, TIMED_OUT, DaqSession, code_of, loss_of, refusal_of
 from recordings.samples import DeviceIdentity, Item, Loss, Samples, Stream
 
 CONNECT_TIMEOUT_S = 3.0

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from drivers.capture_note import CaptureNote
 from drivers.device import HostClock, Received
 from drivers.errors import DeviceCode, DeviceLost
 from drivers.qualisys_connection import QtmConnection
-from drivers.qualisys_settings import BLOCK_S, QtmSettings
+from drivers.qualisys_settings import BLOCK_S, CaptureNote, QtmSettings
 from recordings.samples import DeviceIdentity, Item, Stream
 
 

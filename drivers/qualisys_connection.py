@@ -1,22 +1,35 @@
-"""One connection to QTM: open it, control captures, receive frames and events, release control and close it."""
+"""One connection to QTM: open it, control captures, receive frames and events, release control and close it.
+
+An Inbox is the queue between the thread of the connection and the thread that reads the device.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import re
 import threading
+from collections import deque
 from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from drivers.device import Received
 from drivers.errors import DeviceCode, DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
-from drivers.inbox import Inbox
-from drivers.qualisys_errors import (
+from drivers.qualisys_settings import QtmSettings
+from drivers.qualisys_wire import (
     BUSY,
+    NO_MORE_DATA,
     PROTOCOL_VERSION,
+    CameraSystem,
+    MarkerBlocks,
+    PacketGuard,
+    Parameters,
     busy,
+    decode_frame,
+    decode_parameters,
+    markers_alone,
     missing_markers,
     no_answer,
     no_server,
@@ -24,10 +37,7 @@ from drivers.qualisys_errors import (
     refused_step,
     text_of,
 )
-from drivers.qualisys_parameters import CameraSystem, Parameters, decode_parameters
-from drivers.qualisys_settings import QtmSettings
-from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, markers_alone
-from recordings.samples import DeviceIdentity, Event, Item, Stream
+from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
 CONNECT_TIMEOUT_S = 2.5
 COMMAND_TIMEOUT_S = 2.0
@@ -379,3 +389,63 @@ class QtmConnection:
 
 
 _PASSING = ("camera_settings_changed", "capture_saved", "trigger")  # events that do not report a state
+
+
+class Inbox:
+    """At most longest_queue samples and events; consecutive blocks beyond that become one Loss.
+
+    end() closes the queue with the error that take() raises once it is empty.
+    """
+
+    def __init__(self, longest_queue: int) -> None:
+        self._longest_queue = longest_queue
+        self._changed = threading.Condition()
+        self._items: deque[Item] = deque()
+        self._held = 0
+        self._last_time_ns = 0  # of the last sample that was admitted
+        self._end: tuple[str, DeviceCode] | None = None
+
+    def put(self, items: Sequence[Item]) -> None:
+        with self._changed:
+            for item in items:
+                self._put(item)
+            self._changed.notify_all()
+
+    def end(self, sentence: str, code: DeviceCode) -> None:
+        """Close the queue with the reason; the first reason is kept."""
+        with self._changed:
+            self._end = self._end or (sentence, code)
+            self._changed.notify_all()
+
+    def take(self, timeout_s: float) -> list[Item]:
+        """All queued items. Waits at most timeout_s for the first. Raises DeviceLost once closed and empty."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._end, timeout_s)
+            if not self._items and self._end:
+                raise DeviceLost(*self._end)
+            items = list(self._items)
+            self._items.clear()
+            self._held = 0
+            return items
+
+    def _put(self, item: Item) -> None:
+        count = len(item.sample_numbers) if isinstance(item, Samples) else 1
+        if self._held + count <= self._longest_queue:
+            self._held += count
+            self._items.append(item)
+            if isinstance(item, Samples):
+                self._last_time_ns = int(item.device_time_ns[-1])
+        elif not isinstance(item, Event):  # events beyond the limit are dropped
+            self._put_loss(item)
+
+    def _put_loss(self, item: Samples | Loss) -> None:
+        first, count = (
+            (item.first_missing, item.count)
+            if isinstance(item, Loss)
+            else (int(item.sample_numbers[0]), len(item.sample_numbers))
+        )
+        last = self._items[-1] if self._items else None
+        if isinstance(last, Loss) and last.stream == item.stream and last.first_missing + last.count == first:
+            self._items[-1] = replace(last, cause="queue_overflow", count=last.count + count)
+        else:
+            self._items.append(Loss(item.stream, "queue_overflow", first, count, self._last_time_ns, item.host_time_ns))

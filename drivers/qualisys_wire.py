@@ -1,4 +1,8 @@
-"""QTM's real-time protocol: decode packets and settings, and assemble frames into blocks of /markers."""
+"""QTM's real-time protocol: decode packets, settings and errors, and assemble frames into blocks of /markers.
+
+Settings are the labels, the frame rate, and the cameras that identify QTM. Errors of QTM and of the connection to it
+become codes and sentences for the operator.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,14 @@ import asyncio
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
-from drivers.device import Received
-from drivers.device_clock import DeviceClock
+from drivers.device import DeviceClock, Received
+from drivers.errors import DeviceCode, DeviceMisconfigured, DeviceUnavailable
 from recordings.samples import Event, Item, Loss, Samples
 
 HEADER = struct.Struct("<II")  # size with header, type
@@ -21,6 +28,22 @@ LABELLED_3D_WITH_RESIDUALS = 9
 NO_MORE_DATA = 4  # a type of packet
 LARGEST_PACKET_BYTES = 4_000_000
 FURTHEST_US = 2**53  # 285 years; beyond it nanoseconds leave the recording's 64 bits
+PROTOCOL_VERSION = "1.25"
+BUSY = {
+    "capture_started": "is capturing",
+    "waiting_for_trigger": "is waiting for the trigger of a capture",
+    "calibration_started": "is being calibrated",
+}
+"""State in which QTM cannot start a capture → what it is doing."""
+
+_ADVICE = {
+    "QTM version": "check QTM",
+    "protocol version": f"it may have ten clients already, or not support version {PROTOCOL_VERSION}",
+    "control": "correct mocap.password, release control elsewhere, or save and close QTM's measurement",
+    "settings": "open a measurement in QTM",
+    "frames": "open a measurement in QTM",
+}
+"""Step of opening a connection → what to do if QTM refuses it."""
 
 
 @dataclass(frozen=True)
@@ -273,3 +296,103 @@ class MarkerBlocks:
             values=values,
         )
         return [samples]
+
+
+@dataclass(frozen=True)
+class CameraSystem:
+    """Identity of a camera system: the serial numbers of its cameras, and the time of their calibration.
+
+    Neither changes while a capture runs, but a camera may fail.
+    """
+
+    serials: frozenset[str]
+    calibrated: str
+
+    def __str__(self) -> str:
+        cameras = f"cameras {', '.join(sorted(self.serials))}" if self.serials else "cameras without serial numbers"
+        return f"{cameras}, calibrated {self.calibrated or 'at an unknown time'}"
+
+    def contradicts(self, other: CameraSystem) -> bool:
+        """Whether the two cannot be one system; what a QTM does not report contradicts nothing."""
+        has_other_cameras = bool(self.serials and other.serials) and not self.serials & other.serials
+        has_other_calibration = bool(self.calibrated and other.calibrated) and self.calibrated != other.calibrated
+        return has_other_cameras or has_other_calibration
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """QTM's settings "general" and "3d": labels in the order of the frames, frame rate, cameras."""
+
+    labels: tuple[str, ...]
+    rate_hz: float
+    cameras: CameraSystem
+
+
+def decode_parameters(xml: bytes) -> Parameters:
+    """Raises ValueError where the XML has no label or no frame rate."""
+    try:
+        root = ElementTree.fromstring(xml)  # noqa: S314  (expat bounds what entities grow to)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"settings that are not XML ({error})") from error
+    labels = tuple(node.text or "" for node in root.findall("The_3D/Label/Name"))
+    rate = root.findtext("General/Frequency")
+    if not labels or rate is None:
+        raise ValueError("settings without a capture frequency" if labels else "settings without labels")
+    rate_hz = float(rate)
+    if not 0 < rate_hz < inf:
+        raise ValueError(f"settings with a capture frequency of {rate!r}")
+    serials = frozenset(node.text.strip() for node in root.findall("General/Camera/Serial") if node.text)
+    return Parameters(labels, rate_hz, CameraSystem(serials, (root.findtext("The_3D/CalibrationTime") or "").strip()))
+
+
+def text_of(answer: Any) -> str:
+    """Text of an answer or a refusal of QTM."""
+    value = getattr(answer, "value", answer)
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def no_server(name: str, error: OSError) -> DeviceUnavailable:
+    """Nothing listens at QTM's address."""
+    reason = error.strerror or error
+    return DeviceUnavailable(
+        f"{name}: no QTM answers ({reason}); start QTM, or correct mocap.host and mocap.port", DeviceCode.NO_SERVER
+    )
+
+
+def no_answer(name: str, step: str) -> DeviceUnavailable:
+    """The port is open, and a step of opening the connection timed out."""
+    return DeviceUnavailable(
+        f"{name} was asked for its {step} and did not answer in time; check that this is QTM's real-time port "
+        "(mocap.port, by default 22223)",
+        DeviceCode.NO_ANSWER,
+    )
+
+
+def refused_step(name: str, step: str, answer: Exception) -> DeviceMisconfigured:
+    """QTM refused a step of opening the connection."""
+    sentence = f'{name} was asked for its {step} and answered "{text_of(answer)}"; {_ADVICE[step]}'
+    return DeviceMisconfigured(sentence, DeviceCode.REFUSED)
+
+
+def refused_command(name: str, command: str, answer: Exception, *, has_control: bool) -> DeviceMisconfigured:
+    """QTM refused a command, such as "start a capture"."""
+    advice = "check QTM's measurement" if has_control else 'set mocap.control = "start"'
+    sentence = f'{name} was asked to {command} and answered "{text_of(answer)}"; {advice}'
+    return DeviceMisconfigured(sentence, DeviceCode.REFUSED)
+
+
+def busy(name: str, state: str) -> DeviceUnavailable:
+    """A capture or calibration runs that this station did not start."""
+    return DeviceUnavailable(
+        f"{name} {BUSY[state]}, and this station did not start it; end it in QTM, save it, and try again",
+        DeviceCode.CAPTURE_NOT_OURS,
+    )
+
+
+def missing_markers(name: str, missing: Sequence[str], labels: Sequence[str]) -> DeviceMisconfigured:
+    """The configuration names markers that QTM does not label."""
+    return DeviceMisconfigured(
+        f"{name} has no marker {', '.join(missing)}; it has {', '.join(labels)}; correct the labels in QTM or the "
+        "markers in the configuration",
+        DeviceCode.NO_MARKER,
+    )

@@ -1,14 +1,18 @@
-"""Reconnect a lost device, and count every sample that was not received exactly once."""
+"""Reconnect a lost device, and count every sample that was not received exactly once.
+
+Drivers are opened by name; each is imported when it is first used.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from importlib import import_module
+from typing import Any, Protocol
 
 from drivers.device import CaptureControl, Device, HostClock, Received, Resumable, StreamingDevice
-from drivers.errors import DeviceCode, DeviceError, DeviceLost
+from drivers.errors import DeviceCode, DeviceError, DeviceLost, DeviceMisconfigured
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
 TIMEOUT_S = 10.0  # by the given clock; after it the device is lost for good
@@ -18,6 +22,12 @@ CAPTURE_AGREES_S = 2.0  # largest difference between the outage by the device's 
 PROBE_S = 0.05  # a device that is lost again within this time was not reconnected
 
 Seconds = Callable[[], float]
+CATALOGUE = {
+    "nidaq": "drivers.nidaq:NiDaq",
+    "qualisys": "drivers.qualisys:Qualisys",
+    "lsl": "drivers.lsl:LslEmg",
+    "serial_load_cell": "drivers.serial_load_cell:SerialLoadCell",
+}
 
 
 class ResumableDevice(Device, Resumable, Protocol):
@@ -199,3 +209,17 @@ def _end_of(item: Samples | Loss) -> _Place:
 
 def _start_ns(item: Samples | Loss) -> int:
     return item.last_device_time_ns if isinstance(item, Loss) else int(item.device_time_ns[0])
+
+
+def make_device(source: str, *, host_clock: HostClock, seconds: Seconds = time.perf_counter, **options: Any) -> Device:
+    """A device, not yet opened, that reconnects when it is lost; the options are those of its class.
+
+    seconds is the clock of the reconnection. Raises DeviceMisconfigured for a source without a driver.
+    """
+    if source not in CATALOGUE:
+        sentence = f'no driver is named "{source}"; choose one of {", ".join(sorted(CATALOGUE))}'
+        raise DeviceMisconfigured(sentence, DeviceCode.UNKNOWN_DRIVER)
+    module, name = CATALOGUE[source].split(":")
+    device = getattr(import_module(module), name)(host_clock=host_clock, **options)
+    kind = ReconnectingCapture if isinstance(device, CaptureControl) else Reconnecting
+    return kind(device, host_clock, seconds=seconds)

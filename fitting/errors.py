@@ -9,7 +9,7 @@ FitError
 │   ├── ImpossibleCuff     a figure that no cuff on a body has (cuffs/wearable_cuff.py)
 │   ├── UnnamedCuff        keys that do not make a cuff (cuffs/cuff_tables.py)
 │   ├── MassCheckError     a known mass that cannot be compared (trial/mass_checks.py)
-│   ├── ProtocolFileError  a protocol.toml that cannot be used (trial/protocol_file.py)
+│   ├── ProtocolFileError  a protocol.toml that cannot be used (trial/trial_reader.py)
 │   ├── CuffsFileError     a cuffs.json that cannot be used (cuffs/cuffs_file.py)
 │   └── UnusableEmg        EMG that cannot be processed or compared (emg/channels.py)
 └── TooFewObservations     a study without spread (study/variance_components.py)

@@ -1,22 +1,36 @@
-"""Fit every cuff of a session, donning by donning; donnings are never pooled."""
+"""Fit every cuff of a session, donning by donning; donnings are never pooled.
+
+Composition only: the steps are in the other folders.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit
-from fitting.diagnosis.identification import MIN_LOADS
-from fitting.donning import fit_donning
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit, lag_of
+from fitting.cuffs.published_method import published_notes
+from fitting.cuffs.trial_fit import list_trials
+from fitting.cuffs.wearable_cuff import covariance_of
+from fitting.diagnosis.causes import diagnose
+from fitting.diagnosis.fitted_pull import FittedPull, fitted_pulls, used_pulls
+from fitting.diagnosis.identification import MIN_LOADS, identify, started_before
+from fitting.diagnosis.notes import notes_on
 from fitting.dynamic.damping import fit_damping
+from fitting.dynamic.swings import fit_swings
 from fitting.errors import UnusableTrial
-from fitting.pull.pull import Pull, make_pulls
-from fitting.results.codes import RejectionCode
+from fitting.laws.model_class import FRICTION, compare_classes, sample_pull
+from fitting.pull.pull import Pull, make_pulls, newest_first, of_test
+from fitting.results.codes import CauseCode, RejectionCode, Verdict
 from fitting.results.rendering import Note
+from fitting.spatial.tensors import fit_tensors
+from fitting.static.held_loads import fit_held_loads
 from fitting.static.migration import fit_migration
 from fitting.trial.bounce import BounceTrial, calibrate
 from fitting.trial.force_quality import damage_figures
-from fitting.trial.reader import TrialReading
-from fitting.trial.trial import RejectedTrial, Trial
+from fitting.trial.trial import RejectedTrial, Trial, calibrated_by, origins_of
+from fitting.trial.trial_reader import TrialReading
+from recordings.manifest import DataOrigin
 
 
 def fit_session(
@@ -76,3 +90,69 @@ def _reject_pull(pull: Pull) -> Note | None:
         except UnusableTrial as error:
             return error.reason
     return None
+
+
+def fit_donning(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ()) -> CuffFit:
+    """The fit of one donning from its trials in time order.
+
+    If a repeat was recorded several times, the highest usable run is used. Migration is measured from the first static
+    trial of the donning, even if that repeat was recorded again. rejected are recordings of the donning that cannot be
+    read as trials; if a static one of them is earlier, migration is not identified.
+    """
+    first = trials[0]
+    pulls, refused = make_pulls(trials)
+    along_line = [pull for pull in pulls if not pull.is_along_another_line]
+    all_static = of_test(along_line, "static")
+    static = [runs[0] for runs in newest_first(all_static)]
+    held = fit_held_loads(static, max(trial.gain_sd for trial in trials))
+    swings = fit_swings(of_test(along_line, "dynamic"), held.stiffness.stiffness, first.cuff_mass, first.gain_sd)
+    refused |= swings.refused
+    fitted = fitted_pulls(along_line, static, held, swings)
+    used = used_pulls(fitted, pulls)
+    before = started_before(all_static, trials, rejected, refused)
+    in_order = _undamaged(fitted)
+    classes = compare_classes([sample_pull(used.pull, used.plateaus, used.oscillation) for used in in_order])
+    has_friction = classes is not None and FRICTION in classes.chosen
+    if has_friction:
+        held = replace(held, stiffness=held.stiffness.with_friction())
+    identified = identify(static, all_static, held, swings, before, has_friction=has_friction)
+    fit = CuffFit(
+        name=first.cuff.name,
+        site=first.cuff.site,
+        donning=first.donning,
+        stiffness=identified.stiffness,
+        damping=identified.damping,
+        migration=identified.migration,
+        verdicts=identified.verdicts,
+        covariance=covariance_of(identified.estimates),
+        sources={pull.trial.file: pull.trial.sha256 for pull in (*used.values(), *all_static[:1])}
+        | calibrated_by(trials),
+        lag=lag_of([fitted_pull.pull.trial for fitted_pull in fitted.values()] or trials),
+        trials=list_trials(trials, pulls, used, fitted, held.stiffness.if_friction, refused),
+        notes=notes_on(trials, all_static, held, swings, identified, before) + published_notes(list(fitted.values())),
+        held=held,
+        diagnostics=({"slip_m": held.stiffness.slip} if held.stiffness.stiffness else {}) | swings.means,
+        energy=swings.energy,
+        complex_stiffness=swings.complex_stiffness,
+        tensors=fit_tensors(list(used.values()), swings.oscillations),
+        origin=DataOrigin.joined(origins_of(trials)),
+        pulls=fitted,
+        classes=classes,
+    )
+    return _diagnosed(fit, in_order) if in_order else fit
+
+
+def _undamaged(fitted: Mapping[str, FittedPull]) -> list[FittedPull]:
+    """The pulls whose files are not damaged, in time order."""
+    undamaged = [used for used in fitted.values() if not used.pull.trial.damage]
+    return sorted(undamaged, key=lambda used: (used.pull.trial.start_utc_ns, used.pull.trial.file))
+
+
+def _diagnosed(fit: CuffFit, in_order: Sequence[FittedPull]) -> CuffFit:
+    """The fit with its diagnosis."""
+    creeps = fit.held is None or fit.held.creep is None or fit.held.creep.is_seen
+    diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, fit.classes, creeps=creeps)
+    verdicts = {CauseCode.GAIN: Verdict.SCALE, CauseCode.LOADS: Verdict.SCALE, CauseCode.SKIN: Verdict.SKIN}
+    wrong = tuple(verdicts[cause.code] for cause in diagnosis.causes if cause.code in verdicts)
+    kept = tuple(verdict for verdict in fit.verdicts if not (wrong and verdict is Verdict.IDENTIFIED))
+    return replace(fit, verdicts=kept + wrong, classes=diagnosis.classes, diagnosis=diagnosis)

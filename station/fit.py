@@ -15,9 +15,8 @@ from fitting.results.rendering import Note
 from fitting.results.standing import CheckedFile
 from fitting.session import fit_session
 from fitting.trial.mass_checks import check_notes, read_checks, with_mass_checks
-from fitting.trial.protocol_file import read_protocol
-from fitting.trial.reader import TrialReading, read_alone, read_trials
 from fitting.trial.trial import RejectedTrial, Trial
+from fitting.trial.trial_reader import TrialReading, read_alone, read_protocol, read_trials
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.reader import read_manifest

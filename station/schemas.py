@@ -15,8 +15,8 @@ from station.journal_lines import JournalLine
 from station.kinematics.body_document import BodyDocument
 from station.kinematics.postures_file import IkDocument
 from station.report.report_file import ReportDocument
+from station.study.designs import StudyPlanDocument
 from station.study.normative_file import NormativeDocument
-from station.study.plan_output import StudyPlanDocument
 from station.study.study_document import StudyDocument
 
 SCHEMAS: dict[str, TypeAdapter[object]] = {

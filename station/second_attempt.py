@@ -14,8 +14,7 @@ from typing import Protocol
 from drivers.errors import DeviceError
 from fitting.errors import UnusableTrial
 from fitting.session import find_rejection
-from fitting.trial.protocol_file import read_protocol
-from fitting.trial.reader import TrialReading, read_alone
+from fitting.trial.trial_reader import TrialReading, read_alone, read_protocol
 from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.errors import RecordingError
 from station.bench.simulation import SimulationError

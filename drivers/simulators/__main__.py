@@ -11,9 +11,9 @@ import json
 import sys
 from typing import Any
 
-from drivers.simulators.bench import bench_from_options, describe_bench
 from drivers.simulators.errors import refusal
 from drivers.simulators.requests import answer_or_refusal, request_from_json
+from drivers.simulators.simulated_bench import bench_from_options, describe_bench
 
 
 def main() -> int:

@@ -8,8 +8,8 @@
             recorder.read_everything()
 
 The world stands still until clock.advance() moves it, so that the test gives the same result on any machine, however
-busy. A recorder in another process or language does the same over the port bench.ports["clock"] (control.py). For one
-that cannot, simulated_bench(speed=1) keeps the pace of the wall clock, at most; such a run is not reproducible.
+busy. A recorder in another process or language does the same over the port bench.ports["clock"] (simulated_bench.py).
+For one that cannot, simulated_bench(speed=1) keeps the pace of the wall clock, at most; such a run is not reproducible.
 
 Faults are those of faults.py; further settings are sections of settings.py, as in mocap={"has_preview": True}. While it
 runs, bench.world starts captures, and bench.world.faults.inject(fault_from_dict({...})) starts a fault now.
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from drivers.simulators.bench import Bench
+    from drivers.simulators.simulated_bench import Bench
 
 
 @pytest.fixture
@@ -34,9 +34,9 @@ def simulated_bench() -> Iterator[Callable[..., Bench]]:
     Raises SimulatorError in one sentence where a fault or a setting cannot be used.
     """
     # Imported when asked for: the plugin is loaded in every run of pytest, and physics and gRPC are slow to import.
-    from drivers.simulators.bench import Bench
     from drivers.simulators.faults import fault_from_dict
     from drivers.simulators.settings import settings_from_dict
+    from drivers.simulators.simulated_bench import Bench
 
     with ExitStack() as running:
 

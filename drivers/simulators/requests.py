@@ -26,7 +26,7 @@ from typing import Any, Protocol, cast, get_args
 
 from drivers.simulators.errors import SimulatorCode, SimulatorError, refusal
 from drivers.simulators.faults import fault_from_dict
-from drivers.simulators.person import Worn
+from drivers.simulators.wearer import Worn
 from drivers.simulators.world import SimulatedTrial, TestKind, World
 from drivers.simulators.world_clock import ClockStopped, WorldClock
 

@@ -128,7 +128,7 @@ class RaiseSettings(_Section):
 
 
 class PersonSettings(_Section):
-    """A person for pose and motion trials, who stands beside the bench (drivers/simulators/person.py).
+    """A person for pose and motion trials, who stands beside the bench (drivers/simulators/wearer.py).
 
     The soft tissue under each marker moves at random with this standard deviation per axis; facing_deg turns the person
     about the vertical. A tight cord is a linear spring, and relieves the muscles of a part of their activation.

@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import g
 
-from drivers.simulators.bounce import BouncingMass
 from drivers.simulators.errors import SimulatorCode, SimulatorError
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
-from drivers.simulators.hung_mass import HungMass
+from drivers.simulators.hung_mass import BouncingMass, HungMass
+from drivers.simulators.load_script import SimulatedPull
 from drivers.simulators.markers import MarkerCloud, Wearer
-from drivers.simulators.person import BODY_TESTS, Person, Worn
-from drivers.simulators.pull import SimulatedPull
 from drivers.simulators.settings import Settings
+from drivers.simulators.wearer import BODY_TESTS, Person, Worn
 from drivers.simulators.world_clock import WorldClock
 
 Floats = NDArray[np.float64]

@@ -17,7 +17,7 @@ from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.weak_form import ComplexStiffness
 from fitting.laws.model_class import FRICTION, GAIN, SLIP, SOFTENING, STIFFENING, ModelComparison
 from fitting.pull.hung_weights import MAX_FRICTION, MAX_SCALE_ERROR, load_scale
-from fitting.pull.marker_quality import LOOSE, SKIN_CORRELATION
+from fitting.pull.rigid import LOOSE, SKIN_CORRELATION
 from fitting.results.codes import CauseCode, FindingCode
 from fitting.results.rendering import Figures, name_of, sentence_of
 from fitting.uncertainty import Estimate, Repeat, combine

@@ -1,40 +1,57 @@
-"""Make pulls from the trials of one donning: force and displacement along the rope, from one reference posture."""
+"""Make pulls from the trials of one donning: force and displacement along the rope, from one reference posture.
+
+A pull is refused if force and displacement of held loads do not change at the same times, because they are then not on
+one clock. It has notes on stuck values, frozen markers, a wrong unit, a wrong sign.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from documents.equality import EqualByFields
 from fitting.errors import UnusableTrial
-from fitting.pull.common_time import require_common_steps
-from fitting.pull.cuff_motion import CuffMotion, along, cuff_motion, reference_posture
-from fitting.pull.direction import (
+from fitting.pull.cuff_motion import (
+    CuffMotion,
+    along,
     angle_between,
+    cuff_motion,
     find_other_directions,
     number_directions,
     pull_directions,
+    reference_posture,
     turned_notes,
 )
 from fitting.pull.hung_weights import check_steps
-from fitting.pull.marker_quality import MarkerQuality, marker_notes, marker_quality, turn_notes
 from fitting.pull.plateaus import Plateau, find_plateaus
-from fitting.pull.plausibility import (
-    require_live_force,
-    require_live_markers,
-    require_plausible_displacement,
-    require_positive_loads,
-)
+from fitting.pull.rigid import MarkerQuality, marker_notes, marker_quality, turn_notes
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
+from fitting.trial.calibration import code_width
 from fitting.trial.trial import Trial
 
 if TYPE_CHECKING:
     import pandas as pd
+
+BIN, SIDE = 0.05, 0.5
+"""Step of the grid, and stretch before and after an instant whose means are compared [s]."""
+MOST_OFFSET, TOLERANCE = 10.0, 0.5
+"""Largest offset that is tried, and largest one without effect on a hold, whose first second is left out [s]."""
+CLEAR, LEAST_PART = 0.7, 0.7
+"""Correlation of the steps from which their offset is certain, and the part of it that they need without an offset.
+Cuffs that creep, slip or have friction have 0.8 to 1 without one; steps of the load 1 s apart have 0.4."""
+STUCK = 1.0
+MOST_CREEP = 0.2
+"""Part of the range of displacement by which the cuff may creep or slip while the load is held."""
+QUIET_PERCENTILE, LEAST_PROBABILITY = 10, 1e-9
+"""Percentile of the noise over the seconds of a record, and the probability below which a stuck value is reported."""
+MOST_DISPLACEMENT, LEAST_DISPLACEMENT = 1.0, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,3 +201,132 @@ def _project(moved: _Moved, direction: NDArray[np.float64], number: int, turned:
         notes=trial.notes + notes,
         direction_number=number,
     )
+
+
+def require_common_steps(
+    force_time: NDArray[np.float64],
+    force: NDArray[np.float64],
+    marker_time: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+) -> None:
+    """Raise UnusableTrial if displacement (frames,) [m] follows the steps of force (n,) [N] at other times [s]."""
+    seen = np.isfinite(displacement)
+    if np.count_nonzero(seen) < 2:
+        return
+    grid = np.arange(max(force_time[0], marker_time[0]), min(force_time[-1], marker_time[-1]), BIN)
+    reach, tolerated = round(MOST_OFFSET / BIN), round(TOLERANCE / BIN)
+    if len(grid) <= 2 * reach:
+        return
+    position = np.interp(grid, marker_time[seen], displacement[seen])
+    correlation = _correlation(_steps(np.interp(grid, force_time, force)), _steps(position), reach)
+    best = int(np.argmax(correlation))
+    aligned = float(correlation[reach - tolerated : reach + tolerated + 1].max())
+    if correlation[best] > CLEAR and aligned < LEAST_PART * correlation[best]:
+        raise UnusableTrial(RejectionCode.STEPS_APART, {"offset_s": (best - reach) * BIN})
+
+
+def _steps(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) difference of the means after and before every instant."""
+    half = round(SIDE / BIN) // 2
+    mean = scipy.ndimage.uniform_filter1d(values, 2 * half)
+    stepped = np.zeros_like(mean)
+    stepped[half:-half] = mean[2 * half :] - mean[: -2 * half]
+    return stepped
+
+
+def _correlation(force: NDArray[np.float64], displacement: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+    """(2 reach + 1,) correlation of force (n,) with displacement (n,) that is −reach to reach samples later."""
+    scale = float(np.linalg.norm(force) * np.linalg.norm(displacement))
+    return np.correlate(np.pad(displacement, reach), force, "valid") / scale if scale > 0 else np.zeros(2 * reach + 1)
+
+
+def require_live_force(
+    force_time: NDArray[np.float64],
+    force: NDArray[np.float64],
+    marker_time: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+) -> None:
+    """Raise UnusableTrial if force (n,) [N] keeps one value for a second although it should change.
+
+    A held load may stay at one code. It is stuck if the cuff (frames,) [m] moves meanwhile, or if the noise of the
+    quietest seconds of the force makes one code for so long improbable.
+    """
+    bounds = np.concatenate(([0], np.flatnonzero(np.diff(force)) + 1, [len(force)]))
+    runs = np.column_stack((bounds[:-1], bounds[1:]))
+    travel = float(np.nanpercentile(displacement, 99.5) - np.nanpercentile(displacement, 0.5))
+    for first, last in runs[force_time[runs[:, 1] - 1] - force_time[runs[:, 0]] > STUCK]:
+        start, end = float(force_time[first]), float(force_time[last - 1])
+        here = displacement[(marker_time >= start) & (marker_time <= end)]
+        here = here[np.isfinite(here)]
+        moves = len(here) > 20 and np.percentile(here, 97.5) - np.percentile(here, 2.5) > MOST_CREEP * travel
+        elsewhere = np.concatenate((force[:first], force[last:]))
+        noise = _quietest_noise(elsewhere, max(5, round((last - first) / (end - start))))
+        if moves or _probability_of_one_code(elsewhere, noise, last - first) < LEAST_PROBABILITY:
+            figures = {"force_n": float(force[first]), "duration_s": end - start, "start_s": start}
+            if moves:
+                raise UnusableTrial(RejectionCode.FORCE_STUCK_MOVING, figures)
+            raise UnusableTrial(RejectionCode.FORCE_STUCK_QUIET, {**figures, "noise_n": noise})
+
+
+def require_live_markers(
+    marker_time: NDArray[np.float64],
+    markers: NDArray[np.float64],
+    force_time: NDArray[np.float64],
+    force: NDArray[np.float64],
+) -> None:
+    """Raise UnusableTrial if markers (frames, labels, 3) are constant for a second while force (n,) [N] changes.
+
+    Under a constant force they may, because a simulator may have no noise.
+    """
+    same = (np.diff(markers, axis=0) == 0) | np.isnan(markers[1:]) & np.isnan(markers[:-1])
+    still = same.all(axis=(1, 2)) & np.isfinite(markers[1:]).any(axis=(1, 2))
+    bounds = np.flatnonzero(np.diff(np.concatenate(([False], still, [False]))))
+    travel = _spread(force)
+    for first, last in zip(bounds[::2], bounds[1::2], strict=True):
+        start, end = float(marker_time[first]), float(marker_time[last])
+        meanwhile = force[(force_time >= start) & (force_time <= end)]
+        if end - start > STUCK and len(meanwhile) > 1 and _spread(meanwhile) > travel / 2:
+            raise UnusableTrial(RejectionCode.MARKERS_FROZEN, {"duration_s": end - start, "start_s": start})
+
+
+def require_plausible_displacement(displacement: NDArray[np.float64]) -> None:
+    """Raise UnusableTrial if displacement (frames,) [m] is impossible for a cuff, which indicates a wrong unit."""
+    scatter = float(np.nanstd(displacement))
+    if scatter > MOST_DISPLACEMENT or scatter < LEAST_DISPLACEMENT:
+        figures = {"rms_m": scatter, "least_m": LEAST_DISPLACEMENT, "most_m": MOST_DISPLACEMENT}
+        raise UnusableTrial(RejectionCode.DISPLACEMENT_UNIT, figures)
+
+
+def require_positive_loads(plateaus: Sequence[Plateau]) -> None:
+    """Raise UnusableTrial if the force falls when weights are added: the sign of the load cell is wrong."""
+    if not plateaus:
+        return
+    start = plateaus[0].force
+    largest = max(plateaus, key=lambda plateau: abs(plateau.force - start))
+    if largest.force < start - 5 * max(largest.force_sd, 0.1) and largest.force < 0:
+        raise UnusableTrial(RejectionCode.FORCE_POLARITY, {"before_n": start, "after_n": largest.force})
+
+
+def _quietest_noise(force: NDArray[np.float64], second: int) -> float:
+    """Standard deviation [N] of force (n,) in its quieter seconds; second is the number of samples in one.
+
+    It is computed from third differences, which amplify white noise by √20 and contain little of a 1 Hz swing.
+    """
+    seconds = force[: len(force) // second * second].reshape(-1, second)
+    noise = np.std(np.diff(seconds, 3, axis=1), axis=1) / math.sqrt(20)
+    return float(np.percentile(noise, QUIET_PERCENTILE)) if len(seconds) else 0.0
+
+
+def _probability_of_one_code(force: NDArray[np.float64], noise: float, count: int) -> float:
+    """Probability that `count` samples at the centre of a code all have this code, for normal noise [N]."""
+    step = code_width(force)
+    dithering = math.sqrt(max(0.0, noise**2 - step**2 / 12))  # Sheppard's correction: noise of the quantisation
+    if dithering == 0:
+        return 1.0
+    return math.erf(step / 2 / dithering / math.sqrt(2)) ** count
+
+
+def _spread(force: NDArray[np.float64]) -> float:
+    """Newtons between the 0.5 and 99.5 percentiles."""
+    low, high = np.percentile(force, [0.5, 99.5])
+    return float(high - low)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.errors import CodedError
-from fitting.pull.direction import APART, angle_between
+from fitting.pull.cuff_motion import APART, angle_between
 from fitting.results.codes import TensorCode
 from fitting.results.outcome import FitOutcome
 from fitting.results.rendering import Figures

@@ -1,4 +1,21 @@
-"""One quantity of one cuff over the volunteers of a study, and two cuffs compared."""
+"""One quantity of one cuff over the volunteers of a study, and two cuffs compared.
+
+Fixed effects in small samples: Kenward and Roger 1997, Biometrics 53:983. For one linear function l'β their F statistic
+is t² with ν degrees of freedom, and their scale factor is 1:
+
+    Φ = (X'V⁻¹X)⁻¹,  P_i = −X'V⁻¹V_iV⁻¹X,  Q_ij = X'V⁻¹V_iV⁻¹V_jV⁻¹X,  W = covariance of θ̂
+    Φ_A = Φ + 2 Φ {Σ_ij W_ij (Q_ij − P_i Φ P_j)} Φ
+    ν = 2 (l'Φl)² / Σ_ij W_ij (l'ΦP_iΦl) (l'ΦP_jΦl)
+
+Reliability of one measurement: intraclass correlation, standard error of measurement, minimal detectable change.
+
+    ICC(2,1) = σ²_volunteer / (σ²_volunteer + σ²_error)      (Shrout and Fleiss 1979, Psychol. Bull. 86:420)
+    SEM = σ_error,   MDC = 1.96 √2 SEM                        (Weir 2005, J. Strength Cond. Res. 19:231)
+
+σ²_error is the sum of all other components and of the known noise: absolute agreement of single measurements.
+
+Agreement of pairs of measurements (Bland and Altman 1999, Stat. Methods Med. Res. 8:135).
+"""
 
 from __future__ import annotations
 
@@ -9,10 +26,9 @@ from enum import StrEnum
 from itertools import combinations
 
 import numpy as np
+import scipy
 
 from fitting.results.outcome import FitOutcome
-from fitting.study.agreement import Agreement, agree
-from fitting.study.fixed_effects import FixedEffect, estimate_effect, predict_observation
 from fitting.study.measurements import (
     DONNING,
     OPERATOR,
@@ -23,10 +39,21 @@ from fitting.study.measurements import (
     study_factors,
     values_of,
 )
-from fitting.study.reliability import Reliability, estimate_reliability
 from fitting.study.reml import Array
-from fitting.study.variance_components import MixedModel, TooFewObservations, fit_components
+from fitting.study.variance_components import (
+    ComponentOutcome,
+    MixedModel,
+    TooFewObservations,
+    fit_components,
+    ratio_interval,
+)
 from fitting.uncertainty import NORMAL_95
+
+LARGE_DOF = 1e6
+"""Above, and where no variance is estimated, the interval is the normal one."""
+DETECTABLE = NORMAL_95 * math.sqrt(2.0)
+"""MDC over SEM: two measurements of the same volunteer differ by more in 5 % of cases, though nothing has changed."""
+FEWEST_PAIRS = 3
 
 
 class StudyOutcome(StrEnum):
@@ -188,3 +215,198 @@ def _agreements(measurements: Sequence[Observation]) -> dict[str, Agreement]:
 
 def _agree(pairs: Sequence[tuple[np.floating, np.floating]]) -> Agreement:
     return agree(np.array(pairs, dtype=np.float64).reshape(-1, 2))
+
+
+@dataclass(frozen=True)
+class FixedEffect:
+    """l'β, its standard error, degrees of freedom and 95 % interval, in the unit of the values."""
+
+    value: float
+    standard_error: float
+    dof: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Adjusted:
+    beta: Array
+    covariance: Array  # Φ
+    adjusted: Array  # Φ_A
+    first: Array  # (components, p, p): P_i
+
+
+def estimate_effect(model: MixedModel, weights: Array, most_dof: float = math.inf) -> FixedEffect:
+    """l'β of the model for weights l (p,).
+
+    most_dof limits the degrees of freedom: a variance that is estimated as zero is not known to be zero.
+    """
+    found = _adjust(model)
+    value, error = float(weights @ found.beta), math.sqrt(float(weights @ found.adjusted @ weights))
+    slopes = _slopes(found, weights)
+    dof = min(most_dof, _dof(float(weights @ found.covariance @ weights), slopes, model))
+    reach = quantile(dof) * error
+    return FixedEffect(value, error, dof, (value - reach, value + reach))
+
+
+def predict_observation(model: MixedModel, shares: Array, noise: float, most_dof: float = math.inf) -> FixedEffect:
+    """95 % prediction interval of a new measurement about the mean of a model without other fixed effects.
+
+    shares (components,): the part of each variance that it carries, as 1/r of that between r repeats; noise: variance
+    of its known error. The degrees of freedom are those of Satterthwaite for the sum of all variances, limited as in
+    estimate_effect.
+    """
+    found, weights = _adjust(model), np.ones(1)
+    variance = float(shares @ model.theta) + noise + float(found.adjusted[0, 0])
+    dof = min(most_dof, _dof(variance, shares + _slopes(found, weights), model))
+    value, error = float(found.beta[0]), math.sqrt(variance)
+    reach = quantile(dof) * error
+    return FixedEffect(value, error, dof, (value - reach, value + reach))
+
+
+def quantile(dof: float) -> float:
+    """97.5 % quantile of Student's t."""
+    return float(scipy.stats.t.ppf(0.975, dof)) if dof < LARGE_DOF else NORMAL_95
+
+
+def _adjust(model: MixedModel) -> _Adjusted:
+    factor = scipy.linalg.cho_factor(model.covariance())
+    whitened = scipy.linalg.cho_solve(factor, model.fixed)  # V⁻¹X
+    phi: Array = np.linalg.inv(model.fixed.T @ whitened).astype(np.float64)
+    beta = phi @ whitened.T @ model.values
+    turned = model.matrices @ whitened  # V_iV⁻¹X
+    first = -np.einsum("np,inq->ipq", whitened, turned)
+    solved = np.array([scipy.linalg.cho_solve(factor, matrix) for matrix in turned]).reshape(turned.shape)
+    second = np.einsum("inp,jnq->ijpq", turned, solved)
+    weights = model.theta_covariance()
+    excess = np.einsum("ij,ijpq->pq", weights, second - np.einsum("ipr,rs,jsq->ijpq", first, phi, first))
+    return _Adjusted(beta, phi, phi + 2 * phi @ excess @ phi, first)
+
+
+def _slopes(found: _Adjusted, weights: Array) -> Array:
+    """∂ l'Φl / ∂θ_i (components,)."""
+    reached = found.covariance @ weights
+    slopes: Array = -np.einsum("p,ipq,q->i", reached, found.first, reached)
+    return slopes
+
+
+def _dof(variance: float, slopes: Array, model: MixedModel) -> float:
+    spread = float(slopes @ model.theta_covariance() @ slopes)
+    return max(1.0, 2 * variance**2 / spread) if spread > 2 * variance**2 / LARGE_DOF else LARGE_DOF
+
+
+class ReliabilityOutcome(StrEnum):
+    """What the design allows to estimate.
+
+    COMPLETE        all sources of error vary
+    LESS_OPERATOR   one operator: the error between operators is not included
+    NO_DONNINGS     every volunteer was measured in one donning: the error is not separated from the volunteers
+    ONE_VOLUNTEER   SEM and MDC of this volunteer; an ICC needs several
+    """
+
+    COMPLETE = "complete"
+    LESS_OPERATOR = "without_operator"
+    NO_DONNINGS = "no_repeated_donnings"
+    ONE_VOLUNTEER = "one_volunteer"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number with its 95 % interval; NaN where the design does not give it."""
+
+    value: float = math.nan
+    ci95: tuple[float, float] = (math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """ICC(2,1), SEM and MDC (unit of the values) of one repeat in one donning by any operator."""
+
+    outcome: ReliabilityOutcome
+    icc: Measure = Measure()
+    sem: Measure = Measure()
+    mdc: Measure = Measure()
+
+
+def estimate_reliability(model: MixedModel, subject: str, donning: str, operator: str) -> Reliability:
+    """Reliability from a fitted model; subject, donning and operator are the names of its components.
+
+    The interval of the ICC is that of the profile likelihood. That of the SEM combines the intervals of the components
+    (method of variance estimates recovery, Zou and Donner 2008, Stat. Med. 27:1693).
+    """
+    outcome = _outcome(model, subject, donning, operator)
+    if outcome is ReliabilityOutcome.NO_DONNINGS:
+        return Reliability(outcome)
+    sem = _standard_error(model, subject)
+    mdc = Measure(DETECTABLE * sem.value, (DETECTABLE * sem.ci95[0], DETECTABLE * sem.ci95[1]))
+    if outcome is ReliabilityOutcome.ONE_VOLUNTEER:
+        return Reliability(outcome, sem=sem, mdc=mdc)
+    return Reliability(outcome, _correlation(model, subject), sem, mdc)
+
+
+def _outcome(model: MixedModel, subject: str, donning: str, operator: str) -> ReliabilityOutcome:
+    subjects = model.components[subject].outcome
+    if not model.components[donning].is_estimated:
+        return ReliabilityOutcome.NO_DONNINGS
+    if subjects is ComponentOutcome.ONE_LEVEL:
+        return ReliabilityOutcome.ONE_VOLUNTEER
+    return ReliabilityOutcome.COMPLETE if model.components[operator].is_estimated else ReliabilityOutcome.LESS_OPERATOR
+
+
+def _standard_error(model: MixedModel, subject: str) -> Measure:
+    errors = [component for component in model.estimated if component.name != subject]
+    estimates = np.array([component.variance for component in errors])
+    ends = np.array([component.ci95 for component in errors])
+    variance = float(estimates.sum()) + model.noise
+    low = variance - float(np.linalg.norm(estimates - ends[:, 0]))
+    high = variance + float(np.linalg.norm(ends[:, 1] - estimates))
+    return Measure(math.sqrt(variance), (math.sqrt(max(0.0, low)), math.sqrt(high)))
+
+
+def _correlation(model: MixedModel, subject: str) -> Measure:
+    names = [component.name for component in model.estimated]
+    index, noise = names.index(subject), model.noise / model.contrasts.scale**2
+    total = float(model.solution.theta.sum()) + noise
+    dof = min(component.levels for component in model.estimated) - 1
+    ends = ratio_interval(model.contrasts, model.solution, index, noise, dof)
+    return Measure(float(model.solution.theta[index]) / total, ends)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Bias (second − first) and 95 % limits of agreement with their 95 % intervals, in the unit of the pairs.
+
+    means and differences (pairs,); the limits are NaN for fewer than three pairs.
+    """
+
+    means: Array
+    differences: Array
+    bias: float
+    bias_ci95: tuple[float, float]
+    limits: tuple[float, float]
+    limits_ci95: tuple[tuple[float, float], tuple[float, float]]
+
+
+def agree(pairs: Array) -> Agreement:
+    """Bland–Altman analysis of independent pairs (pairs, 2).
+
+    The interval of a limit is t √(1/n + 1.96²/(2 (n − 1))) standard deviations of the differences, as in section 2.2.
+    """
+    differences = pairs[:, 1] - pairs[:, 0]
+    count = len(differences)
+    means, bias = pairs.mean(axis=1), float(differences.mean()) if count else math.nan
+    if count < FEWEST_PAIRS:
+        none = (math.nan, math.nan)
+        return Agreement(means, differences, bias, none, none, (none, none))
+    spread, t = float(differences.std(ddof=1)), quantile(count - 1)
+    reach = t * spread / math.sqrt(count)
+    limits = (bias - NORMAL_95 * spread, bias + NORMAL_95 * spread)
+    half = t * spread * math.sqrt(1 / count + NORMAL_95**2 / (2 * (count - 1)))
+    low, high = limits
+    return Agreement(
+        means,
+        differences,
+        bias,
+        (bias - reach, bias + reach),
+        limits,
+        ((low - half, low + half), (high - half, high + half)),
+    )

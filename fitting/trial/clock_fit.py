@@ -1,4 +1,6 @@
-"""Fit the DAQ's clock to the mocap system's from the start and the stop edge of the sync line."""
+"""Fit the DAQ's clock to the mocap system's from the start and the stop edge of the sync line, with notes on
+both edges.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.results.codes import TrialNoteCode
+from fitting.results.rendering import Note
 from fitting.trial.clocks import CRYSTAL_LIMIT, DRIFT_PRIOR_SD, LARGEST_DRIFT, SyncEdges
 from recordings.manifest import Timing
 
@@ -240,3 +244,25 @@ def _interval(record: _Record, stop: StopWindow, missing: int) -> tuple[float, f
     if early == late:
         return record.quantile(stop, 0.025), record.quantile(stop, 0.975)
     return record.quantile(late, 0.05), record.quantile(early, 0.95)
+
+
+def early_notes(early: float) -> tuple[Note, ...]:
+    """A note if the sync line rose `early` [s] before the first frame was exposed."""
+    return (Note(TrialNoteCode.SYNC_BEFORE_FRAMES, {"early_s": early}),) if early else ()
+
+
+def stop_notes(falling: float | None, clock: ClockFit, contradiction: float) -> tuple[Note, ...]:
+    """A note if the stop edge does not determine the clock ratio, or contradicts the number of frames [s]."""
+    if falling is None:
+        return ()
+    if contradiction:
+        name = "before_end_s" if contradiction < 0 else "between_frames_s"
+        return (Note(TrialNoteCode.SYNC_CONTRADICTION, {name: abs(contradiction), "limit": LARGEST_DRIFT}),)
+    if not clock.has_both_edges:
+        return (Note(TrialNoteCode.SYNC_MISSING_FRAMES),)
+    if clock.missing_frames:
+        figures = {"limit": CRYSTAL_LIMIT, "frames": clock.missing_frames}
+        return (Note(TrialNoteCode.CLOCKS_OR_FRAMES, figures),)
+    if not clock.is_identified:
+        return (Note(TrialNoteCode.CLOCKS_OPEN, {"limit": LARGEST_DRIFT}),)
+    return ()

@@ -14,7 +14,15 @@ from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Figures, Note
 from fitting.trial.calibration import code_width, full_scale, to_newtons
-from fitting.trial.clock_fit import ClockFit, early_edge, fit_clock, stop_contradiction, stop_window
+from fitting.trial.clock_fit import (
+    ClockFit,
+    early_edge,
+    early_notes,
+    fit_clock,
+    stop_contradiction,
+    stop_notes,
+    stop_window,
+)
 from fitting.trial.clocks import (
     DRIFT_PRIOR_SD,
     HOST_ALIGNMENT_SD,
@@ -26,7 +34,6 @@ from fitting.trial.clocks import (
 )
 from fitting.trial.force_quality import loss_notes, require_labels, require_sound_force
 from fitting.trial.sync_line import find_edges, find_fall
-from fitting.trial.sync_notes import early_notes, stop_notes
 from recordings.manifest import Manifest
 from recordings.reader import Track
 from recordings.samples import Stream

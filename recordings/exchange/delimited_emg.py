@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.tables import SignalTable, require_rising, require_single_channels
+from recordings.exchange.sample_tables import SignalTable, require_rising, require_single_channels
 from recordings.exchange.text import MISSING, PRINTED_BY_C, read_lines, read_numbers
 
 SEPARATORS = ("\t", ";", ",")

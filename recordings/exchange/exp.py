@@ -20,7 +20,7 @@ import numpy as np
 
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.delimited_emg import read_delimited_emg
-from recordings.exchange.tables import SignalTable
+from recordings.exchange.sample_tables import SignalTable
 from recordings.exchange.text import read_lines, read_numbers
 
 FRAME = "Frame #"

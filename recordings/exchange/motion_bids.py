@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.text import write_row
 
 VERSION = "1.10.0"

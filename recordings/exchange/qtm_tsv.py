@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.lengths import millimetres
-from recordings.exchange.tables import MarkerTable, distinct_labels, settle_times, without_origin
+from recordings.exchange.sample_tables import MarkerTable, distinct_labels, millimetres, settle_times, without_origin
 from recordings.exchange.text import MISSING, read_lines, read_numbers, without_blank_end, write_row
 
 KEY = re.compile(r"[A-Z][A-Z0-9_]+$")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.tables import SignalTable, require_rising, require_single_channels
+from recordings.exchange.sample_tables import SignalTable, require_rising, require_single_channels
 from recordings.exchange.text import (
     listed,
     read_lines,

@@ -27,7 +27,7 @@ SLOW_FRACTION = 0.95
 
 
 class BenchClock:
-    """A context manager, and the SteppedClock of one trial (protocol: drivers/simulators/control.py).
+    """A context manager, and the SteppedClock of one trial (protocol: drivers/simulators/simulated_bench.py).
 
     port is that of the bench's clock on this machine. speed sets its world's pace, in world seconds per wall second;
     None leaves it. Raises DeviceUnavailable if no simulated bench answers.

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from drivers.capture_note import CaptureNote
-from drivers.catalogue import make_device
 from drivers.device import Device
 from drivers.nidaq import AnalogInput
-from drivers.qualisys_settings import BLOCK_S
+from drivers.qualisys_settings import BLOCK_S, CaptureNote
+from drivers.reconnecting import make_device
 from recordings.manifest import BodyMarkers, TrialSubject
 from station.body_config import EmgSection
 from station.clock import Clock

@@ -163,9 +163,9 @@ def serve_until_stopped(
     All captures play this trial, or with in_turn the tests of its cuff; without a trial they play the plan in its
     order. Raises SimulationError if the settings, the fault plan or a port cannot be used.
     """
-    from drivers.simulators.bench import Bench
     from drivers.simulators.faults import read_fault_plan
     from drivers.simulators.settings import settings_from_dict
+    from drivers.simulators.simulated_bench import Bench
 
     stopped = threading.Event()
     for number in end_signals():

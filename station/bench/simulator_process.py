@@ -13,9 +13,9 @@ from contextlib import suppress
 from queue import SimpleQueue
 from typing import Any
 
-from drivers.simulators.bench import Bench, bench_from_options, describe_bench
 from drivers.simulators.errors import refusal
 from drivers.simulators.requests import answer_or_refusal
+from drivers.simulators.simulated_bench import Bench, bench_from_options, describe_bench
 from station.child import ProcessLink
 
 LAST_STEP = 1_000_000

@@ -1,6 +1,9 @@
 """Build the catalogue of a folder of sessions, and keep it up to date.
 
 A session is read again where its session.jsonl or cuffs.json has changed. Sessions that are gone are removed.
+
+The folder of a session becomes rows of the catalogue. All content of its tables is derived from session folders, so
+that the file can be deleted.
 """
 
 from __future__ import annotations
@@ -8,19 +11,22 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pandas as pd
 
 from documents.regular_file import open_regular
-from fitting.cuffs.cuffs_file import CUFFS_FILE
-from station.catalogue.errors import CatalogueError
-from station.catalogue.participants import PARTICIPANTS_FILE, Participants, read_participants
-from station.catalogue.session_rows import Row, SessionRows, SessionState, read_rows, stamp_of
-from station.catalogue.tables import FORMAT, TABLES, creation
-from station.checksums import list_in_session
+from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
+from fitting.cuffs.wearable_cuff import QUANTITIES
+from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TrialEntry
+from station.catalogue.participants import PARTICIPANTS_FILE, CatalogueError, Participants, read_participants
+from station.checksums import list_in_session, sha256_of
+from station.journal import Journal, JournalError, read_journal
 from station.journal_lines import JOURNAL_FILE
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode
@@ -32,6 +38,57 @@ BATCH = 200
 """Sessions that are written together."""
 EMPTY_BYTES = 3 * 4096
 """The headers of a DuckDB file; a shorter one was left by a program that ended while it created the file."""
+Row = dict[str, Any]
+
+YEARS = range(1970, 2200)
+FORMAT = 1
+"""Of the tables; a catalogue of another format is built anew."""
+
+TABLES: dict[str, dict[str, str]] = {
+    "sessions": {
+        "session": "VARCHAR PRIMARY KEY",  # folder, relative to that of the catalogue
+        "subject": "VARCHAR",
+        "operator": "VARCHAR",
+        "number": "VARCHAR",
+        "begun_utc": "TIMESTAMP",
+        "origin": "VARCHAR",
+        "state": "VARCHAR",  # fitted, not_fitted, unreadable
+        "reason": "VARCHAR",
+        "cuffs_sha256": "VARCHAR",
+        "stamp": "VARCHAR",  # sizes and times of change of the files it was read from
+    },
+    "cuffs": {
+        "session": "VARCHAR",
+        "cuff": "VARCHAR",
+        "donning": "VARCHAR",
+        "is_last": "BOOLEAN",  # the cuff as last donned
+        "site": "VARCHAR",
+        "stiffness_n_per_m": "DOUBLE",
+        "stiffness_standard_error": "DOUBLE",
+        "damping_n_s_per_m": "DOUBLE",
+        "damping_standard_error": "DOUBLE",
+        "migration_m": "DOUBLE",
+        "migration_standard_error": "DOUBLE",
+        "verdicts": "VARCHAR",  # codes, separated by spaces
+    },
+    "trials": {
+        "session": "VARCHAR",
+        "file": "VARCHAR",
+        "cuff": "VARCHAR",
+        "test": "VARCHAR",
+        "repeat": "INTEGER",
+        "donning": "VARCHAR",
+        "is_accepted": "BOOLEAN",
+        "lost_samples": "BIGINT",
+        "state": "VARCHAR",  # used, superseded, unusable; NULL before the fit
+        "reason": "VARCHAR",  # code
+        "stiffness_n_per_m": "DOUBLE",
+        "damping_n_s_per_m": "DOUBLE",
+        "migration_m": "DOUBLE",
+        "sha256": "VARCHAR",
+    },
+}
+"""Table → column → SQL type. participants has the columns of participants.tsv, all text."""
 
 
 @dataclass(frozen=True)
@@ -168,3 +225,142 @@ def _replace_participants(connection: duckdb.DuckDBPyConnection, participants: P
         marks = ", ".join("?" * len(columns))
         rows = [list(row.values()) for row in participants.values()]
         connection.executemany(f"INSERT INTO participants VALUES ({marks})", rows)  # noqa: S608
+
+
+class SessionState(StrEnum):
+    """How much of a session there is to read."""
+
+    FITTED = "fitted"
+    NOT_FITTED = "not_fitted"
+    UNREADABLE = "unreadable"
+
+
+@dataclass(frozen=True)
+class SessionRows:
+    """Rows of one session, by column."""
+
+    session: Row
+    cuffs: list[Row] = field(default_factory=list)
+    trials: list[Row] = field(default_factory=list)
+
+
+def stamp_of(folder: Path) -> str:
+    """Size and time of change of the session's journal and cuffs.json; it differs where either was written."""
+    parts = []
+    for name in (JOURNAL_FILE, CUFFS_FILE):
+        with suppress(OSError):
+            status = (folder / name).stat()
+            parts.append(f"{name} {status.st_size} {status.st_mtime_ns}")
+    return "; ".join(parts)
+
+
+def read_rows(folder: Path, name: str) -> SessionRows:
+    """The rows of a session; one that cannot be read has a row with the reason."""
+    stamp = stamp_of(folder)  # before the files are read: a change meanwhile is read the next time
+    path = folder / CUFFS_FILE
+    try:
+        journal = read_journal(folder)
+        begun = _moment(journal.begun)
+        cuffs = read_cuffs_document(path) if path.is_file() else None
+        trials = _trials(name, journal, cuffs)
+    except (JournalError, CuffsFileError, _UnlikelyValue) as error:
+        reason = {"state": SessionState.UNREADABLE.value, "reason": str(error)}
+        return SessionRows({"session": name, "stamp": stamp, **reason})
+    session = {
+        "session": name,
+        "begun_utc": begun,
+        "origin": cuffs.origin.value if cuffs else None,
+        "state": (SessionState.FITTED if cuffs else SessionState.NOT_FITTED).value,
+        "cuffs_sha256": sha256_of(path) if cuffs else None,
+        "stamp": stamp,
+    }
+    if journal.setup is not None:
+        setup = journal.setup
+        session |= {"subject": setup.subject, "operator": setup.operator, "number": setup.number}
+    return SessionRows(session, [*_cuffs(name, cuffs)] if cuffs else [], trials)
+
+
+class _UnlikelyValue(ValueError):
+    """A value that no session has, and no table of the catalogue can hold."""
+
+
+def _moment(text: str) -> datetime | None:
+    """UTC without a time zone; None for a text that is no time."""
+    try:
+        read = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    if read.year not in YEARS:
+        raise _UnlikelyValue(f"its time is {text}, expected a year from {YEARS.start} to {YEARS.stop - 1}")
+    return read.astimezone(UTC).replace(tzinfo=None)
+
+
+def _ensure_likely(trial: Row) -> Row:
+    """Raises _UnlikelyValue for a number that an INTEGER or a BIGINT cannot hold."""
+    for key, bits in (("repeat", 31), ("lost_samples", 63)):
+        if not -(2**bits) <= trial.get(key, 0) < 2**bits:
+            raise _UnlikelyValue(f"{key} of {trial['file']} is {trial[key]}")
+    return trial
+
+
+def _cuffs(session: str, document: CuffsDocument) -> Iterator[Row]:
+    for cuff, donning, fitted, is_last in _donnings(document):
+        row: Row = {"session": session, "cuff": cuff, "donning": donning, "is_last": is_last, "site": fitted.site}
+        for quantity, key in QUANTITIES.items():
+            figure = getattr(fitted, key)
+            row |= {key: figure.value, f"{quantity}_standard_error": figure.standard_error}
+        yield {**row, "verdicts": " ".join(fitted.verdict_codes)}
+
+
+def _donnings(document: CuffsDocument) -> Iterator[tuple[str, str, CuffEntry, bool]]:
+    for cuff, entry in document.cuffs.items():
+        last = str(entry.donning)
+        for donning, fitted in (entry.donnings or {last: entry}).items():
+            yield cuff, donning, fitted, donning == last
+
+
+def _trials(session: str, journal: Journal, document: CuffsDocument | None) -> list[Row]:
+    """A row for each recording that the journal or the fit names."""
+    redone = journal.redone
+    rows: dict[str, Row] = {
+        one.file: {
+            "session": session,
+            "file": one.file,
+            "cuff": one.cuff,
+            "test": one.test,
+            "repeat": one.repeat,
+            "donning": one.donning,
+            "is_accepted": one.accepted and one.file not in redone,
+            "lost_samples": one.lost_samples,
+        }
+        for one in journal.recorded
+    }
+    for cuff, donning, fitted, _ in _donnings(document) if document else ():
+        for trial in fitted.trials:
+            rows[trial.file] = {**rows.get(trial.file, {}), **_fitted(session, cuff, donning, trial)}
+    return [_ensure_likely(row) for row in rows.values()]
+
+
+def _fitted(session: str, cuff: str, donning: str, trial: TrialEntry) -> Row:
+    return {
+        "session": session,
+        "file": trial.file,
+        "cuff": cuff,
+        "test": trial.test,
+        "repeat": trial.repeat,
+        "donning": donning,
+        "state": trial.state,
+        "reason": trial.reason_code.code.value if trial.reason_code else None,
+        **{key: getattr(trial, key).value for key in QUANTITIES.values()},
+        "sha256": trial.sha256,
+    }
+
+
+def creation() -> str:
+    """SQL that creates the empty tables."""
+    statements = [
+        f"CREATE TABLE {name} ({', '.join(f'{column} {kind}' for column, kind in columns.items())})"
+        for name, columns in TABLES.items()
+    ]
+    statements += ["CREATE TABLE participants (participant_id VARCHAR)", "CREATE TABLE catalogue (format INTEGER)"]
+    return "; ".join([*statements, f"INSERT INTO catalogue VALUES ({FORMAT})"])  # noqa: S608

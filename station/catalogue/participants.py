@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
-from station.catalogue.errors import CatalogueError
+from station.errors import StationError
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode
 from station.whole_file import write_whole
@@ -57,3 +57,7 @@ def write_participants(path: Path, subjects: Sequence[str], known: Mapping[str, 
 
 def _wrong(path: Path, reason: str) -> CatalogueError:
     return CatalogueError(Message(CatalogueCode.WRONG_PARTICIPANTS, {"path": str(path), "reason": reason}))
+
+
+class CatalogueError(StationError):
+    """The catalogue cannot be built, written or queried."""

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import duckdb
 
-from station.catalogue.errors import CatalogueError
-from station.catalogue.participants import KEY
+from station.catalogue.participants import KEY, CatalogueError
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode
 

@@ -20,10 +20,15 @@ from station.charts.marks import (
     Panel,
     Points,
     Rule,
+    Scale,
     Strip,
+    curve,
+    dots,
+    limits,
+    outline,
+    tick_texts,
+    ticks,
 )
-from station.charts.path import curve, dots, outline
-from station.charts.scale import Scale, limits, tick_texts, ticks
 
 TEXT = 11.0
 """Pixels of a line of text."""

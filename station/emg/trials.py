@@ -12,7 +12,7 @@ from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.c3d import read_c3d_signals
 from recordings.exchange.delimited_emg import read_delimited_emg
 from recordings.exchange.exp import read_exp
-from recordings.exchange.tables import SignalTable, count_samples
+from recordings.exchange.sample_tables import SignalTable, count_samples
 from station.emg.setup import EmgSetup
 from station.errors import StationError
 from station.messages.emg_codes import EmgCode

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from fitting.errors import UnusableTrial
 from fitting.trial import clocks
 from fitting.trial.sync_line import find_edges
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import Manifest
 from recordings.reader import Recording, Track, open_recording
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.files.foreign_files import ImportRefused, MarkerSource, read_markers
-from station.files.import_trial import Imported, notes_of
-from station.files.new_recording import blocks, nanoseconds, write_recording
+from station.files.import_trial import Imported, blocks, nanoseconds, notes_of, write_recording
 from station.messages.file_codes import ImportCode
 from station.messages.message import Figures, Message
 

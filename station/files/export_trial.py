@@ -1,8 +1,12 @@
-"""Export recordings to files of other programs: all streams on one clock, in SI or in the unit of the format."""
+"""Export recordings to files of other programs: all streams on one clock, in SI or in the unit of the format.
+
+A recording without a common clock becomes one table per stream, with counts, times and values of its device.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,12 +25,11 @@ from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
 from recordings.live_result import is_live_result
-from recordings.reader import open_recording
+from recordings.reader import Track, open_recording
 from recordings.samples import Event
 from station.checksums import changed_files, standing_of
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
-from station.files.export_raw import write_raw
 from station.files.live_info import export_live_result, shortfalls_of_live
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
 from station.messages.file_codes import ChainCode, ExportCode
@@ -36,6 +39,7 @@ from station.whole_file import drafted, write_whole
 
 SHORTFALLS_LISTED = 4
 """Gaps and damages of a recording in its note; `station info` lists all."""
+AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,7 @@ def _parquet(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
         "_markers": _marker_columns(trial),
         **{f"_{name.strip('/')}": _signal_columns(signals) for name, signals in trial.signals.items()},
     }
-    from recordings.exchange.parquet import write_parquet
+    from recordings.exchange.sample_tables import write_parquet
 
     for name, columns in tables.items():
         path = _beside(stem, f"{name}.parquet")
@@ -177,7 +181,7 @@ def _c3d(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
     Force is interpolated linearly. EMG and other inputs take the nearest sample, because linear interpolation would
     attenuate their highest frequencies.
     """
-    from recordings.exchange.c3d_writer import write_c3d
+    from recordings.exchange.c3d import write_c3d
 
     line, markers = trial.line, trial.markers
     fastest = max([_rate(line.force_time), *(signals.rate for signals in trial.signals.values())])
@@ -329,3 +333,44 @@ def _cycles(trial: SynchronisedRecording) -> list[dict[str, float]]:
 
 def _rate(time: NDArray[np.float64]) -> float:
     return float(f"{1 / np.median(np.diff(time)):.9g}")
+
+
+def write_raw(path: Path, stem: Path, reason: str) -> list[Path]:
+    """Write the tables and their sidecar, which gives the reason why there is no common clock."""
+    recording = open_recording(path)
+    tables = {}
+    for stream in recording.streams:
+        track = recording.load(stream.name)
+        table = stem.with_name(f"{stem.name}_{stream.name.strip('/')}_raw.csv")
+        names, values = _columns(track)
+        columns = [
+            track.sample_numbers.tolist(),
+            (1e-9 * track.device_time_ns).round(9).tolist(),
+            track.host_time_ns.tolist(),
+            *values.T.tolist(),
+        ]
+        titles = ("sample_number", "device_time_s", "arrived_utc_ns", *names)
+        rows = (",".join(map(_text, row)) for row in zip(*columns, strict=True))
+        write_whole(table, "\n".join((",".join(titles), *rows)) + "\n")
+        tables[table] = {"unit": stream.unit, "device": stream.source, "samples": len(track.sample_numbers)}
+    sidecar = stem.with_name(f"{stem.name}_raw.csv.json")
+    content = {
+        "recording": path.name,
+        "clock": f"each device's own: {reason}",
+        "files": {table.name: description for table, description in tables.items()},
+    }
+    write_whole(sidecar, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+    return [*tables, sidecar]
+
+
+def _text(number: float) -> str:
+    return "" if math.isnan(number) else repr(number)
+
+
+def _columns(track: Track) -> tuple[list[str], np.ndarray]:
+    """Names, and values (n, names) in the unit of the device."""
+    unit, labels = track.stream.unit, track.stream.labels
+    if track.values.ndim == 2:
+        return [f"{track.stream.name.strip('/')}_{unit.lower()}"], track.values
+    names = [f"{label}_{axis}_{unit}" for label in labels for axis in AXES]
+    return names, track.values[:, :, : len(AXES)].reshape(len(track.values), len(names)).astype(np.float64)

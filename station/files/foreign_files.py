@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals
 from recordings.exchange.qtm_tsv import read_qtm_tsv
+from recordings.exchange.sample_tables import MarkerTable, SignalTable, require_labels
 from recordings.exchange.signal_csv import read_signals
-from recordings.exchange.tables import MarkerTable, SignalTable, require_labels
 from recordings.exchange.trc import read_trc
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE

@@ -1,27 +1,34 @@
-"""Import force and markers from files of other programs into a recording like those of the station."""
+"""Import force and markers from files of other programs into a recording like those of the station.
+
+Samples are written in blocks as devices deliver them, and the file in one piece.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.regular_file import replace_file
 from fitting.errors import UnusableTrial
 from fitting.trial.sync_line import find_edges
+from fitting.trial.trial_reader import read_trials
 from recordings.errors import RecordingError
-from recordings.exchange.tables import MarkerTable, count_samples
-from recordings.manifest import LoadCell, TrialOutcome
+from recordings.exchange.sample_tables import MarkerTable, count_samples
+from recordings.manifest import LoadCell, Manifest, TrialOutcome
 from recordings.reader import read_manifest
-from recordings.samples import Event, Item, Stream
+from recordings.samples import Event, Item, Loss, Samples, Stream
+from recordings.writer import RecordingWriter
+from station.checksums import write_checksums
 from station.config import INDICATOR_UNITS_N, StationConfig
 from station.files.foreign_files import (
     Force,
@@ -32,7 +39,6 @@ from station.files.foreign_files import (
     read_force,
     read_markers,
 )
-from station.files.new_recording import blocks, nanoseconds, write_recording
 from station.manifest import make_manifest
 from station.messages.file_codes import ImportCode
 from station.messages.message import Figures, Message
@@ -46,6 +52,7 @@ PAUSE_NS = 60_000_000_000
 """Between trials whose order is known, but not their times."""
 EARLIEST, LATEST = datetime(1970, 1, 1, tzinfo=UTC), datetime(2262, 1, 1, tzinfo=UTC)
 """A recording counts nanoseconds from 1970 in 64 bits, which end in April 2262."""
+BLOCK_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -281,3 +288,53 @@ def _items(aligned: _AlignedFiles, force: Force, markers: MarkerTable, start_utc
     if force.sync is not None:
         items += blocks("/sync", aligned.force_numbers, device, host_of_force, force.sync[:, None])
     return sorted(items, key=lambda item: item.host_time_ns)
+
+
+def blocks(
+    stream: str,
+    numbers: NDArray[np.int64],
+    device_ns: NDArray[np.int64],
+    host_ns: NDArray[np.int64],
+    values: NDArray[Any],
+) -> Iterator[Samples | Loss]:
+    """Samples (n,) in blocks of half a second that arrive with their last sample; a gap begins with its loss."""
+    cuts = np.flatnonzero(np.diff((host_ns - host_ns[0]) // round(1e9 * BLOCK_S)) | (np.diff(numbers) != 1)) + 1
+    for part in np.split(np.arange(len(numbers)), cuts):
+        begin, end = int(part[0]), int(part[-1]) + 1
+        lost = int(numbers[begin - 1]) + 1 if begin else int(numbers[begin])
+        if numbers[begin] > lost:
+            count, arrival = int(numbers[begin]) - lost, int(host_ns[begin])
+            yield Loss(stream, "skipped", lost, count, int(device_ns[begin - 1]), arrival)
+        counted = numbers[begin:end].astype(np.uint64)
+        yield Samples(stream, counted, device_ns[begin:end], int(host_ns[end - 1]), values[begin:end])
+
+
+def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.rint(1e9 * seconds).astype(np.int64)
+
+
+def write_recording(
+    path: Path, manifest: Manifest, streams: Sequence[Stream], items: Iterable[Item], outcome: TrialOutcome, files: str
+) -> None:
+    """Write a recording under its name once it is complete and readable by the fit; otherwise leave no file.
+
+    files: the sources of the data, for messages. Raises ImportRefused or RecordingError.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f"{path.name}.part")
+    draft.unlink(missing_ok=True)
+    writer = RecordingWriter(draft, manifest, streams)
+    try:
+        for item in items:
+            writer.write(item)
+        writer.close(outcome)
+        rejected = read_trials([draft])[1]
+        if rejected:
+            reason = {"files": files, "reason": str(rejected[0].reason)}
+            raise ImportRefused(Message(ImportCode.NOT_USABLE, reason))
+        if path.exists():
+            raise ImportRefused(Message(ImportCode.FILE_EXISTS, {"path": str(path)}))
+        replace_file(draft, path)
+        write_checksums(path)
+    finally:
+        writer.discard()

@@ -84,7 +84,7 @@ def export_live_result(path: Path, to: str, output: Path) -> list[Path]:
     }
     target = output / f"{path.name.removesuffix('.mcap')}.{to}"
     if to == "parquet":
-        from recordings.exchange.parquet import write_parquet
+        from recordings.exchange.sample_tables import write_parquet
 
         notes = {"station": json.dumps(_plain(path, result))}
         with drafted(target) as draft:

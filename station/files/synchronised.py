@@ -14,7 +14,7 @@ import numpy as np
 from fitting.errors import UnusableTrial
 from fitting.trial.analog_signals import AnalogSignals, build_analog_signals
 from fitting.trial.timeline import Timeline, build_timeline
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import Manifest
 from recordings.reader import Track, TrackCollector, open_recording
 from station.errors import StationError

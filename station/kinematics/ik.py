@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.marker_fit import Vertical, rotation_laboratory_to_ground
 from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
@@ -21,18 +21,19 @@ from solver.model import Model, ModelError
 from solver.motion import ensure_interval, limits_outside
 from solver.osim.ik_setup import IkSetup, ik_setup_document, read_ik_setup
 from solver.personalisation.coverage import check_coverage
-from station.kinematics.checks import (
+from station.kinematics.marker_checks import (
     Finding,
+    KinematicsError,
     ensure_markers_fit,
     find_far_markers,
     find_in_markers,
     find_in_postures,
     find_never_seen,
+    read_body_markers,
     seen_markers,
     setup_findings,
     unattached_findings,
 )
-from station.kinematics.marker_file import KinematicsError, read_body_markers
 from station.kinematics.marker_sets import place_marker_set
 from station.messages.codes import KinematicsCode
 from station.messages.message import Figures, Message

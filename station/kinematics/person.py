@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from solver.errors import MotionError
 from solver.inverse_kinematics.marker_fit import Vertical
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
@@ -28,9 +28,14 @@ from solver.personalisation.segment_masses import (
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.options import RedundancyOptions
 from solver.scaling_findings import MuscleRanges, check_scaling, muscle_ranges
-from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers, find_never_seen
 from station.kinematics.ik import ensure_common, markers_in_ground, model_with_markers
-from station.kinematics.marker_file import read_body_markers
+from station.kinematics.marker_checks import (
+    Finding,
+    ensure_markers_fit,
+    find_in_markers,
+    find_never_seen,
+    read_body_markers,
+)
 from station.kinematics.person_findings import (
     WrongTrials,
     ensure_mass_fits,

@@ -25,7 +25,7 @@ from solver.personalisation.segment_masses import (
 from solver.scaling_findings import ScalingFinding, largest_motion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.kinematics.checks import Finding
+from station.kinematics.marker_checks import Finding
 from station.messages.message import Figures, Message
 from station.messages.person_codes import PersonCode
 

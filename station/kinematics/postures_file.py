@@ -16,8 +16,8 @@ from solver.findings import CoverageCode
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome
 from solver.inverse_kinematics.solve import PostureOutcome
 from solver.time_series_table import write_table
-from station.kinematics.checks import finding_lines
 from station.kinematics.ik import SolvedPostures
+from station.kinematics.marker_checks import finding_lines
 from station.messages.codes import KinematicsCode
 from station.sources import BUNDLED, named_hash
 from station.whole_file import drafted, write_whole

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model, ModelError
@@ -20,18 +20,19 @@ from solver.osim.scale_setup import ScaleSetup, read_scale_setup, scale_setup_do
 from solver.personalisation.coverage import check_coverage
 from solver.scaling import Scaling, scale_model
 from solver.scaling_findings import check_scaling, place_markers
-from station.kinematics.checks import (
+from station.kinematics.ik import ensure_common, model_with_markers, named_file, write_xml
+from station.kinematics.marker_checks import (
     Finding,
+    KinematicsError,
     ensure_markers_fit,
     find_in_markers,
     find_never_seen,
     finding_lines,
+    read_body_markers,
     seen_markers,
     setup_findings,
     unattached_findings,
 )
-from station.kinematics.ik import ensure_common, model_with_markers, named_file, write_xml
-from station.kinematics.marker_file import KinematicsError, read_body_markers
 from station.kinematics.person_findings import (
     ensure_model_mass_fits,
     mass_findings,

@@ -21,7 +21,7 @@ from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
 from station.errors import StationError
-from station.kinematics.checks import LEAST_SEEN, ensure_markers_fit
+from station.kinematics.marker_checks import LEAST_SEEN, ensure_markers_fit
 from station.live.aligned_signal import AlignedSignal, ArrivalClock
 from station.live.body import LiveBody
 from station.live.cycle_effort import CycleEffort

@@ -6,8 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from fitting.study.cuff_study import ComparisonOutcome, StudyOutcome
-from fitting.study.reliability import ReliabilityOutcome
+from fitting.study.cuff_study import ComparisonOutcome, ReliabilityOutcome, StudyOutcome
 from fitting.study.variance_components import ComponentOutcome
 from recordings.manifest import DataOrigin
 from station.messages.study_codes import StudyCode

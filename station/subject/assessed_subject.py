@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import DataOrigin, TrialCondition
 from recordings.reader import open_recording
 from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_motion, rotation_laboratory_to_ground
@@ -21,8 +21,8 @@ from solver.motion import Kinematics, differentiate
 from solver.personalisation.estimate import draw_postures_of_person
 from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
 from solver.suit.suit import Suit
-from station.kinematics.checks import Finding
 from station.kinematics.ik import with_marker_set
+from station.kinematics.marker_checks import Finding
 from station.kinematics.person import PersonBody, PersonInputs, person_of_trials
 from station.kinematics.person_findings import pose_findings
 from station.messages.subject_codes import SubjectCode

@@ -28,8 +28,8 @@ from station.assessment.motion_checks import load_checks, motion_checks, motion_
 from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
 from station.sources import BUNDLED, kinematics_of, loads_of, model_of
-from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value
 from station.sweep.solving import Failure, Task, WornCase
+from station.sweep.sweep_plan import NONE, PlanError, Point, SweepPlan, Value
 from station.versions import solver_digest
 
 FRAMES_PER_TASK = 100_000

@@ -1,13 +1,17 @@
 """Solve a task of a sweep on a worker: the motion is evaluated once, the cases are solved separately.
 
 Cases are not solved together, so that the last bit of a result does not depend on the other cases of the task.
+
+Workers are processes of this machine, or of a Dask cluster.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from distributed import Client
 
 from solver.errors import MotionError, SolverError
 from solver.model import ModelError
@@ -21,6 +25,9 @@ from solver.suit.scenarios import (
     solve_without_suit,
 )
 from solver.suit.suit import Suit, SuitError
+from station.dask_cluster import completed_tasks
+from station.messages.message import Message
+from station.messages.sweep_codes import SweepCode
 
 Outcome = dict[str, float | str | None]
 """Column → value: the columns of RESULTS, and of ERRORS where the case failed."""
@@ -111,3 +118,19 @@ def _solved(worn: SuitedMotion, case: WornCase, bare_body_cost: float) -> Outcom
     )
     plain = [None if np.isnan(number) else float(number) for number in numbers]
     return {**dict(zip(RESULTS, plain, strict=True)), **dict.fromkeys(ERRORS)}
+
+
+def solve_on(client: Client, tasks: Iterable[Task]) -> Iterator[tuple[dict[str, Outcome], bool]]:
+    """Outcomes by key of the cases of every task as it ends, and whether they are final.
+
+    A task whose worker dies is repeated on another one. A task that kills three workers in a row, or ends in an
+    unexpected error, gives failed cases that are not final: a later run repeats them.
+    """
+    for task, future in completed_tasks(client, solve_task, tasks):
+        error = future.exception()
+        if error is None:
+            yield future.result(), True
+        else:
+            reason = Message(SweepCode.CASE_FAILED, {"reason": f"{type(error).__name__}: {error}"})
+            failure = Failure(str(reason), reason.code)
+            yield {case.key: failed(failure) for case in task.cases}, False

@@ -99,8 +99,8 @@ def _scale_by_setup(output: Path, write_setup: Path | None, inputs: ScaleInputs)
 def _scale_from_trials(output: Path, inputs: PersonInputs) -> None:
     from rich.console import Console
 
+    from station.kinematics.body_document import result_files, summary, write_person
     from station.kinematics.person import measure_person
-    from station.kinematics.person_file import result_files, summary, write_person
     from station.progress import progress_bars
 
     if output.suffix != ".osim":

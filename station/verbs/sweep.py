@@ -24,9 +24,9 @@ def sweep(
 
     from station.dask_cluster import connected
     from station.progress import progress_bars
-    from station.sweep.cluster import solve_on
-    from station.sweep.plan import read_plan
-    from station.sweep.run import run_sweep
+    from station.sweep.dataset import run_sweep
+    from station.sweep.solving import solve_on
+    from station.sweep.sweep_plan import read_plan
 
     read = read_plan(plan)
     with progress_bars(Console(stderr=True)) as progress, connected(scheduler, workers) as client:

@@ -132,9 +132,8 @@ def verify(
 
     from rich.console import Console
 
-    from station.files.chain import add_files
-    from station.files.signature import sign as sign_folder
-    from station.files.signature import signature_of
+    from station.files.chain import add_files, signature_of
+    from station.files.chain import sign as sign_folder
     from station.progress import progress_bars
     from station.report.verification import verify_session
 

@@ -1,10 +1,16 @@
-"""Layout of Rerun's window; without a blueprint, the viewer opens a panel for every curve."""
+"""Layout of Rerun's window, its curves over time, and where a view is written to.
+
+Without a blueprint, the viewer opens a panel for every curve. A view is written to an .rrd file, or to the viewer at an
+address.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
@@ -13,6 +19,10 @@ DISTANCE = 1.6
 """Distance of the eye from the scene in diameters of the scene, which shows all of it with a margin."""
 ELEVATION, EMG = "wearer/elevation_deg", "wearer/emg_uv"
 BODY_NAME = "Muscles from idle (blue) to full activation (red); suit (green)"
+Array = NDArray[np.float64]
+DISPLAY_HZ = 25
+LineStyle = tuple[tuple[int, int, int], float]
+"""Colour and width of a curve."""
 
 
 @dataclass(frozen=True)
@@ -74,3 +84,30 @@ def layout(
 
 def _curves(name: str, *paths: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(origin="/", contents=[f"+ /{path}" for path in paths], name=name)
+
+
+def log_curve(
+    stream: rr.RecordingStream, path: str, name: str, style: LineStyle, edge_ns: int, time: Array, values: Array
+) -> None:
+    """Log a scalar curve, decimated to the rate of the display; NaN interrupts the line.
+
+    values (n,) at time (n,) [s] from the sync edge, which is at edge_ns [UTC, ns].
+    """
+    step = max(1, len(time) // max(2, int(4 * DISPLAY_HZ * (time[-1] - time[0]))))
+    at = (edge_ns + (time[::step] * 1e9).astype(np.int64)).astype("datetime64[ns]")
+    stream.log(path, rr.SeriesLines(names=name, colors=style[0], widths=style[1]), static=True)
+    stream.send_columns(
+        path, indexes=[rr.TimeColumn(TIMELINE, timestamp=at)], columns=rr.Scalars.columns(scalars=values[::step])
+    )
+
+
+def open_stream(name: str, sink: Path | str) -> rr.RecordingStream:
+    """A stream of the application `name` to the sink, without Rerun's own timelines."""
+    stream = rr.RecordingStream(name)
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    if isinstance(sink, Path):
+        stream.save(sink)
+    else:
+        stream.connect_grpc(sink)
+    return stream

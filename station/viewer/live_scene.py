@@ -15,9 +15,7 @@ from station.live.drawn_body import drawn_body
 from station.live.published import LiveDelivery, LiveFinding, LiveSetup, LiveValues
 from station.live.subscription import LiveSubscription
 from station.viewer.body_scene import BodyScene
-from station.viewer.curves import LineStyle
-from station.viewer.layout import BODY_NAME, TIMELINE, SceneExtent
-from station.viewer.sink import open_stream
+from station.viewer.layout import BODY_NAME, TIMELINE, LineStyle, SceneExtent, open_stream
 
 REFRESH_S = 0.1
 BODY_INTERVAL_S = 0.04

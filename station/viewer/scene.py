@@ -1,4 +1,7 @@
-"""Add fit and assessment to a trial in Rerun: plateaus, fitted line, and the body with its muscles."""
+"""Add fit and assessment to a trial in Rerun: plateaus, fitted line, and the body with its muscles.
+
+A pose or a motion also shows the elevation of the arm and the EMG.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,11 @@ from numpy.typing import NDArray
 
 from documents.plain_data import read_json
 from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.errors import UnusableTrial
 from fitting.session import fit_session
-from fitting.trial.reader import read_trial
+from fitting.trial.analog_signals import AnalogSignals
+from fitting.trial.trial_reader import read_trial
+from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.reader import read_manifest
 from solver.bundled import bundled_model
 from solver.model import Model
@@ -23,9 +29,7 @@ from solver.suit.suit import read_suit
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.sources import BUNDLED, named_hashes
 from station.viewer.body_scene import BodyScene
-from station.viewer.curves import DISPLAY_HZ, LineStyle, log_curve
-from station.viewer.layout import SceneExtent, layout
-from station.viewer.wearer_scene import log_wearer
+from station.viewer.layout import DISPLAY_HZ, ELEVATION, EMG, LineStyle, SceneExtent, layout, log_curve
 
 Array = NDArray[np.float64]
 MEASURED: LineStyle = ((130, 170, 225), 2.5)
@@ -35,6 +39,9 @@ GAP_S = 1e-3
 """Gap after a plateau, at which its line ends."""
 SHOWN_CONDITION = "both"
 """Migration and compliance of the cuffs, the condition of a worn suit."""
+ELEVATION_STYLE: LineStyle = ((245, 150, 40), 2.0)
+EMG_COLOURS = ((130, 170, 225), (225, 130, 170), (150, 200, 120), (200, 180, 90))
+RMS_WINDOW_S = 0.1
 
 
 def log_scene(
@@ -111,3 +118,36 @@ def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> 
     activations = np.array([np.interp(motion.time, activity.time, column) for column in activity.activations.T]).T
     times_ns = edge_ns + (motion.time * 1e9).astype(np.int64)
     return BodyScene(stream, model, read_suit()).log(times_ns, motion.positions, activations)
+
+
+def log_wearer(stream: rr.RecordingStream, recording: Path, edge_ns: int) -> None:
+    """Log elevation [deg] and EMG RMS [µV]. An unusable recording adds nothing: the replay shows its samples."""
+    try:
+        trial = read_wearer_trial(recording)
+    except UnusableTrial:
+        return
+    if trial.elevation is not None:
+        log_curve(stream, ELEVATION, "elevation", ELEVATION_STYLE, edge_ns, trial.time, np.degrees(trial.elevation))
+    if trial.emg is not None and trial.emg.unit == "V":
+        _log_emg(stream, trial.emg, edge_ns)
+
+
+def emg_rms(emg: AnalogSignals) -> tuple[Array, Array]:
+    """Root mean square about the mean in windows of RMS_WINDOW_S.
+
+    Returns times (windows,) [s] of the centres and values (windows, channels) in emg.unit.
+    """
+    width = max(2, round(emg.rate * RMS_WINDOW_S))
+    count = len(emg.time) // width
+    time = emg.time[: count * width].reshape(count, width).mean(axis=1)
+    return time, emg.values[: count * width].reshape(count, width, -1).std(axis=1)
+
+
+def _log_emg(stream: rr.RecordingStream, emg: AnalogSignals, edge_ns: int) -> None:
+    """Log the RMS of every channel [µV at the electrodes]."""
+    time, rms = emg_rms(emg)
+    if len(time) < 2:
+        return
+    for number, label in enumerate(emg.labels):
+        style = EMG_COLOURS[number % len(EMG_COLOURS)], 1.5
+        log_curve(stream, f"{EMG}/{label}", label, style, edge_ns, time, 1e6 * rms[:, number])

@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.catalogue import make_device
 from drivers.device import CaptureControl, Device
 from drivers.errors import DeviceError
-from drivers.simulators.bench import Bench
+from drivers.reconnecting import make_device
 from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.simulated_bench import Bench
 from recordings.samples import Event, Item, Loss, Samples
 from tests.drivers.simulated_daq import WIRING
 from tests.timeout import scaled_timeout

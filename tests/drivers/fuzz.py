@@ -19,8 +19,7 @@ from hypothesis import strategies as st
 from drivers.device import Device
 from drivers.errors import DeviceError
 from drivers.qualisys import Qualisys
-from drivers.qualisys_parameters import decode_parameters
-from drivers.qualisys_wire import decode_frame, markers_alone
+from drivers.qualisys_wire import decode_frame, decode_parameters, markers_alone
 from drivers.serial_load_cell import LONGEST_LINE, SerialLoadCell
 from drivers.simulators.faults import FAULTS, fault_from_dict, read_fault_plan
 from recordings.samples import Item, Loss, Samples

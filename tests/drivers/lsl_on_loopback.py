@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from drivers import lsl
-from drivers.catalogue import make_device
 from drivers.errors import DeviceCode
 from drivers.lsl import LslEmg
+from drivers.reconnecting import make_device
 from recordings.samples import Event, Item, Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, raises_refusal, read_until
 from tests.drivers.lsl_sender import RATE_HZ, LslSender

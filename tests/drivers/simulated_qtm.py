@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.device import Device
 from drivers.qualisys import Qualisys
-from drivers.simulators.qualisys import QualisysSimulator
+from drivers.simulators.qtm_server import QualisysSimulator
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import World
 from recordings.samples import Event, Item

@@ -1,4 +1,7 @@
-"""What a dead client leaves in NI's server, and what is not ours there."""
+"""What a dead client leaves in NI's server, and what is not ours there.
+
+Errors of the transport as sentences.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,13 @@ from nidaqmx.constants import AcquisitionType, TerminalConfiguration
 from drivers import nidaq, nidaq_session
 from drivers.errors import DeviceCode
 from drivers.nidaq import NiDaq
+from drivers.nidaq_session import refusal_of
 from drivers.reconnecting import Reconnecting
 from drivers.simulators.faults import Fault
-from drivers.simulators.nidaq import NiDaqSimulator, _Service
+from drivers.simulators.nidaq_server import NiDaqSimulator, _Service
 from drivers.simulators.usb6008 import DaqmxError
 from recordings.samples import Event, Item, Loss, Samples
-from tests.drivers.contract import blocks, raises_refusal
+from tests.drivers.contract import blocks, is_one_sentence, raises_refusal
 from tests.drivers.fault_bench import unaccounted
 from tests.drivers.simulated_daq import daq
 from tests.drivers.stand_in_world import StandInWorld
@@ -269,3 +273,23 @@ def forget_the_session_and_fail(service: _Service, request: Any, context: grpc.S
     error = DaqmxError(-200088, "Task specified is invalid or does not exist.")
     context.set_trailing_metadata((("ni-error", str(error.error_code)),))
     context.abort(grpc.StatusCode.UNKNOWN, str(error))
+
+
+class FrozenCall(grpc.RpcError):
+    """As grpc raises it when a server that was reached does not answer a call."""
+
+    def code(self) -> grpc.StatusCode:
+        return grpc.StatusCode.DEADLINE_EXCEEDED
+
+    def details(self) -> str:
+        return "Deadline Exceeded"
+
+    def __str__(self) -> str:
+        return "<_InactiveRpcError of RPC that terminated with:\n\tstatus = StatusCode.DEADLINE_EXCEEDED\n>"
+
+
+def test_a_call_without_an_answer_is_a_sentence_and_no_dump_of_the_transport() -> None:
+    error = refusal_of(FrozenCall(), "NI Dev1", "127.0.0.1:1", "ai0")
+    assert error.code is DeviceCode.NO_ANSWER
+    assert "StatusCode" not in str(error)
+    assert is_one_sentence(error)

@@ -8,9 +8,9 @@ from contextlib import closing
 
 import pytest
 
-from drivers.catalogue import make_device
-from drivers.qualisys_parameters import CameraSystem, decode_parameters
-from drivers.simulators.bench import Bench
+from drivers.qualisys_wire import CameraSystem, decode_parameters
+from drivers.reconnecting import make_device
+from drivers.simulators.simulated_bench import Bench
 from recordings.samples import Event, Item
 from tests.drivers.contract import blocks, read_until
 from tests.drivers.tcp_proxy import TcpProxy

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import DeviceCode
 from drivers.serial_load_cell import LineFormat, SerialLoadCell, decode_usb220, decode_usb520
-from drivers.simulators.serial_load_cell import SerialLoadCellSimulator, encode_usb220, encode_usb520
+from drivers.simulators.load_cell_port import SerialLoadCellSimulator, encode_usb220, encode_usb520
 from drivers.simulators.settings import SerialLineSettings
 from recordings.samples import Item, Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, raises_refusal, read_until

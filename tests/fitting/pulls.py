@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.pull.cuff_motion import CuffMotion
-from fitting.pull.marker_quality import MarkerQuality
 from fitting.pull.pull import Pull
+from fitting.pull.rigid import MarkerQuality
 from fitting.trial.trial import Trial
 
 

@@ -11,11 +11,10 @@ from scipy import stats
 
 from fitting.diagnosis.identification import identify
 from fitting.diagnosis.notes import interval_notes, migration_interval_notes
-from fitting.donning import fit_donning
 from fitting.dynamic.swings import fit_swings
 from fitting.pull.pull import make_pulls
 from fitting.results.codes import NoteCode, TrialNoteCode, Verdict
-from fitting.session import fit_session
+from fitting.session import fit_donning, fit_session
 from fitting.static.held_loads import fit_held_loads
 from fitting.trial.trial import build_trial
 from fitting.uncertainty import Estimate, Repeat, combine

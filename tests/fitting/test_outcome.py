@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
+from fitting.dynamic.cross_checks import output_error
 from fitting.dynamic.errors_in_variables import estimate
-from fitting.dynamic.output_error import output_error
 from fitting.errors import NotConverged
 from fitting.pull.pull import Pull, make_pulls
 from fitting.results.codes import RejectionCode, TrialNoteCode, Verdict
 from fitting.results.outcome import FitOutcome, worst
 from fitting.session import fit_session
-from fitting.spatial.held_tensor import held_tensor
-from fitting.spatial.swung_tensor import swung_tensor
 from fitting.spatial.tensor import NoTensor
+from fitting.spatial.tensors import held_tensor, swung_tensor
 from fitting.trial.bounce import BounceTrial, calibrate, fit_bounce
 from fitting.trial.trial import Trial, build_bounce, build_trial
 from tests.fitting.bouncing import Bounce
@@ -27,7 +26,7 @@ from tests.fitting.experiment import Session, published
 from tests.fitting.pulled_in_space import directions, elbow, pulled
 from tests.fitting.swinging import DAMPING, STIFFNESS, swing
 
-EIV, OUTPUT_ERROR = "fitting.dynamic.errors_in_variables", "fitting.dynamic.output_error"
+EIV, OUTPUT_ERROR = "fitting.dynamic.errors_in_variables", "fitting.dynamic.cross_checks"
 
 
 @cache
@@ -102,14 +101,14 @@ def test_a_stiffness_whose_fit_did_not_converge_is_not_identified(module: str, m
 
 
 def test_a_stiffness_tensor_whose_fit_did_not_converge_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fitting.spatial.held_tensor.MAX_ROUNDS", 1)
+    monkeypatch.setattr("fitting.spatial.tensors.MAX_ROUNDS", 1)
     with pytest.raises(NoTensor) as caught:
         held_tensor(_in_space("static"), 0.0)
     assert caught.value.outcome is FitOutcome.NOT_CONVERGED
 
 
 def test_a_damping_tensor_whose_fit_did_not_converge_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fitting.spatial.swung_tensor.ROUNDS", 1)
+    monkeypatch.setattr("fitting.spatial.tensors.ROUNDS", 1)
     with pytest.raises(NoTensor) as caught:
         swung_tensor(_in_space("dynamic"), {}, 0.0)
     assert caught.value.outcome is FitOutcome.NOT_CONVERGED

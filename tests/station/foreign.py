@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from recordings.exchange.c3d_writer import write_c3d
+from recordings.exchange.c3d import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.signal_csv import write_columns
-from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import write_trc
 from recordings.manifest import Manifest, TrialOutcome
 from recordings.reader import Track

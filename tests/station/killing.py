@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from mcap.reader import make_reader
 
-from drivers.simulators.nidaq import NiDaqSimulator
-from drivers.simulators.qualisys import QualisysSimulator
+from drivers.simulators.nidaq_server import NiDaqSimulator
+from drivers.simulators.qtm_server import QualisysSimulator
 from drivers.simulators.settings import DaqClockSettings, settings_from_dict
 from drivers.simulators.world import World
 from recordings.reader import Recording, open_recording

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.simulators.bench import Bench
 from drivers.simulators.faults import Fault, Faults, fault_from_dict
 from drivers.simulators.settings import Settings, settings_from_dict
+from drivers.simulators.simulated_bench import Bench
 from fitting.errors import UnusableTrial
 from fitting.trial.decimation import decimate
 from fitting.trial.sync_certificate import SyncCertificate, certify

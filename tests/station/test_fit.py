@@ -15,7 +15,7 @@ from fitting.trial.trial import build_trial
 from recordings.manifest import TrialOutcome
 from recordings.reader import Track
 from recordings.samples import Samples
-from station.files.new_recording import write_recording
+from station.files.import_trial import write_recording
 from tests.fitting.experiment import Session, published
 
 GAIN_SD = 0.01

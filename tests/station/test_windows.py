@@ -13,7 +13,7 @@ from pathlib import Path, PureWindowsPath
 import pytest
 
 import station.bench.trial_recorder
-from drivers.capture_note import CaptureNote
+from drivers.qualisys_settings import CaptureNote
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from station import end_signals

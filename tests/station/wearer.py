@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from drivers.simulators.bench import Bench
-from drivers.simulators.person import Person
 from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.simulated_bench import Bench
+from drivers.simulators.wearer import Person
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import simulator_settings
 from station.bench.trial_recorder import TrialRecorder, TrialResult

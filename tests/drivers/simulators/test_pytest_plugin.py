@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from drivers.qualisys import Qualisys
-from drivers.simulators.bench import Bench
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.faults import fault_from_dict
+from drivers.simulators.simulated_bench import Bench
 from recordings.samples import Loss
 from tests.drivers.contract import blocks, read_until
 from tests.drivers.simulators.refusals import raises_refusal

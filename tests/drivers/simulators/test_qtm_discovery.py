@@ -12,8 +12,8 @@ from collections.abc import Callable
 import pytest
 from qtm_rt import discovery
 
-from drivers.simulators.bench import Bench
 from drivers.simulators.qtm_discovery import QtmDiscovery
+from drivers.simulators.simulated_bench import Bench
 from tests.timeout import scaled_timeout
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from drivers.simulators.arm_raise import RaisedPosture
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.shoulder import SEGMENTS, Screw, published_shoulder
+from drivers.simulators.wearer import RaisedPosture
 from tests.conftest import SHARED
 from tests.drivers.simulators.refusals import raises_refusal
 

@@ -10,9 +10,8 @@ import pytest
 from scipy.signal import lfilter
 
 from fitting.dynamic import errors_in_variables
-from fitting.dynamic.damping import fit_damping
+from fitting.dynamic.damping import Slip, find_slip, fit_damping
 from fitting.dynamic.errors_in_variables import LagPosterior, Solution, estimate, lag_from_magnitude
-from fitting.dynamic.slip import Slip, find_slip
 from fitting.pull.pull import Pull
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session

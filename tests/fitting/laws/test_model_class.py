@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.laws.model_class import KELVIN_VOIGT, ModelComparison, compare_classes
-from fitting.laws.sampled_pull import SampledPull, sample_pull
+from fitting.laws.model_class import KELVIN_VOIGT, ModelComparison, SampledPull, compare_classes, sample_pull
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from tests.fitting.defects import Law, OddSession, Rig

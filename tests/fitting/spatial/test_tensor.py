@@ -15,9 +15,8 @@ from fitting.pull.pull import Pull, make_pulls
 from fitting.results.codes import RejectionCode, TensorCode, TrialNoteCode
 from fitting.results.rendering import Note
 from fitting.session import fit_session
-from fitting.spatial.held_tensor import held_tensor
-from fitting.spatial.swung_tensor import swung_tensor
 from fitting.spatial.tensor import NoTensor, Tensor, entries_of, require_span, symmetric
+from fitting.spatial.tensors import held_tensor, swung_tensor
 from tests.fitting.pulled_in_space import Space, directions, elbow, pulled
 from tests.fitting.refusals import figures_by_code, raises_refusal
 

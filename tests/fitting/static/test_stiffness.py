@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fitting.pull.plateaus import Plateau
-from fitting.pull.plausibility import require_positive_loads
+from fitting.pull.pull import require_positive_loads
 from fitting.results.codes import RejectionCode
 from fitting.results.outcome import FitOutcome
 from fitting.static import stiffness

@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.study.agreement import agree
-from fitting.study.fixed_effects import estimate_effect, predict_observation
-from fitting.study.reliability import ReliabilityOutcome, estimate_reliability
+from fitting.study.cuff_study import (
+    ReliabilityOutcome,
+    agree,
+    estimate_effect,
+    estimate_reliability,
+    predict_observation,
+)
 from fitting.study.variance_components import Factor, MixedModel, fit_components
 from tests.fitting.study.published import PEAK_FLOW, PENICILLIN, SHROUT_FLEISS
 

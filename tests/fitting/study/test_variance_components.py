@@ -5,13 +5,14 @@ import pytest
 from scipy import stats
 
 from fitting.results.outcome import FitOutcome
-from fitting.study.profile import component_interval, deviance_quantile
 from fitting.study.reml import evaluate
 from fitting.study.variance_components import (
     ComponentOutcome,
     Factor,
     MixedModel,
     TooFewObservations,
+    component_interval,
+    deviance_quantile,
     fit_components,
 )
 from tests.fitting.study.published import AIAG, PENICILLIN, SIRSTV

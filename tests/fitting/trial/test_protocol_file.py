@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fitting.results.codes import FitErrorCode
-from fitting.trial.protocol_file import SessionProtocol, read_protocol
+from fitting.trial.trial_reader import SessionProtocol, read_protocol
 from tests.fitting.refusals import raises_refusal
 
 

@@ -21,8 +21,8 @@ from fitting.errors import UnusableTrial
 from fitting.results.codes import FitErrorCode, RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
 from fitting.session import fit_session
-from fitting.trial.reader import read_alone, read_trial, read_trials
 from fitting.trial.trial import build_trial
+from fitting.trial.trial_reader import read_alone, read_trial, read_trials
 from recordings.chunks import Damage, Entry, read_entries
 from recordings.manifest import LoadCell, Manifest, MeasurementProtocol, Timing, TrialOutcome
 from recordings.reader import Track

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals
-from recordings.exchange.c3d_writer import write_c3d
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals, write_c3d
+from recordings.exchange.sample_tables import MarkerTable
 from tests.recordings.exchange.raw_c3d import (
     CHANNELS,
     DEC,

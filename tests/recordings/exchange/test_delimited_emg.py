@@ -8,7 +8,7 @@ import pytest
 
 from recordings.errors import RecordingCode
 from recordings.exchange.delimited_emg import read_delimited_emg
-from recordings.exchange.tables import SignalTable
+from recordings.exchange.sample_tables import SignalTable
 from tests.recordings.refusals import raises_refusal
 
 DELSYS = (

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from recordings.exchange.foxglove import CHUNK_S, Curve, write_foxglove
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.samples import Event
 
 ZERO_NS = 1_750_000_000_123_456_789

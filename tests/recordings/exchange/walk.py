@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 
 FRAMES = 40
 RATE = 100.0

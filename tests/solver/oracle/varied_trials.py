@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.model import Model

@@ -31,7 +31,7 @@ from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome,
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.scenarios import LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios, solve_without_suit
 from solver.suit.suit import Rate, SuitError
-from station.kinematics.marker_file import read_body_markers
+from station.kinematics.marker_checks import read_body_markers
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT
 from tests.solver.stream.streams import (
     ARM,

@@ -11,8 +11,8 @@ import pytest
 
 from drivers import lsl
 from drivers.device import Device
-from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.simulated_bench import Bench
 from drivers.simulators.world import World
 from fitting.results.codes import TrialNoteCode
 from fitting.wearer.wearer_trial import read_wearer_trial

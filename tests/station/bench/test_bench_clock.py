@@ -16,7 +16,7 @@ import pytest
 from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
 from drivers.qualisys import Qualisys
 from drivers.simulators import world_clock
-from drivers.simulators.bench import Bench
+from drivers.simulators.simulated_bench import Bench
 from recordings.contents import contents_of
 from recordings.reader import open_recording
 from recordings.samples import Item, Samples

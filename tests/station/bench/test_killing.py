@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceCode
-from drivers.simulators.bench import Bench
+from drivers.simulators.simulated_bench import Bench
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench.bench_clock import BenchClock

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivers.simulators.bench import Bench
+from drivers.simulators.simulated_bench import Bench
 from recordings.contents import contents_of
 from recordings.reader import open_recording
 from recordings.samples import Event, Samples

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.errors import DeviceCode
 from drivers.qualisys import Qualisys
-from drivers.simulators.bench import Bench
+from drivers.simulators.simulated_bench import Bench
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings

@@ -15,9 +15,9 @@ from rich.console import Console
 
 from drivers.errors import DeviceCode, DeviceUnavailable
 from drivers.serial_load_cell import SerialLoadCell
-from drivers.simulators.bench import Bench
+from drivers.simulators.simulated_bench import Bench
 from fitting.trial.mass_checks import read_checks
-from fitting.trial.reader import read_trial
+from fitting.trial.trial_reader import read_trial
 from station.bench.bench_clock import BenchClock
 from station.bench.check import DeviceSurvey, check_device, inspect_bench, survey_devices
 from station.bench.feed import DeviceFailed

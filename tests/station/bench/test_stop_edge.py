@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.simulated_bench import Bench
 from station.bench.bench_clock import BenchClock
 from station.bench.trial_recorder import TrialRecorder
 from station.config import parse_config

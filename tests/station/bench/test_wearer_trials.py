@@ -10,7 +10,7 @@ import pytest
 
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode
-from fitting.trial.reader import read_trial
+from fitting.trial.trial_reader import read_trial
 from recordings.reader import open_recording
 from station.files.replay import replay
 from station.fit import SessionError, fit_session_folder

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from station.charts.marks import (
+    PIECES,
     Band,
     Chart,
     Cloud,
@@ -20,9 +21,10 @@ from station.charts.marks import (
     Rule,
     Strip,
     chart,
+    curve,
+    dots,
     values,
 )
-from station.charts.path import PIECES, curve, dots
 from station.charts.svg import draw
 
 MARKS: tuple[Mark, ...] = (

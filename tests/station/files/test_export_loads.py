@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fitting.trial.reader import read_trial
 from fitting.trial.trial import Trial
+from fitting.trial.trial_reader import read_trial
 from station.files.export_trial import Exported, export_recordings
 from station.files.synchronised import ExportRefused
 from station.messages.file_codes import ExportCode

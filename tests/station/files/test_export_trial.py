@@ -15,8 +15,8 @@ from mcap.reader import make_reader
 from numpy.testing import assert_allclose
 from pyarrow import parquet
 
-from fitting.trial.reader import read_trial
 from fitting.trial.trial import Trial
+from fitting.trial.trial_reader import read_trial
 from recordings.contents import contents_of
 from recordings.manifest import BounceRig
 from station.files.export_trial import export_recordings

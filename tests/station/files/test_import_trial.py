@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
-from fitting.trial.reader import read_trial, read_trials
+from fitting.trial.trial_reader import read_trial, read_trials
 from recordings.contents import contents_of
-from recordings.exchange.c3d_writer import write_c3d
+from recordings.exchange.c3d import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.signal_csv import write_columns
-from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import write_trc
 from recordings.reader import open_recording, read_manifest
 from station.checksums import read_checksums

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import write_trc
 from solver.bundled import bundled_model
 from solver.errors import SolverCode

@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
 from solver.findings import CoverageCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.osim.ik_setup import read_ik_setup
 from solver.osim.model_reader import read_osim
-from station.kinematics.checks import find_in_markers
 from station.kinematics.ik import IkInputs, solve_postures
-from station.kinematics.marker_file import KinematicsError
+from station.kinematics.marker_checks import KinematicsError, find_in_markers
 from station.kinematics.marker_sets import MarkerSetError, place_marker_set, read_marker_set
 from station.kinematics.scale import ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode

@@ -13,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from recordings.exchange.joint_force import read_joint_force
-from recordings.exchange.tables import MarkerTable
+from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.findings import CoverageCode
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
@@ -23,13 +23,13 @@ from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from solver.redundancy.glenoid import force_agreement
 from solver.redundancy.motion_solution import solve_motion
+from station.kinematics.body_document import write_person
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.person import PersonInputs, measure_person
-from station.kinematics.person_file import write_person
 from station.kinematics.person_findings import PersonError
 from station.messages.codes import KinematicsCode
 from station.messages.person_codes import PersonCode
-from station.validation.variants import CUTOFF_HZ, PUBLISHED_VARIANTS
+from station.validation.validation import CUTOFF_HZ, PUBLISHED_VARIANTS
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
 from tests.solver.references import SHARED
 from tests.station.kinematics.test_ik import run as run_verb

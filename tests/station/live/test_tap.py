@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.simulated_bench import Bench
 from recordings.contents import contents_of
 from recordings.samples import Samples, Stream
 from station.bench.bench_clock import BenchClock

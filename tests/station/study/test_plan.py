@@ -9,9 +9,8 @@ import pytest
 
 from station.config import load_config
 from station.messages.study_codes import PlanCode
-from station.study.designs import DesignOutcome, find_designs, session_minutes
+from station.study.designs import DesignOutcome, find_designs, planned_config, session_minutes
 from station.study.plan_file import read_study_plan
-from station.study.plan_output import planned_config
 from tests.station.command import Ran, assert_refused
 
 ROOT = Path(__file__).parents[3]

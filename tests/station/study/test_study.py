@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fitting.study.cuff_study import ComparisonOutcome, StudyOutcome
-from fitting.study.reliability import ReliabilityOutcome
+from fitting.study.cuff_study import ComparisonOutcome, ReliabilityOutcome, StudyOutcome
 from fitting.study.variance_components import ComponentOutcome
 from station.charts.marks import Strip
 from station.checksums import sha256_of
@@ -17,10 +16,9 @@ from station.messages.message import Message
 from station.messages.study_codes import StudyCode
 from station.study.normative_file import NormativePlace, read_normative
 from station.study.sessions import StudyError, read_session, read_sessions
-from station.study.study import make_study
 from station.study.study_document import StudyDocument
-from station.study.study_figures import forest_chart
-from station.study.study_json import read_study, study_document
+from station.study.study_json import make_study, read_study, study_document
+from station.study.study_page import forest_chart
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import CUFF_FACTORS, STIFFNESS, write_sessions
 

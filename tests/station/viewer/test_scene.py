@@ -22,8 +22,7 @@ from station.live.subscription import LiveSubscription
 from station.sources import BUNDLED, named_hashes
 from station.viewer.layout import SceneExtent
 from station.viewer.live_scene import LiveScene, show_live
-from station.viewer.scene import log_scene
-from station.viewer.wearer_scene import emg_rms
+from station.viewer.scene import emg_rms, log_scene
 from tests.station.console.live_source import LiveSource
 from tests.station.foreign import static_and_dynamic
 from tests.station.wearer import SPECS, WearerSession

@@ -1,0 +1,449 @@
+"""Calls to the simulated NI server: sessions, the system and its USB-6008, channels, tasks.
+
+A task lives until it is cleared, also if its client dies. As in ni/grpc-device,
+source/server/session_repository.cpp, a session has no time-out and outlives its connection.
+
+Does not imitate: inputs that are not differential, properties of a channel beyond its limits, range and place;
+waveforms, scalars and raw codes, logging to a file, reference triggers, pausing.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+import grpc
+import numpy as np
+from nidaqmx._stubs import nidaqmx_pb2 as wire
+from nidaqmx._stubs.nidaqmx_pb2_grpc import NiDAQmxServicer
+from nidaqmx.constants import (
+    AcquisitionType,
+    ChannelType,
+    FillMode,
+    TerminalConfiguration,
+    UsageTypeAI,
+    VoltageUnits,
+    _TriggerUsageTypes,
+)
+from nidaqmx.error_codes import DAQmxErrors
+from nidaqmx.utils import unflatten_channel_string
+from session_pb2 import Session
+from session_pb2 import SessionInitializationBehavior as Behavior
+
+from drivers.errors import DeviceError
+from drivers.simulators.acquisition_task import AcquisitionTask
+from drivers.simulators.usb6008 import DIFFERENTIAL_INPUTS, HIGHEST_RATE_HZ, DaqmxError, Usb6008
+
+FROZEN_GLANCE_S = 0.002  # wall
+
+Value = TypeVar("Value")
+Service = TypeVar("Service", bound="DaqService")
+NO_SUCH_TASK = (-200088, "Task specified is invalid or does not exist.")
+# ruff: noqa: N802  (the RPCs are called what NI calls them)
+
+DRIVER_VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # major, minor, update
+# ruff: noqa: N802  (the RPCs are called what NI calls them)
+
+HIGHEST, LOWEST = 0x17DD, 0x17DE  # AI.Max, AI.Min
+# ruff: noqa: N802  (the RPCs are called what NI calls them)
+
+TIMED_OUT = -200284
+EVENT_POLL_S = 0.1
+
+
+def rpc(method: Callable[[Service, Any], Any]) -> Callable[[Service, Any, grpc.ServicerContext], Any]:
+    """Send a DaqmxError as the real server does: status UNKNOWN with the code in the trailing metadata."""
+
+    @functools.wraps(method)
+    def answer(self: Service, request: Any, context: grpc.ServicerContext) -> Any:
+        self.wait_while_frozen(context)
+        try:
+            return method(self, request)
+        except SessionRefused as error:
+            return context.abort(error.status, str(error))
+        except DaqmxError as error:
+            metadata = [("ni-error", str(error.error_code))]
+            if method.__name__.startswith("Read"):
+                metadata.append(("ni-samps-per-chan-read", "0"))
+            context.set_trailing_metadata(tuple(metadata))
+            return context.abort(grpc.StatusCode.UNKNOWN, f"{error}\n\nStatus Code: {error.error_code}")
+
+    return answer
+
+
+class DaqService(NiDAQmxServicer):
+    """Device and sessions, for all RPCs. RPCs that are not imitated answer UNIMPLEMENTED."""
+
+    def __init__(self, device: Usb6008) -> None:
+        self.device = device
+        self.sessions = DaqSessions(device)
+
+    def wait_while_frozen(self, context: grpc.ServicerContext) -> None:
+        """Returns at once unless the server is frozen; a call that its client has cancelled has no effect."""
+        while self.device.world.faults.active("ni", "freeze"):
+            if not context.is_active():
+                context.abort(grpc.StatusCode.CANCELLED, "frozen")
+            time.sleep(FROZEN_GLANCE_S)
+
+    def task_of(self, request: Any) -> AcquisitionTask:
+        return self.sessions.find(request.task.name)
+
+
+def attribute(request: Any, values: dict[int, Value]) -> Value:
+    """Value of an attribute by NI's number (NIDAQmx.h). Raises DaqmxError for one that is not imitated."""
+    if request.attribute_raw not in values:
+        raise DaqmxError(-200452, f"Specified property is not supported: 0x{request.attribute_raw:04X}.")
+    return values[request.attribute_raw]
+
+
+class SessionRefused(DeviceError):
+    """The client expected a session that does not exist, or a new one that exists; not an error of NI-DAQmx."""
+
+    def __init__(self, status: grpc.StatusCode, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class DaqSessions:
+    """The tasks of one server, by the names of their sessions."""
+
+    def __init__(self, device: Usb6008) -> None:
+        self._device = device
+        self._tasks: dict[str, AcquisitionTask] = {}
+        self._unnamed = 0
+
+    def create(self, name: str, behavior: int) -> tuple[AcquisitionTask, bool]:
+        """The task of this name, and whether it is new. An empty name makes a new one. Raises SessionRefused."""
+        if not name:
+            name, self._unnamed = f"_unnamedTask<{self._unnamed}>", self._unnamed + 1
+        task = self._tasks.get(name)
+        if task is not None and behavior == Behavior.SESSION_INITIALIZATION_BEHAVIOR_INITIALIZE_NEW:
+            text = f"Cannot initialize '{name}' when a session already exists."
+            raise SessionRefused(grpc.StatusCode.ALREADY_EXISTS, text)
+        if task is None and behavior == Behavior.SESSION_INITIALIZATION_BEHAVIOR_ATTACH_TO_EXISTING:
+            text = f"Cannot attach to '{name}' because a session has not been initialized."
+            raise SessionRefused(grpc.StatusCode.FAILED_PRECONDITION, text)
+        if task is not None:
+            return task, False
+        self._tasks[name] = task = AcquisitionTask(self._device, name)
+        return task, True
+
+    def find(self, name: str, *, must_live: bool = True) -> AcquisitionTask:
+        """The task of a session. Raises DaqmxError if there is none or, with must_live, if its device was removed."""
+        if name not in self._tasks:
+            raise DaqmxError(*NO_SUCH_TASK)
+        if must_live:
+            self._tasks[name].ensure_alive()
+        return self._tasks[name]
+
+    def holds(self, task: AcquisitionTask) -> bool:
+        """Whether the task has not been cleared."""
+        return self._tasks.get(task.name) is task
+
+    def clear(self, name: str) -> None:
+        """End the task, also if its device is gone. Raises DaqmxError without a task."""
+        task = self._tasks.pop(name, None)
+        if task is None:
+            raise DaqmxError(*NO_SUCH_TASK)
+        task.stop()
+
+    def clear_all(self) -> None:
+        """End every task, and the calls that wait for one."""
+        for name in list(self._tasks):
+            self.clear(name)
+
+
+class DeviceRpcs(DaqService):
+    """System and device; attributes by NI's numbers (NIDAQmx.h)."""
+
+    @rpc
+    def ResetDevice(self, request: Any) -> Any:
+        self._known_device(request)
+        self.device.reset()
+        return wire.ResetDeviceResponse()
+
+    @rpc
+    def GetSystemInfoAttributeUInt32(self, request: Any) -> Any:
+        return wire.GetSystemInfoAttributeUInt32Response(value=attribute(request, DRIVER_VERSION))
+
+    @rpc
+    def GetSystemInfoAttributeString(self, request: Any) -> Any:
+        names = self.device.name if self.device.is_plugged_in else ""
+        return wire.GetSystemInfoAttributeStringResponse(value=attribute(request, {0x193B: names}))
+
+    @rpc
+    def GetDeviceAttributeString(self, request: Any) -> Any:
+        name = self._known_device(request)
+        values = {
+            0x0631: "USB-6008",
+            0x231E: ", ".join(f"{name}/ai{number}" for number in range(DIFFERENTIAL_INPUTS)),
+            0x2A40: f"/{name}/PFI0",
+        }
+        return wire.GetDeviceAttributeStringResponse(value=attribute(request, values))
+
+    @rpc
+    def GetDeviceAttributeUInt32(self, request: Any) -> Any:
+        self._known_device(request)
+        values = {0x0632: self.device.serial_number, 0x231D: 0x717A}
+        return wire.GetDeviceAttributeUInt32Response(value=attribute(request, values))
+
+    @rpc
+    def GetDeviceAttributeInt32(self, request: Any) -> Any:
+        self._known_device(request)
+        values = {0x2986: _TriggerUsageTypes.START.value, 0x2326: 12586, 0x29A9: 14646}  # trigger usage, USB, category
+        return wire.GetDeviceAttributeInt32Response(value_raw=attribute(request, values))
+
+    @rpc
+    def GetDeviceAttributeBool(self, request: Any) -> Any:
+        self._known_device(request)
+        values = {0x2984: False, 0x2985: True, 0x22CA: True}  # analog, digital trigger; is simulated
+        return wire.GetDeviceAttributeBoolResponse(value=attribute(request, values))
+
+    @rpc
+    def GetDeviceAttributeDouble(self, request: Any) -> Any:
+        self._known_device(request)
+        values = {0x298C: HIGHEST_RATE_HZ, 0x298D: HIGHEST_RATE_HZ}  # of one channel, of all together
+        return wire.GetDeviceAttributeDoubleResponse(value=attribute(request, values))
+
+    @rpc
+    def GetErrorString(self, request: Any) -> Any:
+        try:
+            text = DAQmxErrors(request.error_code).name.replace("_", " ").capitalize()
+        except ValueError:
+            text = ""
+        return wire.GetErrorStringResponse(error_string=text)
+
+    def _known_device(self, request: Any) -> str:
+        self.device.ensure_known(request.device_name)
+        return self.device.name
+
+
+class ChannelRpcs(DaqService):
+    """Voltage inputs; attributes by NI's numbers (NIDAQmx.h)."""
+
+    @rpc
+    def CreateAIVoltageChan(self, request: Any) -> Any:
+        if request.terminal_config_raw not in (TerminalConfiguration.DIFF.value, TerminalConfiguration.DEFAULT.value):
+            raise DaqmxError(
+                -200077,
+                "Requested value is not a supported value for this property.\n\n"
+                f"Property: AI.TermCfg\nRequested Value: {request.terminal_config_raw}",
+            )
+        task = self.task_of(request)
+        for channel in unflatten_channel_string(request.physical_channel):
+            task.inputs.append(self.device.input(channel, request.min_val, request.max_val))
+        return wire.CreateAIVoltageChanResponse()
+
+    @rpc
+    def GetChanAttributeInt32(self, request: Any) -> Any:
+        values = {
+            0x187F: ChannelType.ANALOG_INPUT.value,
+            0x0695: UsageTypeAI.VOLTAGE.value,
+            0x1097: TerminalConfiguration.DIFF.value,
+            0x1094: VoltageUnits.VOLTS.value,
+        }
+        _named(self.task_of(request), request.channel)
+        return wire.GetChanAttributeInt32Response(value_raw=attribute(request, values))
+
+    @rpc
+    def GetChanAttributeString(self, request: Any) -> Any:
+        task = self.task_of(request)
+        names = ", ".join(task.inputs[number].name for number in _named(task, request.channel))
+        return wire.GetChanAttributeStringResponse(value=attribute(request, {0x18F5: names}))
+
+    @rpc
+    def GetChanAttributeDouble(self, request: Any) -> Any:
+        task = self.task_of(request)
+        channel = task.inputs[_named(task, request.channel)[0]]
+        values = {
+            HIGHEST: channel.highest_v,
+            LOWEST: channel.lowest_v,
+            0x1815: channel.range_v,
+            0x1816: -channel.range_v,
+        }
+        return wire.GetChanAttributeDoubleResponse(value=attribute(request, values))
+
+    @rpc
+    def SetChanAttributeDouble(self, request: Any) -> Any:
+        task = self.task_of(request)
+        attribute(request, {HIGHEST: None, LOWEST: None})
+        for number in _named(task, request.channel):
+            channel = task.inputs[number]
+            is_highest = request.attribute_raw == HIGHEST
+            lowest_v = channel.lowest_v if is_highest else request.value
+            task.inputs[number] = channel.spanning(lowest_v, request.value if is_highest else channel.highest_v)
+        return wire.SetChanAttributeDoubleResponse()
+
+
+def _named(task: AcquisitionTask, channels: str) -> list[int]:
+    """Places of these channels in the task, all for an empty name. Raises DaqmxError for one that is not in it."""
+    if not channels:
+        return list(range(len(task.inputs)))
+    places = {channel.name.lower(): number for number, channel in enumerate(task.inputs)}
+    wanted = [name.lower() for name in unflatten_channel_string(channels)]
+    if unknown := [name for name in wanted if name not in places]:
+        raise DaqmxError(-200486, f"Specified channel is not in the task.\n\nChannel Name: {', '.join(unknown)}")
+    return [places[name] for name in wanted]
+
+
+class TaskRpcs(DaqService):
+    """Tasks; attributes by NI's numbers (NIDAQmx.h)."""
+
+    @rpc
+    def CreateTask(self, request: Any) -> Any:
+        task, is_new = self.sessions.create(request.session_name, request.initialization_behavior)
+        return wire.CreateTaskResponse(task=Session(name=task.name), new_session_initialized=is_new)
+
+    @rpc
+    def CfgSampClkTiming(self, request: Any) -> Any:
+        modes = (AcquisitionType.CONTINUOUS.value, AcquisitionType.FINITE.value)
+        if request.sample_mode_raw not in modes:
+            raise DaqmxError(-200077, "The device has no hardware-timed single point.\n\nProperty: SampQuant.SampMode")
+        is_finite = request.sample_mode_raw == AcquisitionType.FINITE.value
+        self.task_of(request).set_clock(request.rate, request.samps_per_chan, is_finite=is_finite)
+        return wire.CfgSampClkTimingResponse()
+
+    @rpc
+    def CfgDigEdgeStartTrig(self, request: Any) -> Any:
+        source = request.trigger_source.strip("/").lower()
+        if source not in ("pfi0", f"{self.device.name}/pfi0".lower()):
+            raise DaqmxError(-200265, f"Invalid terminal: the only trigger is PFI0, found {request.trigger_source}.")
+        self.task_of(request).waits_for_trigger = True
+        return wire.CfgDigEdgeStartTrigResponse()
+
+    @rpc
+    def DisableStartTrig(self, request: Any) -> Any:
+        self.task_of(request).waits_for_trigger = False
+        return wire.DisableStartTrigResponse()
+
+    @rpc
+    def StartTask(self, request: Any) -> Any:
+        self.task_of(request).start()
+        return wire.StartTaskResponse()
+
+    @rpc
+    def StopTask(self, request: Any) -> Any:
+        self.task_of(request).stop()
+        return wire.StopTaskResponse()
+
+    @rpc
+    def ClearTask(self, request: Any) -> Any:
+        self.sessions.clear(request.task.name)
+        return wire.ClearTaskResponse()
+
+    @rpc
+    def IsTaskDone(self, request: Any) -> Any:
+        return wire.IsTaskDoneResponse(is_task_done=self.task_of(request).is_done)
+
+    @rpc
+    def WaitUntilTaskDone(self, request: Any) -> Any:
+        task = self.task_of(request)
+        if task.mode == "finite":
+            task.wait_until_acquired(task.length, request.time_to_wait)
+        if not task.is_done:
+            raise DaqmxError(-200560, "Wait Until Done did not indicate that the task was done within the timeout.")
+        return wire.WaitUntilTaskDoneResponse()
+
+    # --- Samples
+
+    @rpc
+    def ReadAnalogF64(self, request: Any) -> Any:
+        task = self.task_of(request)
+        count = request.num_samps_per_chan
+        timeout_s = request.timeout
+        if count < 0:
+            count, timeout_s = task.default_read_count(), timeout_s if task.mode == "finite" else 0.0
+        volts = task.read(count, timeout_s)
+        got = volts.shape[1]
+        # An incomplete read is not a transport error: the samples are at the start of each channel's block.
+        values = np.zeros((len(task.inputs), count))
+        values[:, :got] = volts
+        if request.fill_mode_raw == FillMode.GROUP_BY_SCAN_NUMBER.value:
+            values = values.T
+        return wire.ReadAnalogF64Response(
+            status=0 if got == count else TIMED_OUT, read_array=values.ravel(), samps_per_chan_read=got
+        )
+
+    def RegisterEveryNSamplesEvent(self, request: Any, context: Any) -> Iterator[Any]:
+        task = self.sessions.find(request.task.name)
+        context.send_initial_metadata(())  # the client waits for it
+        due = request.n_samples
+        while context.is_active() and self.sessions.holds(task):
+            try:
+                has_come = task.wait_until_acquired(due, EVENT_POLL_S)
+            except DaqmxError:  # the device is gone; the client's next call returns the error
+                return
+            if not has_come:
+                time.sleep(EVENT_POLL_S / 10)  # it may not have been started yet
+            else:
+                due += request.n_samples
+                yield wire.RegisterEveryNSamplesEventResponse(
+                    every_n_samples_event_type_raw=request.every_n_samples_event_type_raw, n_samples=request.n_samples
+                )
+
+    @rpc
+    def UnregisterEveryNSamplesEvent(self, request: Any) -> Any:
+        self.task_of(request)  # the client ends the stream itself
+        return wire.UnregisterEveryNSamplesEventResponse()
+
+    # --- Attributes, by NI's numbers (NIDAQmx.h)
+
+    @rpc
+    def GetTaskAttributeString(self, request: Any) -> Any:
+        task = self.sessions.find(request.task.name, must_live=False)  # the name does not depend on the device
+        names = ", ".join(channel.name for channel in task.inputs)
+        value = attribute(request, {0x1276: task.name, 0x1273: names})
+        return wire.GetTaskAttributeStringResponse(value=value)
+
+    @rpc
+    def GetReadAttributeUInt32(self, request: Any) -> Any:
+        task = self.task_of(request)
+        questions: dict[int, Callable[[], int]] = {
+            0x217B: lambda: len(task.inputs),
+            0x1223: task.available,
+            0x31E8: task.default_read_count,
+        }
+        return wire.GetReadAttributeUInt32Response(value=attribute(request, questions)())
+
+    @rpc
+    def GetReadAttributeUInt64(self, request: Any) -> Any:
+        task = self.task_of(request)
+        values = {0x1221: task.position, 0x192A: task.acquired()}  # current read position, total acquired
+        return wire.GetReadAttributeUInt64Response(value=attribute(request, values))
+
+    @rpc
+    def GetReadAttributeString(self, request: Any) -> Any:
+        names = ", ".join(channel.name for channel in self.task_of(request).inputs)
+        return wire.GetReadAttributeStringResponse(value=attribute(request, {0x1823: names}))
+
+    @rpc
+    def GetTimingAttributeInt32(self, request: Any) -> Any:
+        is_finite = self.task_of(request).mode == "finite"
+        mode = AcquisitionType.FINITE if is_finite else AcquisitionType.CONTINUOUS
+        return wire.GetTimingAttributeInt32Response(value_raw=attribute(request, {0x1300: mode.value}))
+
+    @rpc
+    def GetTimingAttributeUInt64(self, request: Any) -> Any:
+        task = self.task_of(request)
+        return wire.GetTimingAttributeUInt64Response(
+            value=attribute(request, {0x1310: task.length or task.buffer_size})
+        )
+
+    @rpc
+    def GetTimingAttributeDouble(self, request: Any) -> Any:
+        return wire.GetTimingAttributeDoubleResponse(value=attribute(request, {0x1344: self.task_of(request).rate_hz}))
+
+    @rpc
+    def GetBufferAttributeUInt32(self, request: Any) -> Any:
+        return wire.GetBufferAttributeUInt32Response(
+            value=attribute(request, {0x186C: self.task_of(request).buffer_size})
+        )
+
+    @rpc
+    def SetBufferAttributeUInt32(self, request: Any) -> Any:
+        task = self.task_of(request)
+        attribute(request, {0x186C: None})
+        task.buffer_size = request.value
+        return wire.SetBufferAttributeUInt32Response()

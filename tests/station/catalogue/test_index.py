@@ -1,0 +1,297 @@
+""""""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+import duckdb
+import pytest
+
+from station.catalogue.index import CATALOGUE_FILE, update_catalogue
+from station.catalogue.participants import CatalogueError, read_participants, write_participants
+from station.catalogue.query import SessionFilter, known_participants, list_cuffs, run_sql
+from station.journal import Recorded, Setup, write_recorded, write_setup
+from station.journal_lines import JOURNAL_FILE
+from station.messages.study_codes import CatalogueCode
+from station.session.listing import list_sessions
+from tests.station.command import Ran, assert_refused
+from tests.station.study.synthetic_sessions import write_sessions
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four volunteers, one operator, two cuffs, two donnings, and the catalogue."""
+    folder = tmp_path_factory.mktemp("catalogue")
+    write_sessions(folder, 4, operators=1)
+    update_catalogue(folder, folder / CATALOGUE_FILE)
+    return folder
+
+
+@pytest.fixture
+def folder(original: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(original, tmp_path / "sessions"))
+
+
+def test_the_values_are_those_of_the_files(original: Path) -> None:
+    rows = list_cuffs(original / CATALOGUE_FILE, SessionFilter(subject="P02", cuff="hand"))
+    document = json.loads((original / "sub-P02_ses-1" / "cuffs.json").read_text(encoding="utf-8"))
+    donnings = document["cuffs"]["hand"]["donnings"]
+    assert rows["stiffness_n_per_m"].tolist() == [one["stiffness_n_per_m"]["value"] for one in donnings.values()]
+    trials = run_sql(original / CATALOGUE_FILE, "SELECT count(*) AS n FROM trials WHERE test = 'static'")
+    assert trials["n"].tolist() == [4 * 2 * 2 * 2]  # sessions, cuffs, donnings, repeats
+
+
+def test_only_what_changed_is_read_again_and_what_is_gone_is_removed(folder: Path) -> None:
+    path = folder / CATALOGUE_FILE
+    assert update_catalogue(folder, path).read == 0
+    shutil.rmtree(folder / "sub-P01_ses-1")
+    changed = folder / "sub-P02_ses-1" / "cuffs.json"
+    changed.write_text(changed.read_text(encoding="utf-8").replace('"hand"', '"glove"'), encoding="utf-8")
+    indexed = update_catalogue(folder, path)
+    assert (indexed.sessions, indexed.read, indexed.removed) == (3, 1, 1)
+    assert set(list_cuffs(path, SessionFilter(subject="P02"))["cuff"]) == {"glove", "tube"}
+    assert set(list_cuffs(path, SessionFilter())["subject"]) == {"P02", "P03", "P04"}
+
+
+def test_a_catalogue_that_was_deleted_is_built_anew_with_the_same_rows(folder: Path) -> None:
+    path = folder / CATALOGUE_FILE
+    before = list_cuffs(path, SessionFilter())
+    path.unlink()
+    assert update_catalogue(folder, path).read == 4
+    assert list_cuffs(path, SessionFilter()).equals(before)
+
+
+def test_filters_combine(original: Path) -> None:
+    path = original / CATALOGUE_FILE
+    assert len(list_cuffs(path, SessionFilter(operator="A0", cuff="tube", origin="measured"))) == 8
+    assert list_cuffs(path, SessionFilter(before=datetime.fromisoformat("2000-01-01"))).empty
+    assert len(list_cuffs(path, SessionFilter(since=datetime.fromisoformat("2000-01-01")))) == 16
+
+
+def test_a_damaged_session_is_listed_with_the_reason_and_read_again_once_it_is_repaired(folder: Path) -> None:
+    path, cuffs = folder / CATALOGUE_FILE, folder / "sub-P03_ses-1" / "cuffs.json"
+    sound = cuffs.read_bytes()
+    cuffs.write_text("{", encoding="utf-8")
+    assert list(update_catalogue(folder, path).unreadable) == ["sub-P03_ses-1"]
+    cuffs.write_bytes(sound)
+    assert update_catalogue(folder, path).unreadable == {}
+
+
+def test_participants_go_in_and_out(folder: Path, tmp_path: Path) -> None:
+    (folder / "participants.tsv").write_text("participant_id\tage\tsex\nsub-P01\t31\tn/a\nsub-P09\t44\tf\n")
+    path = folder / CATALOGUE_FILE
+    update_catalogue(folder, path)
+    joined = run_sql(
+        path, "SELECT subject, age, sex FROM sessions JOIN participants ON participant_id = 'sub-' || subject"
+    )
+    assert joined.values.tolist() == [["P01", "31", None]]
+    write_participants(tmp_path / "out.tsv", *known_participants(path))
+    written = read_participants(tmp_path / "out.tsv")
+    assert list(written) == ["sub-P01", "sub-P02", "sub-P03", "sub-P04", "sub-P09"]
+    assert written["sub-P09"] == {"participant_id": "sub-P09", "age": "44", "sex": "f"}
+    assert written["sub-P02"]["age"] is None
+
+
+@pytest.mark.parametrize("text", ["", "subject\tage\n", "participant_id\tage\tage\n", "participant_id\tage\nsub-1\n"])
+def test_another_table_is_no_participants_tsv(text: str, tmp_path: Path) -> None:
+    (tmp_path / "participants.tsv").write_text(text, encoding="utf-8")
+    with pytest.raises(CatalogueError) as refused:
+        update_catalogue(tmp_path, tmp_path / "out" / CATALOGUE_FILE)
+    assert refused.value.code == CatalogueCode.WRONG_PARTICIPANTS
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "",
+        ";",
+        "-- nothing",
+        "DELETE FROM sessions",
+        "SELECT 1; DELETE FROM sessions",
+        "CALL enable_logging(storage='file')",
+        "SELECT * FROM enable_logging()",
+        "COPY sessions TO 'sessions.csv'",
+        "ATTACH 'other.duckdb'",
+        "INSTALL json",
+        "LOAD json",
+        "SET threads = 1",
+        "PRAGMA version",
+        "CHECKPOINT",
+        "EXPORT DATABASE 'exported'",
+        "CREATE TEMP TABLE t AS SELECT 1",
+        "SELECT * FROM read_csv('/etc/hosts')",
+    ],
+)
+def test_sql_other_than_one_query_is_refused(sql: str, original: Path) -> None:
+    with pytest.raises(CatalogueError) as refused:
+        run_sql(original / CATALOGUE_FILE, sql)
+    assert refused.value.code == CatalogueCode.NO_QUERY
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "SELEC",
+        "SELECT nothing FROM sessions",
+        "SELECT * FROM '/etc/hosts'",
+        "SELECT * FROM original",
+        "SELECT DATE 'infinity'",
+        "WITH gone AS (DELETE FROM sessions RETURNING *) SELECT * FROM gone",
+    ],
+)
+def test_a_query_that_fails_is_refused(sql: str, original: Path) -> None:
+    with pytest.raises(CatalogueError) as refused:
+        run_sql(original / CATALOGUE_FILE, sql)
+    assert refused.value.code == CatalogueCode.WRONG_SQL
+
+
+def test_values_that_json_does_not_have_are_printed_as_text(folder: Path, station: Callable[..., Ran]) -> None:
+    identity = "12345678-1234-1234-1234-123456789012"
+    ran = station(
+        "catalogue", folder, "--sql", f"SELECT UUID '{identity}' AS id, '\\xFF'::BLOB AS b", "--format", "json"
+    )
+    assert json.loads(ran.out)[0]["id"] == identity
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("repeat", 2**62),
+        ("lost_samples", 2**63),
+        ("at", "0001-01-01T00:00:00+00:00"),
+        ("at", "9999-12-31T23:59:59-12:00"),
+    ],
+)
+def test_a_session_with_an_absurd_value_is_listed_with_the_reason_and_hides_no_other(
+    folder: Path, key: str, value: object
+) -> None:
+    strange = folder / "strange"
+    write_setup(strange, Setup("P09", "ab", ("hand",), 1))
+    write_recorded(strange, Recorded("a.mcap", "hand", "static", 1, "1", True, 0, ""))
+    lines = [json.loads(line) | {key: value} for line in (strange / JOURNAL_FILE).read_text().splitlines()]
+    (strange / JOURNAL_FILE).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    indexed = update_catalogue(folder, folder / CATALOGUE_FILE)
+    assert list(indexed.unreadable) == ["strange"] and str(value) in indexed.unreadable["strange"]
+    assert len(run_sql(folder / CATALOGUE_FILE, "SELECT session FROM sessions")) == 5
+    list_sessions(folder)
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+def test_participants_have_any_line_ends(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "participants.tsv"
+    path.write_bytes(f"participant_id\tage{end}sub-P01\t30{end}".encode())
+    assert read_participants(path) == {"sub-P01": {"participant_id": "sub-P01", "age": "30"}}
+
+
+@pytest.mark.parametrize("row", ["sub-P01\t3\r0", "sub-P01\t\0", f"sub-P01\t{'9' * 200_000}"])
+def test_participants_that_are_no_table_are_refused(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "participants.tsv"
+    path.write_text(f"participant_id\tage\n{row}\n", newline="")
+    with pytest.raises(CatalogueError) as refused:
+        read_participants(path)
+    assert refused.value.code == CatalogueCode.WRONG_PARTICIPANTS
+
+
+def test_an_interrupted_first_build_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = folder / CATALOGUE_FILE
+    path.unlink()
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr("station.catalogue.index.read_rows", interrupt)
+        update_catalogue(folder, path)
+    assert not path.exists()
+    assert update_catalogue(folder, path).read == 4
+
+
+def created(path: Path) -> None:
+    duckdb.connect(str(path)).close()
+
+
+def cut(path: Path) -> None:
+    created(path)
+    path.write_bytes(path.read_bytes()[:5000])
+
+
+def damaged(path: Path) -> None:
+    created(path)
+    path.write_bytes(path.read_bytes()[:64] + bytes(20_000))
+
+
+@pytest.mark.parametrize("leave", [Path.touch, created, cut, damaged, lambda path: path.write_bytes(bytes(4096))])
+def test_what_an_older_station_left_of_an_interrupted_build_is_built_anew(
+    folder: Path, leave: Callable[[Path], object]
+) -> None:
+    path = folder / "new.duckdb"
+    leave(path)
+    assert update_catalogue(folder, path, is_rebuilt=leave is damaged).read == 4
+
+
+def test_another_database_is_not_overwritten(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.duckdb"
+    with duckdb.connect(str(other)) as connection:
+        connection.execute("CREATE TABLE own (x INTEGER)")
+    with pytest.raises(CatalogueError) as refused:
+        update_catalogue(folder, other)
+    assert refused.value.code == CatalogueCode.OTHER_DATABASE
+    text = tmp_path / "notes.txt"
+    text.write_text("mine", encoding="utf-8")
+    with pytest.raises(CatalogueError) as refused:
+        update_catalogue(folder, text, is_rebuilt=True)
+    assert refused.value.code == CatalogueCode.OTHER_DATABASE
+    assert text.read_text(encoding="utf-8") == "mine"
+
+
+def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Callable[..., Ran]) -> None:
+    ran = station("catalogue", folder, "--cuff", "hand", "--subject", "P01", "--format", "json")
+    assert ran.code == 0, ran.err
+    assert [row["donning"] for row in json.loads(ran.out)] == ["1", "2"]
+    listed = station("catalogue", folder, "--sql", "SELECT count(*) AS sessions FROM sessions")
+    assert listed.out.split() == ["sessions", "4"]
+    assert_refused(station("catalogue", folder / "missing"), 1, CatalogueCode.NOT_A_FOLDER)
+
+
+def test_the_table_has_a_dash_for_what_is_not_known_and_no_frame_of_pandas_without_rows(
+    folder: Path, station: Callable[..., Ran]
+) -> None:
+    unknown = "SELECT NULL AS subject, CAST(NULL AS DOUBLE) AS stiffness, CAST(NULL AS TIMESTAMP) AS begun"
+    assert station("catalogue", folder, "--sql", unknown).out.split()[3:] == ["-", "-", "-"]
+    empty = station("catalogue", folder, "--cuff", "none")
+    assert (empty.code, empty.out) == (0, "")
+
+
+@pytest.mark.parametrize("before", ["2020-01-01", "2027-01-01"])
+def test_days_between_which_there_is_none_are_wrong_usage(
+    folder: Path, station: Callable[..., Ran], before: str
+) -> None:
+    output = folder / "none.duckdb"
+    assert station("catalogue", folder, "--since", "2027-01-01", "--before", before, "--output", output).code == 2
+    assert not output.exists()
+
+
+def test_a_catalogue_that_cannot_be_created_is_not_said_to_be_in_use_or_damaged(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def connect(path: str) -> None:
+        raise duckdb.IOException(f'IO Error: Cannot open file "{path}": Permission denied')
+
+    monkeypatch.setattr(duckdb, "connect", connect)
+    with pytest.raises(CatalogueError) as refused:
+        update_catalogue(folder, folder / "new.duckdb")
+    assert refused.value.code == CatalogueCode.NOT_CREATED
+
+
+def test_the_session_of_the_folder_itself_and_a_renamed_one_are_found(folder: Path) -> None:
+    (folder / "sub-P04_ses-1").rename(folder / "renamed")
+    path = folder / CATALOGUE_FILE
+    indexed = update_catalogue(folder, path)
+    assert (indexed.read, indexed.removed) == (1, 1)
+    assert update_catalogue(folder / "renamed", folder / "own.duckdb").sessions == 1
+    assert set(run_sql(folder / "own.duckdb", "SELECT session FROM sessions")["session"]) == {"."}
