@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +21,11 @@ from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import BUNDLED_SUIT, Suit
 from station.assessment.assessment_inputs import AssessmentInputs
-from station.assessment.case import AssessedCase
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 from station.sources import BUNDLED, kinematics_of
+
+if TYPE_CHECKING:
+    from station.assessment.case import AssessedCase  # the compiler behind it takes long to import
 
 STUDY_REST_LENGTH, STUDY_EFFORT = 0.74, 0.79
 """Best rest length [m] and effort there, relative to a slack cord, with rigid cuffs."""

@@ -24,7 +24,7 @@ COMMANDS: dict[str, set[str]] = {
     "info TRIAL": READING,
     "recover TRIAL": READING,
     "export TRIAL --to csv --output EXPORTED": READING | {"tomllib"},
-    "verify FOLDER": READING | {"tomllib"},
+    "verify FOLDER": READING | {"tomllib", "jinja2"},  # it renders the report again
 }
 """Command → which of HEAVY it may import. They run in one process, in this order."""
 
