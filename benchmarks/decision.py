@@ -29,13 +29,18 @@ from solver.suit.suit import read_suit
 from solver.uncertainty.factors import normal_scores, random_factors, scores_by_factor, unit_sample
 from solver.uncertainty.sources import DonningSpread, UncertaintySources
 from solver.uncertainty.varied_model import NEXT_DONNING, varied_model, varied_options, varied_suit
-from solver.uncertainty.varied_motion import prepare_motion_draws, varied_motion
+from solver.uncertainty.varied_motion import MotionDraws, varied_motion
 
 Array = NDArray[np.float64]
+Limits = tuple[tuple[float, float], tuple[float, float]]
 
-STIFFNESS, MIGRATION = (1200.0, 16000.0), (0.0, 0.045)  # N/m and m, of the grid
-TRUE_STIFFNESS, TRUE_MIGRATION = (2000.0, 9000.0), (0.005, 0.025)  # of plausible cuffs: the published four are inside
-NODES = 7, 10
+STIFFNESS, MIGRATION = (600.0, 20000.0), (0.0, 0.065)  # N/m and m, of the grid
+RANGES = {
+    "about the published cuffs": ((2000.0, 9000.0), (0.005, 0.025)),
+    "wide": ((1500.0, 12000.0), (0.002, 0.040)),
+}
+"""Stiffness [N/m] and migration [m] of true cuffs, uniform in their logarithms."""
+NODES = 8, 12
 FRAMES = 20
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 
@@ -58,22 +63,25 @@ def main() -> None:
     chosen = arguments.parse_args()
     efforts = solved_efforts(2 * chosen.wearers)
     known, new = efforts[: chosen.wearers], efforts[chosen.wearers :]
-    for factor in (NEXT_DONNING, 1.0):
-        generator = np.random.default_rng(1)
-        labs = [simulate(known, new, chosen.people, float(factor), generator) for _ in range(chosen.labs)]
-        print(f"\nspread of the next donning: {factor:.3g} times that between donnings; {chosen.labs} labs")
-        print_decisions(labs)
-        print_probabilities(labs)
+    for name, limits in RANGES.items():
+        for factor in (float(NEXT_DONNING), 1.0):
+            generator = np.random.default_rng(1)
+            labs = [simulate(known, new, chosen.people, factor, limits, generator) for _ in range(chosen.labs)]
+            print(f"\n{name}, next donning with {factor:.3g} times the spread; {chosen.labs} labs")
+            print_decisions(labs)
+            print_probabilities(labs)
 
 
-def simulate(known: Surfaces, new: Surfaces, people: int, factor: float, generator: np.random.Generator) -> Lab:
+def simulate(
+    known: Surfaces, new: Surfaces, people: int, factor: float, limits: Limits, generator: np.random.Generator
+) -> Lab:
     """One lab and its next wearer. Both cuffs are measured in one donning."""
     spread = DonningSpread()
     spreads = np.array([spread.stiffness, spread.migration])
     true = np.column_stack(
         [
-            np.exp(generator.uniform(*np.log(TRUE_STIFFNESS), 2)),
-            np.exp(generator.uniform(*np.log(TRUE_MIGRATION), 2)),
+            np.exp(generator.uniform(*np.log(limits[0]), 2)),
+            np.exp(generator.uniform(*np.log(limits[1]), 2)),
         ]
     )
     measured = true * np.exp(spreads * generator.standard_normal((2, 2)))
@@ -117,7 +125,7 @@ def solved_efforts(wearers: int) -> Surfaces:
     motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
     sources = replace(UncertaintySources(), donning=DonningSpread(0.0, 0.0, 0.0))
     factors = random_factors(sources, model, ())
-    draws = prepare_motion_draws(model, motion.kinematics, ())
+    draws = MotionDraws(model, (motion.kinematics,))
     stiffness = np.geomspace(*STIFFNESS, NODES[0])
     migration = np.linspace(*MIGRATION, NODES[1])
     waist = CuffParameters("waist", "waist", 2140.0, 124.0, 0.0121)

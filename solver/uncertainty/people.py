@@ -34,7 +34,7 @@ from solver.suit.suit import Suit
 from solver.uncertainty.factors import RandomFactor, Scores, columns_of, random_factors, scores_by_factor
 from solver.uncertainty.sources import UncertaintySources
 from solver.uncertainty.varied_model import MODEL_FACTORS, varied_cuff, varied_model, varied_options, varied_suit
-from solver.uncertainty.varied_motion import MOTION_FACTORS, MotionDraws, prepare_motion_draws, varied_motion
+from solver.uncertainty.varied_motion import MOTION_FACTORS, MotionDraws, varied_motion
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class PeopleCase:
 
     @cached_property
     def motion_draws(self) -> MotionDraws:
-        return prepare_motion_draws(self.motion.model, self.motion.kinematics, self.drawn)
+        return MotionDraws(self.motion.model, (self.motion.kinematics, *self.drawn))
 
     @cached_property
     def longest_cord(self) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -27,24 +27,25 @@ class MotionDraws:
     """What the drawn motions of a model have in common.
 
     motions      the assessed one, then those drawn from the uncertainty of its markers, if any
-    compatible   of each motion (frames, coordinates, coordinates): small displacements → those nearest to them that
-                 keep the model's constraints, to first order
-    is_angle     (coordinates,)
     """
 
+    model: Model
     motions: tuple[Kinematics, ...]
-    compatible: tuple[Array, ...]
-    is_angle: NDArray[np.bool_]
 
+    @cached_property
+    def is_angle(self) -> NDArray[np.bool_]:
+        """(coordinates,)"""
+        return np.array([coordinate.motion == "rotation" for coordinate in self.model.coordinates])
 
-def prepare_motion_draws(model: Model, assessed: Kinematics, drawn: Sequence[Kinematics]) -> MotionDraws:
-    """Linearise the constraints along every motion."""
-    motions = (assessed, *drawn)
-    return MotionDraws(
-        motions=motions,
-        compatible=tuple(_compatible(model, motion) for motion in motions),
-        is_angle=np.array([coordinate.motion == "rotation" for coordinate in model.coordinates]),
-    )
+    @cached_property
+    def _of_assessed(self) -> Array:
+        return _compatible(self.model, self.motions[0])
+
+    def compatible(self, chosen: int) -> Array:
+        """(frames, coordinates, coordinates) of a motion: small displacements → those nearest to them that keep the
+        model's constraints, to first order. That of the assessed motion is kept, which people share without drawn ones.
+        """
+        return self._of_assessed if chosen == 0 else _compatible(self.model, self.motions[chosen])
 
 
 def varied_motion(draws: MotionDraws, spread: MotionSpread, scores: Scores) -> Kinematics:
@@ -68,7 +69,7 @@ def varied_motion(draws: MotionDraws, spread: MotionSpread, scores: Scores) -> K
     if "amplitude" in scores:
         displaced += spread.amplitude * scores["amplitude"] * (motion.positions - motion.positions[0])
     if displaced.any():
-        positions = motion.positions + np.einsum("fij,fj->fi", draws.compatible[chosen], displaced)
+        positions = motion.positions + np.einsum("fij,fj->fi", draws.compatible(chosen), displaced)
         speeds = np.gradient(positions, motion.interval, axis=0)
         accelerations = np.gradient(speeds, motion.interval, axis=0)
         motion = replace(motion, positions=positions, speeds=speeds, accelerations=accelerations)

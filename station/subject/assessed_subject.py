@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 
 ASSESSED: tuple[TrialCondition, ...] = ("unsuited", "slack", "tight")
 """The motion to assess is that of the first of these conditions that was recorded: the suit changes it least."""
-DRAWS = 12
-"""Motions drawn from the uncertainty of body and markers."""
+DRAWS = 100
+"""Motions drawn from the uncertainty of body and markers: about one for every drawn person of the default."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from solver.uncertainty.factors import columns_of, normal_scores, unit_sample
 from solver.uncertainty.people import PeopleCase, solve_people
 from solver.uncertainty.sources import BodySpread, DonningSpread, MuscleSpread, UncertaintySources
 from solver.uncertainty.varied_model import covariance_root, varied_cuff, varied_model, varied_suit
-from solver.uncertainty.varied_motion import prepare_motion_draws, varied_motion
+from solver.uncertainty.varied_motion import MotionDraws, varied_motion
 
 MODEL = bundled_model()
 MOTION = differentiate(simulate_arm_raise(MODEL))
@@ -163,7 +163,7 @@ def test_muscle_parameters_have_their_own_factor_and_the_common_strength():
 
 def test_an_error_of_posture_keeps_the_joints_together_and_has_its_size():
     generator = np.random.default_rng(5)
-    draws = prepare_motion_draws(MODEL, MOTION, ())
+    draws = MotionDraws(MODEL, (MOTION,))
     scores = {"posture": generator.standard_normal(17), "noise": np.ones(1)}
     found = varied_motion(draws, CASE.sources.motion, scores)
     gaps = [
@@ -178,7 +178,7 @@ def test_an_error_of_posture_keeps_the_joints_together_and_has_its_size():
 
 
 def test_a_slower_cycle_has_lower_speeds_and_accelerations():
-    found = varied_motion(prepare_motion_draws(MODEL, MOTION, ()), CASE.sources.motion, {"duration": np.ones(1)})
+    found = varied_motion(MotionDraws(MODEL, (MOTION,)), CASE.sources.motion, {"duration": np.ones(1)})
     np.testing.assert_allclose(found.speeds, MOTION.speeds / np.exp(0.1))
     np.testing.assert_allclose(found.accelerations, MOTION.accelerations / np.exp(0.2))
     assert found.time[-1] == pytest.approx(MOTION.time[-1] * np.exp(0.1))
@@ -186,6 +186,6 @@ def test_a_slower_cycle_has_lower_speeds_and_accelerations():
 
 def test_a_score_chooses_among_the_drawn_motions():
     other = replace(MOTION, positions=MOTION.positions + 0.01)
-    draws = prepare_motion_draws(MODEL, MOTION, (MOTION, other))
+    draws = MotionDraws(MODEL, (MOTION, MOTION, other))
     assert varied_motion(draws, CASE.sources.motion, {"drawn_motion": np.array([-1.0])}) is MOTION
     assert varied_motion(draws, CASE.sources.motion, {"drawn_motion": np.array([6.0])}) is other
