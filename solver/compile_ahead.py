@@ -89,15 +89,16 @@ def _compile_paths() -> None:
     import numpy as np
 
     from solver.bundled import bundled_model
+    from solver.multibody.body_tables import POSE
     from solver.wrapping.opensim_path import allocate_wrap
-    from solver.wrapping.path_tables import BODY, CHANGE, allocate_results, pack_paths
+    from solver.wrapping.path_tables import CHANGE, allocate_results, pack_paths
     from solver.wrapping.wrapped_paths import evaluate_wrapped_paths
 
     model = bundled_model()
     tables = pack_paths(model, tuple(muscle.path for muscle in model.muscles))
-    no_body, no_change, no_rate = np.empty((0, 0), BODY), np.empty((0, 0), CHANGE), np.empty((0, 0))
+    no_pose, no_change, no_rate = np.empty((0, 0), POSE), np.empty((0, 0), CHANGE), np.empty((0, 0))
     results = allocate_results(tables, frames=0, coordinates=0)
-    evaluate_wrapped_paths(tables, no_body, no_change, no_rate, allocate_wrap(tables), results)
+    evaluate_wrapped_paths(tables, no_pose, no_change, no_rate, allocate_wrap(tables), results)
 
 
 def _compile_dynamics() -> None:

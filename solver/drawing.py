@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solver.model import GROUND, Model, Path, PathPoint, PointConstraint, WrapSurface
 from solver.multibody.postures import Postures, points_in_ground
-from solver.wrapping.path_tables import NO_SURFACE, pack_bodies, pack_paths
+from solver.wrapping.path_tables import NO_SURFACE, pack_paths
 
 Array = NDArray[np.float64]
 BoneKind = Literal["shaft", "plate", "cage"]
@@ -130,7 +130,7 @@ def path_lines(model: Model, postures: Postures, paths: Sequence[Path] | None = 
     tables = pack_paths(model, chosen)
     work = allocate_wrap(tables)
     nodes = allocate_nodes(len(postures.coordinates), len(chosen), work)
-    place_path_nodes(tables, pack_bodies(postures), pack_moving_points(chosen, postures), work, nodes)
+    place_path_nodes(tables, postures.poses, pack_moving_points(chosen, postures), work, nodes)
     return [
         [
             _line(model, postures, frame, nodes.places[frame, path, :count], nodes.surfaces[frame, path, :count])

@@ -14,7 +14,7 @@ from solver.errors import SolverCode
 from solver.model import Model, ModelError, Path
 from solver.multibody.loads import LoadWrenches
 from solver.multibody.postures import Postures
-from solver.wrapping.path_tables import PathTables, allocate_results, pack_bodies, pack_paths
+from solver.wrapping.path_tables import PathTables, allocate_results, pack_paths
 
 Array = NDArray[np.float64]
 PathMode = Literal["opensim", "geodesic"]
@@ -81,7 +81,7 @@ def evaluate_paths(
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     if mode == "geodesic":
         _ensure_geodesic(model, chosen)
-    tables, poses, rates = pack_paths(model, chosen), pack_bodies(postures), np.array(postures.speeds, order="C")
+    tables, poses, rates = pack_paths(model, chosen), postures.poses, np.array(postures.speeds, order="C")
     shape, is_moving = (len(poses), len(chosen)), has_moving_points(chosen)
     results = allocate_results(tables, len(poses), len(model.coordinates) if is_moving else 0)
     changes = pack_moving_points(chosen, postures, stops_at_ends=mode == "geodesic")

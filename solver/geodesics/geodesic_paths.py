@@ -51,7 +51,7 @@ def _evaluate_frame(
 def _wrap_path(
     points: Records, wraps: Records, bodies: Records, changes: Records, work: GeodesicWorkspace
 ) -> tuple[int, float]:
-    """Wrap one path (POINT, WRAP) in one posture (BODY, CHANGE), each segment between two of its points by itself;
+    """Wrap one path (POINT, WRAP) in one posture (POSE, CHANGE), each segment between two of its points by itself;
     returns as wrapping.opensim_path.wrap_path.
     """
     nodes, sequence, stops = work.nodes, work.sequence, work.stops

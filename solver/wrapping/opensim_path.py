@@ -56,7 +56,7 @@ CONVERGED_LENGTH = 0.0005  # m
 def wrap_path(
     points: Records, wraps: Records, bodies: Records, changes: Records, work: WrapWorkspace
 ) -> tuple[int, float]:
-    """Wrap one path (POINT, WRAP) in one posture (BODY, CHANGE).
+    """Wrap one path (POINT, WRAP) in one posture (POSE, CHANGE).
 
     Afterwards the first `count` entries of work.sequence are the nodes in order along it; returns count and the length
     [m].
@@ -271,7 +271,7 @@ def allocate_nodes(frames: int, paths: int, work: WrapWorkspace) -> PathNodes:
 def place_path_nodes(
     tables: PathTables, poses: Records, changes: Records, work: WrapWorkspace, results: PathNodes
 ) -> None:
-    """Wrap every path in every frame: poses (frames, bodies) of BODY, changes (frames, points) of CHANGE."""
+    """Wrap every path in every frame: poses (frames, bodies) of POSE, changes (frames, points) of CHANGE."""
     for frame in range(len(poses)):
         for path in range(results.counts.shape[1]):
             points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]

@@ -1,4 +1,4 @@
-"""Paths and bodies as records for the compiled code."""
+"""Paths as records for the compiled code; bodies are those of multibody/body_tables.py."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from solver.model import (
     PathWrap,
     WrapSurface,
 )
-from solver.multibody.postures import Postures
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -67,16 +66,6 @@ WRAP = np.dtype(
         ("allowed", np.int64),
         ("first", np.int64),
         ("last", np.int64),
-    ]
-)
-
-# A body in a posture, as in Postures.
-BODY = np.dtype(
-    [
-        ("rotation", np.float64, (3, 3)),
-        ("origin", np.float64, (3,)),
-        ("angular_velocity", np.float64, (3,)),
-        ("origin_velocity", np.float64, (3,)),
     ]
 )
 
@@ -152,16 +141,6 @@ def allocate_results(tables: PathTables, frames: int, coordinates: int) -> PathR
         mobilities=np.zeros((frames, paths, coordinates)),
         codes=np.zeros((frames, paths), np.int8),
     )
-
-
-def pack_bodies(postures: Postures) -> Records:
-    """(frames, bodies) of BODY."""
-    bodies = np.empty(postures.origin_in_ground.shape[:2], BODY)
-    bodies["rotation"] = postures.rotation_to_ground
-    bodies["origin"] = postures.origin_in_ground
-    bodies["angular_velocity"] = postures.angular_velocity
-    bodies["origin_velocity"] = postures.origin_velocity
-    return bodies
 
 
 def _check(model: Model, k: int, path: Path) -> None:

@@ -59,7 +59,7 @@ def evaluate_wrapped_paths(
 ) -> None:
     """Evaluate every path in every frame.
 
-    poses (frames, bodies) of BODY, changes (frames, points) of CHANGE, rates (frames, coordinates)
+    poses (frames, bodies) of POSE, changes (frames, points) of CHANGE, rates (frames, coordinates)
     """
     for frame in range(len(poses)):
         _evaluate_frame(tables, poses[frame], changes[frame], rates[frame], work, results, frame)
