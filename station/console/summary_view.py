@@ -6,6 +6,7 @@ import time
 
 from nicegui import ui
 
+from documents.interval import UNBROKEN
 from station.console.actions import Actions
 from station.console.next_view import show_plan
 from station.console.wearer_form import offer_wearer
@@ -31,9 +32,10 @@ def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> N
     else:
         if summary.rows:
             columns = [{"name": key, "label": key, "field": key, "align": "left"} for key in summary.rows[0]]
-            ui.table(columns=columns, rows=list(summary.rows)).props("flat wrap-cells").classes("text-xl").mark(
-                "cuffs-table"
-            )
+            ui.table(
+                columns=columns,
+                rows=[{key: text.replace(UNBROKEN, " ") for key, text in row.items()} for row in summary.rows],
+            ).props("flat wrap-cells").classes("text-xl").mark("cuffs-table")
         for sentence in summary.findings:
             ui.label(sentence).classes("text-xl").mark("finding")
         ui.link("Open the report", "/report", new_tab=True).classes("text-2xl").mark("report")

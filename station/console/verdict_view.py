@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from nicegui import ui
 
+from documents.interval import UNBROKEN
 from station.console.actions import Actions, Kind
 from station.console.charts import force_over_motion
 from station.console.kept_form import forget_form, keep_form
@@ -60,7 +61,7 @@ def _figures(judgement: Judgement) -> None:
         headings |= {"earlier": "earlier repeats", "so_far": "donning so far (95 %)"}
     columns = [{"name": name, "label": label, "field": name, "align": "left"} for name, label in headings.items()]
     rows = [
-        {"quantity": row.quantity, "this": row.this, "earlier": row.earlier, "so_far": row.so_far}
+        {name: text.replace(UNBROKEN, " ") for name, text in vars(row).items()}  # a telephone breaks an interval
         for row in judgement.rows
     ]
     if rows:
