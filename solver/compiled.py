@@ -38,7 +38,7 @@ def compiled(function: Function) -> Function:
 
     It cannot be called from Python: without the wrapper that it would need, it compiles in half the time. It neither
     allocates nor returns an array: in a function that does, numba counts the references to every view of an array,
-    which takes longer than arithmetic with three components (docs/decisions/0050-no-reference-counts.md).
+    which takes longer than arithmetic with three components (docs/decisions/settled.md, 0050).
     Without _unliteral, it would be compiled once more for each constant argument.
     """
     return _linked(function, counts_references=False)
@@ -67,7 +67,7 @@ def compiled_for_python(function: Function) -> Function:
 def compiled_with_private_functions(function: Function) -> Function:
     """Like compiled_for_python, with the functions that it calls private to it, so that LLVM may change how they are
     called: a third faster where they pass many arrays to one another, and half a second longer to compile
-    (docs/decisions/0055-private-functions-of-a-kernel.md).
+    (docs/decisions/settled.md, 0055).
     """
     return _kernel(function, PrivateKernelCompiler)
 

@@ -2,14 +2,14 @@
 
 numba optimises a function together with all that it calls, and generates machine code for it, before its callers link
 it, optimise it again and generate machine code for it again. Few of the solver's functions are called from Python; for
-the other ones that machine code is never run (docs/decisions/0015-linking-of-compiled-functions.md).
+the other ones that machine code is never run (docs/decisions/settled.md, 0015).
 
 Most of the rest is numba's own Python code. What of it is repeated or unused is avoided here, without a change in the
-result (docs/decisions/0056-first-use-in-two-processes.md).
+result (docs/decisions/settled.md, 0056).
 
 Two thirds of the time in which a kernel compiles are spent in numba's own Python code. Some of it serves generators,
 profilers of the compiler or types that are looked up again and again; it is replaced while a kernel compiles, and numba
-is as before afterwards (docs/decisions/0057-compilation-without-unused-analyses.md). If a part that is replaced here is
+is as before afterwards (docs/decisions/settled.md, 0057). If a part that is replaced here is
 missing in another version of numba, AttributeError is raised at the first kernel that compiles.
 
 Signatures of operators are looked up once for the same types of arguments. For `a * b` numba tries up to 18
@@ -152,7 +152,7 @@ class _KernelLibrary(_Library):  # type: ignore[misc]
     """Code of a kernel. Nothing else calls the functions linked into it, so LLVM may change how they are called.
 
     They are private, not internal: internal ones keep their names, by which another kernel of the process would find
-    them in place of its own (docs/decisions/0055-private-functions-of-a-kernel.md).
+    them in place of its own (docs/decisions/settled.md, 0055).
     """
 
     def _optimize_final_module(self) -> None:

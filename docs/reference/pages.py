@@ -84,7 +84,8 @@ def changelog() -> str:
 def decisions() -> str:
     """The list of docs/decisions by the titles of its pages."""
     lines = [f"- [{_title(path)}]({path.name})" for path in sorted(DECISIONS.glob("[0-9]*.md"))]
-    return "\n".join(["# Decisions", "", "What someone will question, one page each.", "", *lines, ""])
+    first = "Decisions that are still questioned, one page each; the [others](settled.md) have one line each."
+    return "\n".join(["# Decisions", "", first, "", *lines, ""])
 
 
 PAGES: dict[str, Callable[[], str]] = {
@@ -103,7 +104,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     unnamed = [path.name for path in sorted((ROOT / "docs").glob("*.md")) if path.name not in named]
     next(part for part in nav if "Explanation" in part)["Explanation"].extend(unnamed)
     pages = [f"decisions/{path.name}" for path in sorted(DECISIONS.glob("[0-9]*.md"))]
-    config.nav = [*nav, {"Decisions": ["decisions/index.md", *pages]}]
+    config.nav = [*nav, {"Decisions": ["decisions/index.md", *pages, "decisions/settled.md"]}]
     return config
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -84,6 +85,20 @@ def test_the_notebook_of_forty_tasks_runs_and_keeps_its_results(tmp_path: Path) 
         assert [set(output.get("data", {})) for output in old.outputs] == [
             set(output.get("data", {})) for output in new.outputs
         ], new.source
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["quick-start.md", "gallery.md", "tutorial/analyst.md"])
+def test_the_code_of_a_page_runs_and_draws_its_pictures(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    names: dict[str, object] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", text, re.M | re.S):
+        exec(block, names)  # noqa: S102
+    for picture in re.findall(r"pictures/(gallery-[\w-]+\.png)", text):
+        assert (tmp_path / picture).is_file() and (ROOT / "docs" / "pictures" / picture).is_file()
 
 
 @pytest.mark.slow
