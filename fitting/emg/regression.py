@@ -8,11 +8,11 @@ about its mean by white noise that is proportional to its level.
 
 α, β and τ are estimated by least squares, whose weights do not depend on the noise. Generalised least squares is more
 precise if the noise is as modelled; in measured EMG it is not, and then a small noise near rest or at high frequencies
-lets the onset alone decide the lag. λ, ℓ and κ have a flat prior on a grid and the restricted likelihood of the
-residuals at the least-squares lag. For each of them the likelihood of the lag under white noise is raised to a power so
+lets the onset alone decide the lag. λ, ℓ and κ have a prior on a grid and the restricted likelihood of the residuals
+at the least-squares lag. For each of them the likelihood of the lag under white noise is raised to a power so
 that its curvature is that of the variance under V (Ribatet, Cooley and Davison (2012), Statistica Sinica 22:813–845):
 
-    p(τ | e, V) ∝ S(τ)^(−m / 2),   m = (n − 3) / r,   r = uᵀV u (n − 3) / tr MV
+    p(τ | e, V) ∝ S(τ)^(−m / 2),   m = (n − 2) / r,   r = uᵀV u (n − 3) / tr MV
 
 with S the sum of squared residuals at a lag, M the matrix that removes 1, a and its derivative a', and u the unit
 vector along the part of a' that 1 and a leave. m is the effective number of samples. The search bounds the lag.
@@ -47,6 +47,8 @@ CORRELATION_TIMES_S = (0.06, 0.12, 0.24, 0.5, 1.0, 2.0, 4.0)
 PROPORTIONAL_PARTS = (0.0, 0.5, 0.95)
 """κ: a disagreement that vanishes at rest would make the samples at rest decide the lag."""
 NOISES = tuple(product(WHITE_PARTS, CORRELATION_TIMES_S, PROPORTIONAL_PARTS))
+PRIOR: Array = np.array([time**-0.5 for _, time, _ in NOISES])
+"""Flat in √(1 − φ) for the autocorrelation φ of slow noise between two samples, 1 − φ ∝ 1/ℓ."""
 REST = 0.05
 """Level of a muscle at rest over the range of its level; the offset of EMG is not known."""
 DRAWS = 4000
@@ -82,11 +84,11 @@ def lag_posterior(measured: Array, shifted: Array, lags: Array, interval: float)
     for i, noise in enumerate(NOISES):
         covered, diagonal = _times_covariance(basis, variances, interval, noise)
         along[i], trace[i] = basis[:, 2] @ covered[:, 2], diagonal.sum() - np.sum(basis * covered)
-    exponent = -0.5 * trace / along
+    exponent = -0.5 * trace / along * (samples - 2) / (samples - 3)
     log = exponent[:, None] * np.log(squares / squares[best])
     weight = np.exp(log) / np.exp(log).sum(axis=1, keepdims=True)
-    likelihood = _restricted_likelihood(measured, design, variances, interval)
-    return EmgLagPosterior(lags, weight * (likelihood / likelihood.sum())[:, None])
+    probability = _restricted_likelihood(measured, design, variances, interval) * PRIOR
+    return EmgLagPosterior(lags, weight * (probability / probability.sum())[:, None])
 
 
 def correlation_interval(

@@ -59,7 +59,7 @@ def test_the_curvature_of_the_posterior_is_the_sandwich_variance_of_the_lag() ->
         smooth = size[:, None] * np.exp(-np.abs(np.subtract.outer(TIME, TIME)) / time) * size
         matrix = (1 - white) * smooth + white * np.diag(square / square.mean())
         variance = (inverse @ jacobian.T @ matrix @ jacobian @ inverse)[2, 2]
-        variance *= residual @ residual / np.trace(removing @ matrix)
+        variance *= residual @ residual / np.trace(removing @ matrix) * (N - 3) / (N - 2)  # σ is integrated
         curvature = np.diff(np.log(weight[place]), 2)[1] / np.diff(lags)[0] ** 2
         assert -1 / curvature == pytest.approx(variance, rel=2e-3)
 
