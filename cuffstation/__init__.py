@@ -37,9 +37,9 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from solver.motion import Kinematics as Kinematics
     from solver.multibody.joint_reactions import ReactionRequest as ReactionRequest
     from solver.redundancy.motion_solution import MotionSolution as MotionSolution
-    from solver.redundancy.options import RedundancyOptions as RedundancyOptions
-    from solver.redundancy.options import Reserve as Reserve
-    from solver.redundancy.options import with_reserves as with_reserves
+    from solver.redundancy.redundancy_options import RedundancyOptions as RedundancyOptions
+    from solver.redundancy.redundancy_options import Reserve as Reserve
+    from solver.redundancy.redundancy_options import with_reserves as with_reserves
     from solver.stream.stream_frame import StreamFrame as StreamFrame
     from solver.stream.stream_frame import StreamSuitFrame as StreamSuitFrame
     from solver.stream.stream_solver import StreamSolver as StreamSolver
@@ -71,8 +71,8 @@ _MODULES = {
     "ReactionRequest": "solver.multibody.joint_reactions",
     "Recording": "recordings.reader",
     "RecordingError": "recordings.errors",
-    "RedundancyOptions": "solver.redundancy.options",
-    "Reserve": "solver.redundancy.options",
+    "RedundancyOptions": "solver.redundancy.redundancy_options",
+    "Reserve": "solver.redundancy.redundancy_options",
     "SessionFit": "fitting.cuffs.cuff_fit",
     "SolverError": "solver.errors",
     "StationError": "station.errors",
@@ -92,7 +92,7 @@ _MODULES = {
     "read_recording": "station.library",
     "sample_session": "station.sample",
     "solve_motion": "station.solver_library",
-    "with_reserves": "solver.redundancy.options",
+    "with_reserves": "solver.redundancy.redundancy_options",
     "write_cuffs": "fitting.cuffs.cuffs_file",
 }
 """Public name → the module that has it."""

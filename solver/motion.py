@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from documents.equality import EqualByFields
 from documents.labelled_arrays import labelled_dataset
 from solver.checks import ensure_at_least
+from solver.coded_findings import CodedFinding, describe_codes
 from solver.errors import MotionError, SolverCode
-from solver.findings import CodedFinding, describe_codes
 from solver.model import Model
 from solver.time_series_table import LONGEST_STEP_S, TableHeader, ensure_seconds, read_table
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.findings import ScalingCode
+from solver.coded_findings import ScalingCode
 from solver.inverse_kinematics.solve import TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import Model, PathPoint, WrapSurface
 from solver.multibody.postures import Postures, postures

@@ -19,7 +19,7 @@ from solver.motion import Kinematics, Motion, differentiate, motion_from_datafra
 from solver.motion_splines import held_by_constraints
 from solver.multibody.loads import ExternalForce
 from solver.osim.document import read_document
-from solver.osim.loads import data_file, read_external_loads
+from solver.osim.loads_document import data_file, read_external_loads
 from solver.osim.model_reader import read_osim, read_osim_model
 from solver.osim.suited import read_suited
 from solver.raise_arm import simulate_arm_raise

@@ -30,7 +30,6 @@ from solver.multibody.loads import ExternalForce, load_wrenches
 from solver.redundancy.frames import solve_activations
 from solver.redundancy.interior_point import FrameWorkspace, allocate_frame
 from solver.redundancy.mechanics import Mechanics, ResponseMaps, response_maps
-from solver.redundancy.options import RedundancyOptions
 from solver.redundancy.problem import (
     LoadResponse,
     ScenarioSolutions,
@@ -41,6 +40,7 @@ from solver.redundancy.problem import (
 )
 from solver.redundancy.reduced_problem import SequenceProblem, SequenceSolution, WarmStart
 from solver.redundancy.reduction import Reduction, reduce_frames
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import (
     OUTCOME_OF_CODE,
     FrameOutcome,

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from documents.equality import EqualByFields
 from documents.labelled_arrays import labelled_dataset
 from documents.notebook import curves_svg, result_html
+from solver.coded_findings import CodedFinding, describe_codes
 from solver.errors import SolverCode, SolverError
-from solver.findings import CodedFinding, describe_codes
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.dynamics import EquationsOfMotion
@@ -37,8 +37,8 @@ from solver.multibody.postures import Postures
 from solver.muscle import MuscleOutcome
 from solver.redundancy.glenoid import contact_points, glenoid_cone
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
-from solver.redundancy.options import RedundancyOptions, tracked_coordinates
 from solver.redundancy.problem import build_redundancy, solve_redundancy
+from solver.redundancy.redundancy_options import RedundancyOptions, tracked_coordinates
 from solver.redundancy.sequence import (
     OUTCOME_OF_CODE,
     BlockSolver,

@@ -30,7 +30,7 @@ from solver.model import Model, ModelError
 from solver.multibody.rotations import each_frame
 from solver.redundancy.glenoid import cone_rows, glenoid_cone
 from solver.redundancy.mechanics import Mechanics
-from solver.redundancy.options import (
+from solver.redundancy.redundancy_options import (
     Exponent,
     RedundancyOptions,
     Solver,

@@ -22,8 +22,8 @@ from solver.paths import PathState
 from solver.redundancy.glenoid import glenoid_cone
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
 from solver.redundancy.next_frame import FrameByFrame
-from solver.redundancy.options import RedundancyOptions, effort_weights
 from solver.redundancy.problem import LoadResponse, build_redundancy
+from solver.redundancy.redundancy_options import RedundancyOptions, effort_weights
 from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
 from solver.suit.cord import CordLine, cord_line, suit_forces
 from solver.suit.scenarios import Condition, SuitScenario, per_unit_wrench, response_to_wrenches

@@ -28,7 +28,7 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
 from solver.model import Model, ModelError
 from solver.personalisation.anthropometry import marker_errors
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.frame_posture import FramePosture, PostureTracker
 from solver.stream.lag_window import LagWindow

@@ -18,9 +18,9 @@ from documents.equality import EqualByFields
 from documents.interval import bracketed
 from documents.labelled_arrays import labelled_dataset
 from documents.notebook import curves_svg, result_html
+from solver.coded_findings import CodedFinding, describe_codes
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode
-from solver.findings import CodedFinding, describe_codes
 from solver.muscle import MuscleOutcome
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.decision import Basis, CuffDecision, DecisionRule

@@ -24,7 +24,6 @@ from solver.multibody.loads import ExternalForce, LoadWrenches
 from solver.multibody.postures import Postures, postures
 from solver.multibody.rotations import each_frame, wrench_about_origin
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
-from solver.redundancy.options import RedundancyOptions, options_for
 from solver.redundancy.problem import (
     LoadResponse,
     RedundancyProblem,
@@ -32,6 +31,7 @@ from solver.redundancy.problem import (
     build_redundancy,
     solve_redundancy,
 )
+from solver.redundancy.redundancy_options import RedundancyOptions, options_for
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.cord import CordLine, SuitForces, cord_line, suit_forces, with_migration
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses

@@ -13,7 +13,7 @@ from solver.cuff import CuffParameters
 from solver.model import Body, Model, Muscle, PathPoint
 from solver.personalisation.anthropometry import ARM_SEGMENTS
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.scaling import Scaling, scale_model
 from solver.suit.suit import PARTS, Suit
 from solver.uncertainty.factors import OUTERMOST, RandomFactor, Scores, normal_scores, scores_by_factor, unit_sample

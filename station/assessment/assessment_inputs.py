@@ -18,7 +18,7 @@ from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics
 from solver.multibody.loads import ExternalForce
 from solver.paths import PathMode
-from solver.redundancy.options import RedundancyOptions, Tendons
+from solver.redundancy.redundancy_options import RedundancyOptions, Tendons
 from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.effort import read_effort

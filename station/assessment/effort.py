@@ -24,7 +24,7 @@ from documents.plain_data import PlainDataError, read_toml
 from documents.regular_file import describe_failure
 from documents.validation import describe_error
 from solver.model import Model
-from solver.redundancy.options import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
+from solver.redundancy.redundancy_options import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
 from station.errors import StationError
 from station.messages.codes import InputCode
 from station.messages.message import Message

@@ -9,7 +9,7 @@ from solver.model import Model
 from solver.motion import Derivatives, Kinematics, Motion, decimate, differentiate
 from solver.motion_splines import Accelerations, differentiate_by_splines, held_by_constraints
 from solver.multibody.loads import ExternalForce
-from solver.osim.loads import data_file
+from solver.osim.loads_document import data_file
 from solver.suit.suited_model import SuitedModel
 from station.assessment.motion_checks import load_checks, motion_checks, range_checks
 from station.motion_filter import CUTOFF_HZ

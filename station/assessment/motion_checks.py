@@ -20,7 +20,7 @@ from solver.motion_splines import held_by_constraints
 from solver.multibody.constraints import is_held
 from solver.multibody.loads import ExternalForce
 from solver.multibody.postures import postures
-from solver.osim.loads import read_loads_document
+from solver.osim.loads_document import read_loads_document
 from station.assessment.reserves import unit_of
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message

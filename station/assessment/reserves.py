@@ -14,7 +14,7 @@ from solver.multibody.dynamics import inverse_dynamics
 from solver.multibody.loads import ExternalForce
 from solver.redundancy.mechanics import actuator_forces
 from solver.redundancy.motion_solution import MotionSolution
-from solver.redundancy.options import (
+from solver.redundancy.redundancy_options import (
     UNWEIGHTED_COORDINATES,
     RedundancyOptions,
     effort_weights,

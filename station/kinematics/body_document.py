@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from recordings.standard_gravity import g
+from solver.coded_findings import CoverageCode, ScalingCode
 from solver.errors import SolverCode
-from solver.findings import CoverageCode, ScalingCode
 from solver.model import ModelError
 from solver.osim.ik_setup import ik_setup_document, ik_setup_of_tasks
 from solver.osim.model_writer import osim_document

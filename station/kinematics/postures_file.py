@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from solver.findings import CoverageCode
+from solver.coded_findings import CoverageCode
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome
 from solver.inverse_kinematics.solve import PostureOutcome
 from solver.time_series_table import write_table

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
-from solver.findings import CoverageCode, ScalingCode
+from solver.coded_findings import CoverageCode, ScalingCode
 from station.messages.person_codes import PersonCode
 
 PERSON_SENTENCES: Mapping[StrEnum, str] = {

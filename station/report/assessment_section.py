@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver.findings import CoverageCode
+from solver.coded_findings import CoverageCode
 from solver.suit.suit import PARTS
 from station.assessment.assessment_file import read_activations
 from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS

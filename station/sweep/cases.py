@@ -20,7 +20,7 @@ from solver.errors import MotionError
 from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics
 from solver.multibody.loads import ExternalForce
-from solver.osim.loads import data_file
+from solver.osim.loads_document import data_file
 from solver.suit.scenarios import LoadedMotion, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
 from station.assessment.assessment_inputs import cuff_findings, cuff_remarks, read_cuffs_to_wear, worn_cuffs

@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from station.report.canvas import LINE, SHADES, STYLE, as_png
-from station.validation.validation import SolvedVariant
+from station.validation.lifts import SolvedVariant
 from station.whole_file import write_whole
 
 DASHES = ("-", "--", "-.", ":")

@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from solver.redundancy.glenoid import ForceAgreement
-from station.validation.validation import SolvedVariant
+from station.validation.lifts import SolvedVariant
 from station.whole_file import write_whole
 
 COLUMNS = (

@@ -68,7 +68,7 @@ def replay(
     from station.bench.trial_recorder import TrialRefused, View
     from station.checksums import changed_files
     from station.clock import RealClock
-    from station.files.replay import replay as play_back
+    from station.files.timed_replay import replay as play_back
 
     if session is not None:
         ensure_folder(session)

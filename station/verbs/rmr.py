@@ -92,8 +92,8 @@ def rmr(
     from rich.console import Console
 
     from solver.multibody.joint_reactions import ReactionRequest
-    from solver.redundancy.options import RedundancyOptions
-    from solver.redundancy.options import static_optimisation as as_static_optimisation
+    from solver.redundancy.redundancy_options import RedundancyOptions
+    from solver.redundancy.redundancy_options import static_optimisation as as_static_optimisation
     from station.assessment.given_motion import MotionCut, MuscleInputs
     from station.assessment.rmr import solve_muscles
     from station.progress import progress_bars

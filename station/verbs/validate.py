@@ -28,7 +28,7 @@ def validate(
     from rich.console import Console
 
     from station.progress import progress_bars
-    from station.validation.validation import validate_folder, verdicts
+    from station.validation.lifts import validate_folder, verdicts
     from station.validation.validation_table import validation_table, write_validation
 
     if output is not None and output.suffix != ".csv":

@@ -110,7 +110,7 @@ def test_all_packages_of_the_picture_are_installed_with_the_distribution() -> No
 NAME = "effective_config"
 ALLOWED = {
     "recordings/manifest.py": "declares it",
-    "station/files/replay.py": "replays with it",
+    "station/files/timed_replay.py": "replays with it",
     "station/live/replay.py": "replays with it",
     "station/manifest.py": "writes it",
 }

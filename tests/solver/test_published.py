@@ -8,8 +8,8 @@ import pytest
 from solver.cuff import CuffParameters
 from solver.motion import decimate
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.options import RedundancyOptions
 from solver.redundancy.problem import build_redundancy, solve_redundancy
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion

@@ -19,7 +19,7 @@ from solver.paths import evaluate_paths
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.suit.scenarios import LoadedMotion, prepare_suited_motion
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT

@@ -12,7 +12,7 @@ from solver.multibody.loads import ExternalForce, LoadWrenches, load_wrenches, o
 from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 
 MODEL = bundled_model()
 HAND, THORAX = MODEL.body_index("hand"), MODEL.body_index("thorax")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from solver.motion import Kinematics
 from solver.multibody.dynamics import inverse_dynamics
 from solver.redundancy.motion_solution import MotionSolution
-from solver.redundancy.options import RedundancyOptions, static_optimisation
+from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
 from solver.time_series_table import read_table
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.inverse_dynamics import solve_inverse_dynamics

@@ -15,7 +15,7 @@ from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.joint_reactions import Axes, JointReactions, ReactionRequest, Side, joint_reactions
 from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import postures
-from solver.osim.loads import read_external_loads
+from solver.osim.loads_document import read_external_loads
 from solver.paths import evaluate_paths
 from tests.solver.oracle.test_joints import FUNCTIONS
 from tests.solver.oracle.test_loads import written

@@ -16,7 +16,7 @@ from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import postures
 from solver.muscle import muscle_forces
-from solver.osim.loads import read_external_loads
+from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
 from solver.paths import evaluate_paths
 from solver.raise_arm import simulate_arm_raise

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver.coded_findings import ScalingCode
 from solver.errors import SolverCode
-from solver.findings import ScalingCode
 from solver.inverse_kinematics.solve import assemble
 from solver.model import Marker
 from solver.multibody.postures import points_in_ground, postures

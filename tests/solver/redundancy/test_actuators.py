@@ -13,7 +13,7 @@ from solver.model import AxisMotion, Model
 from solver.motion import decimate, differentiate
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.options import RedundancyOptions, Reserve, with_reserves
+from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, with_reserves
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

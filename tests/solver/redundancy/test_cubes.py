@@ -12,8 +12,8 @@ from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.conic import ConicOutcome, ConicProblem, solve_conic
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.options import RedundancyOptions
 from solver.redundancy.problem import RedundancyProblem, build_redundancy, solve_redundancy
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import FrameOutcome, solve_sequence, solve_sequence_with_clarabel
 from tests.solver.redundancy.test_interior_point import random_sequence, silent, violation
 from tests.solver.redundancy.test_motion_solution import CONE_ALONG_Y, two_muscles

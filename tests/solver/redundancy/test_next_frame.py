@@ -14,7 +14,6 @@ from solver.motion import decimate, differentiate
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.next_frame import FrameByFrame
-from solver.redundancy.options import RedundancyOptions
 from solver.redundancy.problem import (
     LoadResponse,
     RedundancyProblem,
@@ -22,6 +21,7 @@ from solver.redundancy.problem import (
     build_redundancy,
     solve_redundancy,
 )
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import FrameOutcome
 
 Array = NDArray[np.float64]

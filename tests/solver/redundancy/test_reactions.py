@@ -16,7 +16,7 @@ from solver.multibody.joint_reactions import ReactionRequest, is_bypassed
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.options import RedundancyOptions, options_for
+from solver.redundancy.redundancy_options import RedundancyOptions, options_for
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

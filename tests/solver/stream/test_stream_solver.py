@@ -25,7 +25,7 @@ from solver.osim.ik_setup import read_ik_setup
 from solver.osim.model_reader import read_osim
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, JOINT
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome, StreamSuitOutcome
 from solver.stream.stream_solver import StreamSolver

@@ -13,7 +13,7 @@ from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.suit.assessment import assess
 from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion

@@ -13,7 +13,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.forces.passive_forces import PathSpring
 from solver.osim.model_writer import osim_document
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.left_out import left_out_findings
 from station.assessment.rmr import SolvedMotion, solve_muscles

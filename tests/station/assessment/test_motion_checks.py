@@ -12,7 +12,7 @@ import pytest
 
 import cuffstation as cs
 from solver.motion import Kinematics, Motion, differentiate, read_motion
-from solver.osim.loads import read_external_loads
+from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
 from solver.time_series_table import read_table, write_table
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion

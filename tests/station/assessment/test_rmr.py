@@ -15,7 +15,7 @@ from pyarrow import parquet
 from solver.bundled import bundled_model
 from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.time_series_table import write_table
 from station import sources
 from station.assessment.given_motion import MotionCut, MuscleInputs

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from solver.errors import SolverCode
-from solver.redundancy.options import RedundancyOptions, static_optimisation
+from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
 from solver.time_series_table import read_table
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import SolvedMotion, solve_muscles

@@ -17,7 +17,7 @@ from station.bench.simulation import SimulatedBench
 from station.bench.trial_recorder import TrialRecorder, TrialRefused
 from station.clock import ManualClock
 from station.config import StationConfig
-from station.files.replay import replay
+from station.files.timed_replay import replay
 from station.journal import read_journal
 from station.messages.codes import RefusalCode
 from station.protocol import TrialSpec

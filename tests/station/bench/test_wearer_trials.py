@@ -12,7 +12,7 @@ from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode
 from fitting.trial.trial_reader import read_trial
 from recordings.reader import open_recording
-from station.files.replay import replay
+from station.files.timed_replay import replay
 from station.fit import SessionError, fit_session_folder
 from station.messages.setup_codes import FolderCode
 from station.recordings_of_session import pulls_in

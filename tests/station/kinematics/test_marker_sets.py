@@ -14,7 +14,7 @@ import pytest
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
-from solver.findings import CoverageCode
+from solver.coded_findings import CoverageCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.osim.ik_setup import read_ik_setup
 from solver.osim.model_reader import read_osim

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from recordings.exchange.joint_force import read_joint_force
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
-from solver.findings import CoverageCode
+from solver.coded_findings import CoverageCode
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.motion import Motion, differentiate
 from solver.osim.ik_setup import read_ik_setup
@@ -29,7 +29,7 @@ from station.kinematics.person import PersonInputs, measure_person
 from station.kinematics.person_findings import PersonError
 from station.messages.codes import KinematicsCode
 from station.messages.person_codes import PersonCode
-from station.validation.validation import CUTOFF_HZ, PUBLISHED_VARIANTS
+from station.validation.lifts import CUTOFF_HZ, PUBLISHED_VARIANTS
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
 from tests.solver.references import SHARED
 from tests.station.kinematics.test_ik import run as run_verb

@@ -10,7 +10,7 @@ from string import Formatter
 
 import pytest
 
-from solver.findings import ScalingCode
+from solver.coded_findings import ScalingCode
 from solver.personalisation.coverage import CoverageCode
 from station import messages
 from station.messages.message import Message

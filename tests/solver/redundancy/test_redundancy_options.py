@@ -10,7 +10,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.multibody.joint_reactions import ReactionRequest
-from solver.redundancy.options import RedundancyOptions, effort_weights
+from solver.redundancy.redundancy_options import RedundancyOptions, effort_weights
 from tests.solver.refusals import raises_refusal
 
 

@@ -1,3 +1,5 @@
+""""""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -13,7 +15,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.bench.trial_recorder import TrialRecorder
 from station.config import parse_config
-from station.files.replay import replay
+from station.files.timed_replay import replay
 from station.fit import fit_session_folder
 from station.protocol import TrialSpec
 from tests.station.bench.test_trial_recorder import SPEC, Rig

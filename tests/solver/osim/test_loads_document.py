@@ -9,7 +9,7 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.osim.loads import LoadsDocument, read_external_loads, read_loads_document
+from solver.osim.loads_document import LoadsDocument, read_external_loads, read_loads_document
 from solver.time_series_table import read_table, write_table
 from tests.solver.refusals import raises_refusal
 

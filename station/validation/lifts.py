@@ -37,7 +37,7 @@ from solver.redundancy.glenoid import (
     with_rim,
 )
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.options import RedundancyOptions
+from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import FrameOutcome
 from station.assessment.motion_checks import motion_checks, motion_findings
 from station.errors import StationError

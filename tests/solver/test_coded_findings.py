@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from solver.findings import describe_codes
+from solver.coded_findings import describe_codes
 
 
 class Code(StrEnum):

@@ -20,7 +20,7 @@ from solver.redundancy.glenoid import force_agreement
 from station.exit_code import DONE, FAILED, LOSSY, WRONG_USAGE
 from station.messages.codes import AssessmentCode
 from station.messages.validation_codes import ValidationCode
-from station.validation.validation import (
+from station.validation.lifts import (
     GLENOID,
     PUBLISHED_VARIANTS,
     SolvedVariant,
