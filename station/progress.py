@@ -128,7 +128,7 @@ class _TimeLeftColumn(bars.ProgressColumn):
 
 @dataclass
 class StageProgress:
-    """A stage as views show it; begun_s on time.monotonic()."""
+    """A stage as views show it; begun_s on time.perf_counter()."""
 
     name: str
     begun_s: float

@@ -66,9 +66,9 @@ def _receive(
 
 def _finish_alone(bench: Bench) -> None:
     """Return when no station has been attached for LEFT_ALONE_S, or the world has ended."""
-    last_s = time.monotonic()
-    while not bench.clock.has_ended and time.monotonic() - last_s < LEFT_ALONE_S:
+    last_s = time.perf_counter()
+    while not bench.clock.has_ended and time.perf_counter() - last_s < LEFT_ALONE_S:
         bench.world.follow(LAST_STEP)
         if bench.clock.has_stations:
-            last_s = time.monotonic()
+            last_s = time.perf_counter()
         time.sleep(POLL_S)

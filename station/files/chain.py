@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -98,7 +98,7 @@ def chain_of(folder: Path, *, is_report_included: bool = True) -> list[Link]:
     files = _Files(folder)
     left_out = () if is_report_included else (REPORT_FILE, NUMBERS_FILE)
     return [
-        *(link for link in _file_links(files) if link.what not in left_out),
+        *_file_links(files, left_out),
         *_assessment_links(files),
         *_cuffs_links(files),
     ]
@@ -159,8 +159,11 @@ class _Files:
         return sha256_of(path) if is_below(name) and path.is_file() else None
 
 
-def _file_links(files: _Files) -> Iterator[Link]:
-    """A link for every file that is in the list or in the folder, and for what is wrong in the list itself."""
+def _file_links(files: _Files, left_out: Collection[str]) -> Iterator[Link]:
+    """A link for every file that is in the list or in the folder, and for what is wrong in the list itself.
+
+    Files that are left out are not read: on Windows, another program may hold them open.
+    """
     for line in malformed_lines(files.folder):
         yield _broken(f"{CHECKSUMS_FILE}, line {line}", Standing.CHANGED, ChainCode.LIST_LINE, line=line)
     if not files.is_listed and has_chained_lines(files.folder / JOURNAL_FILE):
@@ -169,6 +172,8 @@ def _file_links(files: _Files) -> Iterator[Link]:
     present = set(files_below(files.folder) if of_session else _RESULTS)
     first = [name for name in _RESULTS if name in files.recorded or name in present]
     for name in dict.fromkeys((*first, *sorted(present | set(files.recorded)))):
+        if name in left_out:
+            continue
         recorded = files.recorded.get(name)
         if name.endswith(".jsonl") and (files.folder / name).is_file():
             yield _journal_link(files, name, recorded)

@@ -52,7 +52,7 @@ class BenchChecker:
 
     def ensure_started(self) -> None:
         """Check the bench unless that was done in the last VALID_S or is being done."""
-        if not self.is_running and (not self._found or time.monotonic() - self._checked_s > VALID_S):
+        if not self.is_running and (not self._found or time.perf_counter() - self._checked_s > VALID_S):
             self._task = asyncio.get_running_loop().create_task(self._check())
 
     async def check(self) -> None:
@@ -86,4 +86,4 @@ class BenchChecker:
     async def _check(self) -> None:
         config = self._session.config
         self._found, self._zero = await self._in_worker(inspect_bench_and_zero, config, config.session.folder)
-        self._masses, self._checked_s = {}, time.monotonic()
+        self._masses, self._checked_s = {}, time.perf_counter()

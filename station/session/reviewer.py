@@ -158,7 +158,7 @@ class Reviewer:
     def _note_progress(self, stage: str, done: int, total: int) -> None:
         known = next((known for known in self.stages if known.name == stage), None)
         if known is None:
-            self.stages = [*self.stages, StageProgress(stage, time.monotonic(), done, total)]
+            self.stages = [*self.stages, StageProgress(stage, time.perf_counter(), done, total)]
         else:
             known.done, known.total = done, total
 

@@ -1,4 +1,4 @@
-"""A session of one cuff, a killed recorder and a trial on the console in the Windows Python of .ci/windows-python."""
+"""A session of one cuff, a killed recorder, the console's page and a console in the Windows Python of .ci/windows-python."""
 
 from __future__ import annotations
 
@@ -7,20 +7,14 @@ import math
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 from pip._vendor import distlib
 
 from tests.house.sameness import figures
-from tests.station.console.browsing import CHROMIUM, chromium, open_page, seen
-from tests.station.console.served import ServedConsole, write_config
-from tests.station.console.test_session_in_a_browser import assert_whole, record_with_a_mark, set_up, the_recording
-from tests.station.terminal.test_record_session import lead_by_keys, on_a_terminal, practice_folder
+from tests.station.terminal.test_record_session import on_a_terminal
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +26,13 @@ RELATIVE, ABSOLUTE = 1e-7, 1e-12  # the two C libraries round exp and log differ
 KILLED = (
     "tests/station/session/test_killed_recorder.py::"
     "test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_recorder"
-)
+)PAGE = """
+import pathlib, sys, urllib.request
+from tests.station.console.served import ServedConsole, write_config
+with ServedConsole(write_config(pathlib.Path(sys.argv[1])), "--simulated") as console:
+    print(urllib.request.urlopen(console.address).read().decode())
+"""
+
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(600),
@@ -69,25 +69,13 @@ def test_the_trial_after_a_killed_recorder_is_recorded() -> None:
     assert "1 passed" in run_in_windows("-m", "pytest", *options, KILLED)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-def test_a_trial_is_recorded_on_the_page_of_its_console_in_a_browser_of_this_system(tmp_path: Path) -> None:
-    with served(write_config(tmp_path), "--simulated", "--speed", "5") as address, chromium(CHROMIUM) as browser:
-        page = open_page(browser, address)
-        set_up(page, tmp_path)
-        record_with_a_mark(page, tmp_path)
-        seen(page, "Keep (k)")
-        page.keyboard.press("k")
-        seen(page, "next: hand, dynamic, repeat 1")
-    assert_whole(the_recording(tmp_path))
-
-
-def test_keys_lead_a_session_on_a_console(tmp_path: Path) -> None:
-    run_in_windows("-V")  # makes it
-    lead_by_keys(practice_folder(tmp_path), str(COMMAND), "--console")
+def test_the_console_serves_its_page(tmp_path: Path) -> None:
+    assert "<title>station</title>" in run_in_windows("-c", PAGE, tmp_path)
 
 
 @pytest.mark.parametrize("code_page", [1252, 65001])
 def test_a_console_shows_signs_and_tables_whatever_its_code_page(tmp_path: Path, code_page: int) -> None:
+    run_in_windows("-V")  # makes it
     run = f"import ctypes; ctypes.windll.kernel32.SetConsoleOutputCP({code_page}); from station.cli import main; main()"
     with on_a_terminal(tmp_path, str(COMMAND), "--console", "-c", run, "info", str(RECORDING)) as screen:
         screen.until("│/sync│1000│")
@@ -103,19 +91,6 @@ def test_the_launcher_that_pip_makes_runs_a_verb(tmp_path: Path) -> None:
     (tmp_path / "station.exe").write_bytes(launcher + f"#!{python}\n".encode() + archive.getvalue())
     run = "import subprocess, sys; sys.exit(subprocess.call(sys.argv[1:]))"
     assert "--signers" in run_in_windows("-c", run, tmp_path / "station.exe", "verify", "--help")
-
-
-@contextmanager
-def served(config: Path, *options: str) -> Iterator[str]:
-    """Address of a console in Windows' Python."""
-    run_in_windows("-V")  # makes it
-    with ServedConsole(config, *options, python=COMMAND) as console:
-        programs = psutil.Process(console.pid).children()  # which do not end with the shell that started them
-        try:
-            yield console.address
-        finally:
-            for program in programs:
-                program.kill()
 
 
 def _differences(one: Any, other: Any, place: str = "") -> list[str]:

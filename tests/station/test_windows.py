@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ast
-import importlib
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -16,14 +16,13 @@ import station.bench.trial_recorder
 from drivers.qualisys_settings import CaptureNote
 from recordings.reader import open_recording
 from recordings.recovery import recover
-from station import end_signals
+from station import child, end_signals
 from station.bench.trial_recorder import TrialRefused
 from station.checksums import is_below, read_checksums
 from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
 from station.messages.codes import RefusalCode
 from station.messages.setup_codes import ConfigCode
-from station.session import trial_process
 from station.whole_file import write_whole
 from station.windows_names import windows_name_fault
 from tests.station.bench.test_trial_recorder import SPEC, Rig
@@ -153,13 +152,9 @@ def test_ctrl_break_has_the_effect_of_ctrl_c(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_recorder_is_not_in_the_window_or_group_of_its_console(monkeypatch: pytest.MonkeyPatch) -> None:
     if sys.platform != "win32":
-        assert trial_process.DETACHED == {"start_new_session": True}
+        assert child.DETACHED == {"start_new_session": True}
     monkeypatch.setattr(sys, "platform", "win32")
-    try:
-        flags = importlib.reload(trial_process).DETACHED
-    finally:
-        monkeypatch.undo()
-        importlib.reload(trial_process)
+    flags = runpy.run_path(child.__file__)["DETACHED"]
     assert flags == {"creationflags": 0x08000000 | 0x00000200}, "the values that subprocess has on Windows"
 
 

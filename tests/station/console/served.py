@@ -63,10 +63,10 @@ def write_config(
 
 
 class ServedConsole:
-    """A context manager; the console ends with it. python: an interpreter other than this one."""
+    """A context manager; the console ends with it."""
 
-    def __init__(self, config: Path, *options: str, port: int = 0, python: Path | str = sys.executable) -> None:
-        self._config, self._options, self._python = config, options, python
+    def __init__(self, config: Path, *options: str, port: int = 0) -> None:
+        self._config, self._options = config, options
         self.address, self.port = "", port
         self._child: subprocess.Popen[str] | None = None
 
@@ -77,7 +77,7 @@ class ServedConsole:
                 self.port = free.getsockname()[1]
         words = ["serve", "--config", str(self._config), "--port", str(self.port), *self._options]
         self._child = subprocess.Popen(  # noqa: S603  (our own words)
-            [self._python, "-c", "from station.cli import main; main()", *words],
+            [sys.executable, "-c", "from station.cli import main; main()", *words],
             stdout=subprocess.PIPE,
             text=True,
             cwd=self._config.parent,
