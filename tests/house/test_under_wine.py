@@ -1,4 +1,4 @@
-"""A session of one cuff, a killed recorder, the console's page and a console in the Windows Python of .ci/windows-python."""
+"""A session, a killed recorder, the page, a console and pip's launcher in the Windows Python of .ci/windows-python."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ RELATIVE, ABSOLUTE = 1e-7, 1e-12  # the two C libraries round exp and log differ
 KILLED = (
     "tests/station/session/test_killed_recorder.py::"
     "test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_recorder"
-)PAGE = """
+)
+PAGE = """
 import pathlib, sys, urllib.request
 from tests.station.console.served import ServedConsole, write_config
 with ServedConsole(write_config(pathlib.Path(sys.argv[1])), "--simulated") as console:
