@@ -117,7 +117,7 @@ def test_a_path_of_more_than_260_characters_is_refused_on_windows_before_anythin
     deep = Path("simulated", *["x" * 60] * 4)
     ran = station(lab, "record", "--headless", *PLAN, "--session", str(deep), "--cuffs", "hand")
     if sys.platform == "win32":
-        assert ran.returncode == 1 and "refused.path_too_long" in ran.stderr, ran.stderr
+        assert ran.returncode == 1 and "refused.path_too_long" in ran.stdout, ran.stdout
     else:
         assert ran.returncode == 0, ran.stderr
 
