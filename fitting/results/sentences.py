@@ -276,7 +276,7 @@ _REFUSALS: Templates = {
     ),
     FitErrorCode.CUFF_KEY: "cuff {cuff} has the unknown key {key}, expected {expected}; rename it or leave it out",
     FitErrorCode.CUFF_TWICE: "{count:.0f} cuffs have the name {cuff}, expected one; rename or choose one",
-    FitErrorCode.CUFF_NAME: "a cuff has the keys {keys} and no name; add one, as in {{'hand': …}}",
+    FitErrorCode.CUFF_NAME: "a cuff has the keys {keys} and no name; its name is its key in a mapping of cuffs",
     FitErrorCode.NOT_IDENTIFIED: (
         "cuff {cuff} has no identified {missing} ({verdict}); measure it, or write a value with its standard_error "
         "into cuffs.json"

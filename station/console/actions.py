@@ -23,7 +23,8 @@ Kind = Literal["main", "other", "danger"]
 
 PROPS = {"main": "unelevated color=primary", "other": "outline", "danger": "unelevated color=red-10"}
 LATE_S = 3.0
-"""A press that arrives later was made while the console did not answer, and may no longer be wanted."""
+"""A press that arrives later was made while the console did not answer, and may no longer be wanted. Questions are
+asked and answered at any time: a recording must be stopped however busy the computer is."""
 
 
 class Actions:
@@ -41,11 +42,21 @@ class Actions:
             self._apart = ui.row().classes("apart")
 
     def add(
-        self, name: str, keys: str, action: Action, *, kind: Kind = "other", mark: str = "", is_apart: bool = False
+        self,
+        name: str,
+        keys: str,
+        action: Action,
+        *,
+        kind: Kind = "other",
+        mark: str = "",
+        is_apart: bool = False,
+        asks: bool = False,
     ) -> ui.button:
-        """Add a button and its keys, of which it shows the first; is_apart: at the other end of the bar."""
+        """Add a button and its keys, of which it shows the first; is_apart: at the other end of the bar; asks: the
+        action only asks for confirmation.
+        """
         with self._apart if is_apart else self._main:
-            return self._button(name, keys, action, kind, mark)
+            return self._button(name, keys, action, kind, mark, expires=not asks)
 
     def ask(self, question: str, yes: tuple[str, Action], no: str) -> None:
         """Ask for confirmation above the buttons: one key must not end what cannot be continued."""
@@ -61,13 +72,13 @@ class Actions:
         with self.form, ui.row().classes("items-center gap-3").props("role=alertdialog").mark("question") as asked:
             asked.props(f'aria-label="{escape(question)}"')
             ui.label(question).classes("text-xl doubtful")
-            self._button(yes[0], "y", agree, "danger", "yes")
-            self._button(no, "n", decline, "other", "no")
+            self._button(yes[0], "y", agree, "danger", "yes", expires=False)
+            self._button(no, "n", decline, "other", "no", expires=False)
 
-    def _button(self, name: str, keys: str, action: Action, kind: Kind, mark: str) -> ui.button:
+    def _button(self, name: str, keys: str, action: Action, kind: Kind, mark: str, *, expires: bool) -> ui.button:
         async def press(event: GenericEventArguments) -> None:
             ui.run_javascript("station.confirmPress()")
-            await self.run(lambda: _unless_late(name, float(event.args), action))
+            await self.run((lambda: _unless_late(name, float(event.args), action)) if expires else action)
 
         with ui.button().props(PROPS[kind]) as button:
             ui.html(f'{escape(name)} <span class="key">({keys[0]})</span>', sanitize=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -56,14 +57,15 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
     charts = _Charts(controller, live)
     receipt = MarkReceipt(controller, live, actions)
     status = ui.label().classes("status quiet whitespace-pre-line").mark("status")
-    actions.add("Stop", "s", lambda: _stop(controller, live, actions), kind="danger")
+    actions.add("Stop", "s", lambda: _stop(controller, live, actions), kind="danger", asks=True)
     actions.add("Mark", "m", receipt.mark, kind="main").classes("mark-button")
     actions.add("Tare", "z", controller.runner.tare)
     actions.add("Pause the charts", "p", _toggle_pause, mark="pause")
     silence = actions.add(
         "Silence the alarm", "i", controller.runner.acknowledge_alarm, kind="danger", mark="alarm-seen"
     )
-    actions.add("Skip to report", "e", lambda: _skip_to_report(controller, actions), mark="end-early", is_apart=True)
+    skip = partial(_skip_to_report, controller, actions)
+    actions.add("Skip to report", "e", skip, mark="end-early", is_apart=True, asks=True)
 
     needed = marker_roles(controller.session.config, live.spec)
 

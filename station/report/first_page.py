@@ -182,6 +182,6 @@ def limits_of(assessment: Plain) -> Iterator[str]:
 
 
 def _coded(assessment: Plain) -> list[tuple[str, str]]:
-    """Code and sentence of every finding."""
-    codes = [finding["code"] for finding in assessment["finding_codes"]]
-    return list(zip(codes, assessment["findings"], strict=True))
+    """Code and sentence of every finding; a document without a code for each of them has none."""
+    texts, codes = assessment["findings"], [finding["code"] for finding in assessment.get("finding_codes", ())]
+    return list(zip(codes if len(codes) == len(texts) else [""] * len(texts), texts, strict=True))

@@ -101,14 +101,14 @@ def test_a_stiffness_whose_fit_did_not_converge_is_not_identified(module: str, m
 
 
 def test_a_stiffness_tensor_whose_fit_did_not_converge_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fitting.spatial.tensors.MAX_ROUNDS", 1)
+    monkeypatch.setattr("fitting.spatial.tensors.MOST_HELD_ROUNDS", 1)
     with pytest.raises(NoTensor) as caught:
         held_tensor(_in_space("static"), 0.0)
     assert caught.value.outcome is FitOutcome.NOT_CONVERGED
 
 
 def test_a_damping_tensor_whose_fit_did_not_converge_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fitting.spatial.tensors.ROUNDS", 1)
+    monkeypatch.setattr("fitting.spatial.tensors.SWUNG_ROUNDS", 1)
     with pytest.raises(NoTensor) as caught:
         swung_tensor(_in_space("dynamic"), {}, 0.0)
     assert caught.value.outcome is FitOutcome.NOT_CONVERGED

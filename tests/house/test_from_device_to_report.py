@@ -69,7 +69,7 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
     assert set(plain["optimum"]) == {"rigid", "hand", "elbow"}
 
     page = write_report(session, fitted).read_text(encoding="utf-8")
-    assert page.count("<figcaption>") == 7 * 3 + 2 * 2 + 4, "seven a cuff, two more an arm cuff, four of all cuffs"
+    assert page.count("<figcaption>") == 2 * 3 + 2 + 5, "two of each cuff, one of each motion, five of the suit"
     assert page.count('<p class="banner">Simulated data.') == 1
     assert "http://" not in page and "https://" not in page, "self-contained"
 

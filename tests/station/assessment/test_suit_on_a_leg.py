@@ -78,7 +78,7 @@ def test_the_files_give_a_report_with_the_words_of_the_leg(station, tmp_path: Pa
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert 'id="given"' in page and 'id="doubts"' not in page, "figures by hand are no change of a file"
     assert plain["reference_rest_length_m"]["value"] == 0.328  # in a range of 34 mm, millimetres matter
-    for word in ("shank cuff", "heel is rigid", "shortest cord", "longest cord", "0.328 m"):
+    for word in ("shank cuff", "heel is rigid", "shortest, middle and longest cord", "0.328 m"):
         assert word in page, word
     for word in ("arm cuff", "lowest arm", "bundled suit", "Another motion is shown"):
         assert word not in page, word
