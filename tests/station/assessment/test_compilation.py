@@ -109,7 +109,7 @@ def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_sta
     tmp_path, monkeypatch, capsys, started
 ) -> None:
     (tmp_path / "multibody_1").mkdir()
-    (tmp_path / "multibody_1" / "bodies.move_bodies-30.py311.nbi").touch()  # an older version of the kernel
+    (tmp_path / "multibody_1" / "joints.move_bodies-30.py311.nbi").touch()  # an older version of the kernel
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     shown: Shown = []
