@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -50,15 +52,18 @@ class TrialProcess:
         return trial
 
     async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None:
-        """Return when the recorder has ended: `recorded` holds the result, or `refusal` and its code the reason."""
+        """Return when the recorder has ended: `recorded` holds the result, or `refusal` and its code the reason.
+
+        One message waits at most, so that a console that is too slow still answers its pages: the recorder drops its
+        oldest telemetry.
+        """
         loop = asyncio.get_running_loop()
-        messages: asyncio.Queue[dict[str, Any] | None] = asyncio.Queue()
+        messages: asyncio.Queue[dict[str, Any] | None] = asyncio.Queue(1)
 
         def receive() -> None:
-            with suppress(RuntimeError):  # the loop is closed; the recorder continues
-                for message in self._child:
-                    loop.call_soon_threadsafe(messages.put_nowait, message)
-                loop.call_soon_threadsafe(messages.put_nowait, None)
+            with suppress(RuntimeError, CancelledError):  # the loop is closed; the recorder continues
+                for message in chain(self._child, [None]):
+                    asyncio.run_coroutine_threadsafe(messages.put(message), loop).result()
 
         threading.Thread(target=receive, name="messages of the recorder", daemon=True).start()
         while (message := await messages.get()) is not None:
