@@ -129,8 +129,8 @@ def test_the_page_is_served_without_a_bench(lab: Path) -> None:
 
 @pytest.mark.timeout(1200)
 def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments(tmp_path: Path) -> None:
-    """The station recovers the file of a killed recorder. The recorder of a killed terminal closes its own: the
-    simulated devices end with the terminal, which is a lost device."""
+    """The station recovers the file of a killed recorder. The recorder of a killed terminal records its trial to the
+    end, because the simulated bench outlives the terminal, too."""
     folder, random = lab_folder(tmp_path), np.random.default_rng(25)
     for number in range(KILLS):
         with Headless(folder, *PLAN, "--session", str(SESSION)) as terminal:
