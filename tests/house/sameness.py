@@ -10,8 +10,8 @@ from typing import Any
 from recordings.reader import open_recording
 from recordings.samples import Event, Loss, Samples
 
-# The report names the hour alone where the last recording is of the same day as the first.
-DATES = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?(\+\d\d:\d\d|Z)?|\d\d:\d\d(?= UTC)")
+# The report names the hour alone where the last recording is of the same day as the first, and in its table of trials.
+DATES = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?(\+\d\d:\d\d|Z)?|\d\d:\d\d(:\d\d)?(?= UTC|</td>)")
 HASHES = re.compile(r"\b[0-9a-f]{12,64}\b")
 ABOUT_THE_FILES = ("sha256", "sources", "recorded_utc", "inputs", "seal")
 RESULTS = ("cuffs.json", "assessment.json", "report.json")

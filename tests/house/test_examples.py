@@ -35,7 +35,9 @@ png: bytes = cs.plot(fit)._repr_png_()
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sample sessions are kept in a folder of the test, not in the cache of the user who runs it."""
+    """Sample sessions are kept in a folder of the test, not in the cache of the user who runs it; a notebook's kernel
+    chooses how it shows pictures."""
+    monkeypatch.delenv("MPLBACKEND", raising=False)
     monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
