@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tarfile
 import zipfile
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -43,8 +42,6 @@ def distributions(folder: Path) -> dict[str, Path]:
 
 @pytest.mark.slow
 def test_two_builds_have_the_same_bytes_and_hold_what_a_user_needs(tmp_path: Path) -> None:
-    if int(version("setuptools").split(".")[0]) < 77:
-        pytest.skip("needs the setuptools of pyproject.toml")
     first, second = (distributions(tmp_path / name) for name in ("first", "second"))
     assert [hashlib.sha256(path.read_bytes()).digest() for path in first.values()] == [
         hashlib.sha256(path.read_bytes()).digest() for path in second.values()

@@ -320,6 +320,7 @@ def test_a_session_ended_during_a_trial_has_its_report_and_is_resumed(browser: B
         page.keyboard.press("a")
         seen(page, "pull the spring")
         page.keyboard.press("e")
+        seen(page, "End this trial now and skip to the report of the trials so far?")
         page.keyboard.press("y")
         seen(page, "1 of 2 trials of the plan are accepted")
         seen(page, "waits for a decision; the fit uses it unless it is redone")
