@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from scipy.constants import g
 
 from recordings.manifest import MeasurementProtocol, TestKind
 from station.bench.simulation import SimulatedBench, practice_settings
+from station.child import Child
 from station.config import load_config
 from station.journal import Recorded
 from station.messages.codes import ReasonCode, TrialCode
@@ -118,3 +121,32 @@ def test_the_step_at_which_a_trial_ended_is_its_cause(
 
 def test_without_planned_weights_no_step_is_missing() -> None:
     assert unfinished_step("static", MeasurementProtocol(), [(0.0, 1.0)]) is None
+
+
+def test_a_page_is_served_while_telemetry_arrives_faster_than_it_is_shown() -> None:
+    class Flooding:
+        """A recorder that has already sent everything."""
+
+        def __iter__(self) -> Iterator[dict[str, Any]]:
+            return iter([{"state": "recording"}] * 200)
+
+        def ensure_ended(self, _: float) -> int:
+            return 0
+
+    async def served_meanwhile() -> list[int]:
+        served, shown = 0, []
+
+        async def serve() -> None:
+            nonlocal served
+            while True:
+                served += 1
+                await asyncio.sleep(0)
+
+        page = asyncio.create_task(serve())
+        await TrialProcess(cast(Child, Flooding())).follow(lambda _: shown.append(served))
+        page.cancel()
+        return shown
+
+    shown = asyncio.run(served_meanwhile())
+    assert len(shown) == 200
+    assert all(later > sooner for sooner, later in pairwise(shown)), "other work between two messages"
