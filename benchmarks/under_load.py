@@ -2,7 +2,7 @@
 
     python -m benchmarks.under_load [--loops 16] [--compare] -- .venv/bin/pytest
 
-Busy loops with the priority of the command run beside it, one process for each. They end with the command, and also by
+Busy loops with the priority of the command run meanwhile, one process for each. They end with the command, and also by
 themselves when this program ends, or after --at-most seconds. --compare first runs the command without them. The exit
 code is that of the command under load.
 

@@ -73,7 +73,6 @@ class SolverCode(StrEnum):
     CUFFS_NOT_AT_REST = "suit_unusable.cuffs_not_at_rest"
     CORD_SLACK = "suit_unusable.cord_slack"
     POINT_NOT_SEEN = "suit_unusable.point_not_seen"
-    STIFFNESS_NOT_DRAWN = "suit_unusable.stiffness_not_drawn"
 
 
 class SolverError(ValueError):

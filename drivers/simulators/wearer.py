@@ -119,7 +119,7 @@ class Person:
         return at
 
     def has_load_cell(self, t: Floats) -> NDArray[np.bool_]:
-        """(n,) whether the load cell is in the cord, or lies beside it, at t (n,): in all trials of the person."""
+        """(n,) whether the load cell is in the cord, or is not under load, at t (n,): in all trials of the person."""
         return self._in(t, lambda trial: trial.is_of_person)
 
     def tension(self, t: Floats) -> Floats:

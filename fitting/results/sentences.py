@@ -247,7 +247,7 @@ _REFUSALS: Templates = {
     FitErrorCode.PROTOCOL_NOT_TOML: "{file} {problem}",
     FitErrorCode.PROTOCOL_INVALID: "{file}: {problem}",
     FitErrorCode.PROTOCOL_NO_RECORDING: (
-        "{file}: steps_s names {recording}, expected a recording beside it; correct the name"
+        "{file}: steps_s names {recording}, expected a recording in the same folder; correct the name"
     ),
     FitErrorCode.PROTOCOL_OUTSIDE: (
         "{file} names a step of {recording} at {step_s:g} s, expected between {first_s:.1f} and {last_s:.1f} s after "

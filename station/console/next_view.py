@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from station.console.actions import Actions
-from station.console.trial_dialog import offer_trial
+from station.console.actions import Action, Actions
 from station.console.wearer_form import offer_wearer
 from station.protocol import BODY_TESTS, CONDITION_NAMES, TrialSpec
 from station.session.controller import SessionController
@@ -53,7 +52,7 @@ def _chip(controller: SessionController, plan: PlanStatus, actions: Actions, tri
     chip.props(f'type=button aria-label="{_short_name(trial)}, {subject}: {state or "to come"}"')
     with chip:
         ui.label(_short_name(trial))
-    chip.on("click", lambda: offer_trial(controller, plan, trial, actions))
+    chip.on("click", lambda: _offer_trial(controller, plan, trial, actions))
 
 
 def _short_name(trial: TrialSpec) -> str:
@@ -98,3 +97,51 @@ def _show_pause(controller: SessionController) -> None:
         left.text = f"{seconds:.0f} s" if seconds > 0 else "pause over"
 
     ui.timer(0.5, count)
+
+
+def _offer_trial(controller: SessionController, plan: PlanStatus, trial: TrialSpec, actions: Actions) -> None:
+    """Open the dialog of one trial; the session may have changed since, and then refuses."""
+    with ui.dialog(value=True) as dialog, ui.card().classes("gap-3"):
+        dialog.props(f'aria-label="{trial.title}"')
+        ui.label(trial.title).classes("heading")
+        if trial in plan.done:
+            _offer_redo(controller, trial, actions, dialog)
+        else:
+            _offer_order(controller, plan, trial, actions, dialog)
+        ui.button("Close", on_click=dialog.close).props("flat")
+    dialog.on("hide", dialog.delete)
+
+
+def _offer_order(
+    controller: SessionController, plan: PlanStatus, trial: TrialSpec, actions: Actions, dialog: ui.dialog
+) -> None:
+    def skip() -> None:
+        controller.session.skip(trial)
+
+    if trial != plan.spec:
+        _dialog_button("Record it next", lambda: controller.session.choose(trial), actions, dialog)
+    if trial not in plan.skipped:
+        _dialog_button("Skip it", skip, actions, dialog)
+
+
+def _offer_redo(controller: SessionController, trial: TrialSpec, actions: Actions, dialog: ui.dialog) -> None:
+    reason = ui.input("Reason to redo it").classes("w-full").mark("redo-reason")
+
+    def redo() -> None:
+        controller.reviewer.redo(trial, reason.value or "")
+
+    def redo_donned_anew() -> None:
+        controller.reviewer.redo(trial, reason.value or "", is_donned_anew=True)
+
+    _dialog_button("Redo it", redo, actions, dialog)
+    if trial.cuff is not None:
+        ui.label("Migration is known only for trials since the cuff was donned; donned anew, its repeats start again.")
+        _dialog_button("Don the cuff anew and redo", redo_donned_anew, actions, dialog)
+
+
+def _dialog_button(name: str, action: Action, actions: Actions, dialog: ui.dialog) -> None:
+    async def press() -> None:
+        dialog.close()
+        await actions.run(action)
+
+    ui.button(name, on_click=press).props("outline")

@@ -72,13 +72,13 @@ class IkDocument(BaseModel):
 
 
 def result_files(path: Path, *, is_smoothed: bool) -> list[Path]:
-    """The motion, and the files beside it: report, table of frames, and the speeds of a smoothed trial."""
+    """The motion and the files of the same name: report, table of frames, and the speeds of a smoothed trial."""
     endings = ["_ik.json", "_ik_frames.csv", *["_ik_kinematics.csv"] * is_smoothed]
     return [path, *(path.with_name(f"{path.stem}{ending}") for ending in endings)]
 
 
 def write_postures(path: Path, solved: SolvedPostures) -> None:
-    """Write the motion, and beside it the table *_ik_frames.csv and the report *_ik.json.
+    """Write the motion, and into the same folder the table *_ik_frames.csv and the report *_ik.json.
 
     Of a smoothed trial the motion is the smoothed one, and *_ik_kinematics.csv has its speeds and accelerations.
     Coordinates are in radians and metres. Frames without a posture are left out of the motion; the table has all.

@@ -1,4 +1,4 @@
-"""From cuffs.json to assessment.json, the activations beside it, and the report's section on the suit."""
+"""From cuffs.json to assessment.json, the activations, and the report's section on the suit."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_the_tables_are_by_cuff_and_condition(plain: dict[str, Any]) -> None:
 def test_the_report_lists_the_cuffs_with_their_intervals(plain: dict[str, Any], folder: Path, tmp_path: Path) -> None:
     low, high = plain["cuffs"]["hand"]["stiffness_n_per_m"]["ci95"]
     assert (plain["cuffs"]["waist"]["site"], low) == ("waist", pytest.approx(8520 * (1 - 0.03 * 1.96), rel=1e-3))
-    shutil.copy(folder / "assessment.json", tmp_path)  # without the cuffs.json beside it
+    shutil.copy(folder / "assessment.json", tmp_path)  # without its cuffs.json
     figure = f">8520 ({low:.0f}\u00a0to\u00a0{high:.0f}) (given by hand)</data></td>"
     assert figure in write_report(tmp_path).read_text(encoding="utf-8")
 

@@ -194,7 +194,8 @@ def test_the_effect_of_decimation_is_given() -> None:
     ("are_people_drawn", "code"), [(True, AssessmentCode.NO_COVARIANCE), (False, AssessmentCode.NO_INTERVALS)]
 )
 def test_the_reason_of_missing_intervals_is_given(*, are_people_drawn: bool, code: AssessmentCode) -> None:
-    one(findings(assessment(curve("hand", 0.85)), are_people_drawn=are_people_drawn), code)
+    found = findings(assessment(curve("hand", 0.85)), are_people_drawn=are_people_drawn)
+    assert one(found, code).code is code
 
 
 @pytest.mark.parametrize("outcome", OUTCOMES)
