@@ -334,10 +334,10 @@ def _read(
 ) -> list[CurveReadouts]:
     """Readouts of all scenarios; the loss of cord force is relative to the same cuffs without migration."""
     rigid, *others = zip(scenarios, efforts, strict=True)
-    readouts = list(read_off_curves(suited, slack, {"rigid": rigid}).values())
+    readouts = list(read_off_curves(suited, slack, {"rigid": rigid}, ("rigid",)).values())
     for cuff in range(0, len(others), len(CUFF_CONDITIONS)):
         own = dict(zip(CUFF_CONDITIONS, others[cuff : cuff + len(CUFF_CONDITIONS)], strict=True))
-        readouts += list(read_off_curves(suited, slack, {"rigid": rigid, **own}).values())[1:]
+        readouts += list(read_off_curves(suited, slack, {"rigid": rigid, **own}).values())
     return readouts
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,17 +38,20 @@ class CordLine:
     shoulder           (frames, 3); of a straight cord a point of it between the anchors, where no force acts
     anchors_to_ground  (frames, 2, 3, 3)
     interval           between frames [s]
+    reach, direction   distance (frames, 2) [m] from the anchors to the shoulder, and its unit vector (frames, 2, 3)
     """
 
     anchors: Array
     shoulder: Array
     anchors_to_ground: Array
     interval: float
+    reach: Array
+    direction: Array
 
-    @property
+    @cached_property
     def length(self) -> Array:
         """Length (frames,) [m] with the cuffs in place."""
-        length: Array = np.linalg.norm(self.shoulder[:, None] - self.anchors, axis=-1).sum(axis=1)
+        length: Array = self.reach.sum(axis=1)
         return length
 
 
@@ -55,13 +59,14 @@ class CordLine:
 class SuitForces:
     """Forces of the suit on the bodies, in ground; the leading axis is the rest length.
 
-    tension       (rest lengths, all frames) of the cord [N]
+    tension       (rest lengths, frames) of the cord [N];  largest_tension (rest lengths,) of all frames of the line
     displacement  (rest lengths, frames, 2, 3) of the waist and arm cuff from their rest position [m]
     points        (rest lengths, frames, 3, 3) waist, arm, shoulder [m]
     forces        (rest lengths, frames, 3, 3) on the body at each of them [N]
     """
 
     tension: Array
+    largest_tension: Array
     displacement: Array
     points: Array
     forces: Array
@@ -74,12 +79,15 @@ def cord_line(suit: Suit, model: Model, postures: Postures, interval: float) -> 
         for point in (suit.waist, suit.shoulder, suit.arm)
     )
     holding = [model.body_index(suit.waist.body), model.body_index(suit.arm.body)]
-    return CordLine(
-        anchors=np.stack([waist, arm], axis=1),
-        shoulder=0.5 * (waist + arm) if suit.is_straight else shoulder,
-        anchors_to_ground=postures.rotation_to_ground[:, holding],
-        interval=interval,
-    )
+    shoulder = 0.5 * (waist + arm) if suit.is_straight else shoulder
+    rotations = postures.rotation_to_ground[:, holding]
+    return line_between(np.stack([waist, arm], axis=1), shoulder, rotations, interval)
+
+
+def line_between(anchors: Array, shoulder: Array, anchors_to_ground: Array, interval: float) -> CordLine:
+    span = shoulder[:, None] - anchors
+    reach = np.linalg.norm(span, axis=-1)
+    return CordLine(anchors, shoulder, anchors_to_ground, interval, reach, span / reach[..., None])
 
 
 def with_migration(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
@@ -89,15 +97,15 @@ def with_migration(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
     """
     migration = np.array([cuff.migration if cuff else 0.0 for cuff in cuffs])
     if suit.migration_direction == "cord":
-        span = line.shoulder[:, None] - line.anchors
-        reach = np.linalg.norm(span, axis=-1, keepdims=True)
-        _ensure_before_the_bend(suit, migration, reach.min(axis=(0, 2)))
-        direction = span / reach
+        _ensure_before_the_bend(suit, migration, line.reach.min(axis=0))
+        anchors = line.anchors + migration[:, None] * line.direction
+        if not suit.is_straight:
+            return replace(line, anchors=anchors, reach=line.reach - migration)
     else:
         in_body = np.array([direction_to_joint(point) for point in (suit.waist, suit.arm)])
-        direction = rotate(line.anchors_to_ground, in_body)
-    anchors = line.anchors + migration[:, None] * direction
-    return replace(line, anchors=anchors, shoulder=anchors.mean(axis=1) if suit.is_straight else line.shoulder)
+        anchors = line.anchors + migration[:, None] * rotate(line.anchors_to_ground, in_body)
+    shoulder = anchors.mean(axis=1) if suit.is_straight else line.shoulder
+    return line_between(anchors, shoulder, line.anchors_to_ground, line.interval)
 
 
 def direction_to_joint(point: SuitPoint) -> Array:
@@ -141,38 +149,41 @@ def suit_forces(
             ensure_possible(cuff, least_damping=-np.inf)  # draws about a small damping are below 0, too
     rest = with_migration(suit, line, cuffs) if is_shifted else line
     stiffness = np.array([cuff.stiffness if cuff and yields else np.inf for cuff in cuffs])
-    span = rest.shoulder[:, None] - rest.anchors
-    reach = np.linalg.norm(span, axis=-1)
-    direction = span / reach[..., None]
-    travel = _equilibrium(reach, suit.stiffness, rest_lengths[:, None], stiffness)
-    tension = _cord_tension(suit, (reach - travel).sum(axis=-1), rest_lengths[:, None], line.interval)
-    chosen = slice(None, None, every)
-    displacement = travel[:, chosen, :, None] * direction[chosen]
+    _ensure_at_rest(rest.reach, suit.stiffness, float(rest_lengths.min()), stiffness)
+    series = _series_tension(rest.length, suit.stiffness, rest_lengths[:, None], stiffness)
+    tension = _cord_tension(suit, rest.length - series * (1 / stiffness).sum(), rest_lengths[:, None], line.interval)
+    chosen, direction = slice(None, None, every), rest.direction
+    displacement = (series[:, chosen, None] / stiffness)[..., None] * direction[chosen]
     pull = tension[:, chosen, None, None] * direction[chosen]
     held = [pull[..., i, :] for i in range(len(cuffs))]
     if yields:
-        velocity = _velocity(suit, line, travel, direction, chosen)
+        velocity = _velocity(suit, line, series, stiffness, direction, every)
         for i, cuff in enumerate(cuffs):
             if cuff:
                 held[i] = cuff_force(cuff.stiffness, cuff.damping, displacement[..., i, :], velocity[..., i, :])
     shoulder = np.broadcast_to(line.shoulder[chosen], (*tension[:, chosen].shape, 3))
     return SuitForces(
-        tension=tension,
+        tension=tension[:, chosen],
+        largest_tension=tension.max(axis=1),
         displacement=displacement,
         points=np.stack([*np.moveaxis(rest.anchors[chosen] + displacement, 2, 0), shoulder], axis=2),
         forces=np.stack([*held, -pull.sum(axis=2)], axis=2),
     )
 
 
-def _velocity(suit: Suit, line: CordLine, travel: Array, direction: Array, chosen: slice) -> Array:
+def _velocity(suit: Suit, line: CordLine, series: Array, stiffness: Array, direction: Array, every: int) -> Array:
     """Velocity of the cuffs relative to their bodies, in ground, from differences between neighbouring frames; (9)."""
-    frames = np.arange(len(line.shoulder))
-    before = np.maximum(frames - 1, 0)[chosen]
-    after = frames[chosen] if suit.rate == "backward" else np.minimum(frames + 1, frames[-1])[chosen]
-    in_body = rotate(np.swapaxes(line.anchors_to_ground, 2, 3), direction)
-    moved = travel[:, after, :, None] * in_body[after] - travel[:, before, :, None] * in_body[before]
+    chosen = np.arange(0, len(line.shoulder), every)
+    before = np.maximum(chosen - 1, 0)
+    after = chosen if suit.rate == "backward" else np.minimum(chosen + 1, len(line.shoulder) - 1)
+
+    def in_body(frames: NDArray[np.int64]) -> Array:
+        travel = (series[:, frames, None] / stiffness)[..., None]
+        found: Array = travel * rotate(np.swapaxes(line.anchors_to_ground[frames], 2, 3), direction[frames])
+        return found
+
     seconds = line.interval * np.maximum(after - before, 1)
-    return rotate(line.anchors_to_ground[chosen], moved / seconds[:, None, None])
+    return rotate(line.anchors_to_ground[chosen], (in_body(after) - in_body(before)) / seconds[:, None, None])
 
 
 def _ensure_before_the_bend(suit: Suit, migration: Array, reach: Array) -> None:
@@ -187,20 +198,27 @@ def _ensure_before_the_bend(suit: Suit, migration: Array, reach: Array) -> None:
             )
 
 
-def _equilibrium(reach: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
-    """Travel q (rest lengths, frames, 2) of both cuffs along the cord, where k q = T, (8); reach (frames, 2) to the
-    shoulder.
+def _series_tension(length: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
+    """Tension T (rest lengths, frames) [N] with which both cuffs are in equilibrium, where k q = T, (8).
 
     A cuff with the same stiffness in all directions moves along the cord, so cord and cuffs are springs in series:
-    T = stretch / (1/k_cord + 1/k_waist + 1/k_arm). Energy is convex, so the equilibrium is unique. There is
-    none where a cuff would be pulled beyond the shoulder point.
+    T = stretch / (1/k_cord + 1/k_waist + 1/k_arm). Energy is convex, so the equilibrium is unique.
     """
-    compliance = 1 / cuff_stiffness
-    stretch = np.maximum(reach.sum(axis=1) - rest_length, 0.0)
-    tension = cord_stiffness * stretch / (1 + cord_stiffness * compliance.sum())
-    travel: Array = tension[..., None] * compliance
+    share: float = cord_stiffness / (1 + cord_stiffness * (1 / cuff_stiffness).sum())
+    tension: Array = share * np.maximum(length - rest_length, 0.0)
+    return tension
+
+
+def _ensure_at_rest(reach: Array, cord_stiffness: float, shortest: float, cuff_stiffness: Array) -> None:
+    """Raise SuitError where a cuff would be pulled beyond the shoulder point, at the shortest rest length first.
+
+    reach (frames, 2) is the distance from the cuffs to the shoulder.
+    """
+    travel = _series_tension(reach.sum(axis=1), cord_stiffness, np.array(shortest), cuff_stiffness)[:, None] / (
+        cuff_stiffness
+    )
     left = reach - travel
-    pull = cord_stiffness * np.maximum(np.abs(left).sum(axis=-1) - rest_length, 0.0)
+    pull = cord_stiffness * np.maximum(np.abs(left).sum(axis=-1) - shortest, 0.0)
     yielding = np.isfinite(cuff_stiffness)
     residual = np.copysign(pull[..., None], left[..., yielding]) - cuff_stiffness[yielding] * travel[..., yielding]
     largest = float(np.abs(residual).max(initial=0.0))
@@ -211,15 +229,16 @@ def _equilibrium(reach: Array, cord_stiffness: float, rest_length: Array, cuff_s
             f"{softest:g} N/m is drawn beyond the bend or middle of the cord; check the cuffs and the rest lengths",
             SolverCode.CUFFS_NOT_AT_REST,
         )
-    return travel
 
 
 def _cord_tension(suit: Suit, length: Array, rest_length: Array, interval: float) -> Array:
     """Spring and damper in parallel, (6); zero while the cord is slack, never negative."""
     stretch = length - rest_length
-    rate = _rate(length, interval, suit.rate)
-    taut: Array = np.where(stretch > 0, np.maximum(suit.stiffness * stretch + suit.damping * rate, 0.0), 0.0)
-    return taut
+    tension: Array = suit.stiffness * np.maximum(stretch, 0.0)
+    if suit.damping:
+        rate = _rate(length, interval, suit.rate)
+        tension = np.where(stretch > 0, np.maximum(tension + suit.damping * rate, 0.0), 0.0)
+    return tension
 
 
 def _rate(values: Array, interval: float, scheme: Rate) -> Array:

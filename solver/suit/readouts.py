@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solver.redundancy.sequence import FrameOutcome
 from solver.suit.curve_minimum import find_minimum
-from solver.suit.scenarios import Condition, ScenarioEffort, SuitedMotion, SuitScenario
+from solver.suit.scenarios import CUFF_CONDITIONS, Condition, ScenarioEffort, SuitedMotion, SuitScenario
 
 Array = NDArray[np.float64]
 Place = tuple[Condition, str | None]
@@ -22,6 +22,7 @@ Solved = tuple[SuitScenario, ScenarioEffort]
 
 LARGE_RESERVES = 0.1
 """Effort of the reserves, over that of the muscles with a slack cord, above which muscles do not explain a motion."""
+ROUND_OFF = 1e-9  # m
 IDLE = 1e-9
 """Mean activation below which a muscle counts as inactive and has no reduction."""
 
@@ -79,11 +80,16 @@ FIGURES = tuple(field.name for field in fields(CurveReadouts) if field.name not 
 
 
 def read_off_curves(
-    suited: SuitedMotion, slack: ScenarioEffort, solved: Mapping[Condition, Solved]
+    suited: SuitedMotion,
+    slack: ScenarioEffort,
+    solved: Mapping[Condition, Solved],
+    conditions: Sequence[Condition] = CUFF_CONDITIONS,
 ) -> dict[Condition, CurveReadouts]:
-    """One version of each curve, from one set of cuffs in all conditions, or from rigid ones alone."""
+    """One version of the curves of these conditions, from one set of cuffs in all conditions and rigid ones."""
+    idle = suited.mean_activation(slack.activations[0])
     return {
-        condition: _read(suited, slack, curve, _unmigrated(solved, condition)) for condition, curve in solved.items()
+        condition: _read(suited, slack, idle, solved[condition], _unmigrated(solved, condition))
+        for condition in conditions
     }
 
 
@@ -98,24 +104,30 @@ def _unmigrated(solved: Mapping[Condition, Solved], condition: Condition) -> Sol
     return solved[UNMIGRATED[condition]] if condition in UNMIGRATED else None
 
 
-def _read(suited: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
+def _read(
+    suited: SuitedMotion, slack: ScenarioEffort, mean_slack: Array, solved: Solved, unmigrated: Solved | None
+) -> CurveReadouts:
+    """mean_slack (measured,) is the mean activation with a slack cord."""
     scenario, effort = solved
     force, cost = effort.cord_force[-1], effort.muscles[-1]
     force_before = unmigrated[1].cord_force[-1] if unmigrated is not None else np.nan
     lowest = find_minimum(scenario.rest_lengths[:-1], effort.muscles[:-1])
-    bounds = np.array([0.0, np.nan, np.nan, np.nan])
+    slack_length = suited.slack_rest_length(scenario)
+    bounds, lowest_cost = np.array([0.0, np.nan, np.nan, np.nan]), lowest.cost
     if lowest.edge:
         place = -2 if lowest.edge > 0 else 0  # the last is the reference
         length = scenario.rest_lengths[place]
-        bounds = np.array([lowest.edge, length, effort.muscles[place], suited.slack_rest_length(scenario) - length])
+        bounds = np.array([lowest.edge, length, effort.muscles[place], slack_length - length])
+        if length >= slack_length - ROUND_OFF:
+            lowest_cost = effort.muscles[place]  # a longer cord is as slack
     of_waist, of_arm = effort.migration_slopes
-    mean, mean_slack = (suited.mean_activation(found) for found in (effort.activations[-1], slack.activations[0]))
+    mean = suited.mean_activation(effort.activations[-1])
     return CurveReadouts(
         at_reference=np.array([cost]),
         rest_length=np.array([lowest.rest_length]),
-        lowest_cost=np.array([lowest.cost]),
+        lowest_cost=np.array([lowest_cost]),
         permissible_error=np.array([lowest.width]),
-        to_slack=np.array([suited.slack_rest_length(scenario) - lowest.rest_length]),
+        to_slack=np.array([slack_length - lowest.rest_length]),
         cord_force=np.array([force]),
         cord_force_lost=np.array([1 - force / force_before if force_before > 0 else np.nan]),
         cost_per_arm_migration=np.array([of_arm]),
@@ -139,20 +151,15 @@ def _outcome(cost: float, of_frames: Sequence[FrameOutcome]) -> FrameOutcome:
     return found.most_common(1)[0][0] if found else FrameOutcome.NOT_FINITE
 
 
-def efforts_at(suited: SuitedMotion, solved: Sequence[Solved]) -> Array:
-    """Normalised cost (rest lengths,) at those of the suit, from scenarios that differ in rest lengths only: monotone
-    cubics (Fritsch and Carlson 1980, SIAM J. Numer. Anal. 17:238); 1 where the cord is slack throughout, NaN below the
-    shortest rest length from which on all have a solution.
+def efforts_at(suited: SuitedMotion, solved: Solved) -> Array:
+    """Normalised cost (rest lengths,) at those of the suit, from a curve that ends with a slack cord: monotone cubics
+    (Fritsch and Carlson 1980, SIAM J. Numer. Anal. 17:238); 1 where the cord is slack throughout, NaN below the
+    shortest rest length of the curve.
     """
-    slack, wanted = suited.slack_rest_length(solved[0][0]), suited.suit.rest_lengths
-    every_length = np.concatenate([scenario.rest_lengths for scenario, _ in solved])
-    lengths, first = np.unique(every_length, return_index=True)
-    cost = np.concatenate([effort.muscles for _, effort in solved])[first]
-    is_used = (lengths < slack) & (np.cumsum(np.isnan(cost)[::-1])[::-1] == 0)
-    efforts = np.where(wanted < slack, np.nan, 1.0)
-    if is_used.any():
-        curve = scipy.interpolate.PchipInterpolator(
-            np.append(lengths[is_used], slack), np.append(cost[is_used], 1.0), extrapolate=False
-        )
-        efforts[wanted < slack] = curve(wanted[wanted < slack])
+    scenario, effort = solved
+    lengths, cost, wanted = scenario.rest_lengths[:-1], effort.muscles[:-1], suited.suit.rest_lengths
+    efforts = np.where(wanted < lengths[-1], np.nan, 1.0)
+    if np.isfinite(cost).all():
+        curve = scipy.interpolate.PchipInterpolator(lengths, cost, extrapolate=False)
+        efforts[wanted < lengths[-1]] = curve(wanted[wanted < lengths[-1]])
     return efforts

@@ -169,13 +169,15 @@ class SuitedMotion:
     def mean_activation(self, activations: Array) -> Array:
         """(measured,) mean over the finite frames of activations (frames, muscles), groups by their muscles' mean."""
         mean = activations[self.problem.is_finite].mean(axis=0)
-        return np.append(mean, [mean[group].mean() for group in self._groups])
+        return np.append(mean, self._shares @ mean)
 
     @cached_property
-    def _groups(self) -> list[list[int]]:
-        """Indices of the muscles of every group."""
-        names = self.model.muscle_names
-        return [[names.index(name) for name in group] for group in self.suit.groups.values()]
+    def _shares(self) -> Array:
+        """(groups, muscles) 1 / number of muscles of a group, for each of them."""
+        members = np.array([[name in group for name in self.model.muscle_names] for group in self.suit.groups.values()])
+        members = members.reshape(len(self.suit.groups), len(self.model.muscles))
+        shares: Array = members / members.sum(axis=1, keepdims=True)
+        return shares
 
     def with_suit(self, suit: Suit) -> SuitedMotion:
         """The same motion in a suit that differs in its cord only, not in its bodies or masses."""
@@ -202,7 +204,7 @@ class SuitedMotion:
         return float(line.length.max())
 
     def forces(self, scenario: SuitScenario) -> SuitForces:
-        """In the frames that are solved; the cord's tension in all of the motion."""
+        """In the frames that are solved; the largest tension of the cord in all of the motion."""
         return suit_forces(
             self.suit,
             self.line,
@@ -261,7 +263,7 @@ def solve_scenarios(
         forces = suited.forces(scenario)
         wrench = wrench_about_origin(forces.points, forces.forces)
         wrenches.append(wrench.reshape(*wrench.shape[:2], places))
-        cord_forces.append(forces.tension.max(axis=1))
+        cord_forces.append(forces.largest_tension)
     loads = response_to_wrenches(suited.per_unit_wrench, np.concatenate(wrenches))
     if suited.motion.options.tendons == "elastic":
         solution = _solve_elastic(suited, suited.model, suited.mechanics, loads, progress)

@@ -6,7 +6,7 @@ matrices of the redundancy problem; those who differ in body, muscles or motion 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import islice
@@ -14,17 +14,15 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.cuff import CuffParameters, by_site
+from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
 from solver.motion import Kinematics
-from solver.suit.assessment import Assessment
 from solver.suit.curve_minimum import edge_of_minimum
-from solver.suit.readouts import CurveReadouts, Place, efforts_at, read_off_curves, stacked
+from solver.suit.readouts import UNMIGRATED, CurveReadouts, Place, Solved, efforts_at, read_off_curves, stacked
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
     Condition,
     LoadedMotion,
-    ScenarioEffort,
     SuitedMotion,
     SuitScenario,
     prepare_suited_motion,
@@ -38,9 +36,9 @@ from solver.uncertainty.varied_motion import MOTION_FACTORS, MotionDraws, varied
 
 Array = NDArray[np.float64]
 
-NODES = 8  # rest lengths of a person's curve
-SHORTER_NODES = 5  # below them, where the effort is drawn and no optimum expected
-MOST_SHIFTS = 3  # of the rest lengths tried, until the optimum is among them
+NODES = 12  # rest lengths of a person's curve
+MORE_NODES, MOST_EXTENSIONS = 4, 3  # below them, where the optimum is not among them
+LONGEST_FIRST = 0.9  # of the rest length of a slack cord: the longest that a curve begins with
 UNBOUNDED = (-np.inf, np.inf)
 
 
@@ -49,7 +47,6 @@ class PeopleCase:
     """What the drawn people have in common.
 
     motion  the assessed one;  drawn: motions drawn from the uncertainty of its markers, if any
-    spans   of each place: first and last rest length tried [m] plus the migration of the cuffs, as for the fitted ones
     every   muscles are solved in every N-th frame
     """
 
@@ -58,7 +55,6 @@ class PeopleCase:
     waist: CuffParameters | None
     arms: tuple[CuffParameters, ...]
     sources: UncertaintySources
-    spans: Mapping[Place, tuple[float, float]]
     every: int
     drawn: tuple[Kinematics, ...] = ()
 
@@ -73,40 +69,6 @@ class PeopleCase:
     @cached_property
     def motion_draws(self) -> MotionDraws:
         return MotionDraws(self.motion.model, (self.motion.kinematics, *self.drawn))
-
-    @cached_property
-    def longest_cord(self) -> float:
-        """Greatest length of the cord's line on the body as assessed [m]; the rest lengths tried follow it."""
-        suited = prepare_suited_motion(self.motion, self.suit, self.every)
-        return float(suited.line.length.max())
-
-
-def people_case(
-    assessment: Assessment,
-    motion: LoadedMotion,
-    suit: Suit,
-    cuffs: Sequence[CuffParameters],
-    sources: UncertaintySources,
-    every: int,
-    drawn: tuple[Kinematics, ...] = (),
-) -> PeopleCase:
-    """What the people of an assessment have in common; the names are those of PeopleCase.
-
-    They try rest lengths around the best one of the assessment, over twice its permissible error; all of the suit's
-    where either is unknown.
-    """
-    arms, waists = by_site(cuffs)
-    waist = waists[0] if waists else None
-    by_name = {arm.name: arm for arm in arms}
-    spans: dict[Place, tuple[float, float]] = {}
-    for curve in assessment.curves:
-        arm = by_name[curve.cuff] if curve.cuff else None
-        length, width = curve.figures["rest_length"].value, curve.figures["permissible_error"].value
-        first, last = suit.rest_lengths[[0, -1]].tolist()
-        low, high = (first, last) if length is None or width is None else (length - width, length + width)
-        moved = SuitScenario(curve.condition, waist if arm else None, arm, suit.rest_lengths).migration
-        spans[curve.condition, curve.cuff] = low + moved, high + moved
-    return PeopleCase(motion, suit, waist, tuple(arms), sources, spans, every, drawn)
 
 
 def solve_people(
@@ -177,61 +139,91 @@ def _solve_person(
     suited = suited.with_suit(varied_suit(case.suit, sources.body, scores))
     waist = varied_cuff(case.waist, sources.fit, sources.donning, scores) if case.waist else None
     arms = [varied_cuff(arm, sources.fit, sources.donning, scores) for arm in case.arms]
-    moved = float(suited.line.length.max()) - case.longest_cord
-    pairs: list[tuple[Condition, CuffParameters | None, CuffParameters | None]] = [("rigid", None, None)]
-    pairs += [(condition, waist, arm) for arm in arms for condition in CUFF_CONDITIONS]
-    scenarios = [_scenario(case, pair, moved) for pair in pairs]
-    shorter = [_shorter(case, scenario) for scenario in scenarios if scenario.condition == "both"]
-    slack, efforts = solve_scenarios(suited, [*scenarios, *shorter], workers=workers)
-    efforts, shorter_efforts = efforts[: len(scenarios)], efforts[len(scenarios) :]
-    _bracket_optima(suited, scenarios, efforts, workers)
-    rigid, *others = zip(scenarios, efforts, strict=True)
-    found: dict[Place, CurveReadouts] = {("rigid", None): read_off_curves(suited, slack, {"rigid": rigid})["rigid"]}
-    rest = iter(others)
-    for arm, below in zip(arms, zip(shorter, shorter_efforts, strict=True), strict=True):
-        own = {scenario.condition: (scenario, effort) for scenario, effort in islice(rest, len(CUFF_CONDITIONS))}
-        curves = read_off_curves(suited, slack, {"rigid": rigid, **own})
-        curves["both"] = replace(curves["both"], efforts=efforts_at(suited, (own["both"], below))[None])
+    scenarios = [_scenario(suited, "rigid", None, None)]
+    scenarios += [_scenario(suited, condition, waist, arm) for arm in arms for condition in CUFF_CONDITIONS]
+    slack, efforts = solve_scenarios(suited, scenarios, workers=workers)
+    solved = _with_optima(suited, list(zip(scenarios, efforts, strict=True)), workers)
+    rigid, rest = _as_curve(suited, solved[0]), iter(solved[1:])
+    found: dict[Place, CurveReadouts] = {
+        (condition, None): reading
+        for condition, reading in read_off_curves(suited, slack, {"rigid": rigid}, ("rigid",)).items()
+    }
+    for arm in arms:
+        own: dict[Condition, Solved] = {"rigid": rigid}
+        for one in islice(rest, len(CUFF_CONDITIONS)):
+            own[one[0].condition] = _as_curve(suited, one)
+        own |= {
+            one: _with_curve(own[one], own[before]) for one, before in UNMIGRATED.items() if _is_shared(suited, one)
+        }
+        curves = read_off_curves(suited, slack, own)
+        curves["both"] = replace(curves["both"], efforts=efforts_at(suited, own["both"])[None])
         found |= {(condition, arm.name): curves[condition] for condition in CUFF_CONDITIONS}
     return found
 
 
+def _is_shared(suited: SuitedMotion, condition: Condition) -> bool:
+    """Whether the curve is that before the migration, shifted by it: migration along the cord slackens it."""
+    return condition in UNMIGRATED and suited.suit.migration_direction == "cord"
+
+
 def _scenario(
-    case: PeopleCase,
-    pair: tuple[Condition, CuffParameters | None, CuffParameters | None],
-    moved: float,
+    suited: SuitedMotion, condition: Condition, waist: CuffParameters | None, arm: CuffParameters | None
 ) -> SuitScenario:
-    """Rest lengths over the span, which follows the length of the cord and the migration; then the reference."""
-    condition, waist, arm = pair
-    first, last = case.spans[condition, arm.name if arm else None]
-    scenario = SuitScenario(condition, waist, arm, np.linspace(first + moved, last + moved, NODES), condition == "both")
-    lengths = np.append(scenario.rest_lengths - scenario.migration, case.suit.reference_rest_length)
-    return replace(scenario, rest_lengths=lengths)
+    """Rest lengths from the suit's shortest to that of a slack cord, none for a shared curve; then the reference."""
+    suit = suited.suit
+    scenario = SuitScenario(condition, waist, arm, np.array([suit.reference_rest_length]), condition == "both")
+    if _is_shared(suited, condition):
+        return scenario
+    slack = suited.slack_rest_length(scenario)
+    nodes = np.linspace(min(float(suit.rest_lengths[0]), LONGEST_FIRST * slack), slack, NODES, endpoint=False)
+    return replace(scenario, rest_lengths=np.append(nodes, scenario.rest_lengths))
 
 
-def _shorter(case: PeopleCase, scenario: SuitScenario) -> SuitScenario:
-    """The rest lengths from the suit's shortest up to those of the scenario."""
-    shortest = float(case.suit.rest_lengths[0])
-    lengths = np.linspace(min(shortest, scenario.rest_lengths[0]), scenario.rest_lengths[0], SHORTER_NODES + 1)[:-1]
-    return replace(scenario, rest_lengths=lengths, with_slopes=False)
+def _with_optima(suited: SuitedMotion, solved: list[Solved], workers: int | None) -> list[Solved]:
+    """With shorter rest lengths of the curves whose effort is least at the shortest one."""
+    for _ in range(MOST_EXTENSIONS):
+        shorter = {}
+        for index, (scenario, effort) in enumerate(solved):
+            lengths = scenario.rest_lengths[:-1]
+            if len(lengths) and edge_of_minimum(effort.muscles[:-1]) < 0:
+                more = lengths[0] - (lengths[1] - lengths[0]) * np.arange(MORE_NODES, 0, -1)
+                if more[0] > 0:
+                    shorter[index] = replace(scenario, rest_lengths=more, with_slopes=False)
+        if not shorter:
+            break
+        _, efforts = solve_scenarios(suited, list(shorter.values()), workers=workers)
+        for (index, scenario), effort in zip(shorter.items(), efforts, strict=True):
+            solved[index] = _with_lengths(solved[index], scenario.rest_lengths, effort.muscles)
+    return solved
 
 
-def _bracket_optima(
-    suited: SuitedMotion, scenarios: list[SuitScenario], efforts: list[ScenarioEffort], workers: int | None
-) -> None:
-    """Shift the rest lengths of curves whose least effort is at an end, and solve these again, in place."""
-    for _ in range(MOST_SHIFTS):
-        outside = {}
-        for index, (scenario, effort) in enumerate(zip(scenarios, efforts, strict=True)):
-            lengths, cost = scenario.rest_lengths[:-1], effort.muscles[:-1]
-            if edge := edge_of_minimum(cost):
-                moved = np.append(lengths + 0.6 * edge * (lengths[-1] - lengths[0]), scenario.rest_lengths[-1])
-                outside[index] = replace(scenario, rest_lengths=moved)
-        if not outside or min(scenario.rest_lengths.min() for scenario in outside.values()) <= 0:
-            return
-        _, again = solve_scenarios(suited, list(outside.values()), workers=workers)
-        for index, effort in zip(outside, again, strict=True):
-            scenarios[index], efforts[index] = outside[index], effort
+def _as_curve(suited: SuitedMotion, solved: Solved) -> Solved:
+    """With the effort of a slack cord, which is 1, and without the rest lengths below one that has no solution."""
+    scenario, effort = solved
+    lengths, unknown = scenario.rest_lengths[:-1], np.flatnonzero(np.isnan(effort.muscles[:-1]))
+    if not len(lengths):
+        return solved
+    if 0 < len(unknown) < len(lengths):
+        used = np.append(np.arange(unknown[-1] + 1, len(lengths)), -1)
+        scenario = replace(scenario, rest_lengths=scenario.rest_lengths[used])
+        effort = replace(effort, muscles=effort.muscles[used])
+    return _with_lengths((scenario, effort), np.array([suited.slack_rest_length(scenario)]), np.ones(1), before=-1)
+
+
+def _with_curve(solved: Solved, unmigrated: Solved) -> Solved:
+    """At the reference rest length alone, with the curve of the same cuffs before their migration along the cord."""
+    pattern, curve = unmigrated
+    return _with_lengths(solved, pattern.rest_lengths[:-1] - solved[0].migration, curve.muscles[:-1])
+
+
+def _with_lengths(solved: Solved, lengths: Array, muscles: Array, before: int = 0) -> Solved:
+    """With the effort of the muscles at more rest lengths, inserted before those of this index."""
+    scenario, effort = solved
+    at = before % len(scenario.rest_lengths)
+    return (
+        replace(scenario, rest_lengths=np.insert(scenario.rest_lengths, at, lengths)),
+        replace(effort, muscles=np.insert(effort.muscles, at, muscles)),
+    )
 
 
 def _unknown(readouts: CurveReadouts, reason: SolverCode) -> CurveReadouts:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
 from solver.suit.decision import BASES, DecisionRule, decide
-from solver.suit.quantity import bounds_of, content_of_intervals, quantity_of_draws
+from solver.suit.quantity import COLUMNS, bounds_of, content_of_intervals, quantity_of_draws
 from solver.suit.readouts import LARGE_RESERVES, CurveReadouts, Place
 from solver.uncertainty.indices import SobolIndices
 
@@ -93,13 +93,16 @@ def mark_infeasible(readouts: Readouts, *, has_assessed: bool) -> Readouts:
 
 def explained_figures(readouts: Readouts) -> dict[IndexedFigure, Array]:
     """(people,) of the figures that have Sobol indices: of every arm cuff the effort at the reference rest length and
-    the best rest length, of two cuffs the differences of their efforts; NaN for people with an infeasible motion.
+    the best rest length or its bound, of two cuffs the differences of their efforts; NaN for people with an infeasible
+    motion.
     """
     cuffs = {cuff: reading for (condition, cuff), reading in readouts.items() if condition == "both" and cuff}
     found: dict[IndexedFigure, Array] = {}
     for cuff, reading in cuffs.items():
         found["effort_at_reference", (cuff,)] = reading.at_reference
-        found["best_rest_length", (cuff,)] = reading.rest_length
+        found["best_rest_length", (cuff,)] = np.where(
+            np.isnan(reading.rest_length), reading.bounds[:, COLUMNS["rest_length"]], reading.rest_length
+        )
     for a, b in combinations(cuffs, 2):
         for basis, name in BASES.items():
             found[f"difference_{basis}", (a, b)] = getattr(cuffs[a], name) - getattr(cuffs[b], name)

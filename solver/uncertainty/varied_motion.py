@@ -38,14 +38,15 @@ class MotionDraws:
         return np.array([coordinate.motion == "rotation" for coordinate in self.model.coordinates])
 
     @cached_property
-    def _of_assessed(self) -> Array:
-        return _compatible(self.model, self.motions[0])
+    def _of_assessed(self) -> ConstrainedMotion:
+        return constrained_motion(self.model, self.motions[0])
 
-    def compatible(self, chosen: int) -> Array:
-        """(frames, coordinates, coordinates) of a motion: small displacements → those nearest to them that keep the
-        model's constraints, to first order. That of the assessed motion is kept, which people share without drawn ones.
+    def compatible(self, chosen: int, displaced: Array) -> Array:
+        """Displacements (frames, coordinates) of the motion with this index, nearest to these, that keep the model's
+        constraints to first order. Those of the assessed motion are kept, which people share without drawn ones.
         """
-        return self._of_assessed if chosen == 0 else _compatible(self.model, self.motions[chosen])
+        known = self._of_assessed if chosen == 0 else constrained_motion(self.model, self.motions[chosen])
+        return known.compatible(displaced)
 
 
 def varied_motion(draws: MotionDraws, spread: MotionSpread, scores: Scores) -> Kinematics:
@@ -69,7 +70,7 @@ def varied_motion(draws: MotionDraws, spread: MotionSpread, scores: Scores) -> K
     if "amplitude" in scores:
         displaced += spread.amplitude * scores["amplitude"] * (motion.positions - motion.positions[0])
     if displaced.any():
-        positions = motion.positions + np.einsum("fij,fj->fi", draws.compatible(chosen), displaced)
+        positions = motion.positions + draws.compatible(chosen, displaced)
         speeds = np.gradient(positions, motion.interval, axis=0)
         accelerations = np.gradient(speeds, motion.interval, axis=0)
         motion = replace(motion, positions=positions, speeds=speeds, accelerations=accelerations)
@@ -104,11 +105,34 @@ def _smooth_noise(motion: Kinematics, chance: float) -> Array:
     return noise
 
 
-def _compatible(model: Model, motion: Kinematics) -> Array:
-    """N (1 − G⁺ G) N⁻¹: G are the rows of the constraints in terms of speeds u, q̇ = N u."""
+@dataclass(frozen=True, eq=False)
+class ConstrainedMotion:
+    """Constraints of a motion: q̇ = N u and G u = 0.
+
+    rows       G (frames, rows, coordinates);  gram  (G Gᵀ)⁺ (frames, rows, rows)
+    to_rates   N (frames, mixed, mixed) of the coordinates whose rates are not their speeds;  mixed  their indices
+    """
+
+    rows: Array
+    gram: Array
+    to_rates: Array
+    mixed: NDArray[np.int64]
+
+    def compatible(self, displaced: Array) -> Array:
+        """N (1 − G⁺ G) N⁻¹ times displaced (frames, coordinates), with G⁺ = Gᵀ (G Gᵀ)⁺."""
+        moved = displaced.copy()
+        moved[:, self.mixed] = np.linalg.solve(self.to_rates, displaced[:, self.mixed, None])[..., 0]
+        violation = self.gram @ (self.rows @ moved[..., None])
+        moved -= (np.swapaxes(self.rows, 1, 2) @ violation)[..., 0]
+        moved[:, self.mixed] = (self.to_rates @ moved[:, self.mixed, None])[..., 0]
+        return moved
+
+
+def constrained_motion(model: Model, motion: Kinematics) -> ConstrainedMotion:
     state = postures(model, motion.positions, np.zeros_like(motion.positions))
     rows, _ = constraint_rows(model, state)
     to_rates, _ = rates_of_coordinates(model, state)
-    kept = np.eye(rows.shape[-1]) - np.linalg.pinv(rows) @ rows
-    compatible: Array = to_rates @ kept @ np.linalg.inv(to_rates)
-    return compatible
+    is_other = (to_rates != np.eye(to_rates.shape[-1])).any(axis=0)
+    mixed = np.flatnonzero(is_other.any(axis=0) | is_other.any(axis=1))
+    gram = np.linalg.pinv(rows @ np.swapaxes(rows, 1, 2), hermitian=True).astype(np.float64, copy=False)
+    return ConstrainedMotion(rows, gram, to_rates[:, mixed[:, None], mixed], mixed)

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.cuff import CuffParameters
+from solver.cuff import CuffParameters, by_site
 from solver.suit.assessment import Assessment
 from solver.suit.readouts import CurveReadouts, Place, stacked
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import suit_toml
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.indices import group_names, group_sample, sobol_indices
-from solver.uncertainty.people import PeopleCase, people_case, solve_people
+from solver.uncertainty.people import PeopleCase, solve_people
 from solver.uncertainty.sources import DonningSpread
 from solver.uncertainty.total import DrawnPeople, explained_figures, mark_infeasible, with_people
 from station.assessment.budget_file import BUNDLED_BUDGET, UncertaintyBudget, read_budget
@@ -116,7 +116,9 @@ def assess_people(
         sources = replace(sources, donning=donning)
     sources = sources if run.sources == "all" else sources.of_fit
     every = max(1, round(len(motion.kinematics.time) / sample.frames))
-    case = people_case(assessment, motion, assessed.suit, cuffs, sources, every, assessed.drawn)
+    arms, waists = by_site(cuffs)
+    waist = waists[0] if waists else None
+    case = PeopleCase(motion, assessed.suit, waist, tuple(arms), sources, every, assessed.drawn)
     if not case.factors:
         return assessment, None
     unit = unit_sample(case.factors, sample.people, sample.method, sample.seed)
@@ -170,7 +172,6 @@ def _description(case: PeopleCase) -> bytes:
         "suit": suit_toml(case.suit),
         "cuffs": [_plain(cuff) for cuff in case.cuffs],
         "sources": _plain(case.sources),
-        "spans": sorted(map(repr, case.spans.items())),
         "every": case.every,
     }
     digest.update(json.dumps(plain, sort_keys=True, default=repr).encode())

@@ -10,7 +10,7 @@ from solver.suit.decision import DecisionOutcome, DecisionRule
 from solver.suit.quantity import Quantity, content_of_intervals, interval_of_draws
 from solver.suit.readouts import CurveReadouts
 from solver.uncertainty.factors import normal_scores, unit_sample
-from solver.uncertainty.people import people_case, solve_people
+from solver.uncertainty.people import PeopleCase, solve_people
 from solver.uncertainty.sources import UncertaintySources
 from solver.uncertainty.total import INFEASIBLE_MOTION, explained_figures, mark_infeasible, with_people
 from tests.solver.uncertainty.test_people import CASE, EVERY, HAND, SUIT, WAIST, people  # noqa: F401
@@ -39,7 +39,8 @@ def summarised(assessment, readouts):
 def drawn(*cuffs, suit=SUIT, sources=OF_FIT, count=DRAWS, motions=()):
     """The assessment of these cuffs, with the intervals of these sources."""
     found = assess(CASE.motion, suit, cuffs, every=EVERY)
-    case = people_case(found, CASE.motion, suit, cuffs, sources, EVERY, motions)
+    waist, *arms = cuffs if cuffs[0].site == "waist" else (None, *cuffs)
+    case = PeopleCase(CASE.motion, suit, waist, tuple(arms), sources, EVERY, motions)
     unit = unit_sample(case.factors, count, "latin_hypercube", seed=1)
     scores = np.vstack([np.zeros(unit.shape[1]), normal_scores(unit)])
     return with_people(found, solve_people(case, scores, workers=1), EVERY, ("fit",), DecisionRule())
@@ -108,17 +109,6 @@ def test_people_without_an_effort_are_counted_once_by_their_outcome(assessment, 
     assert list(summary.unsolved.items()) == [("infeasible", 2), ("not_converged", 1)]
     assert summary.solved == summary.people - sum(summary.unsolved.values()) == 0
     assert summarised(assessment, people).uncertainty.unsolved == {}
-
-
-def test_people_try_rest_lengths_around_the_optimum_or_all():
-    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY)
-    rigid, *others = found.curves
-    unknown = replace(rigid, figures={**rigid.figures, "rest_length": Quantity(None)})
-    case = people_case(replace(found, curves=(unknown, *others)), CASE.motion, SUIT, (WAIST, HAND), CASE.sources, EVERY)
-    length, width = (curve_of(found, "both").figures[name].value for name in ("rest_length", "permissible_error"))
-    migration = WAIST.migration + HAND.migration
-    assert case.spans["both", "hand"] == pytest.approx((length - width + migration, length + width + migration))
-    assert case.spans["rigid", None] == pytest.approx((0.63, 0.87))
 
 
 def test_drawn_migration_moves_the_best_rest_length_and_the_force_and_not_the_cost_there(of_fit):
