@@ -121,6 +121,7 @@ class Journal:
     chosen      trials that were chosen as the next one, the latest first
     notes       by file name; the session's under ""
     begun       UTC of the setup, as in the file; empty without one
+    entered     UTC of the entry of each recording, as in the file, by file name
     """
 
     setup: Setup | None = None
@@ -133,6 +134,7 @@ class Journal:
     begun: str = ""
     chosen: tuple[TrialSpec, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
+    entered: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def redone(self) -> dict[str, str]:
@@ -235,6 +237,7 @@ class _Lines:
         self._skipped: set[TrialSpec] = set()
         self._chosen: dict[TrialSpec, None] = {}  # in the order of the choices
         self._notes: dict[str, str] = {}
+        self._entered: dict[str, str] = {}
         self._assignments: dict[str, Assignment] = {}
 
     def add(self, entry: JournalEntry) -> None:
@@ -245,6 +248,7 @@ class _Lines:
             case RecordedEntry():
                 self._places.setdefault(entry.file, []).append(len(self._recorded))
                 self._recorded.append(Recorded(**entry.values()))
+                self._entered[entry.file] = entry.at
             case VerdictEntry():
                 self._verdicts.pop(entry.file, None)  # they are in the order of the decisions
                 self._verdicts[entry.file] = Decision(entry.choice, entry.reason)
@@ -267,6 +271,7 @@ class _Lines:
             self._begun,
             tuple(reversed(self._chosen)),
             self._notes,
+            self._entered,
         )
 
     def _change_plan(self, entry: JournalEntry) -> None:

@@ -8,16 +8,19 @@ from station.console.actions import Action, Actions
 from station.console.wearer_form import offer_wearer
 from station.protocol import BODY_TESTS, CONDITION_NAMES, TrialSpec
 from station.session.controller import SessionController
-from station.session.plan_status import PlanStatus, minutes_left, preparation
+from station.session.plan_status import PlanStatus, TrialState, preparation
+
+STAGES: dict[TrialState, str] = {"kept": "done", "skipped": "skipped", "next": "current", "to come": ""}
+"""State of a trial → class of its place in the plan."""
 
 
 def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
-    spec, config = plan.spec, controller.session.trial_config
+    spec, left = plan.spec, controller.session.minutes_left
     assert spec is not None  # noqa: S101  (without one the page shows the summary)
     ui.label(preparation(plan, controller.session.config)).classes("cue").mark("order")
     with ui.row().classes("items-baseline gap-6"):
         ui.label(f"next: {spec.title}").classes("text-3xl").mark("next")
-        ui.label(f"about {minutes_left(plan, config)} min left in this session").classes("text-xl quiet").mark("time")
+        ui.label(f"about {left} min left in this session").classes("text-xl quiet").mark("time")
     if plan.has_pause:
         _show_pause(controller)
     show_plan(controller, plan, actions)
@@ -46,10 +49,10 @@ def show_plan(controller: SessionController, plan: PlanStatus, actions: Actions)
 
 
 def _chip(controller: SessionController, plan: PlanStatus, actions: Actions, trial: TrialSpec) -> None:
-    state = _state_of(trial, plan)
-    chip = ui.element("button").classes(f"stage {state}").mark(f"trial-{trial.title}")
+    state = plan.state_of(trial)
+    chip = ui.element("button").classes(f"stage {STAGES[state]}").mark(f"trial-{trial.title}")
     subject = trial.cuff or ("wearer" if trial.test in BODY_TESTS else "load cell")
-    chip.props(f'type=button aria-label="{_short_name(trial)}, {subject}: {state or "to come"}"')
+    chip.props(f'type=button aria-label="{_short_name(trial)}, {subject}: {state}"')
     with chip:
         ui.label(_short_name(trial))
     chip.on("click", lambda: _offer_trial(controller, plan, trial, actions))
@@ -59,14 +62,6 @@ def _short_name(trial: TrialSpec) -> str:
     if trial.cuff is not None:
         return f"{trial.test} {trial.repeat}"
     return trial.test if trial.condition is None else f"{trial.test}, {CONDITION_NAMES[trial.condition]}"
-
-
-def _state_of(trial: TrialSpec, plan: PlanStatus) -> str:
-    if trial in plan.done:
-        return "done"
-    if trial in plan.skipped:
-        return "skipped"
-    return "current" if trial == plan.spec else ""
 
 
 def add_exits(controller: SessionController, actions: Actions) -> None:

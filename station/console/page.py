@@ -202,4 +202,5 @@ def titles_of(controller: SessionController) -> tuple[str, str]:
     spec = controller.runner.live.spec
     number = 1 + next((n for n, trial in enumerate(plan.trials) if trial.title == spec.title), 0)
     repeats = f" of {setup.repeats}" if spec.cuff is not None else ""
-    return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {session}"
+    left = f"about {controller.session.minutes_left} min left"
+    return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {session} · {left}"

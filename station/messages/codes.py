@@ -222,6 +222,8 @@ class CommandCode(StrEnum):
     LOSES_MIGRATION = "command.loses_migration"
     UNKNOWN_COMMAND = "command.unknown"
     UNEXPECTED_ARGUMENT = "command.unexpected_argument"
+    TRIAL_NUMBER_EXPECTED = "command.trial_number_expected"
+    NO_SUCH_TRIAL = "command.no_such_trial"
     UNKNOWN_KEY = "command.unknown_key"
     NEW_SESSION = "session.subject_missing"
 

@@ -107,6 +107,10 @@ _COMMANDS: Mapping[StrEnum, str] = {
     ),
     CommandCode.UNKNOWN_COMMAND: "{line} is not a command; commands are {known}",
     CommandCode.UNEXPECTED_ARGUMENT: "{action} takes no argument, found {argument}",
+    CommandCode.TRIAL_NUMBER_EXPECTED: (
+        "{action} expects the number of a trial, such as #5, found {argument}; trials lists the numbers"
+    ),
+    CommandCode.NO_SUCH_TRIAL: "the plan has no trial #{number}; it has #1 to #{most}",
     CommandCode.UNKNOWN_KEY: "the key {key} is not used; ? lists the keys",
     CommandCode.NEW_SESSION: "{folder} is a new session; give --subject, a code of letters and digits, such as P01",
 }

@@ -18,7 +18,7 @@ from station.messages.message import Message
 from station.protocol import TrialSpec
 from station.session.judgement import Judgement
 from station.session.plan_check import check_setup, describe_plan, load_steps
-from station.session.plan_status import PlanStatus, plan_status
+from station.session.plan_status import PlanStatus, minutes_left, plan_status
 from station.session.summary import Summary
 from station.subject.subject_file import SUBJECT_FILE, Subject, read_subject, write_subject
 
@@ -81,6 +81,12 @@ class OpenSession:
             return None
         return plan_status(journal.setup, journal, self.folder)
 
+    @property
+    def minutes_left(self) -> int:
+        """Estimate of the time for the trials of the plan that are left."""
+        plan = self.plan
+        return 0 if plan is None else minutes_left(plan, self.journal, self.trial_config)
+
     def folder_of(self, setup: Setup) -> Path:
         return self.config.session.folder / f"sub-{setup.subject}_ses-{setup.number}"
 
@@ -137,6 +143,13 @@ class OpenSession:
     def resume_plan(self) -> None:
         """Return from an early end to the plan."""
         self.is_ending, self.summary, self.message = False, None, ""
+
+    def trial(self, number: int) -> TrialSpec:
+        """The trial of this number in the plan, from 1. Raises CommandRefused."""
+        trials = self.plan.trials if self.plan is not None else ()
+        if not 1 <= number <= len(trials):
+            raise CommandRefused.of(CommandCode.NO_SUCH_TRIAL, number=number, most=len(trials))
+        return trials[number - 1]
 
     def skip(self, spec: TrialSpec | None = None) -> TrialSpec:
         """Skip a trial that is left, by default the next one, while none runs."""

@@ -6,7 +6,10 @@ It follows from the journal alone, so that an interrupted session resumes where 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 from recordings.manifest import TrialCondition
 from station.config import StationConfig
@@ -15,6 +18,12 @@ from station.protocol import BODY_TESTS, TrialSpec, published_plan
 
 DONNING_S, DECISION_S, HANGING_S, CYCLE_S = 90.0, 20.0, 5.0, 4.0
 """Assumed durations: to don a cuff, to arm and decide, to hang or remove a weight, and of an arm cycle."""
+ASSUMED_S = 300.0
+"""The assumed durations count as much as this time of the session itself."""
+INTERRUPTION = 4.0
+"""A trial that takes this multiple of its expected time, or longer, was interrupted and shows no pace."""
+TrialState = Literal["kept", "skipped", "next", "to come"]
+"""Of a trial of the plan."""
 PREPARATIONS: dict[TrialCondition, str] = {
     "unsuited": "Wearer without the suit, all markers on",
     "slack": "Don the suit, cord slack",
@@ -46,6 +55,13 @@ class PlanStatus:
     def spec(self) -> TrialSpec | None:
         """The next trial; None at the end of the plan."""
         return self.left[0] if self.left else None
+
+    def state_of(self, trial: TrialSpec) -> TrialState:
+        if trial in self.done:
+            return "kept"
+        if trial in self.skipped:
+            return "skipped"
+        return "next" if trial == self.spec else "to come"
 
 
 def plan_status(setup: Setup, journal: Journal, folder: Path) -> PlanStatus:
@@ -81,19 +97,59 @@ def plan_status(setup: Setup, journal: Journal, folder: Path) -> PlanStatus:
     )
 
 
-def minutes_left(plan: PlanStatus, config: StationConfig) -> int:
-    """Estimate of the time for the trials that are left, from the durations of the protocol; at least 1."""
-    seconds = sum(DECISION_S + _duration_s(spec, config) for spec in plan.left)
-    cuffs = {spec.cuff for spec in plan.left if spec.cuff is not None}
-    pauses = {(spec.cuff, spec.repeat) for spec in plan.left if spec.cuff is not None and spec.repeat > 1}
-    return max(1, round((seconds + DONNING_S * len(cuffs) + config.protocol.pause_s * len(pauses)) / 60))
+def kept_recordings(spec: TrialSpec, journal: Journal) -> list[Recorded]:
+    """The accepted recordings of a trial of the plan."""
+    place = (spec.cuff, spec.test, spec.condition, spec.repeat, spec.donning)
+    return [
+        trial
+        for trial in journal.recorded
+        if (trial.cuff, trial.test, trial.condition, trial.repeat, trial.donning) == place
+        and trial.file in journal.verdicts
+        and trial.file not in journal.redone
+    ]
 
 
-def _duration_s(spec: TrialSpec, config: StationConfig) -> float:
-    if spec.test == "static":
+def minutes_left(plan: PlanStatus, journal: Journal, config: StationConfig) -> int:
+    """Estimate of the time for the trials that are left, at the pace of the session so far; at least 1."""
+    last = journal.recorded[-1] if journal.recorded else None
+    expected_s = sum(_expected_s(spec, before, config) for before, spec in pairwise((last, *plan.left)) if spec)
+    return max(1, round(_pace(journal, config) * expected_s / 60))
+
+
+def _pace(journal: Journal, config: StationConfig) -> float:
+    """Duration of the trials so far, relative to the expected one."""
+    expected_s = taken_s = ASSUMED_S
+    for before, trial in pairwise(journal.recorded):
+        trial_s = _expected_s(trial, before, config)
+        passed_s = _seconds_between(journal.entered.get(before.file, ""), journal.entered.get(trial.file, ""))
+        if 0 < passed_s < INTERRUPTION * trial_s:
+            expected_s, taken_s = expected_s + trial_s, taken_s + passed_s
+    return taken_s / expected_s
+
+
+def _expected_s(trial: TrialSpec | Recorded, before: TrialSpec | Recorded | None, config: StationConfig) -> float:
+    """Time from the end of the trial before to the end of this one: donning or rest, the trial, and its decision."""
+    seconds = DECISION_S + _duration_s(trial, config)
+    if trial.cuff is None:
+        return seconds
+    if before is None or (before.cuff, before.donning) != (trial.cuff, trial.donning):
+        return seconds + DONNING_S
+    return seconds + (config.protocol.pause_s if before.repeat != trial.repeat else 0.0)
+
+
+def _seconds_between(first: str, second: str) -> float:
+    """Of two times of the journal; 0 for one that cannot be read."""
+    try:
+        return (datetime.fromisoformat(second) - datetime.fromisoformat(first)).total_seconds()
+    except (ValueError, TypeError):  # TypeError: only one of them has a time zone
+        return 0.0
+
+
+def _duration_s(trial: TrialSpec | Recorded, config: StationConfig) -> float:
+    if trial.test == "static":
         return (2 * len(config.protocol.step_masses_kg) + 1) * (config.protocol.hold_s + HANGING_S)
-    if spec.test in BODY_TESTS and config.body is not None:
-        return config.body.pose_s if spec.test == "pose" else config.body.cycles * CYCLE_S
+    if trial.test in BODY_TESTS and config.body is not None:
+        return config.body.pose_s if trial.test == "pose" else config.body.cycles * CYCLE_S
     return config.protocol.swing_s
 
 

@@ -20,7 +20,7 @@ from station.session.adoption import adopt_recordings
 from station.session.judgement import Judgement, judgement_without_fit
 from station.session.open_session import CommandRefused, OpenSession
 from station.session.plan_check import describe_plan
-from station.session.plan_status import is_donned_without_trial
+from station.session.plan_status import is_donned_without_trial, kept_recordings
 from station.session.summary import Summary, SummaryError, summarise
 from station.session.worker import Worker
 
@@ -60,19 +60,11 @@ class Reviewer:
     def redo(self, spec: TrialSpec, reason: str, *, is_donned_anew: bool = False) -> None:
         """Set the accepted recording of a trial aside, so that the trial is left again."""
         self._session.refuse_while_running()
-        plan, journal = self._session.plan, self._session.journal
-        place = (spec.cuff, spec.test, spec.condition, spec.repeat, spec.donning)
-        accepted = [
-            trial.file
-            for trial in journal.recorded
-            if (trial.cuff, trial.test, trial.condition, trial.repeat, trial.donning) == place
-            and trial.file in journal.verdicts
-            and trial.file not in journal.redone
-        ]
-        if plan is None or self._session.folder is None or spec not in plan.done or not accepted:
+        plan, kept = self._session.plan, kept_recordings(spec, self._session.journal)
+        if plan is None or self._session.folder is None or spec not in plan.done or not kept:
             raise CommandRefused.of(CommandCode.NOT_DONE, trial=spec.title)
-        for file in accepted:
-            write_verdict(self._session.folder, file, "redo", reason)
+        for recorded in kept:
+            write_verdict(self._session.folder, recorded.file, "redo", reason)
         if is_donned_anew and spec.cuff is not None:
             write_donned(self._session.folder, spec.cuff)
         self._discard_fit()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import Protocol
 
 from station.messages.codes import CommandCode
@@ -10,7 +11,7 @@ from station.messages.message import Message
 from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
 from station.terminal.commands import MEANINGS, Action, Command, UnknownCommand
-from station.terminal.events import CommandAnswered, Event
+from station.terminal.events import CommandAnswered, Event, PlanListed
 
 Request = Command | UnknownCommand
 
@@ -26,10 +27,12 @@ class SessionOutput(Protocol):
 
 
 class CommandQueue:
-    """requests are parsed lines or keys; answers go to the output."""
+    """requests are parsed lines or keys; answers, also those that list the plan, go to the output."""
 
-    def __init__(self, requests: asyncio.Queue[Request], output: SessionOutput) -> None:
-        self._requests, self._output = requests, output
+    def __init__(
+        self, requests: asyncio.Queue[Request], output: SessionOutput, list_plan: Callable[[], PlanListed]
+    ) -> None:
+        self._requests, self._output, self._list_plan = requests, output, list_plan
 
     @property
     def is_empty(self) -> bool:
@@ -46,6 +49,9 @@ class CommandQueue:
             return None
         if request.action is Action.HELP:
             self.answer("\n".join(f"{action:8}{meaning}" for action, meaning in MEANINGS.items()))
+            return None
+        if request.action is Action.TRIALS:
+            self._output.show_event(self._list_plan())
             return None
         return request
 

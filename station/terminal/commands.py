@@ -1,7 +1,11 @@
-"""Commands of a session without a page: one word per line, or its letter as a key."""
+"""Commands of a session without a page: one word per line, or its letter as a key.
+
+#5 is the fifth trial of the plan.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -18,6 +22,8 @@ class Action(StrEnum):
     REDON = "redon"
     UNDO = "undo"
     SKIP = "skip"
+    NEXT = "next"
+    TRIALS = "trials"
     PAUSE = "pause"
     ARM = "arm"
     MARK = "mark"
@@ -34,6 +40,8 @@ KEYS = {
     "d": Action.REDON,
     "u": Action.UNDO,
     "n": Action.SKIP,
+    "x": Action.NEXT,
+    "t": Action.TRIALS,
     "p": Action.PAUSE,
     "a": Action.ARM,
     "m": Action.MARK,
@@ -45,10 +53,12 @@ KEYS = {
 }
 MEANINGS = {
     Action.KEEP: "keep the recording that waits",
-    Action.REDO: "repeat the trial of the recording that waits, runs, or was kept last; give the reason",
+    Action.REDO: "repeat the trial of the recording that waits, runs, or was kept last, or trial #5; give the reason",
     Action.REDON: "as redo, after donning the cuff anew; its repeats start again",
     Action.UNDO: "undo the last decision; its recording waits for a decision again",
-    Action.SKIP: "skip the next trial of the plan",
+    Action.SKIP: "skip the next trial of the plan, or trial #5",
+    Action.NEXT: "record trial #5 next; a skipped one is taken up again",
+    Action.TRIALS: "list the trials of the plan with their numbers",
     Action.PAUSE: "pause after the running trial, or at once while none is recorded",
     Action.ARM: "arm: continue after a pause, or try again at once",
     Action.MARK: "mark this moment in the recording",
@@ -59,7 +69,9 @@ MEANINGS = {
     Action.HELP: "list the commands",
 }
 TAKES_A_REASON = (Action.REDO, Action.REDON)
+TAKES_A_TRIAL = (*TAKES_A_REASON, Action.SKIP, Action.NEXT)
 LONGEST_QUOTE = 40
+_TRIAL = re.compile(r"#(\d{1,4})(?:\s+|$)")
 
 
 class UnknownCommand(StationError):
@@ -68,20 +80,36 @@ class UnknownCommand(StationError):
 
 @dataclass(frozen=True)
 class Command:
-    """reason: fault of a recording that is repeated; empty for the reasons of the verdict."""
+    """reason: fault of a recording that is repeated; empty for the reasons of the verdict. trial: its number in the
+    plan, from 1; None for the trial that the action refers to by itself.
+    """
 
     action: Action
     reason: str = ""
+    trial: int | None = None
 
 
 def parse_command(line: str) -> Command:
-    """Parse a line such as `redo the wearer coughed`, or `r the wearer coughed`. Raises UnknownCommand."""
+    """Parse a line such as `redo the wearer coughed`, `r the wearer coughed` or `redo #5 the wearer coughed`.
+
+    Raises UnknownCommand.
+    """
     word, _, rest = line.strip().partition(" ")
     action = KEYS.get(word.lower()) or next((known for known in Action if known.value == word.lower()), None)
     if action is None:
         figures = {"line": repr(word[:LONGEST_QUOTE]), "known": ", ".join(Action)}
         raise UnknownCommand(Message(CommandCode.UNKNOWN_COMMAND, figures))
-    if rest.strip() and action not in TAKES_A_REASON:
-        figures = {"action": action.value, "argument": repr(rest.strip()[:LONGEST_QUOTE])}
-        raise UnknownCommand(Message(CommandCode.UNEXPECTED_ARGUMENT, figures))
-    return Command(action, rest.strip())
+    return parse_argument(action, rest)
+
+
+def parse_argument(action: Action, text: str) -> Command:
+    """The command with what was typed after its word or key. Raises UnknownCommand."""
+    text, trial = text.strip(), None
+    if action in TAKES_A_TRIAL and (found := _TRIAL.match(text)):
+        text, trial = text[found.end() :], int(found.group(1))
+    if text and action not in TAKES_A_REASON:
+        code = CommandCode.TRIAL_NUMBER_EXPECTED if action in TAKES_A_TRIAL else CommandCode.UNEXPECTED_ARGUMENT
+        raise UnknownCommand(Message(code, {"action": action.value, "argument": repr(text[:LONGEST_QUOTE])}))
+    if action is Action.NEXT and trial is None:
+        raise UnknownCommand(Message(CommandCode.TRIAL_NUMBER_EXPECTED, {"action": action.value, "argument": "none"}))
+    return Command(action, text, trial)

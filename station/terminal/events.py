@@ -12,6 +12,7 @@ from fitting.results.codes import Verdict
 from recordings.manifest import TrialCondition
 from station.journal_lines import Choice
 from station.session.judgement import Figure, Grade, Judgement, Reason, Row
+from station.session.plan_status import PlanStatus, TrialState
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class SessionOpened:
 
 @dataclass(frozen=True)
 class NextTrial:
-    """number counts from 1 in the plan; order is the preparation at the bench."""
+    """number counts from 1 in the plan; order is the preparation at the bench; minutes_left is of the session."""
 
     event: ClassVar[str] = "next_trial"
     cuff: str | None
@@ -41,6 +42,7 @@ class NextTrial:
     trials: int
     order: str
     condition: TrialCondition | None = None
+    minutes_left: int = 0
 
 
 @dataclass(frozen=True)
@@ -178,6 +180,29 @@ class TrialSkipped:
 
 
 @dataclass(frozen=True)
+class PlannedTrial:
+    """number counts from 1 in the plan, and is that of the commands."""
+
+    number: int
+    title: str
+    state: TrialState
+
+
+@dataclass(frozen=True)
+class PlanListed:
+    """Every trial of the plan, in its order."""
+
+    event: ClassVar[str] = "plan"
+    trials: tuple[PlannedTrial, ...]
+
+    @classmethod
+    def of(cls, plan: PlanStatus) -> PlanListed:
+        return cls(
+            tuple(PlannedTrial(number, spec.title, plan.state_of(spec)) for number, spec in enumerate(plan.trials, 1))
+        )
+
+
+@dataclass(frozen=True)
 class Waiting:
     """The session waits for one of these commands."""
 
@@ -243,6 +268,7 @@ Event = (
     | VerdictGiven
     | Decided
     | TrialSkipped
+    | PlanListed
     | Waiting
     | CommandAnswered
     | SummaryStarted

@@ -14,10 +14,12 @@ from contextlib import contextmanager
 from station.messages.codes import CommandCode
 from station.messages.message import Message
 from station.standard_input import POLL_INTERVAL_S, READ_SIZE, read_lines
-from station.terminal.commands import KEYS, TAKES_A_REASON, Action, Command, UnknownCommand, parse_command
+from station.terminal.commands import KEYS, Action, Command, UnknownCommand, parse_argument, parse_command
 
 Post = Callable[[Command | UnknownCommand], None]
 ENTER, ESCAPE, BACKSPACE = "\r\n", "\x1b", "\x7f\b"
+PROMPTS = {Action.REDO: "reason? ", Action.REDON: "reason? ", Action.NEXT: "number of the trial? #"}
+"""After these keys, text is typed up to Enter."""
 
 
 def is_interactive() -> bool:
@@ -30,7 +32,7 @@ def is_interactive() -> bool:
 
 
 class KeyParser:
-    """Parse keys into commands. After the key of a redo its reason is typed, up to Enter; Escape discards it."""
+    """Parse keys into commands. After a key of PROMPTS its argument is typed, up to Enter; Escape discards it."""
 
     def __init__(self, show_typed: Callable[[str | None], None]) -> None:
         self._show_typed = show_typed
@@ -45,29 +47,36 @@ class KeyParser:
 
     def _parse(self, key: str) -> Command | UnknownCommand | None:
         if self._action is not None:
-            return self._parse_reason(self._action, key)
+            return self._parse_argument(self._action, key)
         action = Action.ARM if key in ENTER else KEYS.get(key.lower())
         if action is None:
             unknown = Message(CommandCode.UNKNOWN_KEY, {"key": repr(key)})
             return UnknownCommand(unknown) if key.isprintable() else None
-        if action not in TAKES_A_REASON:
+        if action not in PROMPTS:
             return Command(action)
         self._action = action
         self._type("")
         return None
 
-    def _parse_reason(self, action: Action, key: str) -> Command | None:
+    def _parse_argument(self, action: Action, key: str) -> Command | UnknownCommand | None:
         if key in ENTER or key == ESCAPE:
-            command = Command(action, self._typed.strip()) if key in ENTER else None
+            typed = self._typed
             self._action, self._typed = None, ""
             self._show_typed(None)
-            return command
+            return _parse_typed(action, typed) if key in ENTER else None
         self._type(self._typed[:-1] if key in BACKSPACE else self._typed + key if key.isprintable() else self._typed)
         return None
 
     def _type(self, text: str) -> None:
         self._typed = text
-        self._show_typed(text)
+        self._show_typed(PROMPTS[self._action] + text if self._action is not None else text)
+
+
+def _parse_typed(action: Action, typed: str) -> Command | UnknownCommand:
+    try:
+        return parse_argument(action, f"#{typed.lstrip(' #')}" if action is Action.NEXT else typed)
+    except UnknownCommand as unknown:
+        return unknown
 
 
 def listen_to_lines(post: Post) -> None:

@@ -1,11 +1,12 @@
-"""Change the last decision while no other recording waits."""
+"""Change an earlier decision while no other recording waits."""
 
 from __future__ import annotations
 
+from station.journal import Recorded
 from station.messages.codes import CommandCode
 from station.session.controller import SessionController
 from station.session.open_session import CommandRefused
-from station.session.plan_status import redo_loses_migration
+from station.session.plan_status import kept_recordings, redo_loses_migration
 from station.terminal.commands import Action, Command
 from station.terminal.events import Decided
 
@@ -25,25 +26,38 @@ class LastDecision:
         self.undone.add(file)
 
     def redo(self, command: Command) -> Decided:
-        """Set the recording of the last decision aside; its trial becomes the next one. Raises CommandRefused.
+        """Set the recording of the last decision, or of the trial that the command names, aside; its trial is left
+        again. Raises CommandRefused.
 
         The first redo that would lose the migration is refused.
         """
-        journal, file = self._controller.session.journal, self._last_file()
-        recorded = next((trial for trial in journal.recorded if trial.file == file), None)
+        journal, recorded = self._controller.session.journal, self._recording_of(command)
         is_donned_anew = command.action is Action.REDON
-        if recorded is None or file in journal.redone:
+        if recorded.file in journal.redone:
             raise CommandRefused.of(CommandCode.NOTHING_TO_REDO)
         if not command.reason:
             raise CommandRefused.of(CommandCode.REASON_MISSING, action=command.action.value)
         if is_donned_anew and recorded.cuff is None:
             raise CommandRefused.of(CommandCode.BOUNCE_NOT_DONNED)
-        if not is_donned_anew and file not in self._warned and redo_loses_migration(recorded, journal):
-            self._warned.add(file)
-            raise CommandRefused.of(CommandCode.LOSES_MIGRATION, file=file)
-        self._controller.reviewer.undo(file)
+        if not is_donned_anew and recorded.file not in self._warned and redo_loses_migration(recorded, journal):
+            self._warned.add(recorded.file)
+            raise CommandRefused.of(CommandCode.LOSES_MIGRATION, file=recorded.file)
+        self._controller.reviewer.undo(recorded.file)
         self._controller.reviewer.decide("redo", command.reason, is_donned_anew=is_donned_anew)
-        return Decided(file, "redo", command.reason, "operator", is_donned_anew)
+        return Decided(recorded.file, "redo", command.reason, "operator", is_donned_anew)
+
+    def _recording_of(self, command: Command) -> Recorded:
+        """Raises CommandRefused if there is none."""
+        journal = self._controller.session.journal
+        if command.trial is not None:
+            spec = self._controller.session.trial(command.trial)
+            if not (kept := kept_recordings(spec, journal)):
+                raise CommandRefused.of(CommandCode.NOT_DONE, trial=spec.title)
+            return kept[-1]
+        recorded = next((trial for trial in journal.recorded if trial.file == self._last_file()), None)
+        if recorded is None:
+            raise CommandRefused.of(CommandCode.NOTHING_TO_REDO)
+        return recorded
 
     def _last_file(self) -> str:
         """Verdicts are in the order of the decisions."""

@@ -14,6 +14,7 @@ from station.journal import JournalError, Recorded
 from station.journal_lines import Choice
 from station.messages.codes import CommandCode, RefusalCode, TerminalCode
 from station.messages.message import Message, join_sentences
+from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.judgement import Judgement
 from station.session.live_trial import LiveTrial
@@ -26,6 +27,7 @@ from station.terminal.events import (
     Decided,
     Event,
     NextTrial,
+    PlanListed,
     SessionClosed,
     SessionOpened,
     SummaryFinished,
@@ -47,7 +49,7 @@ FIRST_RETRY_S, LAST_RETRY_S = 2.0, 15.0
 """Wall seconds before arming is tried again; doubled after every failure."""
 NEEDS_OTHER_FOLDER = (RefusalCode.SIMULATED_DEVICES, RefusalCode.MIXED_ORIGIN, RefusalCode.PATH_TOO_LONG)
 """Refusals of a trial that every further attempt would meet, too."""
-BETWEEN = ("arm", "redo", "redon", "undo", "skip", "finish", "end")
+BETWEEN = ("arm", "redo", "redon", "undo", "skip", "next", "trials", "finish", "end")
 DECISIONS = ("keep", "redo", "redon", "skip", "pause", "end")
 
 
@@ -65,7 +67,7 @@ class SessionSequencer:
     ) -> None:
         """waits_for_start: the station starts the captures, so that a trial is armed only on the operator's command."""
         self._controller, self._output = controller, output
-        self._commands = CommandQueue(requests, output)
+        self._commands = CommandQueue(requests, output, self._list_plan)
         self._is_simulated, self._waits_for_start = is_simulated, waits_for_start
         self._is_paused = self._is_ended = self.is_complete = self.is_refused = False
         self._is_started = False  # the operator started the next trial
@@ -124,7 +126,8 @@ class SessionSequencer:
         if spec is not None:
             trial = spec.cuff, spec.test, spec.repeat, spec.donning
             place = plan.trials.index(spec) + 1, len(plan.trials)
-            self._show_once(NextTrial(*trial, *place, instruction, spec.condition))
+            left = self._controller.session.minutes_left
+            self._show_once(NextTrial(*trial, *place, instruction, spec.condition, left))
         while not self._commands.is_empty:  # commands that arrived while the last trial was judged
             command = await self._commands.next(POLL_S)
             if command is not None and command.action is not Action.ARM and self._handle_between(command):
@@ -157,9 +160,12 @@ class SessionSequencer:
                     self._shown.clear()
                     self._output.show_event(self._last_decision.redo(command))
                 case Action.SKIP:
-                    spec = controller.session.skip()
+                    skipped = controller.session.skip(self._trial_of(command))
                     self._shown.clear()
-                    self._output.show_event(TrialSkipped(spec.cuff, spec.test, spec.repeat, spec.condition))
+                    self._output.show_event(TrialSkipped(skipped.cuff, skipped.test, skipped.repeat, skipped.condition))
+                case Action.NEXT if (chosen := self._trial_of(command)) is not None:
+                    controller.session.choose(chosen)
+                    self._shown.clear()
                 case Action.UNDO:
                     self._shown.clear()
                     self._last_decision.undo()
@@ -178,6 +184,13 @@ class SessionSequencer:
             return False
         self._reset_start()
         return True
+
+    def _trial_of(self, command: Command) -> TrialSpec | None:
+        """The trial that a command names by its number. Raises CommandRefused."""
+        return None if command.trial is None else self._controller.session.trial(command.trial)
+
+    def _list_plan(self) -> PlanListed:
+        return PlanListed.of(self._plan)
 
     async def _wait(self, seconds: float) -> None:
         """Wait for the next attempt; arm makes it at once."""
@@ -213,6 +226,8 @@ class SessionSequencer:
         runner, is_recorded = self._controller.runner, live.takes_marks
         try:
             match command.action:
+                case _ if is_recorded and command.trial is not None:
+                    raise CommandRefused.of(CommandCode.BEING_RECORDED)
                 case Action.REDO | Action.REDON if is_recorded:
                     if not command.reason:
                         raise CommandRefused.of(CommandCode.REASON_MISSING, action=command.action.value)
@@ -310,6 +325,8 @@ class SessionSequencer:
         """Apply a command to the recording that waits. Returns whether it is decided."""
         is_decided, reason = False, command.reason or default_reason
         match command.action:
+            case _ if command.trial is not None:
+                self._refuse_before_decision(recorded)
             case Action.KEEP:
                 is_decided = self._choose(recorded, "accept", "", "operator")
             case Action.REDO | Action.REDON:
@@ -324,9 +341,11 @@ class SessionSequencer:
             case Action.END:
                 self._is_ended = True
             case _:
-                commands = ", ".join(DECISIONS)
-                self._commands.refuse_with(CommandCode.WAITS_FOR_DECISION, file=recorded.file, commands=commands)
+                self._refuse_before_decision(recorded)
         return is_decided
+
+    def _refuse_before_decision(self, recorded: Recorded) -> None:
+        self._commands.refuse_with(CommandCode.WAITS_FOR_DECISION, file=recorded.file, commands=", ".join(DECISIONS))
 
     def _choose(
         self, recorded: Recorded, choice: Choice, reason: str, by: str, *, is_donned_anew: bool = False

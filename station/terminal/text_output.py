@@ -20,7 +20,7 @@ from station.terminal.events import Event
 
 NARROWEST = 40
 GRADE_STYLES = {"good": "green", "doubtful": "yellow", "bad": "bold red"}
-KEYS_BETWEEN = "a arm  r redo last  d re-don  n skip  p pause  e end  ? all keys"
+KEYS_BETWEEN = "a arm  r redo last  d re-don  n skip  x other trial  t trials  p pause  e end  ?"
 KEYS_RECORDING = "s stop  m mark  r redo  d re-don  p pause after it  e end  ? all keys"
 
 
@@ -37,7 +37,7 @@ class TextOutput:
     def __init__(self, console: Console, paths: TextIO, *, is_interactive: bool) -> None:
         self._console, self._paths = console, paths
         self._folder = Path()
-        self._typed: str | None = None  # the reason that is being typed
+        self._typed: str | None = None  # a prompt, and what is being typed after it
         self._trial = ""
         self._live: LiveTrial | None = None
         self._region = LiveRegion(console=console, auto_refresh=False, transient=True) if is_interactive else None
@@ -56,7 +56,7 @@ class TextOutput:
         self._draw()
 
     def show_typed(self, text: str | None) -> None:
-        """The reason that is being typed for a redo; None if none is."""
+        """A prompt with what is being typed after it; None if nothing is."""
         self._typed = text
         self._draw()
 
@@ -92,6 +92,8 @@ class TextOutput:
             case events.TrialSkipped():
                 title = describe_trial(event.cuff, event.test, event.repeat, event.condition)
                 self._print(f"  Skipped: {title}.")
+            case events.PlanListed():
+                self._print_plan(event)
             case events.Waiting():
                 self._print(f"  > {event.sentence}", "bold yellow")
                 self._print(f"    {' · '.join(event.commands)}")
@@ -102,12 +104,7 @@ class TextOutput:
                 text = event.sentence if isinstance(event, events.SummaryStarted) else f"  {event.stage}"
                 self._print(f"{text[0].upper()}{text[1:]}")
             case events.SummaryFinished():
-                for row in event.cuffs:
-                    for heading, text in row.items():
-                        self._print(f"  {heading}: {text}" if heading == "cuff" else f"    {heading:<14} {text}")
-                for finding in event.findings:
-                    self._print(f"  {finding}")
-                self._print_path(event.report)
+                self._print_summary(event)
             case events.SessionClosed():
                 counted = f"{event.done} of {event.trials} trials kept, {event.skipped} skipped"
                 self._print(f"{counted}; {event.sentence}.", "bold")
@@ -124,7 +121,7 @@ class TextOutput:
     def _print_next(self, event: events.NextTrial) -> None:
         title = describe_trial(event.cuff, event.test, event.repeat, event.condition)
         self._trial = f"{event.number}/{event.trials} {title}"
-        self._print(f"[{event.number}/{event.trials}] {title}", "bold")
+        self._print(f"[{event.number}/{event.trials}] {title} · about {event.minutes_left} min left", "bold")
         self._print(f"  {event.order}.")
 
     def _print_warning(self, event: events.WarningRaised) -> None:
@@ -156,6 +153,18 @@ class TextOutput:
             anew = ", the cuff donned anew" if event.is_donned_anew else ""
             self._print(f"  To be redone{place}{anew}: {event.file} ({event.reason})", "yellow")
 
+    def _print_summary(self, event: events.SummaryFinished) -> None:
+        for row in event.cuffs:
+            for heading, text in row.items():
+                self._print(f"  {heading}: {text}" if heading == "cuff" else f"    {heading:<14} {text}")
+        for finding in event.findings:
+            self._print(f"  {finding}")
+        self._print_path(event.report)
+
+    def _print_plan(self, event: events.PlanListed) -> None:
+        for trial in event.trials:
+            self._print(f"  #{trial.number:<3} {trial.state:<8} {trial.title}")
+
     def _print_path(self, path: str) -> None:
         """On a line of its own: above the key line where both are on the terminal, else on stdout."""
         with suppress(OSError, ValueError):  # the reader has ended; the session continues
@@ -184,7 +193,7 @@ class TextOutput:
         width = max(self._console.width, NARROWEST) - 1
         lines = [] if self._live is None else _trial_lines(self._live, self._trial)
         if self._typed is not None:
-            lines.append(Text(f"reason? {self._typed}_   (Enter: done, Esc: cancel)", "bold yellow"))
+            lines.append(Text(f"{self._typed}_   (Enter: done, Esc: cancel)", "bold yellow"))
         else:
             is_recorded = self._live is not None and self._live.takes_marks
             lines.append(Text(KEYS_RECORDING if is_recorded else KEYS_BETWEEN, "dim"))

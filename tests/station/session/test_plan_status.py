@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from station.config import StationConfig, parse_config
@@ -127,12 +129,32 @@ def test_a_cuff_to_which_the_rope_returns_is_worn_as_before(session) -> None:
     assert preparation(plan, StationConfig()) == "Rope to the hand cuff, worn as before, and slack"
 
 
+PACED = parse_config({"protocol": {"step_masses_kg": [1, 1], "hold_s": 7, "swing_s": 20, "pause_s": 60}}, "test")
+
+
 def test_the_time_left_is_that_of_the_protocol(session) -> None:
     """Two static trials of 5 loads, two dynamic ones of 20 s, one donning, one pause of 60 s, four decisions."""
-    config = parse_config({"protocol": {"step_masses_kg": [1, 1], "hold_s": 7, "swing_s": 20, "pause_s": 60}}, "test")
-    assert minutes_left(session(setup=ONE_CUFF), config) == round((2 * 5 * 12 + 2 * 20 + 90 + 60 + 4 * 20) / 60)
-    done = [(replace(trial, file=f"{trial.file}"), verdict) for trial, verdict in accepted(ONE_CUFF, 4)]
-    assert minutes_left(session(*done, setup=ONE_CUFF), config) == 1
+    journal = Journal(ONE_CUFF)
+    assert minutes_left(session(setup=ONE_CUFF), journal, PACED) == round((2 * 5 * 12 + 2 * 20 + 90 + 60 + 80) / 60)
+    assert minutes_left(session(*accepted(ONE_CUFF, 4), setup=ONE_CUFF), journal, PACED) == 1
+
+
+@pytest.mark.parametrize(("slower", "minutes"), [(1.0, 30), (2.0, 55), (0.5, 17), (100.0, 30)])
+def test_the_time_left_is_at_the_pace_of_the_session_without_its_interruptions(
+    session, slower: float, minutes: int
+) -> None:
+    """Ten of twenty repeats are left: 10 x (80 + 40 + 60) s = 30 min. Since the first trial ended, 1660 s were due:
+    (300 + slower x 1660) / (300 + 1660) of 30 min; a hundred times slower is an interruption.
+    """
+    setup = replace(ONE_CUFF, repeats=20)
+    done = accepted(setup, 20)
+    ended = np.cumsum([40.0 if trial.test == "dynamic" else 140.0 for trial, _ in done]) * slower
+    entered = {
+        trial.file: f"{datetime(2026, 5, 28, tzinfo=UTC) + timedelta(seconds=end)}"
+        for (trial, _), end in zip(done, ended, strict=True)
+    }
+    journal = Journal(setup, tuple(trial for trial, _ in done), entered=entered)
+    assert minutes_left(session(*done, setup=setup), journal, PACED) == minutes
 
 
 def test_a_cuff_donned_anew_starts_its_repeats_anew(session) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig, load_config
-from station.journal import read_journal, write_verdict
+from station.journal import Recorded, read_journal, write_recorded, write_verdict
 from station.messages.codes import CommandCode, RefusalCode, TrialCode
 from station.session.trial_process import TrialProcess
 from station.terminal.events import (
@@ -23,6 +24,7 @@ from station.terminal.events import (
     Decided,
     Event,
     NextTrial,
+    PlanListed,
     SessionClosed,
     StateChanged,
     SummaryStarted,
@@ -33,7 +35,7 @@ from station.terminal.events import (
 )
 from station.terminal.sequencer import SessionSequencer
 from tests.station.console.served import write_config
-from tests.station.terminal.practice import Answer, lead, remote_bench
+from tests.station.terminal.practice import SETUP, Answer, lead, remote_bench
 
 Told = Callable[[Event], bool]
 
@@ -198,6 +200,32 @@ def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
     (warning,) = [event for event in output.of(WarningRaised) if event.code == "not_ready"]
     assert words in warning.sentence and "\n" not in warning.sentence
     assert output.of(SessionClosed)[0].done == 2
+
+
+def test_the_plan_is_reordered_and_any_trial_skipped_or_redone_by_its_number(tmp_path: Path) -> None:
+    """Static and dynamic of two repeats; the first two are kept already."""
+    folder, setup = tmp_path / "simulated" / "monday", replace(SETUP, repeats=2)
+    folder.mkdir(parents=True)
+    for test in ("static", "dynamic"):
+        (folder / f"{test}.mcap").touch()
+        write_recorded(folder, Recorded(f"{test}.mcap", "hand", test, 1, "1", True, 0, "the capture ended"))
+        write_verdict(folder, f"{test}.mcap", "accept", "")
+    commands = iter(["next #4", "skip #3", "redo #2 the rope was caught", "trials", "next #1", "redo #9 it slipped"])
+
+    def answer(event: Event) -> str | None:
+        if isinstance(event, CommandAnswered | Waiting | PlanListed):
+            return next(commands, "end")
+        return None
+
+    output = lead(None, load_config(write_config(tmp_path)), folder, answer, setup)
+    assert [trial.number for trial in output.of(NextTrial)] == [3, 4, 4, 4]
+    assert [(one.file, one.reason) for one in output.of(Decided)] == [("dynamic.mcap", "the rope was caught")]
+    (listed,) = output.of(PlanListed)
+    assert [trial.state for trial in listed.trials] == ["kept", "to come", "skipped", "next"]
+    assert [refused.code for refused in output.of(CommandAnswered)] == [
+        CommandCode.NOT_LEFT,
+        CommandCode.NO_SUCH_TRIAL,
+    ]
 
 
 class _RefusedTrial:
