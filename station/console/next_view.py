@@ -31,6 +31,16 @@ def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> N
     add_exits(controller, actions)
 
 
+def show_recorder(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
+    """A trial of this session runs without this console, which sees it when it has ended."""
+    with ui.row().classes("items-center gap-4 no-wrap"):
+        ui.spinner(size="3rem")
+        ui.label("A trial of this session is being recorded").classes("cue").mark("recorder")
+    ui.label("The console that began it was ended, or runs elsewhere. The verdict is shown here when the trial ends.")
+    show_plan(controller, plan, actions)
+    add_exits(controller, actions)
+
+
 def _skip(controller: SessionController, spec: TrialSpec) -> None:
     controller.session.skip(spec)
 

@@ -98,6 +98,8 @@ class _Page:
                 setup_view.show(controller, actions)
             elif controller.runner.live is not None:
                 self._tick_view = self._running(controller.runner.live, actions)
+            elif controller.session.is_recorded_elsewhere:
+                next_view.show_recorder(controller, plan, actions)
             elif controller.session.is_ending:
                 summary_view.show(controller, plan, actions)
             elif plan.undecided is not None:
@@ -163,6 +165,7 @@ class _Page:
             controller.reviewer.progress,
             controller.session.summary,
             controller.session.is_ending,
+            controller.session.is_recorded_elsewhere,
         )
         return (*now, plan, tuple(journal.verdicts.items()), journal.recorded)
 

@@ -269,6 +269,7 @@ class TerminalCode(StrEnum):
     TRIALS_LEFT = "terminal.trials_left"
     REPORT_MISSING = "terminal.report_missing"
     SUMMARY_FAILED = "terminal.summary_failed"
+    NOTE_AFTER_REPORT = "terminal.note_after_report"
     COMPLETE = "terminal.complete"
 
 

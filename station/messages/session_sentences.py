@@ -176,6 +176,7 @@ _TERMINAL: Mapping[StrEnum, str] = {
     TerminalCode.SUMMARY_FAILED: (
         "fit, assessment or report failed ({error}); the recordings are complete: keep them, and report this error"
     ),
+    TerminalCode.NOTE_AFTER_REPORT: "the note is stored; the report does not have it until it is written again",
     TerminalCode.COMPLETE: "the session is complete",
 }
 

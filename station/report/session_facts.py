@@ -12,8 +12,7 @@ from typing import Any
 from recordings.errors import RecordingError
 from recordings.manifest import DataOrigin, Manifest, manifest_to_json
 from recordings.reader import read_manifest
-from station.journal import JournalError, read_journal
-from station.journal_lines import JOURNAL_FILE
+from station.journal import Journal, JournalError, read_journal
 from station.protocol import describe_trial
 from station.recordings_of_session import recordings_in
 from station.report.numbers import LocatedObject, Number, Shown, half_width, length, located, plain, total
@@ -47,7 +46,8 @@ def session_facts(
     calibration: the located entry of cuffs.json, None without one
     """
     manifests = dict(_manifests(recordings))
-    facts = [*_people(folder), Fact("Data", (ORIGINS[origin],))]
+    journal = _journal(folder)
+    facts = [*_people(journal), Fact("Data", (ORIGINS[origin],))]
     if manifests:
         facts += [
             Fact("Recorded", (_time(list(manifests.values())),)),
@@ -56,30 +56,37 @@ def session_facts(
             Fact("Calibration", tuple(_calibration(calibration))),
             Fact("Protocol", tuple(_protocol(manifests))),
         ]
+    if note := journal.notes.get(""):
+        facts.append(Fact("Note", (note,)))
     return tuple(facts)
 
 
 @dataclass(frozen=True)
 class RecordingRow:
-    """A recording in the order of the session: its entry in cuffs.json, None without one, or why it was rejected."""
+    """A recording in the order of the session: its entry in cuffs.json, None without one, or why it was rejected.
+
+    remarks are the operator's: the note on the trial, and the names of its marks
+    """
 
     time: str
     title: str
     file: str
     trial: LocatedObject | None
     reason: str
+    remarks: tuple[str, ...] = ()
 
 
 def recording_rows(folder: Path, document: LocatedObject) -> tuple[RecordingRow, ...]:
     """Every trial of the session, also those of the wearer and those that were not used, by time."""
     trials = {trial["file"]: trial for cuff in document.get("cuffs", {}).values() for trial in cuff.get("trials", ())}
     rejected = {trial["file"]: trial["reason"] for trial in document.get("rejected", ())}
-    rows = {}
+    rows, journal = {}, _journal(folder)
     for file, manifest in _manifests(recordings_in(folder)):
         cuff = manifest.cuff.name if manifest.cuff else None
         title = describe_trial(cuff, manifest.test, manifest.repeat, manifest.condition)
         begun = datetime.fromtimestamp(1e-9 * manifest.start_utc_ns, UTC)
-        row = RecordingRow(f"{begun:%H:%M:%S}", title, file, trials.get(file), rejected.get(file, ""))
+        remarks = tuple(_remarks(journal, file))
+        row = RecordingRow(f"{begun:%H:%M:%S}", title, file, trials.get(file), rejected.get(file, ""), remarks)
         rows[file] = (manifest.start_utc_ns, row)
     unread = [
         RecordingRow("", "", file, trials.get(file), rejected.get(file, ""))
@@ -97,14 +104,23 @@ def _manifests(recordings: Sequence[Path]) -> Iterator[tuple[str, Manifest]]:
             continue
 
 
-def _people(folder: Path) -> Iterator[Fact]:
-    """Subject (a code) and operator, from the journal of a session that has one."""
-    setup = None
-    if (folder / JOURNAL_FILE).is_file():
-        try:
-            setup = read_journal(folder).setup
-        except JournalError:
-            setup = None
+def _journal(folder: Path) -> Journal:
+    """Of a session that has one and whose journal can be read; else empty."""
+    try:
+        return read_journal(folder)
+    except JournalError:
+        return Journal()
+
+
+def _remarks(journal: Journal, file: str) -> Iterator[str]:
+    if note := journal.notes.get(file):
+        yield f"note: {note}"
+    yield from (f"mark {number}: {name}" for number, name in sorted(journal.marks.get(file, {}).items()) if name)
+
+
+def _people(journal: Journal) -> Iterator[Fact]:
+    """Subject (a code) and operator."""
+    setup = journal.setup
     yield Fact("Subject", ((setup and setup.subject) or UNKNOWN,))
     yield Fact("Operator", ((setup and setup.operator) or UNKNOWN,))
 

@@ -17,10 +17,10 @@ from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 
 
-def adopt_recordings(folder: Path) -> tuple[Recorded, ...]:
+def adopt_recordings(folder: Path) -> tuple[Recorded, ...] | None:
     """Enter every recording of the folder into the journal if it is missing there; recover a cut one first.
 
-    Returns the new entries. Has no effect while a recorder runs in the folder; it writes its own entry.
+    Returns the new entries; None, without effect, while a recorder runs in the folder: it writes its own entry.
     """
     adopted = []
     try:
@@ -31,8 +31,21 @@ def adopt_recordings(folder: Path) -> tuple[Recorded, ...]:
                     adopted.append(_recorded_from(path))
                     write_recorded(folder, adopted[-1])
     except Timeout:
-        pass
+        return None
     return tuple(adopted)
+
+
+def is_being_recorded(folder: Path) -> bool:
+    """Whether a recorder runs in the folder of a session."""
+    if not (folder / LOCK).exists():
+        return False
+    try:
+        with FileLock(folder / LOCK, timeout=0):
+            return False
+    except Timeout:
+        return True
+    except (OSError, NotImplementedError):  # a folder without locks records nothing
+        return False
 
 
 def _recorded_from(path: Path) -> Recorded:

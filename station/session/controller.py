@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
+from station.session.adoption import is_being_recorded
 from station.session.bench_checker import BenchChecker
+from station.session.listing import list_sessions
 from station.session.open_session import OpenSession
 from station.session.reviewer import Reviewer
 from station.session.trial_runner import TrialRunner
@@ -32,9 +34,18 @@ class SessionController:
         self.checker = BenchChecker(self.session, self.reviewer.in_worker)
 
     async def prepare(self) -> None:
-        """Check the bench, which the operator waits for, then import the fit, which is needed after the first trial."""
+        """Return to a trial that is still recorded, check the bench, and import the fit for the first verdict."""
+        self.resume_recorded()
         await self.checker.wait()
         await self.reviewer.warm_up()
+
+    def resume_recorded(self) -> None:
+        """Resume the session in which the recorder of a killed console records a trial, if there is one."""
+        for listed in list_sessions(self.session.config.session.folder):
+            if is_being_recorded(listed.folder):
+                self.session.resume(listed.folder)
+                self.session.is_recorded_elsewhere = True
+                return
 
     def close(self) -> None:
         """End the console; a running trial continues to its end."""

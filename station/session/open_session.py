@@ -13,7 +13,7 @@ from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.journal import Journal, Setup, read_journal, write_next, write_note, write_setup, write_skipped
 from station.journal_lines import JOURNAL_FILE
-from station.messages.codes import CommandCode
+from station.messages.codes import CommandCode, TerminalCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 from station.session.judgement import Judgement
@@ -40,14 +40,15 @@ class WrongSetup(CommandRefused):
 class OpenSession:
     """At most one session at a time. Methods raise CommandRefused and JournalError.
 
-    judgement is of the last recording, summary of the whole session, message of the last command; the trial runner
-    sets has_running_trial.
+    judgement is of the last recording, summary of the whole session, message of the last command. The trial runner
+    sets has_running_trial, the reviewer is_recorded_elsewhere: the recorder of another console, or of one that was
+    killed, records a trial of this session.
     """
 
     def __init__(self, config: StationConfig, speed: float | None, clock_port: int | None) -> None:
         self.config, self.speed, self.clock_port = config, speed, clock_port
         self.folder: Path | None = None
-        self.is_rehearsal = self.is_ending = self.has_running_trial = False
+        self.is_rehearsal = self.is_ending = self.has_running_trial = self.is_recorded_elsewhere = False
         self.judgement: Judgement | None = None
         self.summary: Summary | None = None
         self.message = ""
@@ -173,8 +174,11 @@ class OpenSession:
         """Write a note on a recording, or on the session if file is empty; it replaces the previous one."""
         if self.folder is None:
             raise CommandRefused.of(CommandCode.NO_SESSION)
-        if text.strip() != self.journal.notes.get(file, ""):
-            write_note(self.folder, file, text)
+        if text.strip() == self.journal.notes.get(file, ""):
+            return
+        write_note(self.folder, file, text)
+        if self.summary is not None:
+            self.summary, self.message = None, str(Message(TerminalCode.NOTE_AFTER_REPORT))
 
     def refuse_while_running(self) -> None:
         if self.has_running_trial:
@@ -202,4 +206,4 @@ class OpenSession:
 
     def _open(self, folder: Path, *, is_rehearsal: bool) -> None:
         self.folder, self.is_rehearsal, self.judgement, self.summary = folder, is_rehearsal, None, None
-        self.message, self._read, self.is_ending = "", None, False
+        self.message, self._read, self.is_ending, self.is_recorded_elsewhere = "", None, False, False

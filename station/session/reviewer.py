@@ -114,7 +114,8 @@ class Reviewer:
         self.is_judging = True
         try:
             adopted = await asyncio.to_thread(adopt_recordings, self._session.folder)
-            if any(code.code is TrialCode.RECORDER_KILLED for recorded in adopted for code in recorded.codes):
+            self._session.is_recorded_elsewhere = adopted is None
+            if any(code.code is TrialCode.RECORDER_KILLED for recorded in adopted or () for code in recorded.codes):
                 self._session.message = ""  # the verdict states it
             plan = self._session.plan
             file = plan.undecided.file if plan is not None and plan.undecided is not None else None

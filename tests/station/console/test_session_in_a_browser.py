@@ -217,26 +217,40 @@ def test_two_operators_see_the_same_and_only_one_trial_runs(browser: Browser, tm
     assert len(list((tmp_path / "sessions").rglob("*.mcap"))) == 1
 
 
+def kill_and_restart(browser: Browser, config: Path, *options: str) -> None:
+    """The new console returns to the trial, or offers its session if the trial has ended meanwhile."""
+    with ServedConsole(config, *options) as console:
+        page = open_page(browser, console.address)
+        begin(page)
+        page.keyboard.press("a")
+        runs(page)
+        console.kill()
+        page.close()
+    with ServedConsole(config, *options) as console:
+        page = open_page(browser, console.address)
+        offered, kept = page.get_by_role("button", name="P01, session 1: hand"), page.get_by_role("button", name="Keep")
+        returned = page.get_by_text("A trial of this session is being recorded")
+        expect(offered.or_(kept).or_(returned)).to_be_visible(timeout=patience_ms())
+        if offered.is_visible():
+            offered.click()
+        says_simulated(page)
+        seen(page, "Keep (k)")
+        page.keyboard.press("k")
+        seen(page, "next: hand, dynamic, repeat 1")
+
+
 def test_a_console_killed_during_a_trial_resumes_when_it_is_started_again(browser: Browser, tmp_path: Path) -> None:
     """The bench is one that does not end with the console, at the wall's pace; its clock waits for the recorder."""
     with simulated_bench(tmp_path, speed=1.0, test="static", hold_s=2.0) as (bench, _):
         ports = bench.ready["ports"]
         config = write_config(tmp_path, hold_s=2.0, ni=ports["ni"], qtm=ports["qtm"], sessions="sessions/simulated")
         config.write_text(f"{config.read_text()}[simulation.ports]\nclock = {ports['clock']}\n")
-        with ServedConsole(config, "--speed", "1") as console:
-            page = open_page(browser, console.address)
-            begin(page)
-            page.keyboard.press("a")
-            runs(page)
-            console.kill()
-            page.close()
-        with ServedConsole(config, "--speed", "1") as console:
-            page = open_page(browser, console.address)
-            page.get_by_role("button", name="P01, session 1: hand").click()
-            says_simulated(page)
-            seen(page, "Keep (k)")
-            page.keyboard.press("k")
-            seen(page, "next: hand, dynamic, repeat 1")
+        kill_and_restart(browser, config, "--speed", "1")
+    assert_whole(the_recording(tmp_path))
+
+
+def test_the_trial_of_a_killed_console_with_simulated_devices_is_not_lost(browser: Browser, tmp_path: Path) -> None:
+    kill_and_restart(browser, write_config(tmp_path, hold_s=3.0), "--simulated", "--speed", "2")
     assert_whole(the_recording(tmp_path))
 
 

@@ -9,12 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from scipy.constants import g
 
 from drivers.errors import DeviceCode
 from recordings.reader import open_recording
 from recordings.samples import Event
 from station.bench.simulation import SimulatedBench, practice_settings
+from station.bench.trial_recorder import LOCK
 from station.config import StationConfig, load_config
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.messages.codes import AlarmCode, CommandCode, JournalCode, ReasonCode, TerminalCode, TrialCode
@@ -24,6 +26,7 @@ from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.listing import list_sessions
 from station.session.open_session import CommandRefused
+from station.session.summary import Summary
 from station.session.worker import Worker
 from tests.station.console.served import write_config
 from tests.station.refusals import raises_refusal
@@ -111,6 +114,32 @@ def test_a_session_is_resumed_with_its_plan(controller: SessionController) -> No
         (listed.setup, listed.done, listed.trials) for listed in list_sessions(controller.session.config.session.folder)
     ] == [(SETUP, 1, 2)]
     assert name in controller.session.journal.verdicts
+
+
+def test_a_new_console_returns_to_the_session_of_which_a_trial_is_still_recorded(controller: SessionController) -> None:
+    for subject in ("P01", "P02"):
+        controller.session.begin(replace(SETUP, subject=subject))
+        controller.session.leave()
+    recorded = controller.session.config.session.folder / "sub-P01_ses-1"
+    controller.resume_recorded()
+    assert controller.session.folder is None
+    with FileLock(recorded / LOCK):  # as the recorder of a killed console
+        controller.resume_recorded()
+        assert controller.session.folder == recorded and controller.session.is_recorded_elsewhere
+        asyncio.run(controller.reviewer.process_recordings())
+        assert controller.session.is_recorded_elsewhere
+    asyncio.run(controller.reviewer.process_recordings())
+    assert not controller.session.is_recorded_elsewhere
+
+
+def test_a_note_after_the_report_asks_for_a_new_one(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    controller.session.note("", "left-handed")
+    controller.session.summary = Summary((), ())
+    controller.session.note("", "left-handed")
+    assert controller.session.summary is not None, "it has this note"
+    controller.session.note("", "right-handed")
+    assert controller.session.summary is None and controller.session.message
 
 
 @pytest.mark.parametrize("line", ["[" * 100_000, '{"kind": "setup", "at": "", "subject": 5}', "\0", '{"at": 1e999}'])

@@ -20,7 +20,7 @@ from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.journal import read_journal
 from station.messages.codes import RefusalCode, TrialCode
-from station.session.adoption import adopt_recordings
+from station.session.adoption import adopt_recordings, is_being_recorded
 from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 from tests.timeout import scaled_timeout
 
@@ -123,11 +123,12 @@ def test_the_file_of_a_killed_recorder_is_recovered_and_waits_for_a_decision(tmp
         Recorder(config, tmp_path, bench.clock_port) as recorder,
     ):
         recorder.until(has_recorded(4.0))
-        adopt_recordings(tmp_path)
-        assert read_journal(tmp_path).recorded == (), "a recorder that is at work speaks for itself"
+        assert adopt_recordings(tmp_path) is None and is_being_recorded(tmp_path)
+        assert read_journal(tmp_path).recorded == (), "the recorder writes its own entry"
         recorder.child.process.kill()
         recorder.child.process.wait()
-    assert [len(adopt_recordings(tmp_path)) for _ in range(2)] == [1, 0]
+    assert not is_being_recorded(tmp_path)
+    assert [len(adopt_recordings(tmp_path) or ()) for _ in range(2)] == [1, 0]
     (recorded,) = read_journal(tmp_path).recorded
     assert recorded.file.endswith(".recovered.mcap")
     assert not recorded.accepted
