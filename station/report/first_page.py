@@ -107,7 +107,7 @@ def answer(assessment: Plain) -> Iterator[Shown]:
             yield from (saving_in_words(best["normalised_cost"]), " at a rest length of ", at, " m")
             yield f" with {cuff}" if len(leading) > 1 else ""
         else:
-            yield from ("; ", saving_in_words(best["normalised_cost"], is_first=False), " at ", at, f" m with {cuff}")
+            yield from (", ", at, f" m with {cuff}")
     yield "."
 
 

@@ -155,18 +155,15 @@ def saving(entry: Mapping[str, Any]) -> Shown:
     return UNKNOWN if _is_unknown(entry) else _of(entry, _percent(entry, -1.0))
 
 
-def saving_in_words(entry: Mapping[str, Any], *, is_first: bool = True) -> Shown:
-    """`9 % less effort than with a slack cord (95 % interval 2 to 15 %)`; `more` above 1.
-
-    is_first: otherwise `9 % less (2 to 15 %)`
-    """
+def saving_in_words(entry: Mapping[str, Any]) -> Shown:
+    """`9 % less effort than with a slack cord (95 % interval 2 to 15 %)`; `more` above 1."""
     if _is_unknown(entry):
         return "effort not known"
     sign, word = (-1.0, "less") if entry["value"] <= 1.0 else (1.0, "more")
     number, _, brackets = _percent(entry, sign).partition(" (")
     low, more, _ = brackets.removesuffix(")").partition(f"{UNBROKEN}or{UNBROKEN}more")
-    than, what = (" effort than with a slack cord", "95 % interval ") if is_first else ("", "")
-    return _of(entry, f"{number} % {word}{than}" + (f" ({what}{low} %{more})" if brackets else ""))
+    interval = f" (95 % interval {low} %{more})" if brackets else ""
+    return _of(entry, f"{number} % {word} effort than with a slack cord{interval}")
 
 
 def half_width(entry: Mapping[str, Any], scale: float = 1.0, digits: int = 0) -> Number:

@@ -89,7 +89,7 @@ def recording_rows(folder: Path, document: LocatedObject) -> tuple[RecordingRow,
         row = RecordingRow(f"{begun:%H:%M:%S}", title, file, trials.get(file), rejected.get(file, ""), remarks)
         rows[file] = (manifest.start_utc_ns, row)
     unread = [
-        RecordingRow("", "", file, trials.get(file), rejected.get(file, ""))
+        RecordingRow("", "", file, trials.get(file), rejected.get(file, ""), tuple(_remarks(journal, file)))
         for file in (*trials, *rejected)
         if file not in rows
     ]

@@ -10,6 +10,7 @@ from playwright.sync_api import Browser, Page
 from tests.station.console.accessible import needs_axe, serious_faults
 from tests.station.console.browsing import CHROMIUM, begin, open_page, runs, seen
 from tests.station.console.served import ServedConsole, write_config
+from tests.station.reported import report_session
 
 pytestmark = [
     pytest.mark.slow,
@@ -20,11 +21,12 @@ pytestmark = [
 
 
 def assert_usable(page: Page, state: str) -> None:
-    """On a screen and on a telephone, nothing is cut and axe-core finds nothing serious."""
-    for width, height in ((1440, 900), (390, 844)):
+    """Nothing is cut at any width, and axe-core finds nothing serious on a screen and on a telephone."""
+    for width, height in ((1440, 900), (1024, 768), (768, 1024), (390, 844)):
         page.set_viewport_size({"width": width, "height": height})
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), f"{state}, {width} px"
-        assert serious_faults(page) == [], f"{state}, {width} px"
+        if width in (1440, 390):
+            assert serious_faults(page) == [], f"{state}, {width} px"
 
 
 def test_no_state_of_a_session_has_a_serious_fault(browser: Browser, tmp_path: Path) -> None:
@@ -61,3 +63,13 @@ def test_no_state_of_a_session_has_a_serious_fault(browser: Browser, tmp_path: P
         page.goto(f"{console.address}live")
         seen(page, "No live values")
         assert_usable(page, "live muscles")
+
+
+def test_a_report_has_no_serious_fault_folded_or_unfolded(browser: Browser, tmp_path: Path) -> None:
+    report = report_session(tmp_path) / "report.html"
+    for scheme in ("light", "dark"):
+        page = browser.new_page(color_scheme=scheme)  # type: ignore[arg-type]
+        page.goto(report.as_uri())
+        assert_usable(page, f"report, {scheme}")
+        page.evaluate("document.querySelectorAll('details').forEach(section => section.open = true)")
+        assert_usable(page, f"report unfolded, {scheme}")

@@ -98,7 +98,7 @@ SAVED = "13.5 % less effort than with a slack cord at a rest length of 0.650 m"
         (
             ("hand", "tube"),
             EQUIVALENT,
-            f"Choose hand or tube by comfort; they save the same: {SAVED} with hand; 13.5 % less at 0.650 m with tube.",
+            f"Choose hand or tube by comfort; they save the same: {SAVED} with hand, 0.650 m with tube.",
         ),
         (("hand", "tube"), UNDECIDED, f"Not decided between hand and tube; tube has the least effort so far: {SAVED}."),
         (("hand", "tube"), FIT_ONLY, f"Not decided between hand and tube; hand has the least effort so far: {SAVED}."),

@@ -19,6 +19,7 @@ from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
 from fitting.trial.trial import build_trial
 from station.charts.marks import Chart, Line, Panel, Points, Rule, Strip
+from station.journal import Setup, write_mark, write_note, write_setup
 from station.report.figures import fit_figure
 from station.report.fit_figures import checks_figure
 from station.report.muscle_figures import activation_figure, change_figure, muscle_changes
@@ -186,6 +187,20 @@ def test_a_page_is_read_on_a_dark_screen_and_on_paper(written: Path) -> None:
     page = written.read_text(encoding="utf-8")
     assert "@media (prefers-color-scheme: dark)" in page
     assert "@media print" in page and "break-inside: avoid" in page
+
+
+def test_notes_and_names_of_marks_are_shown_with_their_trial_as_they_were_typed(tmp_path: Path) -> None:
+    write_setup(tmp_path, Setup("P01", "ab", ("waist",), 2))
+    write_note(tmp_path, "", "<script>alert(1)</script>")
+    write_note(tmp_path, "static-2", '</td></table><data class="number" id="x">7</data>')
+    write_mark(tmp_path, "static-2", 1, "coughed & laughed")
+    page = write_report(tmp_path, _fitted()).read_text(encoding="utf-8")
+    facts, recordings = page[: page.index("<details")], page[page.index('id="recordings"') :]
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in facts and "<script>" not in page
+    (row,) = (row for row in recordings.split("<tr>") if "coughed" in row)
+    assert "static, repeat 2" in row or "static-2" in row
+    assert "mark 1: coughed &amp; laughed" in row and "note: &lt;/td&gt;" in row
+    assert 'id="x"' not in page
 
 
 def test_what_is_missing_is_listed_first(tmp_path: Path) -> None:
