@@ -195,7 +195,7 @@ def test_notes_and_names_of_marks_are_shown_with_their_trial_as_they_were_typed(
     write_note(tmp_path, "static-2", '</td></table><data class="number" id="x">7</data>')
     write_mark(tmp_path, "static-2", 1, "coughed & laughed")
     page = write_report(tmp_path, _fitted()).read_text(encoding="utf-8")
-    facts, recordings = page[: page.index("<details")], page[page.index('id="recordings"') :]
+    facts, recordings = page[: page.index('class="section"')], page[page.index('id="recordings"') :]
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in facts and "<script>" not in page
     (row,) = (row for row in recordings.split("<tr>") if "coughed" in row)
     assert "static, repeat 2" in row or "static-2" in row
