@@ -20,10 +20,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from documents.regular_file import open_regular
 from recordings.chunks import Damage, Entry, read_entries
-from recordings.durability import sync_folder
 from recordings.errors import RecordingCode, RecordingError
 from recordings.samples import Event
 from recordings.topics import SCHEMAS, register_topics, wire_classes
+from recordings.writer import sync_folder
 
 FORMAT_VERSION = 1
 PROFILE = "cuffstation-live"

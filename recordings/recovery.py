@@ -13,12 +13,11 @@ from mcap.writer import CompressionType, Writer
 
 from documents.regular_file import replace_file
 from recordings import topics
-from recordings.chunk_index import keep_index_encoded
 from recordings.chunks import Damage, read_entries
 from recordings.contents import Contents, contents_of
-from recordings.durability import sync_folder
 from recordings.errors import RecordingCode, RecordingError
 from recordings.reader import is_ours, survey_file
+from recordings.writer import keep_index_encoded, sync_folder
 
 
 @dataclass(frozen=True)

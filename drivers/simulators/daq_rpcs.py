@@ -33,8 +33,7 @@ from session_pb2 import Session
 from session_pb2 import SessionInitializationBehavior as Behavior
 
 from drivers.errors import DeviceError
-from drivers.simulators.acquisition_task import AcquisitionTask
-from drivers.simulators.usb6008 import DIFFERENTIAL_INPUTS, HIGHEST_RATE_HZ, DaqmxError, Usb6008
+from drivers.simulators.usb6008 import DIFFERENTIAL_INPUTS, HIGHEST_RATE_HZ, AcquisitionTask, DaqmxError, Usb6008
 
 FROZEN_GLANCE_S = 0.002  # wall
 

@@ -3,7 +3,7 @@
 daq_rpcs.py keeps the sessions. The death of a client ends none of them, as in NI's server.
 
 Does not imitate: every other service and instrument of the real server, TLS, RPCs beyond voltage input (they are
-answered UNIMPLEMENTED); and what usb6008.py, acquisition_task.py and daq_rpcs.py list.
+answered UNIMPLEMENTED); and what usb6008.py and daq_rpcs.py list.
 """
 
 from __future__ import annotations

@@ -2,10 +2,11 @@
 
 Frame 1 of a capture is exposed mocap.phase_s after the edge of the sync line, and timestamps count from that frame.
 With a preview, frames flow between captures too; their numbers restart with every capture and every preview.
+GetParameters gives the general settings and those of 3D.
 
-Does not imitate: the ports of other versions and byte orders, UDP and OSC, components other than labelled 3D
-with and without residuals, changing settings but by a fault, triggers, transfer of files, calibration,
-real time from file, delays of QTM's own processing, labels that change without an event.
+Does not imitate: the ports of other versions and byte orders, UDP and OSC, components other than labelled 3D with and
+without residuals, the settings of other components and most of those two, changing settings but by a fault, triggers,
+transfer of files, calibration, real time from file, delays of QTM's own processing, label changes without an event.
 """
 
 from __future__ import annotations
@@ -15,11 +16,14 @@ import re
 import struct
 import threading
 from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
+from xml.sax.saxutils import escape
 
 from drivers.simulators.marker_frames import COMPONENTS, Camera, QtmFaults
-from drivers.simulators.qtm_client import Client, FrameSubscription, parameters_xml
 from drivers.simulators.qtm_discovery import QTM_VERSION
+from drivers.simulators.settings import MocapSettings
 from drivers.simulators.world import Capture, World
 
 ERROR, COMMAND, XML, NO_MORE_DATA, EVENT = 0, 1, 2, 4, 6
@@ -389,3 +393,60 @@ class _Server:
         if frequency:
             divisor = round(self._mocap.rate_hz / frequency)
         return FrameSubscription(arguments[1], max(divisor, 1))
+
+
+MOST_UNSENT_BYTES = 1_000_000  # a client that is further behind slows the world down
+
+
+@dataclass(frozen=True)
+class FrameSubscription:
+    """Subscription of a client: every divisor-th frame of one component."""
+
+    component: str
+    divisor: int
+
+
+class Client:
+    """One connection."""
+
+    def __init__(self, writer: asyncio.StreamWriter) -> None:
+        self.stream: FrameSubscription | None = None
+        self.port = int(writer.get_extra_info("peername")[1])
+        self.sent = 0  # bytes
+        self.is_closed = False
+        self.awaits_frame = False
+        self._writer = writer
+
+    @property
+    def is_behind(self) -> bool:
+        return self._writer.transport.get_write_buffer_size() > MOST_UNSENT_BYTES
+
+    def send(self, kind: int, body: bytes = b"") -> None:
+        self.send_bytes(struct.pack("<II", 8 + len(body), kind) + body)
+
+    def send_text(self, kind: int, text: str) -> None:
+        self.send(kind, text.encode() + b"\0")
+
+    def send_bytes(self, packets: bytes) -> None:
+        self.sent += len(packets)
+        self._writer.write(packets)
+
+    def close(self) -> None:
+        self.is_closed = True
+        self._writer.transport.abort()
+
+
+def parameters_xml(wanted: Sequence[str], version: str, mocap: MocapSettings, labels: Sequence[str]) -> str | None:
+    """The XML of the settings that are wanted ("general", "3d", "all"); None where none of them is known."""
+    names = "".join(f"<Label><Name>{escape(name)}</Name><RGBColor>65280</RGBColor></Label>" for name in labels)
+    cameras = "".join(
+        f"<Camera><ID>{number}</ID><Serial>{serial}</Serial></Camera>"
+        for number, serial in enumerate(mocap.camera_serials, 1)
+    )
+    blocks = {
+        "general": f"<General><Frequency>{mocap.rate_hz:g}</Frequency>{cameras}</General>",
+        "3d": f"<The_3D><AxisUpwards>+Z</AxisUpwards><CalibrationTime>{escape(mocap.calibrated)}</CalibrationTime>"
+        f"<Labels>{len(labels)}</Labels>{names}</The_3D>",
+    }
+    chosen = "".join(block for name, block in blocks.items() if name in wanted or "all" in wanted)
+    return f"<QTM_Parameters_Ver_{version}>{chosen}</QTM_Parameters_Ver_{version}>" if chosen else None

@@ -23,8 +23,7 @@ from scipy.constants import g
 
 from drivers.simulators.errors import SimulatorCode, SimulatorError
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
-from drivers.simulators.hung_mass import BouncingMass, HungMass
-from drivers.simulators.load_script import SimulatedPull
+from drivers.simulators.load_script import BouncingMass, HungMass, SimulatedPull
 from drivers.simulators.markers import MarkerCloud, Wearer
 from drivers.simulators.settings import Settings
 from drivers.simulators.wearer import BODY_TESTS, Person, Worn

@@ -1,16 +1,24 @@
-"""One thread per device: opens it, reads it, passes on its samples and events, and closes it."""
+"""One thread per device: opens it, reads it, passes on its samples and events, and closes it.
+
+On a stepped clock, devices are read in rounds: the clock advances one step, every device is read to its end, then the
+station continues. Items of a step carry the time of its end, independent of the scheduling of
+threads on a busy machine.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from queue import Empty, Full, Queue, SimpleQueue
 
-from drivers.device import CaptureControl, Device
+import numpy as np
+
+from drivers.device import CaptureControl, Device, Received, StreamingDevice
 from drivers.errors import DeviceError, DeviceLost
-from recordings.samples import DeviceIdentity, Item, Stream
+from recordings.samples import DeviceIdentity, Item, Samples, Stream
+from station.clock import SteppedClock
 
 READ_TIMEOUT_S = 0.1
 POLL_S = 0.02
@@ -171,3 +179,182 @@ def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[
     while not all(feed.has_ended(POLL_S) for feed in feeds) and time.perf_counter() < deadline:
         meanwhile()
     return [feed.device.name for feed in feeds if not feed.has_ended(0.0)]
+
+
+ROUND_TIMEOUT_S = 60.0
+"""Wall seconds after which a device that does not finish a round is abandoned; time advances without it."""
+PENDING_INTERVAL_S = 0.05
+"""Wall seconds between two queries whether a device has a pending reply, which arrives only as time advances."""
+OPENING_INTERVAL_S = 0.005
+POLL_INTERVAL_S = 0.0005
+"""Wall seconds between two reads of a connection with more data to come."""
+
+Sent = Mapping[int, int | None]
+
+
+class SteppedFeed(DeviceFeed):
+    """A feed whose thread reads the device once per round, up to the last byte that was sent in it."""
+
+    def __init__(self, device: Device) -> None:
+        self.inbox = FeedQueue()
+        super().__init__(device, self.inbox)
+        self._sent: Sent | None = {}
+        self._has_round = threading.Event()
+        self._is_idle = threading.Event()
+        self._is_idle.set()
+
+    @property
+    def received(self) -> Received | None:
+        return self.device.received if isinstance(self.device, StreamingDevice) else None
+
+    @property
+    def has_requests(self) -> bool:
+        return not self._requests.empty()
+
+    def begin_round(self, sent: Sent | None) -> None:
+        """Read everything that was sent; None: execute the requests, and read nothing.
+
+        Without effect while the previous round is not over.
+        """
+        if self._is_idle.is_set():
+            self._sent = sent
+            self._is_idle.clear()
+            self._has_round.set()
+
+    def is_round_over(self, within_s: float) -> bool:
+        return self._is_idle.wait(within_s) or not self._thread.is_alive()
+
+    def ask_to_stop(self) -> None:
+        super().ask_to_stop()
+        self._has_round.set()
+
+    def collect(self) -> list[FeedMessage]:
+        """Messages that were delivered and not collected yet."""
+        messages = []
+        while True:
+            try:
+                messages.append(self.inbox.get_nowait())
+            except Empty:
+                return messages
+
+    def _serve(self) -> None:
+        while True:
+            self._has_round.wait()
+            self._has_round.clear()
+            if self._stop.is_set():
+                return
+            if self._sent is None:
+                self._execute_requests()
+            elif items := list(_join_blocks(self._read_round(self._sent))):
+                self._deliver(ItemsReceived(self.device.name, items))
+            self._is_idle.set()
+
+    def _read_round(self, sent: Sent) -> list[Item]:
+        items: list[Item] = []
+        while not self._has_all(sent) and not self._stop.is_set():
+            items += self.device.read(0.0)
+            time.sleep(POLL_INTERVAL_S)
+        items += self.device.read(0.0)
+        return items
+
+    def _has_all(self, sent: Sent) -> bool:
+        """Whether everything that was sent on this connection has arrived; a closed one must be noticed first."""
+        received = self.received
+        if received is None or received.port not in sent:
+            return True
+        size = sent[received.port]
+        return size is not None and received.size >= size
+
+
+class SteppedFeeds:
+    """The devices of one trial on a stepped clock."""
+
+    def __init__(self, devices: Sequence[Device], clock: SteppedClock) -> None:
+        self._clock = clock
+        self.feeds = [SteppedFeed(device) for device in devices]
+        self._opening = {device.name for device in devices}
+
+    def start(self) -> None:
+        for feed in self.feeds:
+            feed.start()
+
+    def poll(self) -> list[FeedMessage]:
+        """Messages that arrive while the devices open. Time advances only if all devices still opening wait for it."""
+        messages = self._collect()
+        self._opening -= {message.device for message in messages}
+        if not messages:
+            time.sleep(OPENING_INTERVAL_S)
+            if 0 < len(self._opening) <= self._clock.pending_devices():
+                self._clock.step()
+        return messages
+
+    def receive(self) -> list[FeedMessage]:
+        """All messages of the next step, device by device. Raises DeviceLost if the simulated bench has ended."""
+        connections = [feed.received for feed in self.feeds]  # read once: a connection may end at any time
+        sent = self._clock.step([connection.port for connection in connections if connection is not None])
+        self._make_round([feed for feed in self.feeds if feed.has_requests], None)
+        self._make_round(self.feeds, sent)
+        return self._collect()
+
+    def finish_requests(self) -> None:
+        """Execute the requests: a stopped capture ends with its current frame, and reports its end."""
+        try:
+            self.receive()
+            self.receive()
+        except DeviceLost:
+            return
+
+    def release(self, within_s: float) -> list[str]:
+        """Close the devices; return the names of those that did not close within `within_s` wall seconds."""
+        return end_feeds(self.feeds, within_s, meanwhile=self._step_while_pending)
+
+    def _make_round(self, feeds: Sequence[SteppedFeed], sent: Sent | None) -> None:
+        """Run a round. Requests get a round of their own: they must not depend on how far other devices are read."""
+        for feed in feeds:
+            feed.begin_round(sent)
+        deadline_s = time.perf_counter() + ROUND_TIMEOUT_S
+        while (busy := [feed for feed in feeds if not feed.is_round_over(0.0)]) and time.perf_counter() < deadline_s:
+            # At most as many feeds may stay busy as there are devices whose reply needs time to advance.
+            if not busy[0].is_round_over(PENDING_INTERVAL_S) and len(busy) <= self._clock.pending_devices():
+                return
+
+    def _step_while_pending(self) -> None:
+        try:
+            if self._clock.pending_devices():
+                self._clock.step()
+        except DeviceLost:
+            return
+
+    def _collect(self) -> list[FeedMessage]:
+        return [message for feed in self.feeds for message in feed.collect()]
+
+
+def _join_blocks(items: Sequence[Item]) -> Iterator[Item]:
+    """Join consecutive blocks of one stream that arrived at the same time."""
+    waiting: list[Samples] = []
+    for item in items:
+        if waiting and not (isinstance(item, Samples) and _continues(waiting[-1], item)):
+            yield _concatenate(waiting)
+            waiting = []
+        if isinstance(item, Samples):
+            waiting.append(item)
+        else:
+            yield item
+    if waiting:
+        yield _concatenate(waiting)
+
+
+def _continues(first: Samples, second: Samples) -> bool:
+    return (first.stream, first.host_time_ns) == (second.stream, second.host_time_ns)
+
+
+def _concatenate(blocks: Sequence[Samples]) -> Samples:
+    if len(blocks) == 1:
+        return blocks[0]
+    return Samples(
+        blocks[0].stream,
+        np.concatenate([block.sample_numbers for block in blocks]),
+        np.concatenate([block.device_time_ns for block in blocks]),
+        blocks[0].host_time_ns,
+        np.concatenate([block.values for block in blocks]),
+    )

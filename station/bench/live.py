@@ -11,10 +11,8 @@ from rich.table import Table
 
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
-from station.bench.background_view import BackgroundView
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.snapshot import Snapshot, TrialState
-from station.bench.stream_tally import StreamTally
+from station.bench.view import BackgroundView, Snapshot, StreamTally, TrialState
 from station.clock import Clock
 
 REFRESH_S = 0.25

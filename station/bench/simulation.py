@@ -1,18 +1,23 @@
-"""The simulated bench: served on the configured ports for any client, or as a child process of the station."""
+"""The simulated bench: served on the configured ports for any client, or as a child process of the station.
+
+Commands can be typed at it: `ni unplug for_s=2`, a fault, or `hang 2`, a known mass.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import signal
 import socket
 import sys
 import threading
+import tomllib
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from station.bench.typed_commands import execute_commands_in_thread
 from station.child import DETACHED, Child
 from station.config import StationConfig, parse_config
 from station.end_signals import end_signals
@@ -24,6 +29,7 @@ from station.protocol import CUFF_TESTS, TrialSpec
 from station.standard_input import read_lines
 
 if TYPE_CHECKING:
+    from drivers.simulators.faults import Fault
     from drivers.simulators.world import World
 
 NI_PORT = 31763
@@ -158,7 +164,7 @@ def serve_until_stopped(
 ) -> None:
     """Serve the devices on the configured ports until Ctrl-C or SIGTERM; stderr shows the trial of every capture.
 
-    Lines on standard input are faults that happen now, and masses to hang on the load cell (typed_commands.py).
+    Lines on standard input are faults that happen now, and masses to hang on the load cell (execute_commands).
 
     All captures play this trial, or with in_turn the tests of its cuff; without a trial they play the plan in its
     order. Raises SimulationError if the settings, the fault plan or a port cannot be used.
@@ -261,3 +267,66 @@ def _merge(defaults: dict[str, Any], overrides: dict[str, Any]) -> dict[str, Any
 
 def _log(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
+
+
+def parse_fault(line: str) -> Fault:
+    """Device, fault, and keys of a fault plan with their values. Raises ValueError."""
+    from drivers.simulators.faults import fault_from_dict
+
+    fields = line.split()
+    if len(fields) < 2:
+        raise ValueError(
+            f"{line.strip()!r} is not a fault, expected a device and its fault, such as `ni unplug for_s=2`, or "
+            "`hang 2`"
+        )
+    device, fault, *keys = fields
+    try:
+        values = tomllib.loads("\n".join(keys))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(
+            f"{' '.join(keys)!r} cannot be parsed, expected keys of a fault plan such as for_s=2"
+        ) from error
+    return fault_from_dict({**values, "device": device, "fault": fault})
+
+
+def parse_mass(line: str) -> float:
+    """Kilograms after `hang`. Raises ValueError."""
+    _, *fields = line.split()
+    try:
+        mass = float(fields[0]) if len(fields) == 1 else math.nan
+    except ValueError:
+        mass = math.nan
+    if not 0 <= mass < math.inf:
+        raise ValueError(
+            f"{line.strip()!r} cannot be parsed, expected kilograms: `hang 2`, or `hang 0` for the empty cell"
+        )
+    return mass
+
+
+def execute_commands(lines: Iterable[str], world: World, reply: Callable[[str], None]) -> None:
+    """Execute every line and reply with one sentence."""
+    for line in lines:
+        if not line.strip():
+            continue
+        try:
+            reply(_execute(line, world))
+        except ValueError as error:
+            reply(str(error))
+
+
+def _execute(line: str, world: World) -> str:
+    if line.split(maxsplit=1)[0] == "hang":
+        mass = parse_mass(line)
+        world.hang(mass)
+        return f"{mass:g} kg on the load cell, until the next capture begins"
+    fault = parse_fault(line)
+    world.faults.inject(fault)
+    return f"{fault.fault} of {fault.device} in {fault.at_s:g} s, for {fault.for_s:g} s"
+
+
+def execute_commands_in_thread(lines: Iterable[str], world: World, reply: Callable[[str], None]) -> None:
+    """Execute lines until they end, in a thread."""
+    # In the background of a terminal the first read would stop the devices; with the signal ignored it fails instead.
+    if hasattr(signal, "SIGTTIN"):
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    threading.Thread(target=execute_commands, args=(lines, world, reply), name="typed commands", daemon=True).start()

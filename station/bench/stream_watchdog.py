@@ -1,4 +1,4 @@
-"""Detect streams that have stopped delivering samples.
+"""Detect streams that have stopped delivering samples, samples missing at the end of a trial, and a computer too slow.
 
 A stream is silent when no sample has arrived for SILENCE_TIMEOUT_S although its device is connected. A disconnected
 device is not reported here: its driver reconnects it or raises DeviceLost.
@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from recordings.samples import Event, Stream
+from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.clock import Clock
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 
 SILENCE_TIMEOUT_S = 3.0
 """Station seconds without a sample."""
@@ -89,3 +91,115 @@ class StreamWatchdog:
             if stream.name in expected and silence_s > SILENCE_TIMEOUT_S and not self.absence(stream.name):
                 return SilentStream(stream, silence_s)
         return None
+
+
+SHORT_S = 0.1
+"""Station seconds by which the DAQ's last sample may precede the end of the capture, whose message also takes time."""
+
+
+class Shortfall:
+    """Tracks the last sample of the DAQ's and the load cell's streams; frames end with the capture.
+
+    A stream whose device is disconnected or lost is short in any case.
+    """
+
+    def __init__(self, streams: Sequence[Stream], watchdog: StreamWatchdog) -> None:
+        self._streams, self._watchdog = tuple(streams), watchdog
+        self._clocks = {name: StreamClock() for name in ("/force", "/sync")}
+        self._last: dict[str, tuple[int, int]] = {}  # number and device time of the last sample
+
+    def update(self, samples: Samples) -> None:
+        """Take a block with at least one sample."""
+        self._last[samples.stream] = int(samples.sample_numbers[-1]), int(samples.device_time_ns[-1])
+        if samples.stream in self._clocks:
+            self._clocks[samples.stream].update(samples)
+
+    def last_sample_ns(self, stream: str) -> int:
+        """UTC [ns] of the last sample of a stream of the DAQ or the load cell; 0 before the first."""
+        return self._clocks[stream].host_ns
+
+    def find_short_streams(self, end_ns: int, tolerance_s: float) -> list[tuple[Stream, float]]:
+        """Streams of the DAQ and the load cell whose last sample precedes end_ns by more than tolerance_s [s]."""
+        gaps = [
+            (stream, (end_ns - self._clocks[stream.name].host_ns) * 1e-9)
+            for stream in self._streams
+            if stream.name in self._clocks
+        ]
+        return [(stream, gap_s) for stream, gap_s in gaps if gap_s > tolerance_s]
+
+    def losses(self, end_ns: int, end_s: float, since_s: float) -> list[Loss]:
+        """Missing samples of every stream up to the end (UTC [ns] and station seconds) of a trial since since_s.
+
+        Included are streams whose device is disconnected, and those of the DAQ that are short by more than SHORT_S.
+        """
+        gap_s = {stream.name: gap for stream, gap in self.find_short_streams(end_ns, SHORT_S)}
+        losses = []
+        for stream in self._streams:
+            cause = self._watchdog.absence(stream.name)
+            missing_s = gap_s.get(stream.name, 0.0)
+            if cause and stream.name not in self._clocks:
+                missing_s = end_s - max(self._watchdog.last_arrival_s(stream.name) or 0.0, since_s)
+            if count := round(missing_s * stream.rate_hz):
+                number, last_ns = self._last.get(stream.name, (-1, 0))
+                losses.append(Loss(stream.name, cause or "silent", number + 1, count, last_ns, end_ns))
+        return losses
+
+
+class StreamClock:
+    """Time of the last sample of one stream on the host's clock.
+
+    The offset between the two clocks is that of the block with the least delay. With a backlog, the last sample
+    therefore lies in the past although blocks keep arriving.
+    """
+
+    def __init__(self) -> None:
+        self._least_delay_ns: int | None = None
+        self._last_device_ns = 0
+
+    def update(self, samples: Samples) -> None:
+        """Add a block of at least one sample."""
+        self._last_device_ns = int(samples.device_time_ns[-1])
+        delay_ns = samples.host_time_ns - self._last_device_ns
+        self._least_delay_ns = delay_ns if self._least_delay_ns is None else min(self._least_delay_ns, delay_ns)
+
+    @property
+    def host_ns(self) -> int:
+        """UTC [ns] of the last sample; 0 before the first."""
+        return 0 if self._least_delay_ns is None else self._last_device_ns + self._least_delay_ns
+
+
+OVERWRITTEN = ("overrun", "queue_overflow")
+"""Causes of a Loss that only a late reader produces."""
+LATE_S = 1.0
+"""Station seconds from the arrival of a sample at the driver to its recording; usually 0.02."""
+
+
+class OverloadMonitor:
+    """Checks every recorded item of a trial."""
+
+    def __init__(self) -> None:
+        self._overwritten = 0
+        self._longest_wait_s = 0.0
+        self._is_reported = False
+
+    def update(self, item: Item, now_ns: int) -> tuple[Message[TrialCode], ...]:
+        """The messages of the first overload of the trial; empty before and afterwards."""
+        if isinstance(item, Loss) and item.cause in OVERWRITTEN:
+            self._overwritten += item.count
+        elif not isinstance(item, Event):
+            self._longest_wait_s = max(self._longest_wait_s, (now_ns - item.host_time_ns) * 1e-9)
+        messages = self.messages
+        if self._is_reported or not messages:
+            return ()
+        self._is_reported = True
+        return messages
+
+    @property
+    def messages(self) -> tuple[Message[TrialCode], ...]:
+        """The cost of the overload so far; empty if there was none."""
+        found = []
+        if self._overwritten:
+            found.append(Message(TrialCode.OVERWRITTEN, {"samples": self._overwritten}))
+        if self._longest_wait_s > LATE_S:
+            found.append(Message(TrialCode.LATE, {"late_s": self._longest_wait_s}))
+        return tuple(found)

@@ -1,33 +1,37 @@
-"""Record one trial: open the devices, pass their items to the trial and the views, close everything."""
+"""Record one trial: open the devices, pass their items to the trial and the views, close everything.
+
+The trials of a session keep their order, also if the system's clock is set back between two of them. Repeated events
+are written once and with a count; samples are also counted for a check of the fit.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Protocol
 
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
+from fitting.errors import UnusableTrial
+from fitting.trial.decimation import Decimator
 from recordings.errors import RecordingError
-from recordings.manifest import DataOrigin, TrialOutcome, TrialSubject
-from recordings.samples import DeviceIdentity, Item
+from recordings.manifest import DataOrigin, Manifest, TrialOutcome, TrialSubject
+from recordings.reader import read_manifest
+from recordings.samples import DeviceIdentity, Event, Item, Stream
 from recordings.writer import RecordingWriter
 from station.bench.devices import devices_for
-from station.bench.disk import DiskMonitor, bytes_free, bytes_needed, moved
-from station.bench.feed import DeviceFailed, DeviceOpened, Feeds, ItemsReceived
-from station.bench.recorded_items import RecordedItems, RepeatedEvents
-from station.bench.session_folder import check_origin
-from station.bench.snapshot import Snapshot, TrialState
-from station.bench.stepped_feed import SteppedFeeds
-from station.bench.trial_order import start_time_after_all
-from station.bench.trial_rules import POST_ROLL_S, TrialRules
+from station.bench.feed import DeviceFailed, DeviceOpened, Feeds, ItemsReceived, SteppedFeeds
+from station.bench.session_folder import DiskMonitor, bytes_free, bytes_needed, check_origin, moved
+from station.bench.trial_context import POST_ROLL_S, TrialRules
 from station.bench.trial_state_machine import TrialStateMachine
+from station.bench.view import Snapshot, TrialState
 from station.checksums import write_checksums
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig
@@ -314,3 +318,95 @@ def _one_trial_at_a_time(folder: Path) -> Iterator[None]:
             reason = error.strerror or str(error)
             raise _refused(RefusalCode.NO_LOCKS, folder=str(folder), reason=reason) from error
         yield
+
+
+AHEAD_S = 1.0
+"""Wall seconds by which the time of a file may be ahead of the clock: file systems round."""
+
+
+def start_time_after_all(folder: Path, start_utc_ns: int) -> tuple[int, Message[TrialCode] | None]:
+    """UTC [ns] for a trial that starts now, later than every trial in the folder; a message if the clock was set back.
+
+    Migration and calibration depend on this order. The clock was set back if a file was written at a future time; the
+    start time of a recording is no evidence, because a replay has a start time in the past.
+    """
+    paths = list(folder.glob("*.mcap"))
+    written_s = max((path.stat().st_mtime for path in paths), default=0.0)
+    if written_s < (now_s := time.time()) + AHEAD_S:
+        return start_utc_ns, None
+    latest_ns = max(map(_start_utc_ns, paths))
+    message = Message(TrialCode.CLOCK_SET_BACK, {"now_utc": _utc(now_s), "last_utc": _utc(written_s)})
+    return max(start_utc_ns, latest_ns + 1), message
+
+
+def _start_utc_ns(path: Path) -> int:
+    with suppress(RecordingError, OSError):
+        return read_manifest(path).start_utc_ns
+    return 0
+
+
+def _utc(seconds: float) -> str:
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+READ_ONE_BY_ONE = ("mark", "capture", "connection", "sync_edge")
+"""Beginnings of the kinds of events whose times a reader of the recording uses."""
+
+
+class RepeatedEvents:
+    """Passes the first event of a kind and source, and counts those that follow."""
+
+    def __init__(self) -> None:
+        self._counts: dict[tuple[str, str], int] = {}
+        self._latest: dict[tuple[str, str], Event] = {}
+
+    def is_repeat(self, item: Item) -> bool:
+        """Count the item; whether it is an event of a kind and source that was passed before."""
+        if not isinstance(item, Event) or item.kind.startswith(READ_ONE_BY_ONE):
+            return False
+        key = item.kind, item.source
+        self._counts[key] = self._counts.get(key, 0) + 1
+        self._latest[key] = item
+        return self._counts[key] > 1
+
+    def summary(self) -> list[Event]:
+        """An event with the count of every kind and source that was repeated."""
+        return [
+            replace(event, text=f"{self._counts[key]} times in this trial, at last: {event.text}")
+            for key, event in self._latest.items()
+            if self._counts[key] > 1
+        ]
+
+
+class RecordedItems:
+    """Writes the items of a trial, and judges at its end whether a fit can align its streams."""
+
+    def __init__(self, writer: RecordingWriter, manifest: Manifest, streams: Iterable[Stream]) -> None:
+        self._writer, self._manifest = writer, manifest
+        self._decimator, self._repeated = Decimator(manifest, streams), RepeatedEvents()
+
+    def write(self, item: Item) -> None:
+        if not self._repeated.is_repeat(item):
+            self._decimator.take(item)
+            self._writer.write(item)
+
+    def flush_if_due(self) -> None:
+        self._writer.flush_if_due()
+
+    def write_summary(self) -> None:
+        """Write the counts of repeated events."""
+        for event in self._repeated.summary():
+            self._writer.write(event)
+
+    def misalignment(self) -> Message[TrialCode] | None:
+        """Why a fit could not align the streams; None if it can. Call once, after the last item."""
+        from fitting.trial.timeline import align_by_sync_edge  # takes as long to import as a device to open
+
+        if not self._manifest.begins_at_edge:
+            return None
+        try:
+            align_by_sync_edge(self._manifest, self._decimator.tracks())
+        except UnusableTrial as error:
+            reason = error.reason
+            return Message(TrialCode.NOT_ALIGNED, {"reason": str(reason), "reason_code": reason.code})
+        return None

@@ -10,12 +10,9 @@ from collections.abc import Mapping, Sequence
 
 from drivers.errors import DeviceError
 from recordings.samples import Item, Stream
-from station.bench.snapshot import Snapshot, TrialState
-from station.bench.states.armed import Armed
-from station.bench.states.context import DeviceFailure, ItemWriter, TrialContext
-from station.bench.states.idle import Idle
-from station.bench.states.state import Ended, State
-from station.bench.trial_rules import TrialRules
+from station.bench.states import Armed, Ended, Idle, State
+from station.bench.trial_context import DeviceFailure, ItemWriter, TrialContext, TrialRules
+from station.bench.view import Snapshot, TrialState
 from station.clock import Clock
 from station.messages.codes import TrialCode
 from station.messages.message import Figures, Message, join_sentences

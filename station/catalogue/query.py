@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import duckdb
 
-from station.catalogue.participants import KEY, CatalogueError
+from station.catalogue.index import KEY, CatalogueError
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode
 

@@ -16,8 +16,8 @@ from recordings.manifest import DataOrigin, Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Stream
 from station.bench.bench_clock import BLOCK_S
-from station.bench.snapshot import Snapshot
 from station.bench.trial_recorder import TrialRecorder, TrialResult, View
+from station.bench.view import Snapshot
 from station.clock import ManualClock
 from station.config import parse_config
 from station.errors import StationError

@@ -14,9 +14,8 @@ from typing import Any
 
 from recordings.samples import Item, Samples, Stream
 from recordings.topics import EMG, FORCE, MARKERS
-from station.bench.background_view import JOIN_TIMEOUT_S, BackgroundView
-from station.bench.snapshot import Snapshot, TrialState
-from station.bench.states.recording import CAPTURE_ENDS
+from station.bench.states import CAPTURE_ENDS
+from station.bench.view import JOIN_TIMEOUT_S, BackgroundView, Snapshot, TrialState
 from station.child import Child
 from station.clock import Clock
 from station.config import StationConfig

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fitting.trial.mass_checks import MassCheck
-from station.bench.check import CheckResult
-from station.bench.known_mass import inspect_bench_and_zero, read_known_mass, write_reading
+from station.bench.check import CheckResult, inspect_bench_and_zero, read_known_mass, write_reading
 from station.messages.codes import CheckCode
 from station.messages.message import Message
 from station.session.judgement import Grade

@@ -24,12 +24,10 @@ from fitting.wearer.arm_cycles import elevation_of
 from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from recordings.topics import EMG
-from station.bench.background_view import BackgroundView
 from station.bench.bench_clock import BenchClock
-from station.bench.disk import RESERVE_BYTES, bytes_free
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.snapshot import Snapshot, TrialState
-from station.bench.stream_tally import StreamTally
+from station.bench.session_folder import RESERVE_BYTES, bytes_free
+from station.bench.view import BackgroundView, Snapshot, StreamTally, TrialState
 from station.messages.message import join_sentences
 
 REFRESH_S = 0.05

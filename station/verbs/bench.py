@@ -73,7 +73,7 @@ def check(
     from station.config import load_config
 
     if known_mass is not None:
-        from station.bench.known_mass import check_known_mass
+        from station.bench.check import check_known_mass
 
         raise typer.Exit(check_known_mass(load_config(config), session, known_mass, as_json=format == "json"))
     raise typer.Exit(check_bench(load_config(config), session, as_json=format == "json"))

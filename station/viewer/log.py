@@ -17,8 +17,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from recordings.samples import Event, Item, Samples
-from station.bench.background_view import BackgroundView
-from station.bench.snapshot import Snapshot
+from station.bench.view import BackgroundView, Snapshot
 from station.viewer.layout import TIMELINE, SceneExtent, layout, open_stream
 from station.viewer.viewer import start_viewer
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from recordings import durability
-from recordings.durability import BackgroundSync, sync_folder
+from recordings import writer
+from recordings.writer import BackgroundSync, sync_folder
 from tests.timeout import scaled_timeout
 
 
@@ -59,7 +59,7 @@ def test_a_folder_that_cannot_be_synced_is_no_error(tmp_path: Path, monkeypatch:
 
 @pytest.mark.parametrize("begun", [True, False], ids=["hangs before the end", "hangs at the end"])
 def test_a_disk_that_hangs_does_not_hold_up_the_end_for_ever(monkeypatch: pytest.MonkeyPatch, begun: bool) -> None:
-    monkeypatch.setattr(durability, "LONGEST_FINISH_S", 0.01)
+    monkeypatch.setattr(writer, "LONGEST_FINISH_S", 0.01)
     disk = BackgroundSync(lambda: None, start=lambda _: None)
     if begun:
         disk.begin()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from recordings.samples import Event, Item, Samples, Stream
-from station.bench.trial_rules import TrialRules
+from station.bench.trial_context import TrialRules
 from station.bench.trial_state_machine import TrialStateMachine
 from station.clock import ManualClock
 from station.messages.codes import TrialCode

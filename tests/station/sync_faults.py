@@ -15,8 +15,8 @@ from fitting.trial.sync_certificate import SyncCertificate, certify
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench.bench_clock import BenchClock
-from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder, TrialResult
+from station.bench.view import Snapshot, TrialState
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 

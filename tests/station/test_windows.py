@@ -46,7 +46,7 @@ GUARDED = {
     "station/terminal/keyboard.py": {"termios", "tty", "getpgrp", "tcgetpgrp"},
     "station/live/process.py": {"nice"},
     "station/session/worker.py": {"nice"},
-    "station/bench/typed_commands.py": {"SIGTTIN"},
+    "station/bench/simulation.py": {"SIGTTIN"},
     "station/assessment/compiling_process.py": {"nice"},
 }
 """Names that only POSIX has, by file; docs/windows.md describes the guards."""

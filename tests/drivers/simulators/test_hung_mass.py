@@ -7,7 +7,7 @@ import pytest
 from scipy.constants import g
 
 from drivers.simulators.errors import SimulatorCode
-from drivers.simulators.hung_mass import BouncingMass
+from drivers.simulators.load_script import BouncingMass
 from drivers.simulators.settings import BounceTest
 from tests.drivers.simulators.refusals import raises_refusal
 from tests.drivers.simulators.test_world import go_to, play, world

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.simulators.acquisition_task import AcquisitionTask, default_buffer_size
 from drivers.simulators.settings import DaqClockSettings
-from drivers.simulators.usb6008 import DaqmxError, Usb6008
+from drivers.simulators.usb6008 import AcquisitionTask, DaqmxError, Usb6008, default_buffer_size
 from tests.drivers.stand_in_world import StandInWorld
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.simulators.wander import random_wander
+from drivers.simulators.markers import random_wander
 
 T = np.linspace(0.0, 400.0, 80_001)
 WANDER = random_wander(np.random.default_rng(5), np.array([2.0, 0.0, 0.3]), 0.05, 0.8)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recordings.samples import Loss
-from station.bench.snapshot import TrialState
+from station.bench.view import TrialState
 from station.messages.codes import TrialCode
 from station.messages.message import Message
 from tests.station.bench_by_hand import Bench

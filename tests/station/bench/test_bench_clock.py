@@ -23,8 +23,8 @@ from recordings.samples import Item, Samples
 from station.bench import bench_clock
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
-from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder
+from station.bench.view import Snapshot, TrialState
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.console.running_view import streams_of

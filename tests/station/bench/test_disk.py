@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from recordings.samples import Stream
-from station.bench.disk import RESERVE_BYTES, USUAL_TRIAL_S, DiskMonitor, bytes_free, bytes_needed
+from station.bench.session_folder import RESERVE_BYTES, USUAL_TRIAL_S, DiskMonitor, bytes_free, bytes_needed
 from station.clock import ManualClock
 from station.config import parse_config
 from station.messages.codes import TrialCode

@@ -15,7 +15,7 @@ from recordings.manifest import BodyMarkers, CuffSite
 from recordings.samples import Loss, Samples, Stream
 from station.bench.devices import devices_for
 from station.bench.simulation import simulator_settings
-from station.bench.snapshot import TrialState
+from station.bench.view import TrialState
 from station.clock import ManualClock
 from station.config import parse_config
 from station.messages.codes import TrialCode

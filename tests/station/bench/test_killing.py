@@ -13,8 +13,8 @@ from drivers.simulators.simulated_bench import Bench
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench.bench_clock import BenchClock
-from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder
+from station.bench.view import Snapshot, TrialState
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 from tests.drivers.tcp_proxy import TcpProxy

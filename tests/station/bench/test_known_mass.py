@@ -17,8 +17,7 @@ from fitting.session import fit_session
 from fitting.trial.mass_checks import CHECKS_FILE, check_notes, read_checks, with_mass_checks
 from fitting.trial.trial import build_trial
 from recordings.samples import Item
-from station.bench.check import CheckResult, check_calibration, inspect_bench
-from station.bench.known_mass import check_known_mass
+from station.bench.check import CheckResult, check_calibration, check_known_mass, inspect_bench
 from station.clock import Clock
 from station.config import StationConfig, parse_config
 from station.fit import fit_session_folder

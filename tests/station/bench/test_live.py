@@ -8,7 +8,7 @@ from rich.console import Console
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Loss, Samples, Stream
 from station.bench.live import BACKLOG, LiveView
-from station.bench.snapshot import Snapshot, TrialState
+from station.bench.view import Snapshot, TrialState
 from station.clock import ManualClock
 from station.messages.codes import TrialCode
 from station.messages.message import Message

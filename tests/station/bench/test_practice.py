@@ -16,8 +16,8 @@ from drivers.simulators.simulated_bench import Bench
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
-from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder
+from station.bench.view import Snapshot, TrialState
 from station.config import StationConfig, parse_config
 from station.messages.codes import TrialCode
 from station.messages.setup_codes import SimulationCode

@@ -19,9 +19,8 @@ from drivers.simulators.simulated_bench import Bench
 from fitting.trial.mass_checks import read_checks
 from fitting.trial.trial_reader import read_trial
 from station.bench.bench_clock import BenchClock
-from station.bench.check import DeviceSurvey, check_device, inspect_bench, survey_devices
+from station.bench.check import DeviceSurvey, check_device, check_known_mass, inspect_bench, survey_devices
 from station.bench.feed import DeviceFailed
-from station.bench.known_mass import check_known_mass
 from station.bench.trial_recorder import TrialRecorder
 from station.clock import RealClock
 from station.config import StationConfig, parse_config

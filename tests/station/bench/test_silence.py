@@ -5,7 +5,7 @@ import pytest
 
 from drivers.errors import DeviceLost
 from recordings.samples import Event, Loss, Samples
-from station.bench.snapshot import TrialState
+from station.bench.view import TrialState
 from station.messages.codes import TrialCode
 from tests.station.bench_by_hand import Bench
 

@@ -23,13 +23,13 @@ from fitting.results.codes import RejectionCode
 from fitting.trial.trial import RejectedTrial
 from fitting.trial.trial_reader import read_alone
 from recordings import writer
-from recordings.durability import BackgroundSync
 from recordings.manifest import CuffSite
 from recordings.reader import TrackCollector, open_recording
 from recordings.samples import Event, Item, Samples
-from station.bench import disk, stepped_feed
-from station.bench.snapshot import Snapshot, TrialState
+from recordings.writer import BackgroundSync
+from station.bench import feed, session_folder
 from station.bench.trial_recorder import TrialRecorder, TrialRefused, TrialResult
+from station.bench.view import Snapshot, TrialState
 from station.clock import Clock, ManualClock
 from station.config import StationConfig, parse_config
 from station.messages.codes import RefusalCode, TrialCode
@@ -148,7 +148,7 @@ def test_a_device_lost_during_a_trial_leaves_a_readable_file_that_is_not_accepte
 
 
 def test_a_frozen_device_is_detected_and_abandoned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stepped_feed, "ROUND_TIMEOUT_S", 0.01)
+    monkeypatch.setattr(feed, "ROUND_TIMEOUT_S", 0.01)
 
     class Freezes:
         def offer(self, item: Item) -> None: ...
@@ -196,7 +196,7 @@ def test_a_full_disk_is_refused_before_arming(tmp_path: Path, monkeypatch: pytes
 def test_a_disk_that_fills_ends_the_trial_before_it_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = 1e12
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
-    monkeypatch.setattr(disk, "POLL_INTERVAL_S", 0.0)
+    monkeypatch.setattr(session_folder, "POLL_INTERVAL_S", 0.0)
 
     class Fills:
         def offer(self, item: Item) -> None: ...

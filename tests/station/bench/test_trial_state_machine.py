@@ -9,8 +9,8 @@ import pytest
 
 from drivers.errors import DeviceLost
 from recordings.samples import Event, Loss
-from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_state_machine import TrialStateMachine
+from station.bench.view import Snapshot, TrialState
 from station.messages.codes import TrialCode
 from station.messages.message import Message
 from tests.station.bench_by_hand import STREAMS, Bench

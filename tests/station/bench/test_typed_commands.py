@@ -12,7 +12,7 @@ import pytest
 
 from drivers.simulators.settings import Settings
 from drivers.simulators.world import World
-from station.bench.typed_commands import execute_commands, parse_fault
+from station.bench.simulation import execute_commands, parse_fault
 
 
 def test_a_line_is_a_fault_at_the_present_time() -> None:

@@ -11,8 +11,13 @@ from pathlib import Path
 import duckdb
 import pytest
 
-from station.catalogue.index import CATALOGUE_FILE, update_catalogue
-from station.catalogue.participants import CatalogueError, read_participants, write_participants
+from station.catalogue.index import (
+    CATALOGUE_FILE,
+    CatalogueError,
+    read_participants,
+    update_catalogue,
+    write_participants,
+)
 from station.catalogue.query import SessionFilter, known_participants, list_cuffs, run_sql
 from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.journal_lines import JOURNAL_FILE

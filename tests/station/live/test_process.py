@@ -12,7 +12,7 @@ import pytest
 from recordings.live_result import read_live_result
 from recordings.samples import Samples
 from recordings.topics import MARKERS
-from station.bench.snapshot import Snapshot, TrialState
+from station.bench.view import Snapshot, TrialState
 from station.config import parse_config
 from station.live.address import find_address
 from station.live.request import LiveRequest

@@ -15,8 +15,8 @@ from recordings.contents import contents_of
 from recordings.samples import Samples, Stream
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import simulator_settings
-from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder
+from station.bench.view import Snapshot, TrialState
 from station.child import Child
 from station.clock import ManualClock
 from station.config import parse_config
@@ -68,7 +68,7 @@ def test_a_recording_is_whole_although_the_live_process_ends(
 
 def test_what_a_frozen_live_process_does_not_read_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pipe and the backlog take some blocks; every further one costs the oldest, and offer() never waits."""
-    monkeypatch.setattr("station.bench.background_view.JOIN_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("station.bench.view.JOIN_TIMEOUT_S", 0.05)
     monkeypatch.setattr(tap_module, "JOIN_TIMEOUT_S", 5.0)
     count = 4 * BACKLOG
     with LiveTap(REQUEST, lambda: start("freeze")) as tap:
@@ -92,7 +92,7 @@ def test_requests_are_kept_where_frames_are_dropped(monkeypatch: pytest.MonkeyPa
 
 
 def test_frames_after_the_end_of_the_capture_are_of_a_preview() -> None:
-    """The recorder does not store them (states/closing.py), so a replay would not have them."""
+    """The recorder does not store them (Closing), so a replay would not have them."""
     tap = LiveTap(REQUEST, cannot_start)
     tap.offer(frame(1))
     tap.show(Snapshot(TrialState.CLOSING, (Message(TrialCode.CAPTURE_ENDED),)))

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fitting.trial.mass_checks import MassCheck, read_checks
-from station.bench.check import CheckResult
-from station.bench.known_mass import inspect_bench_and_zero
+from station.bench.check import CheckResult, inspect_bench_and_zero
 from station.config import StationConfig
 from station.console.bench_card import verdict_of
 from station.messages.codes import CheckCode, CommandCode

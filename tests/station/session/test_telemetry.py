@@ -12,7 +12,7 @@ import pytest
 from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.snapshot import Snapshot, TrialState
+from station.bench.view import Snapshot, TrialState
 from station.messages.codes import CueCode, TrialCode
 from station.messages.message import Message
 from station.protocol import TrialSpec

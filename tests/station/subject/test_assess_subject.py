@@ -1,6 +1,6 @@
 """The suit assessed on the wearer: the simulated person's body, motion and cord come back, with their uncertainty.
 
-The simulated person shares no code with the solver (drivers/simulators/shoulder.py).
+The simulated person shares no code with the solver (drivers/simulators/wearer.py).
 """
 
 from __future__ import annotations

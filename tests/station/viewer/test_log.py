@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from recordings.samples import Event, Samples, Stream
-from station.bench.snapshot import Snapshot, TrialState
+from station.bench.view import Snapshot, TrialState
 from station.viewer.layout import DISTANCE, TIMELINE, SceneExtent
 from station.viewer.log import RerunLog
 

@@ -1,18 +1,14 @@
-"""What the states of one trial share: streams, counters, the writer."""
+"""What the states of one trial share: streams, counters, the writer, and the conditions that start and end it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from recordings.samples import Event, Item, Loss, Samples, Stream
-from station.bench.first_frame import FirstFrameCheck
-from station.bench.overload import OverloadMonitor
-from station.bench.shortfall import Shortfall
-from station.bench.stream_watchdog import StreamWatchdog
+from station.bench.stream_watchdog import OverloadMonitor, Shortfall, StreamWatchdog
 from station.bench.sync_line import GLITCH_NS, Edge, SyncLine
-from station.bench.trial_rules import TrialRules
 from station.clock import Clock
 from station.messages.codes import TrialCode
 from station.messages.message import Figures, Message
@@ -115,3 +111,62 @@ class TrialContext:
         }
         message = Message(TrialCode.DEVICE_SILENT, figures)
         return DeviceFailure(message, self.watchdog.device_of(stream.name), "silent")
+
+
+POST_ROLL_S = 0.5
+"""Station seconds recorded after the end of the capture, so that the falling edge of the sync line is in the file."""
+
+
+@dataclass(frozen=True)
+class TrialRules:
+    """Times are station seconds; duration_s None: until the capture ends."""
+
+    start: Literal["sync_edge", "pfi0"]
+    threshold_v: float
+    timeout_s: float
+    duration_s: float | None
+    post_roll_s: float = POST_ROLL_S
+
+
+LATENESS = 0.1
+"""Disagreement of both clocks about the time since the edge: this fraction of it, plus as many seconds."""
+
+
+class FirstFrameCheck:
+    """Finds the first block of /markers of a capture, and the frames that are missing before it.
+
+    Frames whose numbers continue from before the edge (a live preview without a capture) carry no such information;
+    the driver counts what is missing among them.
+    """
+
+    def __init__(self, streams: Sequence[Stream]) -> None:
+        self._rate_hz = sum(stream.rate_hz for stream in streams if stream.name == "/markers")
+        self._edge_host_ns: int | None = None
+        self._is_awaited = True
+        self._first: Samples | None = None
+
+    def set_edge(self, host_ns: int) -> Loss | None:
+        """The capture began at this host time [UTC, ns]; its frames may have arrived before the edge."""
+        self._edge_host_ns = host_ns
+        return self._missed()
+
+    def handle_event(self, event: Event) -> None:
+        """Frame numbers that restart belong to a capture."""
+        self._is_awaited |= event.kind in ("numbering_restarted", "capture_replaced")
+
+    def update(self, block: Samples) -> Loss | None:
+        """Take a block with at least one frame; return the frames that are missing before it, once they are known."""
+        if not self._is_awaited:
+            return None
+        self._is_awaited, self._first = False, block
+        return self._missed()
+
+    def _missed(self) -> Loss | None:
+        if self._first is None or self._edge_host_ns is None:
+            return None
+        first, self._first = self._first, None
+        number = int(first.sample_numbers[0])
+        since_edge_s = (first.host_time_ns - self._edge_host_ns) * 1e-9
+        if since_edge_s < 0 or not 1 < number <= (since_edge_s * (1 + LATENESS) + LATENESS) * self._rate_hz:
+            return None
+        return Loss(first.stream, "late", 1, number - 1, int(first.device_time_ns[0]), first.host_time_ns)
