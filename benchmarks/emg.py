@@ -34,7 +34,7 @@ from solver.redundancy.problem import build_redundancy, solve_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.time_series_table import write_table
 from station.emg.comparison import ConditionFiles, compare_emg
-from station.emg.setup import EnvelopeSection
+from station.emg.trials import EnvelopeSection
 from tests.fitting.emg.simulated import NOISES, compare_pair, emg_pair
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"

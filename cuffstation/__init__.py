@@ -48,8 +48,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from station.library import fit_donning as fit_donning
     from station.library import fit_session as fit_session
     from station.library import read_recording as read_recording
+    from station.library import sample_session as sample_session
     from station.report.plot import plot as plot
-    from station.sample import sample_session as sample_session
     from station.solver_library import assess as assess
     from station.solver_library import load_model as load_model
     from station.solver_library import load_motion as load_motion
@@ -90,7 +90,7 @@ _MODULES = {
     "published_cuffs": "fitting.cuffs.cuff_tables",
     "read_cuffs": "fitting.cuffs.cuffs_file",
     "read_recording": "station.library",
-    "sample_session": "station.sample",
+    "sample_session": "station.library",
     "solve_motion": "station.solver_library",
     "with_reserves": "solver.redundancy.redundancy_options",
     "write_cuffs": "fitting.cuffs.cuffs_file",

@@ -1,6 +1,6 @@
-"""Read, append to and replace regular files only: a pipe would block, a device has no end, a link may lead elsewhere.
+"""Read, append to, replace and lock regular files only: a pipe blocks, a device has no end, a link leads elsewhere.
 
-Errors are OSError; errno is their code.
+Errors are OSError; errno is their code. The operating system releases the lock of a process that dies.
 """
 
 from __future__ import annotations
@@ -115,3 +115,25 @@ def _checked(descriptor: int, path: Path) -> int:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     raise OSError(errno.EINVAL, "a pipe or a device, expected a regular file", str(path))
+
+
+@contextmanager
+def locked(path: Path, wait_s: float) -> Iterator[None]:
+    """Hold the lock of this name. Its file remains, empty.
+
+    Raises TimeoutError if another process holds it for longer than wait_s, and OSError if it cannot be acquired.
+    """
+    from filelock import FileLock, Timeout  # a tenth of the time in which a command that locks nothing starts
+
+    append_to_regular(path).close()  # filelock < 3.20 truncates the file, so it must not be a link
+    lock = FileLock(path, timeout=wait_s)
+    try:
+        lock.acquire()
+    except Timeout as error:
+        raise TimeoutError(errno.ETIMEDOUT, f"another process holds {path}") from error
+    except NotImplementedError as error:  # a file system without locks, such as some network drives
+        raise OSError(errno.ENOLCK, "its file system has no locks") from error
+    try:
+        yield
+    finally:
+        lock.release()

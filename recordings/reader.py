@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.equality import EqualByFields
-from documents.labelled_arrays import labelled_dataset
+from documents.results import EqualByFields, labelled_dataset
 from recordings import topics
 from recordings.chunks import Damage, Entry, read_entries
 from recordings.errors import DamagedFile, RecordingCode, RecordingError

@@ -1,7 +1,7 @@
 """Build a wheel with compiled kernels for this platform: `python -m solver.kernel_wheel OUTPUT`, in a source checkout.
 
 The wheel is for the version of Python that runs this, and its kernels are for the version of numba that it has. With
-another one, or on a processor without the instructions of shipped_kernels.py, an installed wheel compiles at its first
+another one, or on a processor without the instructions of TARGETS, an installed wheel compiles at its first
 use, as the source does. setuptools >= 69 must be installed.
 """
 
@@ -26,7 +26,7 @@ LEFT_OUT = (".*", "__pycache__", "*.egg-info", "tests", "benchmarks", "docs", "e
 
 def build(output: Path) -> None:
     """Copy the source, compile its kernels in the copy, and build the wheel from it."""
-    from solver.shipped_kernels import TARGETS
+    from solver.compiled import TARGETS
 
     with tempfile.TemporaryDirectory() as name:
         source, kept = Path(name) / "source", Path(name) / "cache"

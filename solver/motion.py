@@ -11,8 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from documents.equality import EqualByFields
-from documents.labelled_arrays import labelled_dataset
+from documents.results import EqualByFields, labelled_dataset
 from solver.checks import ensure_at_least
 from solver.coded_findings import CodedFinding, describe_codes
 from solver.errors import MotionError, SolverCode

@@ -14,9 +14,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath, PurePosixPath
 
 from documents.plain_data import PlainDataError, parse_json
-from documents.regular_file import once_released, read_regular, replaced
+from documents.regular_file import locked, once_released, read_regular, replaced
 from fitting.results.standing import Standing
-from station.file_lock import locked
 from station.journal_lines import JOURNAL_FILE, LARGEST_JOURNAL
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message

@@ -1,17 +1,19 @@
 """The verbs in the order of the data, short functions in station/verbs.
 
 Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, the end of a trial or a frame are missing, or a file
-has changed since it was recorded; 130 Ctrl-C. Results go to stdout, messages to stderr, both in UTF-8.
+has changed since it was recorded; 130 Ctrl-C. Results go to stdout, messages to stderr, both in UTF-8. If the reader of
+stdout closes early, as in `station info FILE | head -1`, the rest is discarded, and the verb continues.
 """
 
 from __future__ import annotations
 
+import errno
 import io
 import math
 import os
 import re
 import sys
-from typing import Annotated, Any, NoReturn, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_args, get_type_hints
 
 import typer
 from rich.markup import escape
@@ -22,7 +24,6 @@ from drivers.errors import DeviceError
 from fitting.errors import FitError
 from recordings.errors import RecordingError
 from solver.errors import SolverError
-from station.closed_reader import without_broken_pipe
 from station.errors import StationError
 from station.exit_code import DONE, ENDED_BY_CTRL_C, FAILED, INTERRUPTED
 from station.extras import with_extras
@@ -31,17 +32,17 @@ from station.verbs import (
     cuffs,
     emg,
     files,
-    inverse_dynamics,
     kinematics,
     live,
-    rmr,
+    muscles,
     study,
     suits,
-    sweep,
-    validate,
     whole,
 )
 from station.verbs.options import print_message
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, PlainDataError)
 """One root of exceptions for each folder, with its exit code."""
@@ -53,13 +54,13 @@ STAGES = {
     "Cuff parameters": (whole.judge, cuffs.fit),
     "Body and motion": (kinematics.scale, kinematics.ik),
     "Suit and muscles": (
-        inverse_dynamics.id_,
-        rmr.rmr,
-        validate.validate,
+        muscles.id_,
+        muscles.rmr,
+        muscles.validate,
         emg.emg,
         suits.assess,
         suits.optimise,
-        sweep.sweep,
+        suits.sweep,
     ),
     "Many sessions": (study.plan, study.catalogue, study.study),
     "Report": (whole.report, whole.verify),
@@ -177,6 +178,34 @@ def _one_line(error: Exception) -> str:
         name = error.filename2 or error.filename
         return f"{os.fsdecode(name)} cannot be used: {error.strerror}" if name else error.strerror
     return re.sub(r"\[(Errno|WinError) -?\d+\] ", "", " ".join(str(error).split())) or type(error).__name__
+
+
+CLOSED = {errno.EPIPE, errno.EINVAL} if sys.platform == "win32" else {errno.EPIPE}
+"""What a write to a pipe without a reader fails with."""
+
+
+class ClosableOutput(io.FileIO):
+    """A file descriptor that accepts everything, also after its reader has closed the pipe."""
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            if error.errno not in CLOSED:
+                raise
+            return memoryview(data).nbytes
+
+
+def without_broken_pipe(stream: io.TextIOWrapper) -> io.TextIOWrapper:
+    """The stream; where it is a file or a pipe, it discards what its reader no longer takes."""
+    is_unbuffered = isinstance(stream.buffer, io.FileIO)  # by PYTHONUNBUFFERED
+    if not (is_unbuffered or isinstance(getattr(stream.buffer, "raw", None), io.FileIO)):
+        return stream
+    raw = ClosableOutput(stream.fileno(), "wb", closefd=False)
+    output: Any = raw if is_unbuffered else io.BufferedWriter(raw)
+    return io.TextIOWrapper(
+        output, stream.encoding, stream.errors, line_buffering=stream.line_buffering, write_through=stream.write_through
+    )
 
 
 if __name__ == "__main__":

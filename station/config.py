@@ -1,4 +1,7 @@
-"""Configuration of the station (station.toml) with all defaults; unknown keys are errors."""
+"""Configuration of the station (station.toml) with all defaults; unknown keys are errors.
+
+Labels of published marker sets come from marker_presets.toml, which gives the sources.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,14 @@ import difflib
 import re
 import string
 from datetime import date, timedelta
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from documents.plain_data import PlainDataError, read_toml
+from documents.validation import Positive as StrictPositive
 from documents.validation import describe_error
 from recordings.manifest import (
     BodyMarkers,
@@ -29,12 +34,36 @@ from recordings.standard_gravity import g
 from station.body_config import AnalogSection, BodySection, EmgSection
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.live_config import LiveSection
-from station.marker_presets import preset_labels
 from station.messages.message import Message
 from station.messages.setup_codes import ConfigCode
-from station.protocol import BODY_TESTS, TrialSpec
-from station.windows_names import windows_name_fault
+from station.protocol import BODY_TESTS, TrialSpec, windows_name_fault
+
+
+class LiveSection(BaseModel):
+    """What is solved live in pose and motion trials, and where it goes besides the views."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    enabled: bool = False
+    lag_s: float = Field(default=0.15, ge=0, le=0.2)  # of the smoother: more lag, more accurate (docs/live.md)
+    highest_rate_hz: StrictPositive = 100.0  # frames per second that are solved; cameras that send more are decimated
+    model: str = ""  # .osim; without it the wearer's body from the session's earlier trials, or the bundled one
+    suit: Path | None = None  # suit.toml; without it the bundled suit
+    cuffs: Path | None = None  # without it cuffs.json of the session; without both only rigid cuffs
+    arm_cuff: str = ""  # that is worn; without it that of subject.toml, else the only one fitted
+    other_cuff: str = ""  # a further scenario
+    rest_length_m: StrictPositive | None = None  # without it that of subject.toml, or the suit's reference
+    rest_lengths_m: tuple[StrictPositive, ...] = Field(
+        default=(), max_length=4
+    )  # further scenarios, for the best length
+    writes_file: bool = True  # live/TRIAL.live.mcap in the session's folder
+    outlet: str = ""  # a Lab Streaming Layer outlet: "loopback", a network interface such as "eth0", or "any"
+    outlet_name: Annotated[str, Field(min_length=1)] = "cuffstation live"
+
+    def without_cuffs(self) -> LiveSection:
+        """The same with rigid cuffs only."""
+        return self.model_copy(update={"cuffs": None, "arm_cuff": "", "other_cuff": ""})
+
 
 DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
 INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": g * 1e-3}  # pounds-force and grams-force
@@ -389,3 +418,27 @@ def keys_of(section: type[BaseModel]) -> list[str]:
             if isinstance(part, type) and issubclass(part, BaseModel):
                 names += keys_of(part)
     return names
+
+
+NO_BODY = ("source", "markers")
+
+
+def preset_labels(name: str, prefix: str = "") -> tuple[str, ...]:
+    """The labels of a body, such as "qualisys_sports.left_arm", with the prefix. Raises ValueError for another name.
+
+    The labels of a skeleton in QTM start with the name of the person, for example "Anna_".
+    """
+    known = {
+        f"{marker_set}.{body}": labels for marker_set, bodies in _presets().items() for body, labels in bodies.items()
+    }
+    if name not in known or name.rpartition(".")[2] in NO_BODY:
+        bodies = ", ".join(body for body in known if body.rpartition(".")[2] not in NO_BODY)
+        raise ValueError(f"{name!r} is not a preset, expected one of {bodies}")
+    return tuple(prefix + label for label in known[name])
+
+
+@cache
+def _presets() -> dict[str, dict[str, Any]]:
+    import tomllib  # for the few who use a preset
+
+    return tomllib.loads(Path(__file__).with_name("marker_presets.toml").read_text(encoding="utf-8"))

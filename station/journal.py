@@ -18,11 +18,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from documents.plain_data import parse_json
-from documents.regular_file import append_to_regular, describe_failure, read_regular
+from documents.regular_file import append_to_regular, describe_failure, locked, read_regular
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition
 from station.checksums import write_checksums
 from station.errors import StationError
-from station.file_lock import locked
 from station.journal_lines import (
     FORMAT,
     JOURNAL_FILE,

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from station.windows_names import LONGEST_PATH, windows_name_fault
+from station.protocol import LONGEST_PATH, windows_name_fault
 
 
 def behave_as_windows(monkeypatch: pytest.MonkeyPatch, below: Path) -> None:

@@ -1,13 +1,7 @@
 """A person with markers on the skin, who holds a pose or raises an arm, wears a cord, and has muscles with electrodes.
 
-Frames: "ground" is the model's, x forward, y up, z to the right, in which the person stands; the laboratory has z up.
-Metres and radians. Does not imitate: skin that follows the bone less the higher the arm is raised, the other arm,
-fatigue, the cord's pull on the posture.
-
-The kinematics are those of a published shoulder, a product of exponentials (shoulder.toml). The pose of a segment is
-T(q) = Π exp(ξᵢ qᵢ) T(0): ξᵢ are the screws of its joints in the posture where every coordinate is 0, in the frame of
-ground (K. M. Lynch, F. C. Park, "Modern Robotics", Cambridge University Press, 2017, ch. 4). The scapula's frame
-besides slides to the point of an ellipsoid whose normal it has (A. Seth et al., PLoS ONE 11(1), e0141028, 2016).
+Frames: "ground" is that of shoulder.py, y up, in which the person stands; the laboratory has z up. Does not imitate:
+skin that follows the bone less the higher the arm is raised, the other arm, fatigue, the cord's pull on the posture.
 
 The arm is raised several times, by a share of a full raise over time. The girdle follows the arm by straight lines over
 the share of the raise (a rhythm of our own); the clavicle and one coordinate of the scapula close the acromioclavicular
@@ -21,20 +15,17 @@ Mann, "Myoelectric signal processing: optimal estimation applied to electromyogr
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from drivers.simulators.errors import SimulatorCode, SimulatorError
 from drivers.simulators.markers import random_wander
 from drivers.simulators.settings import PersonSettings, RaiseSettings
+from drivers.simulators.shoulder import Shoulder, published_shoulder
 
 Floats = NDArray[np.float64]
 Worn = Literal["unsuited", "slack", "tight", "mvc"]
@@ -255,159 +246,3 @@ class EmgNoise:
         low = np.minimum(place.astype(np.int64), len(self._table) - 2)
         part = place - low
         return np.asarray((1 - part) * self._table[low] + part * self._table[low + 1])
-
-
-SEGMENTS = ("thorax", "clavicle", "scapula", "humerus")
-CLOSED_M = 1e-11
-MOST_STEPS = 30
-STEP_RAD = 1e-6
-
-
-@dataclass(frozen=True)
-class Screw:
-    """A joint axis in the zero posture: a turn about axis through point, or a slide along axis."""
-
-    coordinate: int
-    axis: Floats
-    point: Floats
-    is_turn: bool
-
-    def exponential(self, amount: Floats) -> Floats:
-        """(n, 4, 4) by Rodrigues' formula, for amounts (n,) [rad or m]."""
-        moved = np.tile(np.eye(4), (len(amount), 1, 1))
-        if not self.is_turn:
-            moved[:, :3, 3] = amount[:, None] * self.axis
-            return moved
-        x, y, z = self.axis
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        sine, versine = np.sin(amount)[:, None, None], 1.0 - np.cos(amount)[:, None, None]
-        moved[:, :3, :3] += sine * cross + versine * (cross @ cross)
-        moved[:, :3, 3] = self.point - moved[:, :3, :3] @ self.point
-        return moved
-
-
-@dataclass(frozen=True)
-class _Segment:
-    """A segment's screws, those of the joints before it excluded; home (4, 4) is its pose in the zero posture.
-
-    joint (4, 4) is its joint's frame there, ellipsoid the semi-axes on which that frame glides by the first two turns.
-    """
-
-    on: str
-    screws: tuple[Screw, ...]
-    home: Floats
-    joint: Floats
-    ellipsoid: Floats | None
-
-
-class Shoulder:
-    """Thorax, clavicle, scapula and humerus; coordinates (n, 15) are in the order of coordinate_names."""
-
-    def __init__(self) -> None:
-        table = tomllib.loads(Path(__file__).with_name("shoulder.toml").read_text(encoding="utf-8"))
-        self.coordinate_names: tuple[str, ...] = tuple(
-            name for segment in SEGMENTS for kind in ("slides", "turns") for name, _ in table[segment].get(kind, ())
-        )
-        self.markers: dict[str, tuple[str, Floats]] = _points(table["markers"])
-        self.cord: dict[str, tuple[str, Floats]] = _points(table["cord"])
-        joined = table["acromioclavicular"]
-        self._joined = np.array(joined["clavicle_m"]), np.array(joined["scapula_m"])
-        self._segments: dict[str, _Segment] = {}
-        for name in SEGMENTS:
-            self._segments[name] = self._segment(table[name])
-
-    def index(self, name: str) -> int:
-        return self.coordinate_names.index(name)
-
-    def poses(self, coordinates: Floats) -> dict[str, Floats]:
-        """transform_segment_to_ground (n, 4, 4) of every segment."""
-        moved, poses = {"ground": np.tile(np.eye(4), (len(coordinates), 1, 1))}, {}
-        for name, segment in self._segments.items():
-            pose = moved[segment.on]
-            if segment.ellipsoid is not None:
-                pose = pose @ _gliding(segment, coordinates)
-            for screw in segment.screws:
-                pose = pose @ screw.exponential(coordinates[:, screw.coordinate])
-            moved[name] = pose
-            poses[name] = pose @ segment.home
-        return poses
-
-    def places(self, coordinates: Floats, points: Sequence[tuple[str, Floats]]) -> Floats:
-        """(n, points, 3) in ground, of points given by their segment and their place in it."""
-        poses = self.poses(coordinates)
-        return np.stack([_place(poses, point) for point in points], axis=1)
-
-    def gap(self, coordinates: Floats) -> Floats:
-        """(n, 3) in ground: from the clavicle's point of the acromioclavicular joint to the scapula's."""
-        poses = self.poses(coordinates)
-        clavicle, scapula = self._joined
-        return _place(poses, ("scapula", scapula)) - _place(poses, ("clavicle", clavicle))
-
-    def closed(self, coordinates: Floats, free: Sequence[str]) -> Floats:
-        """The coordinates (n, 15) with the acromioclavicular joint closed by three of them. Newton's method.
-
-        Raises SimulatorError where it does not converge.
-        """
-        columns, q = [self.index(name) for name in free], coordinates.copy()
-        for _ in range(MOST_STEPS):
-            gap = self.gap(q)
-            if np.abs(gap).max() < CLOSED_M:
-                return q
-            slope = np.empty((len(q), 3, 3))
-            for k, column in enumerate(columns):
-                nudged = q.copy()
-                nudged[:, column] += STEP_RAD
-                slope[:, :, k] = (self.gap(nudged) - gap) / STEP_RAD
-            q[:, columns] -= np.einsum("nij,nj->ni", np.linalg.pinv(slope), gap)
-        raise SimulatorError(
-            f"the simulated shoulder does not close: its joint stands open by {np.abs(gap).max():.2g} m",
-            SimulatorCode.OPEN_JOINT,
-        )
-
-    def _segment(self, row: Mapping[str, Any]) -> _Segment:
-        on = row.get("on", "ground")
-        parent = self._segments[on].home if on in self._segments else np.eye(4)
-        joint = parent @ _frame(row.get("origin_m"), row.get("angles_rad"))
-        screws = tuple(
-            Screw(self.index(name), _unit(joint[:3, :3] @ np.array(axis, float)), joint[:3, 3], kind == "turns")
-            for kind in ("slides", "turns")
-            for name, axis in row.get(kind, ())
-        )
-        home = joint @ np.linalg.inv(_frame(row.get("own_origin_m"), row.get("own_angles_rad")))
-        ellipsoid = np.array(row["ellipsoid_m"]) if "ellipsoid_m" in row else None
-        return _Segment(on, screws, home, joint, ellipsoid)
-
-
-@cache
-def published_shoulder() -> Shoulder:
-    """The shoulder of shoulder.toml; it has no state."""
-    return Shoulder()
-
-
-def _gliding(segment: _Segment, coordinates: Floats) -> Floats:
-    """(n, 4, 4) slide of the joint's frame to the point of the ellipsoid at longitude a and latitude e."""
-    a, e = (coordinates[:, screw.coordinate] for screw in segment.screws[:2])
-    normal = np.stack([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)], axis=1)
-    slide = np.tile(np.eye(4), (len(coordinates), 1, 1))
-    slide[:, :3, 3] = (normal * segment.ellipsoid) @ segment.joint[:3, :3].T
-    return slide
-
-
-def _place(poses: Mapping[str, Floats], point: tuple[str, Floats]) -> Floats:
-    segment, place = point
-    return np.asarray(poses[segment][:, :3, :3] @ place + poses[segment][:, :3, 3])
-
-
-def _points(table: Mapping[str, Mapping[str, Sequence[float]]]) -> dict[str, tuple[str, Floats]]:
-    return {name: (segment, np.array(place)) for name, row in table.items() for segment, place in row.items()}
-
-
-def _frame(origin: Sequence[float] | None, angles: Sequence[float] | None) -> Floats:
-    frame = np.eye(4)
-    frame[:3, 3] = origin or (0.0, 0.0, 0.0)
-    frame[:3, :3] = Rotation.from_euler("XYZ", angles or (0.0, 0.0, 0.0)).as_matrix()
-    return frame
-
-
-def _unit(axis: Floats) -> Floats:
-    return np.asarray(axis / np.linalg.norm(axis))

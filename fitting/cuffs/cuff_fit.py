@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.equality import EqualByFields
 from documents.interval import between
-from documents.notebook import Curve
+from documents.results import Curve, EqualByFields
 from fitting.cuffs.trial_fit import TrialFit
 from fitting.cuffs.wearable_cuff import QUANTITIES, TENSOR, UNITS, Cuff, cuff_html
 from fitting.diagnosis.causes import Diagnosis

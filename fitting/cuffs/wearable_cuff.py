@@ -11,9 +11,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.equality import EqualByFields
 from documents.interval import plus_minus
-from documents.notebook import Curve, curves_svg, result_html
+from documents.results import Curve, EqualByFields, curves_svg, result_html
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, NoteCode, Verdict
 from fitting.results.cuffs_schema import POSSIBLE

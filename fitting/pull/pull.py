@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from documents.equality import EqualByFields
+from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import (
     CuffMotion,

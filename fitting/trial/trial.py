@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.equality import EqualByFields
+from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note

@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.equality import EqualByFields
 from documents.interval import bracketed
-from documents.labelled_arrays import labelled_dataset
-from documents.notebook import curves_svg, result_html
+from documents.results import EqualByFields, curves_svg, labelled_dataset, result_html
 from solver.coded_findings import CodedFinding, describe_codes
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode

@@ -54,7 +54,7 @@ from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
-from station.subject.measured_cord import compare_cord
+from station.subject.assessed_subject import compare_cord
 from station.subject.subject_json import plain_subject, subject_inputs
 from station.versions import solving_versions
 from station.whole_file import write_whole

@@ -17,6 +17,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Protocol
 
+from documents.regular_file import locked
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
 from fitting.errors import UnusableTrial
@@ -36,12 +37,10 @@ from station.checksums import write_checksums
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig
 from station.errors import StationError
-from station.file_lock import locked
 from station.manifest import make_manifest
 from station.messages.codes import RefusalCode, TrialCode
 from station.messages.message import Message, join_sentences
-from station.protocol import TrialSpec
-from station.windows_names import check_path_length
+from station.protocol import TrialSpec, check_path_length
 
 OPEN_TIMEOUT_S = 15.0
 """Wall seconds for all devices to open; usually less than 4. A driver that hangs must not block the recorder."""

@@ -15,10 +15,9 @@ from pathlib import Path
 from solver.errors import SolverError
 from solver.suit.suit import Suit
 from station.console.body_drawing import BodyDrawing
-from station.live.address import LiveAddress, find_address
 from station.live.drawn_body import drawn_body
 from station.live.published import NAN, LiveScenario, LiveSetup, LiveUpdate, LiveValues
-from station.live.subscription import LiveSubscription, LiveUnreachable
+from station.live.subscription import LiveAddress, LiveSubscription, LiveUnreachable, find_address
 
 LOOK_INTERVAL_S = 1.0
 """Wall time between two looks for a live process."""

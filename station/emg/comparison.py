@@ -15,8 +15,7 @@ from fitting.emg.pooling import PooledShape, pool_shapes
 from fitting.emg.shape import LEAST_ACTIVATION, ShapeComparison, compare_shapes
 from recordings.manifest import DataOrigin
 from solver.time_series_table import read_table
-from station.emg.setup import EmgSetup, read_emg_setup
-from station.emg.trials import EmgFileError, read_emg_trial
+from station.emg.trials import EmgFileError, EmgSetup, read_emg_setup, read_emg_trial
 from station.exit_code import WRONG_USAGE
 from station.messages.emg_codes import EmgCode
 from station.messages.message import Figures, Message

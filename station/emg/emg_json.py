@@ -18,8 +18,7 @@ from fitting.emg.shape import ShapeComparison, ShapeOutcome
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of, write_checksums
 from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial, pool_trials
-from station.emg.setup import EmgSetup
-from station.emg.trials import EmgFileError
+from station.emg.trials import EmgFileError, EmgSetup
 from station.messages.emg_codes import EmgCode
 from station.messages.message import Message
 from station.versions import solving_versions

@@ -16,7 +16,7 @@ from solver.time_series_table import write_table
 from station.assessment.emg import COLUMNS
 from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial
 from station.emg.emg_json import EMG_FILE, EmgDocument, EmgFigure
-from station.emg.setup import EnvelopeSection
+from station.emg.trials import EnvelopeSection
 from station.folded_table import FoldedTable
 from station.whole_file import drafted, write_whole
 

@@ -16,8 +16,8 @@ from recordings.standard_gravity import g
 from solver.coded_findings import CoverageCode, ScalingCode
 from solver.errors import SolverCode
 from solver.model import ModelError
-from solver.osim.ik_setup import ik_setup_document, ik_setup_of_tasks
 from solver.osim.model_writer import osim_document
+from solver.osim.tool_setups import ik_setup_document, ik_setup_of_tasks
 from solver.personalisation.estimate import EstimateOutcome
 from solver.personalisation.segment_masses import segment_masses
 from station.kinematics.marker_checks import finding_lines

@@ -19,7 +19,7 @@ from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, 
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.model import Model, ModelError
 from solver.motion import ensure_interval, limits_outside
-from solver.osim.ik_setup import IkSetup, ik_setup_document, read_ik_setup
+from solver.osim.tool_setups import IkSetup, ik_setup_document, read_ik_setup
 from solver.personalisation.coverage import check_coverage
 from station.kinematics.marker_checks import (
     Finding,

@@ -23,8 +23,7 @@ from solver.inverse_kinematics.marker_fit import fit_markers
 from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks
 from solver.model import Marker, Model
-from solver.osim.ik_setup import IkSetup
-from solver.osim.scale_setup import ScaleSetup
+from solver.osim.tool_setups import IkSetup, ScaleSetup
 from station.errors import StationError
 from station.messages.codes import KinematicsCode
 from station.messages.message import Figures, Message

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 from documents.plain_data import PlainDataError, parse_toml, read_toml
 from documents.validation import Section, Vector, describe_error
 from solver.model import Marker, Model
-from solver.osim.marker_set import with_markers
+from solver.osim.model_writer import with_markers
 from station.errors import StationError
 from station.messages.codes import KinematicsCode
 from station.messages.message import Message

@@ -13,10 +13,8 @@ from recordings.exchange.sample_tables import MarkerTable
 from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model, ModelError
-from solver.osim.ik_setup import IkSetup
-from solver.osim.marker_set import read_marker_set, with_markers
-from solver.osim.model_writer import osim_document
-from solver.osim.scale_setup import ScaleSetup, read_scale_setup, scale_setup_document
+from solver.osim.model_writer import osim_document, read_marker_set, with_markers
+from solver.osim.tool_setups import IkSetup, ScaleSetup, read_scale_setup, scale_setup_document
 from solver.personalisation.coverage import check_coverage
 from solver.scaling import Scaling, scale_model
 from solver.scaling_findings import check_scaling, place_markers

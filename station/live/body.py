@@ -22,15 +22,14 @@ from solver.redundancy.glenoid import glenoid_cone
 from solver.stream.frame_muscles import SLACK, StreamScenario
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
 from station.assessment.assessment_inputs import read_cuffs_to_wear, worn_cuffs
+from station.config import LiveSection
 from station.errors import StationError
 from station.kinematics.ik import with_marker_set
 from station.live.published import NAN, LiveScenario
-from station.live_config import LiveSection
 from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 from station.sources import BUNDLED, model_of
-from station.subject.assessed_subject import fit_suit, measure_subject, read_wearer_trials
-from station.subject.measured_cord import worn_arm_cuff
+from station.subject.assessed_subject import fit_suit, measure_subject, read_wearer_trials, worn_arm_cuff
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, read_subject
 
 CUFFS_FILE = "cuffs.json"

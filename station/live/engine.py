@@ -1,10 +1,15 @@
-"""The messages of a trial → published values: pipeline, pace, findings and sinks, in live operation and in replay."""
+"""The messages of a trial → published values: pipeline, pace, findings and sinks, in live operation and in replay.
+
+If the computer is too slow, first the muscles of some frames are left out, then whole frames. Findings for the operator
+last a second, so that they can be read.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -12,9 +17,8 @@ from typing import Protocol
 from recordings.samples import Samples, Stream
 from recordings.topics import EMG, MARKERS
 from solver.errors import SolverError
+from solver.stream.stream_frame import StreamNotice, StreamOutcome, StreamSuitOutcome
 from station.errors import StationError
-from station.live.findings import LiveFindings, notice_messages, plain_findings
-from station.live.pace import Pace
 from station.live.pipeline import NOT_SOLVED, LivePipeline
 from station.live.plan import PreparedTrial
 from station.live.published import (
@@ -209,3 +213,115 @@ class LiveEngine:
 def _lacks_muscles(values: LiveValues) -> bool:
     """Whether the muscles of this frame were left out; a view keeps those of an earlier one."""
     return math.isfinite(values.coordinates[0]) and any(one.outcome == NOT_SOLVED for one in values.scenarios)
+
+
+MOST_LATENCY_S = 0.025
+"""From the arrival of a frame to the start of its solution; above it the muscles are solved in fewer frames."""
+DROP_LATENCY_S = 0.1
+"""Above it frames are dropped until the newest one."""
+LARGEST_EVERY = 16
+SLOW_DOWN_S, SPEED_UP_S = 0.3, 3.0
+"""Least time between two changes of pace: the effect of a change must show before the next."""
+
+
+class Pace:
+    """Muscles are solved in one of every `every` frames. All times are seconds of one clock, which the caller reads."""
+
+    def __init__(self) -> None:
+        self.every = 1
+        self.dropped = 0
+        self._frames = 0
+        self._changed_s = self._dropped_s = float("-inf")
+        self._late_s = float("-inf")
+
+    def drops(self, now_s: float, latency_s: float, *, is_newest: bool) -> bool:
+        """Whether to drop a frame that has waited so long."""
+        if latency_s <= DROP_LATENCY_S or is_newest:
+            return False
+        self.dropped, self._dropped_s = self.dropped + 1, now_s
+        return True
+
+    def has_dropped_lately(self, now_s: float) -> bool:
+        return now_s - self._dropped_s < SPEED_UP_S
+
+    def solves_muscles(self, now_s: float, latency_s: float) -> bool:
+        """Whether to solve the muscles of the next frame."""
+        if latency_s > MOST_LATENCY_S:
+            self._late_s = now_s
+            if now_s - self._changed_s >= SLOW_DOWN_S and self.every < LARGEST_EVERY:
+                self.every, self._changed_s = 2 * self.every, now_s
+        elif self.every > 1 and now_s - max(self._changed_s, self._late_s) >= SPEED_UP_S:
+            self.every, self._changed_s = self.every // 2, now_s
+        self._frames += 1
+        return self._frames % self.every == 0
+
+
+SHOWN_S = 1.0
+LEFT_S = 0.5
+"""Without any marker, until the wearer counts as outside the volume."""
+LEAST_UNSOLVED = 0.1
+"""Of the frames of the last second."""
+UNSOLVED = (StreamOutcome.NOT_CONVERGED, StreamOutcome.GAP_OPEN)
+UNSOLVED_MUSCLES = (
+    StreamSuitOutcome.INFEASIBLE,
+    StreamSuitOutcome.NOT_CONVERGED,
+    StreamSuitOutcome.NOT_FINITE,
+    StreamSuitOutcome.CUFF_NOT_AT_REST,
+)
+
+
+class LiveFindings:
+    """Findings on the values of the last second, in the cameras' time."""
+
+    def __init__(self, markers: int, lasting: Iterable[Message[LiveCode]] = ()) -> None:
+        """lasting: findings on body and suit, which hold for the whole trial."""
+        self._markers, self._lasting = markers, tuple(lasting)
+        self._last: dict[LiveCode, tuple[float, Message[LiveCode]]] = {}
+        self._frames: list[tuple[float, tuple[str, ...]]] = []
+        self._seen_s: float | None = None
+        self._now_s = 0.0
+
+    def add(self, values: LiveValues) -> None:
+        now = self._now_s = values.time_s
+        if len(values.hidden) < self._markers or self._seen_s is None:
+            self._seen_s = now
+        if values.exchanged:
+            pairs = ", ".join(" and ".join(pair) for pair in values.exchanged)
+            self._note(Message(LiveCode.MARKERS_EXCHANGED, {"markers": pairs}))
+        if values.left_out:
+            self._note(Message(LiveCode.MARKERS_LEFT_OUT, {"markers": ", ".join(values.left_out)}))
+        if values.lost:
+            self._note(Message(LiveCode.NOT_HELD, {"coordinates": ", ".join(values.lost)}))
+        failures = [values.outcome] if values.outcome in UNSOLVED else []
+        failures += sorted({one.outcome for one in values.scenarios if one.outcome in UNSOLVED_MUSCLES})
+        self._frames = [frame for frame in self._frames if frame[0] > now - SHOWN_S]
+        self._frames.append((now, tuple(failures)))
+
+    def shown(self) -> tuple[LiveFinding, ...]:
+        """The findings that hold now."""
+        away_s = 0.0 if self._seen_s is None else self._now_s - self._seen_s
+        if away_s >= LEFT_S:
+            left = Message(LiveCode.WEARER_LEFT, {"seconds": away_s})
+            return plain_findings([*self._lasting, left])
+        current = [message for time_s, message in self._last.values() if time_s > self._now_s - SHOWN_S]
+        return plain_findings([*self._lasting, *current, *self._unsolved()])
+
+    def _note(self, message: Message[LiveCode]) -> None:
+        self._last[message.code] = self._now_s, message
+
+    def _unsolved(self) -> list[Message[LiveCode]]:
+        counts = Counter(failure for _, failures in self._frames for failure in failures)
+        return [
+            Message(LiveCode.UNSOLVED, {"frames": float(count), "of": float(len(self._frames)), "outcome": outcome})
+            for outcome, count in counts.items()
+            if count >= LEAST_UNSOLVED * len(self._frames)
+        ]
+
+
+def notice_messages(model: str, notices: Iterable[StreamNotice]) -> list[Message[LiveCode]]:
+    codes = {StreamNotice.NO_GLENOID_CONE: LiveCode.NO_GLENOID, StreamNotice.NO_GLENOHUMERAL_JOINT: LiveCode.NO_JOINT}
+    return [Message(codes[notice], {"model": model}) for notice in sorted(notices)]
+
+
+def plain_findings(messages: Iterable[Message[LiveCode]]) -> tuple[LiveFinding, ...]:
+    return tuple(LiveFinding(message.code.value, str(message)) for message in messages)

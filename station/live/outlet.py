@@ -1,4 +1,4 @@
-"""Live values as a stream of the Lab Streaming Layer (LSL), on one network interface only.
+"""Live values as rows of numbers, and as a stream of the Lab Streaming Layer (LSL), on one network interface only.
 
 liblsl announces nothing. It answers queries, on ports that it opens on all interfaces, and has no setting for one.
 So it listens for queries of this computer only, and the operating system binds its sockets to the device of the
@@ -13,13 +13,14 @@ import os
 import socket
 import sys
 import time
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from station.errors import StationError
 from station.extras import MissingExtra
-from station.live.columns import live_columns, live_row
-from station.live.published import LiveDelivery, LiveSetup, LiveValues
+from station.live.published import NAN, LiveDelivery, LiveSetup, LiveValues
 from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 
@@ -137,3 +138,46 @@ def _bind_to_device(number: int, device: str) -> None:
         with socket.socket(fileno=os.dup(number)) as one:
             if one.family == socket.AF_INET:
                 one.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device.encode() + b"\0")
+
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class LiveColumn:
+    """name as in the file and the outlet; unit "" for a ratio; kind is the type of an XDF channel."""
+
+    name: str
+    unit: str
+    kind: str
+
+
+def live_columns(setup: LiveSetup) -> tuple[LiveColumn, ...]:
+    """In the order of live_row(): coordinates and their rates in SI, every scenario, what was measured."""
+    columns = [
+        LiveColumn(f"{part}/{name}", unit, "Coordinate")
+        for part, unit in (("coordinate", "rad or m"), ("speed", "per s"), ("acceleration", "per s^2"))
+        for name in setup.coordinates
+    ]
+    for scenario in setup.scenarios:
+        name = scenario.name
+        columns += [
+            LiveColumn(f"{name}/effort", "", "Effort"),
+            LiveColumn(f"{name}/reserve_effort", "", "Effort"),
+            LiveColumn(f"{name}/cord_force", "N", "Force"),
+            *(LiveColumn(f"{name}/joint_force_{axis}", "N", "Force") for axis in AXES),
+            *(LiveColumn(f"{name}/activation/{muscle}", "", "Activation") for muscle in setup.muscles),
+        ]
+    columns.append(LiveColumn("measured/cord_force", "N", "Force"))
+    columns += [LiveColumn(f"measured/emg_rms/{name}", "uV", "EMG") for name in setup.emg_channels]
+    return tuple(columns)
+
+
+def live_row(setup: LiveSetup, values: LiveValues) -> list[float]:
+    """NaN where there is no value."""
+    row = [*values.coordinates, *values.speeds, *values.accelerations]
+    for one in values.scenarios:
+        row += [one.effort, one.reserve_effort, one.cord_force_n, *one.joint_force_n, *one.activations]
+    has_emg = len(values.emg_rms_uv) == len(setup.emg_channels)
+    emg: Iterable[float] = values.emg_rms_uv if has_emg else (NAN,) * len(setup.emg_channels)
+    return [*row, values.cord_force_measured_n, *emg]

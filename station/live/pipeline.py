@@ -1,4 +1,8 @@
-"""Samples in, live values out: the same in live operation and in replay, to the bit, as no clock is read here."""
+"""Samples in, live values out: the same in live operation and in replay, to the bit, as no clock is read here.
+
+Signals of the DAQ and of the EMG amplifier are taken at the times of camera frames, by the arrival of both at the
+station. The effort is summed per arm cycle, and gives the best rest length of the motion so far.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.trial.analog_signals import VOLTS
-from fitting.wearer.arm_cycles import elevation_of
+from fitting.wearer.arm_cycles import CycleDetector, elevation_of
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell
 from recordings.samples import Samples, Stream
 from recordings.topics import EMG, FORCE, MARKERS
@@ -20,11 +24,10 @@ from solver.inverse_kinematics.marker_fit import rotation_laboratory_to_ground
 from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
+from solver.suit.curve_minimum import find_minimum
 from station.errors import StationError
 from station.kinematics.marker_checks import LEAST_SEEN, ensure_markers_fit
-from station.live.aligned_signal import AlignedSignal, ArrivalClock
 from station.live.body import LiveBody
-from station.live.cycle_effort import CycleEffort
 from station.live.published import (
     NAN,
     LiveBest,
@@ -261,3 +264,136 @@ def _scenario(suit: StreamSuitFrame | None, body: LiveBody) -> LiveScenarioValue
 
 def _plain(values: Array | Sequence[float]) -> tuple[float, ...]:
     return tuple(np.asarray(values).tolist())
+
+
+KEPT_S = 1.0
+RMS_WINDOW_S = 0.1
+
+
+class ArrivalClock:
+    """Device time → host time [s] by the block with the least delay so far: the clocks of a trial in progress.
+
+    The offline fit uses the sync edges instead; here the delays of the devices remain, some milliseconds.
+    """
+
+    def __init__(self) -> None:
+        self._offset_ns: int | None = None
+
+    def times(self, samples: Samples) -> Array:
+        """(samples,) host time [s] since 1970."""
+        offset_ns = samples.host_time_ns - int(samples.device_time_ns[-1])
+        self._offset_ns = offset_ns if self._offset_ns is None else min(self._offset_ns, offset_ns)
+        return np.asarray((samples.device_time_ns + self._offset_ns) * 1e-9)
+
+
+class AlignedSignal:
+    """The last KEPT_S seconds of a signal."""
+
+    def __init__(self) -> None:
+        self._clock = ArrivalClock()
+        self._times = np.zeros(0)
+        self._values = np.zeros((0, 0))
+
+    def add(self, samples: Samples) -> None:
+        if not len(samples.device_time_ns):
+            return
+        times, values = self._clock.times(samples), samples.values.astype(np.float64)
+        if values.shape[1] != self._values.shape[1]:
+            self._times, self._values = np.zeros(0), np.zeros((0, values.shape[1]))
+        times = np.concatenate([self._times, times])
+        kept = times > times[-1] - KEPT_S
+        self._times, self._values = times[kept], np.concatenate([self._values, values])[kept]
+
+    def at(self, host_s: float) -> Array | None:
+        """(channels,) interpolated; None where no samples have arrived for this time."""
+        if not len(self._times) or not self._times[0] <= host_s <= self._times[-1]:
+            return None
+        return np.array([np.interp(host_s, self._times, column) for column in self._values.T])
+
+    def rms_until(self, host_s: float) -> Array | None:
+        """(channels,) RMS about the mean of the RMS_WINDOW_S before this time; None where they have not arrived."""
+        if not len(self._times) or not self._times[0] <= host_s <= self._times[-1]:
+            return None
+        window = self._values[(self._times > host_s - RMS_WINDOW_S) & (self._times <= host_s)]
+        return np.asarray(window.std(axis=0)) if len(window) > 1 else None
+
+
+RECENT_CYCLES = 3
+LEAST_RAISE = 0.5
+"""Of the highest raise so far; lower ones are attempts, as in find_cycles."""
+LONGEST_CYCLE_S = 60.0
+LEAST_LENGTHS = 3
+SLACK = "slack"
+
+
+class CycleEffort:
+    """Mean effort of every scenario from one peak of the arm to the next; efforts are over that of the slack suit."""
+
+    def __init__(self, scenarios: Sequence[str]) -> None:
+        self._names = tuple(scenarios)
+        self._detector = CycleDetector()
+        self._frames: deque[tuple[float, Array]] = deque()
+        self._turns = 0
+        self.cycles: list[Array] = []
+
+    def add(self, time_s: float, elevation: float, effort: Mapping[str, float]) -> bool:
+        """Take a frame; returns whether a cycle has ended. Efforts are NaN where a scenario has no solution."""
+        self._frames.append((time_s, np.array([effort.get(name, np.nan) for name in self._names])))
+        while self._frames[0][0] < time_s - LONGEST_CYCLE_S:
+            self._frames.popleft()
+        self._detector.update([time_s], [elevation])
+        turns = self._detector.turns
+        if len(turns) == self._turns:
+            return False
+        self._turns = len(turns)
+        return len(turns) > 1 and self._end_cycle(turns[-2], turns[-1])
+
+    def restart(self) -> None:
+        """Forget the cycles: they were with another rest length."""
+        self.cycles.clear()
+        self._frames.clear()
+
+    def recent(self) -> LiveRecent | None:
+        """Of the last cycles; None before the first has ended."""
+        if not self.cycles:
+            return None
+        recent = self.cycles[-RECENT_CYCLES:]
+        mean = np.mean(recent, axis=0)
+        return LiveRecent(len(recent), {name: float(value) for name, value in zip(self._names, mean, strict=True)})
+
+    def best(self, rest_lengths: Mapping[str, float]) -> LiveBest | None:
+        """Over these scenarios, which differ in their rest length only; None for fewer than three or no cycle."""
+        by_length = {length: name for name, length in rest_lengths.items()}
+        lengths = np.array(sorted(by_length))
+        names = [by_length[length] for length in lengths.tolist()]
+        if len(lengths) < LEAST_LENGTHS or not self.cycles:
+            return None
+        costs = np.array(self.cycles)[:, [self._names.index(name) for name in names]]
+        pooled = find_minimum(lengths, costs.mean(axis=0))
+        if pooled.edge:
+            end = -1 if pooled.edge > 0 else 0
+            return LiveBest(float(lengths[end]), NAN, float(costs.mean(axis=0)[end]), len(costs), pooled.edge)
+        minima = [_lowest(lengths, cost) for cost in costs]
+        spread = float(np.std(minima, ddof=1)) if len(minima) > 1 else NAN
+        return LiveBest(pooled.rest_length, spread, pooled.cost, len(costs))
+
+    def _end_cycle(self, before: tuple[float, ...], last: tuple[float, ...]) -> bool:
+        """Keep the mean of the cycle between two peaks, if every scenario has a solution in it."""
+        raises = [peak - valley for _, valley, _, peak in self._detector.turns]
+        if min(raises[-2:]) < LEAST_RAISE * max(raises):
+            return False
+        inside = [effort for time_s, effort in self._frames if before[2] <= time_s < last[2]]
+        if not inside:
+            return False
+        solved = np.array([effort for effort in inside if np.isfinite(effort).all()])
+        if len(solved) < 0.5 * len(inside):
+            return False
+        mean = solved.mean(axis=0)
+        self.cycles.append(mean / mean[self._names.index(SLACK)])
+        return True
+
+
+def _lowest(lengths: Array, cost: Array) -> float:
+    """Best rest length of one cycle [m]; at the edge the one that was tried there."""
+    found = find_minimum(lengths, cost)
+    return float(lengths[np.argmin(cost)]) if found.edge else found.rest_length

@@ -8,11 +8,10 @@ from pathlib import Path
 from recordings.manifest import BodyMarkers
 from solver.stream.frame_muscles import StreamScenario
 from solver.suit.suit import suit_toml
-from station.config import StationConfig
+from station.config import LiveSection, StationConfig
 from station.live.body import UNUSABLE, LiveBody, live_body, live_scenarios
 from station.live.pipeline import LivePlan
 from station.live.published import LiveScenario, LiveSetup, LiveSubject
-from station.live_config import LiveSection
 from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec

@@ -1,7 +1,8 @@
 """The live process of a trial, started by the recorder's LiveTap.
 
 The first message is the request (LiveRequest); then come those of feed_wire.py. Views connect to the address in the
-session's folder. The process ends with the recorder; nothing that happens here reaches it.
+session's folder. The process ends with the recorder; nothing that happens here reaches it. Compiled functions and the
+solver's memory are loaded before the first frame.
 """
 
 from __future__ import annotations
@@ -16,19 +17,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from recordings.samples import Samples, Stream
 from recordings.topics import MARKERS
+from solver.inverse_kinematics.solve import assemble
+from solver.multibody.postures import points_in_ground, postures
+from solver.stream.stream_solver import StreamSolver
 from station.child import ProcessLink
 from station.config import parse_config
 from station.live.engine import LiveEngine, LiveSink, Publish
-from station.live.feed_wire import FedMessage, decode
+from station.live.feed_wire import REQUEST, FedMessage, decode
 from station.live.outlet import LslOutlet
+from station.live.pipeline import LivePlan
 from station.live.plan import PreparedTrial, prepare_trial
 from station.live.published import LiveSetup
-from station.live.request import REQUEST
 from station.live.result_file import ResultFile
 from station.live.server import serve_views
-from station.live.warm_up import warm_up
 from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 
@@ -145,3 +150,20 @@ def run(engine: LiveEngine, inbox: FedMessages) -> bool:
                 engine.dropped_before = count
     engine.finish()
     return has_ended
+
+
+FRAMES, INTERVAL_S = 40, 0.01
+
+
+def warm_up(plan: LivePlan) -> None:
+    """Solve some frames of the model at rest with a solver that is thrown away."""
+    model, tasks = plan.body.model, plan.body.tasks
+    if not tasks.markers:
+        return
+    posture = assemble(model)[None]
+    state = postures(model, posture, np.zeros_like(posture))
+    places = np.array([points_in_ground(state, marker.body, marker.location)[0] for marker in tasks.markers])
+    solver = StreamSolver(model, tasks, plan.scenarios, suit=plan.body.suit, lag_s=plan.lag_s)
+    for frame in range(FRAMES):
+        solver.push(frame * INTERVAL_S, places)
+    solver.finish()

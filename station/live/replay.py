@@ -12,13 +12,12 @@ from recordings.manifest import Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import Event, Samples, Stream
 from recordings.topics import MARKERS
-from station.config import parse_config
+from station.config import LiveSection, parse_config
 from station.errors import StationError
 from station.live.engine import LiveEngine, LiveSink, Publish
 from station.live.plan import PreparedTrial, can_be_solved, prepare_trial
 from station.live.published import LiveSetup
 from station.live.server import serve_views
-from station.live_config import LiveSection
 from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 from station.protocol import TrialSpec

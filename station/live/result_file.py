@@ -10,9 +10,9 @@ import numpy as np
 from recordings.live_result import LiveFrame, LiveManifest, LiveOutcome, LiveResultWriter
 from recordings.samples import Event
 from station.checksums import list_in_session
-from station.live.columns import live_columns, live_row
+from station.config import LiveSection
+from station.live.outlet import live_columns, live_row
 from station.live.published import LiveDelivery, LiveSetup, LiveValues
-from station.live_config import LiveSection
 from station.versions import solver_digest, solving_versions
 
 FOLDER = "live"

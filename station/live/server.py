@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from documents.plain_data import parse_json
-from station.live.address import LiveAddress, announce, withdraw
 from station.live.published import SETUP, LiveSetup, LiveUpdate, update_line
+from station.live.subscription import LiveAddress, announce, withdraw
 
 VIEW_BACKLOG = 50
 """Updates that may wait for a view before the oldest is dropped."""

@@ -19,8 +19,7 @@ from station.bench.view import JOIN_TIMEOUT_S, BackgroundView, Snapshot, TrialSt
 from station.child import Child
 from station.clock import Clock
 from station.config import StationConfig
-from station.live.feed_wire import encode_message, encode_request
-from station.live.request import REQUEST, LiveRequest
+from station.live.feed_wire import REQUEST, LiveRequest, encode_message, encode_request
 from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec

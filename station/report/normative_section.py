@@ -13,8 +13,7 @@ from station.report.cuff_section import Cuffs, figure_of
 from station.report.numbers import LocatedInteger, LocatedObject, Number, Shown, ends, interval, located, mean_with
 from station.report.report_file import Source
 from station.study.normative_file import NORMATIVE_FILE, NormativeEntry, NormativePlace, read_normative
-from station.study.study_document import QuantityName
-from station.study.units import SHOWN
+from station.study.study_document import SHOWN, QuantityName
 from station.whole_file import write_whole
 
 PLACES = {

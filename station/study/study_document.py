@@ -1,15 +1,48 @@
-"""study.json: the schema of a study; published in docs/schemas."""
+"""study.json: the cuffs of many sessions, quantity by quantity. Its schema is published in docs/schemas.
+
+Figures are shown in units of a study, with as many digits as their intervals bear.
+"""
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fitting.study.cuff_study import ComparisonOutcome, ReliabilityOutcome, StudyOutcome
-from fitting.study.variance_components import ComponentOutcome
+from documents.interval import between, bracketed, shown
+from documents.plain_data import PlainDataError, read_json
+from documents.regular_file import describe_failure
+from documents.validation import describe_error
+from fitting.cuffs.wearable_cuff import QUANTITIES
+from fitting.study.cuff_study import (
+    Agreement,
+    ComparisonOutcome,
+    CuffComparison,
+    CuffStudy,
+    FixedEffect,
+    Measure,
+    Reliability,
+    ReliabilityOutcome,
+    StudyOutcome,
+    analyse,
+    compare,
+)
+from fitting.study.measurements import Observation
+from fitting.study.variance_components import Component, ComponentOutcome
 from recordings.manifest import DataOrigin
+from station.checksums import write_checksums
+from station.messages.message import Message
 from station.messages.study_codes import StudyCode
+from station.progress import Progress, silent
+from station.study.sessions import StudyError, StudySessions, measurements_of
+from station.versions import solving_versions
+from station.whole_file import write_whole
 
 FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""
@@ -131,3 +164,193 @@ class StudyDocument(_Entry):
     cuffs: dict[str, dict[QuantityName, QuantityEntry]]
     comparisons: list[ComparisonEntry]
     versions: dict[str, str]
+
+
+SHOWN = {"stiffness": (1.0, "N/m"), "damping": (1.0, "N s/m"), "migration": (1e3, "mm")}
+"""Quantity → factor from SI, unit."""
+OPEN = "not estimated"
+
+
+def shown_effect(effect: EffectEntry | None, quantity: str) -> str:
+    """Value and 95 % interval in the shown unit."""
+    return OPEN if effect is None else bracketed(effect.value, effect.ci95, SHOWN[quantity][0])
+
+
+def shown_figure(figure: StudyFigure, scale: float, digits: int = 0) -> str:
+    """Value and 95 % interval; an upper end that is not found is open."""
+    if figure.value is None:
+        return OPEN
+    if figure.ci95 is None or None in figure.ci95:
+        low = figure.ci95[0] if figure.ci95 else None
+        above = "" if low is None else f" (above {shown(scale * low, digits)})"
+        return shown(scale * figure.value, digits) + above
+    ends = (figure.ci95[0] or 0.0, figure.ci95[1] or 0.0)
+    return bracketed(figure.value, ends, scale, digits)
+
+
+def shown_range(ends: tuple[float, float], quantity: str) -> str:
+    """Both ends with as many digits as two figures of half their distance."""
+    return between(ends, SHOWN[quantity][0])
+
+
+STUDY_FILE = "study.json"
+
+
+def study_document(study: Study) -> StudyDocument:
+    """All of a study as a document."""
+    return StudyDocument(
+        format=FORMAT,
+        origin=study.sessions.origin,
+        sessions=[
+            StudySessionEntry(
+                folder=session.folder.name,
+                volunteer=session.volunteer,
+                operator=session.operator,
+                begun=session.begun,
+                cuffs_sha256=session.sha256,
+            )
+            for session in study.sessions.sessions
+        ],
+        left_out=[LeftOutEntry(code=message.code, figures=dict(message.figures)) for message in study.left_out],
+        cuffs={
+            cuff: {quantity: _quantity(found) for quantity, found in quantities.items()}  # type: ignore[misc]
+            for cuff, quantities in study.cuffs.items()
+        },
+        comparisons=[
+            ComparisonEntry(
+                quantity=quantity,  # type: ignore[arg-type]
+                first=found.first,
+                second=found.second,
+                volunteers=found.volunteers,
+                outcome=found.outcome,
+                difference=_effect(found.difference),
+            )
+            for quantity, comparisons in study.comparisons.items()
+            for found in comparisons
+        ],
+        versions=solving_versions(),
+    )
+
+
+def write_study(folder: Path, document: StudyDocument) -> Path:
+    """Write study.json into the folder."""
+    text = json.dumps(document.model_dump(mode="json"), indent=1, ensure_ascii=False, allow_nan=False)
+    write_whole(folder / STUDY_FILE, text + "\n")
+    write_checksums(folder / STUDY_FILE)
+    return folder / STUDY_FILE
+
+
+def read_study(path: Path) -> StudyDocument:
+    """Raises StudyError for what `station study` would not write."""
+    try:
+        return StudyDocument.model_validate(read_json(path))
+    except (OSError, PlainDataError) as error:
+        raise _wrong_file(path, describe_failure(error)) from error
+    except ValidationError as error:
+        raise _wrong_file(path, describe_error(error)) from error
+
+
+def _wrong_file(path: Path, reason: str) -> StudyError:
+    return StudyError(Message(StudyCode.WRONG_FILE, {"path": str(path), "reason": reason}))
+
+
+def _quantity(found: CuffStudy) -> QuantityEntry:
+    model = found.model
+    return QuantityEntry(
+        outcome=found.outcome,
+        measurements=len(found.measurements),
+        repeats=found.repeats,
+        noise_sd=math.sqrt(model.noise) if model else None,
+        mean=_effect(found.mean),
+        prediction=_effect(found.prediction),
+        components={name: _component(component) for name, component in model.components.items()} if model else {},
+        reliability=_reliability(found.reliability) if found.reliability else None,
+        volunteers=[
+            VolunteerEntry(volunteer=mean.volunteer, value=mean.value, ci95=mean.ci95, donnings=mean.donnings)
+            for mean in found.volunteers
+        ],
+        agreements={name: _agreement(agreement) for name, agreement in found.agreements.items()},
+    )
+
+
+def _effect(found: FixedEffect | None) -> EffectEntry | None:
+    return EffectEntry(**vars(found)) if found else None
+
+
+def _component(component: Component) -> ComponentEntry:
+    sd = Measure()
+    if component.is_estimated:
+        low, high = component.ci95
+        sd = Measure(math.sqrt(component.variance), (math.sqrt(low), math.sqrt(high)))
+    return ComponentEntry(
+        outcome=component.outcome,
+        levels=component.levels,
+        sd=_figure(sd.value, sd.ci95),
+        confounded_with=list(component.confounded_with),
+    )
+
+
+def _reliability(found: Reliability) -> ReliabilityEntry:
+    return ReliabilityEntry(
+        outcome=found.outcome,
+        icc=_figure(found.icc.value, found.icc.ci95),
+        sem=_figure(found.sem.value, found.sem.ci95),
+        mdc=_figure(found.mdc.value, found.mdc.ci95),
+    )
+
+
+def _agreement(found: Agreement) -> AgreementEntry:
+    return AgreementEntry(
+        means=found.means.tolist(),
+        differences=found.differences.tolist(),
+        bias=_figure(found.bias, found.bias_ci95),
+        lower_limit=_figure(found.limits[0], found.limits_ci95[0]),
+        upper_limit=_figure(found.limits[1], found.limits_ci95[1]),
+    )
+
+
+def _figure(value: float, ci95: tuple[float, float]) -> StudyFigure:
+    ends = (_known(ci95[0]), _known(ci95[1]))
+    return StudyFigure(value=_known(value), ci95=None if ends == (None, None) else ends)
+
+
+def _known(number: float) -> float | None:
+    return float(number) if math.isfinite(number) else None
+
+
+@dataclass(frozen=True)
+class Study:
+    """Statistics by cuff and quantity, comparisons by quantity, in SI; left_out: sessions and donnings."""
+
+    sessions: StudySessions
+    cuffs: Mapping[str, Mapping[str, CuffStudy]]
+    comparisons: Mapping[str, tuple[CuffComparison, ...]]
+    left_out: tuple[Message[StudyCode], ...]
+
+
+def make_study(sessions: StudySessions, progress: Progress = silent) -> Study:
+    """Analyse every quantity of every cuff, and compare every two cuffs."""
+    left_out = list(sessions.left_out)
+    by_quantity: dict[str, dict[str, list[Observation]]] = {}
+    for quantity in QUANTITIES:
+        by_cuff = by_quantity.setdefault(quantity, {})
+        for session in sessions.sessions:
+            found, missing = measurements_of(session, quantity)
+            left_out += missing
+            for cuff, measurements in found.items():
+                by_cuff.setdefault(cuff, []).extend(measurements)
+    cuffs: dict[str, dict[str, CuffStudy]] = {}
+    total = sum(map(len, by_quantity.values()))
+    for quantity, by_cuff in by_quantity.items():
+        for cuff, measurements in by_cuff.items():
+            progress("analysing cuffs", sum(map(len, cuffs.values())), total)
+            cuffs.setdefault(cuff, {})[quantity] = analyse(measurements)
+    progress("analysing cuffs", total, total)
+    comparisons = {quantity: _compare_all(by_cuff) for quantity, by_cuff in by_quantity.items()}
+    return Study(sessions, cuffs, comparisons, tuple(left_out))
+
+
+def _compare_all(by_cuff: Mapping[str, list[Observation]]) -> tuple[CuffComparison, ...]:
+    return tuple(
+        compare([*by_cuff[first], *by_cuff[second]], first, second) for first, second in combinations(by_cuff, 2)
+    )

@@ -15,9 +15,19 @@ from station.charts.svg import draw
 from station.checksums import write_checksums
 from station.messages.html import with_commands
 from station.messages.message import Message
-from station.study.study_document import AgreementEntry, ComparisonEntry, QuantityEntry, StudyDocument, StudyFigure
+from station.study.study_document import (
+    OPEN,
+    SHOWN,
+    AgreementEntry,
+    ComparisonEntry,
+    QuantityEntry,
+    StudyDocument,
+    StudyFigure,
+    shown_effect,
+    shown_figure,
+    shown_range,
+)
 from station.study.study_table import COMPONENTS, shown_component
-from station.study.units import OPEN, SHOWN, shown_effect, shown_figure, shown_range
 from station.whole_file import write_whole
 
 STUDY_PAGE = "study.html"

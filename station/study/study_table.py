@@ -9,8 +9,16 @@ from rich.console import Console
 from fitting.study.variance_components import ComponentOutcome
 from recordings.manifest import DataOrigin
 from station.folded_table import FoldedTable
-from station.study.study_document import ComponentEntry, QuantityEntry, StudyDocument
-from station.study.units import OPEN, SHOWN, shown_effect, shown_figure, shown_range
+from station.study.study_document import (
+    OPEN,
+    SHOWN,
+    ComponentEntry,
+    QuantityEntry,
+    StudyDocument,
+    shown_effect,
+    shown_figure,
+    shown_range,
+)
 
 COMPONENTS = ("volunteer", "donning", "repeat", "operator")
 

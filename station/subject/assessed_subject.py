@@ -1,8 +1,11 @@
-"""A session's pose and motion trials → the wearer's own body, motion and suit."""
+"""A session's pose and motion trials → the wearer's own body, motion and suit.
+
+The cord's tension that the load cell measured on the wearer is compared with the predicted one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,12 +16,14 @@ from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import DataOrigin, TrialCondition
 from recordings.reader import open_recording
+from solver.cuff import CuffParameters
 from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_motion, rotation_laboratory_to_ground
 from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.inverse_kinematics.solve import InverseKinematics, assemble
 from solver.model import Model
 from solver.motion import Kinematics, differentiate
 from solver.personalisation.estimate import draw_postures_of_person
+from solver.suit.cord_check import CordCheck, check_cord
 from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
 from solver.suit.suit import Suit
 from station.kinematics.ik import with_marker_set
@@ -219,3 +224,33 @@ def _drawn(draws: Iterator[Array], model: Model, motion: WholeMotion) -> tuple[K
         within = np.clip(known, lowest, highest)
         drawn.append(differentiate(replace(motion.motion, coordinates=within)))
     return tuple(drawn)
+
+
+def worn_arm_cuff(named: str | None, arms: Sequence[str]) -> str | None:
+    """The arm cuff that counts as worn, live and where a measured cord is compared: the one that is named, else the
+    only one that was fitted; None, rigid cuffs, where none or several were.
+    """
+    return named or (arms[0] if len(arms) == 1 else None)
+
+
+def compare_cord(
+    subject: AssessedSubject, suit: Suit, cuffs: Mapping[str, CuffParameters], waist: str | None
+) -> CordCheck | None:
+    """In the trial with a tight cord; None where its tension or its rest length is not known.
+
+    cuffs are the fitted ones by name, of which subject.toml names the arm cuff that was worn (worn_arm_cuff). Raises
+    SubjectError for one that was not fitted.
+    """
+    cord = subject.declared.cord
+    tight = [trial for trial in subject.trials if trial.manifest.condition == "tight" and trial.body.is_cord_measured]
+    if cord is None or cord.rest_length_m is None or not tight:
+        return None
+    if cord.cuff is not None and cord.cuff not in cuffs:
+        raise refuse_subject(SubjectCode.UNKNOWN_CUFF, cuff=cord.cuff, known=", ".join(cuffs))
+    trial = tight[0]
+    motion = longest_whole_motion(subject.model, trial.time, subject.postures(trial)).motion
+    measured = np.interp(motion.time, trial.force_time, trial.force)
+    arm = worn_arm_cuff(cord.cuff, [name for name, cuff in cuffs.items() if cuff.site == "arm"])
+    worn = (cuffs[waist] if waist else None, cuffs[arm]) if arm else (None, None)
+    at_rest = replace(suit, reference_rest_length=cord.rest_length_m)
+    return check_cord(at_rest, subject.model, differentiate(motion), measured, worn)

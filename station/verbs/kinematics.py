@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.given_options import given_of
-from station.verbs.options import End, Start, ensure_not_read, ensure_writable, print_message
+from station.verbs.options import End, Start, ensure_not_read, ensure_writable, given_of, print_message
 
 if TYPE_CHECKING:
     from station.kinematics.person import PersonInputs

@@ -16,8 +16,8 @@ from station.verbs.options import FormatOption, Rerun, Rrd, print_message
 
 if TYPE_CHECKING:
     from station.child import Child
+    from station.config import LiveSection
     from station.live.engine import LiveSink
-    from station.live_config import LiveSection
     from station.viewer.live_scene import LiveScene
 
 
@@ -80,8 +80,7 @@ def _scenes(stack: ExitStack, rrd: Path | None, *, rerun: bool) -> list[LiveScen
 def _watch(folder: Path, scenes: Sequence[LiveScene]) -> None:
     from rich.console import Console
 
-    from station.live.address import find_address
-    from station.live.subscription import LiveSubscription, LiveUnreachable
+    from station.live.subscription import LiveSubscription, LiveUnreachable, find_address
     from station.live.terminal_view import watch
     from station.messages.live_codes import LiveCode
     from station.messages.message import Message
@@ -109,7 +108,7 @@ def _replay(
 ) -> int:
     from station.live.replay import prepare_replay, replay_and_publish
     from station.live.result_file import ResultFile
-    from station.live.summary import LiveSummary
+    from station.live.terminal_view import LiveSummary
     from station.messages.live_codes import LiveCode
     from station.messages.message import Message
 

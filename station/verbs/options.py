@@ -1,10 +1,10 @@
-"""Options that several verbs share, and their messages on stderr."""
+"""Options that several verbs share, options without effect, and messages on stderr."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -116,3 +116,44 @@ def ensure_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | str 
 def print_message(message: str) -> None:
     """Print a message to stderr; stdout carries results."""
     print(message, file=sys.stderr, flush=True)
+
+
+def names_in(listed: str) -> tuple[str, ...]:
+    """The names of a list with commas, without spaces around them, once each."""
+    return tuple(dict.fromkeys(name.strip() for name in listed.split(",") if name.strip()))
+
+
+def given_of(context: typer.Context, names: Collection[str]) -> set[str]:
+    """Those of the parameters that are on the command line, also with their default value."""
+    return {name for name in names if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"}
+
+
+def ensure_effective(
+    context: typer.Context, joints: Sequence[str], *, has_glenoid_cone: bool, static_optimisation: bool
+) -> tuple[str, ...]:
+    """Raise BadParameter for an option of rmr that has no effect beside the others.
+
+    Returns the options on the command line that have an effect only in a model with a glenoid.
+    """
+    given = given_of(context, ("joint", "reaction_on", "reaction_in", "glenoid", "glenoid_aspect"))
+    if "joint" in given and not joints:
+        raise typer.BadParameter("--joint needs at least one name of a joint")
+    for option in ("reaction_on", "reaction_in"):
+        if option in given and not joints:
+            raise typer.BadParameter(f"--{option.replace('_', '-')} needs the joints of --joint")
+    if "glenoid" in given and has_glenoid_cone and static_optimisation:
+        raise typer.BadParameter("--glenoid has no effect with --static-optimisation; leave out one of them")
+    if "glenoid_aspect" in given and (static_optimisation or not has_glenoid_cone):
+        raise typer.BadParameter("--glenoid-aspect has no effect without the glenoid; leave it out")
+    asking = [name for name in ("glenoid", "glenoid_aspect") if name in given and has_glenoid_cone]
+    return tuple(f"--{name.replace('_', '-')}" for name in asking)
+
+
+BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled arm raise.")]
+BundledOrOsim = Annotated[str, typer.Option(help='An .osim file, or "bundled".')]
+IgnoreForces = Annotated[
+    bool, typer.Option("--ignore-forces", help="Leave out forces and controllers that the solver does not have.")
+]
+CutoffHz = Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")]
+EffortFile = Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")]
+ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads (.xml).")]

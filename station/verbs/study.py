@@ -27,8 +27,15 @@ def plan(
     """Compute how many volunteers, donnings and repeats a comparison of two cuffs needs, and the time."""
     from rich.console import Console
 
-    from station.study.designs import CONFIG_FILE, DesignOutcome, design_table, find_designs, planned_config, write_plan
-    from station.study.plan_file import read_study_plan
+    from station.study.designs import (
+        CONFIG_FILE,
+        DesignOutcome,
+        design_table,
+        find_designs,
+        planned_config,
+        read_study_plan,
+        write_plan,
+    )
     from station.whole_file import write_whole
 
     read = read_study_plan(plan)
@@ -100,7 +107,7 @@ def study(
     from station.progress import progress_bars
     from station.study.normative_file import write_normative
     from station.study.sessions import read_sessions
-    from station.study.study_json import make_study, study_document, write_study
+    from station.study.study_document import make_study, study_document, write_study
     from station.study.study_page import write_study_page
     from station.study.study_table import print_study
 

@@ -14,8 +14,7 @@ import rerun.blueprint as rrb
 from station.live.drawn_body import drawn_body
 from station.live.published import LiveDelivery, LiveFinding, LiveSetup, LiveValues
 from station.live.subscription import LiveSubscription
-from station.viewer.body_scene import BodyScene
-from station.viewer.layout import BODY_NAME, TIMELINE, LineStyle, SceneExtent, open_stream
+from station.viewer.viewer import BODY_NAME, TIMELINE, BodyScene, LineStyle, SceneExtent, open_stream
 
 REFRESH_S = 0.1
 BODY_INTERVAL_S = 0.04

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from recordings.samples import Event, Item, Samples
 from station.bench.view import BackgroundView, Snapshot
-from station.viewer.layout import TIMELINE, SceneExtent, layout, open_stream
-from station.viewer.viewer import start_viewer
+from station.viewer.viewer import TIMELINE, SceneExtent, layout, open_stream, start_viewer
 
 REFRESH_S = 0.5
 BACKLOG = 5000

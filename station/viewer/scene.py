@@ -28,8 +28,7 @@ from solver.raise_arm import simulate_arm_raise
 from solver.suit.suit import read_suit
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.sources import BUNDLED, named_hashes
-from station.viewer.body_scene import BodyScene
-from station.viewer.layout import DISPLAY_HZ, ELEVATION, EMG, LineStyle, SceneExtent, layout, log_curve
+from station.viewer.viewer import DISPLAY_HZ, ELEVATION, EMG, BodyScene, LineStyle, SceneExtent, layout, log_curve
 
 Array = NDArray[np.float64]
 MEASURED: LineStyle = ((130, 170, 225), 2.5)

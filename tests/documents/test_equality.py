@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from documents.equality import EqualByFields
+from documents.results import EqualByFields
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,7 @@ def main(folder: Path, *, is_pinned: bool) -> Path:
 
 
 def record_sample(folder: Path) -> None:
-    """Record the short session that comes with the library (station/sample.py), without poses and motions."""
+    """Record the short session that comes with the library (station/library.py), without poses and motions."""
     plain = _one_cuff() | {"body": None}
     plain["protocol"] = {"repeats": 1, "pause_s": 3, "hold_s": 3.5, "step_masses_kg": [3.5] * 2}
     plain["simulation"] |= {"protocol": {"dynamic": {"swing_s": 12.0}}, "bounce": {"bounce_s": 12.0}}

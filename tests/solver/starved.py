@@ -88,7 +88,7 @@ LIMITS: dict[str, tuple[Callable[[], list[str]], int]] = {
     "solver.wrapping.sphere_and_cylinder.MOST_ADJUSTMENTS": (opensim_outcomes, 1),
     "solver.geodesics.geodesic.MOST_STEPS": (geodesic_outcomes, 1),
     "solver.geodesics.shortest_path.MOST_STEPS": (geodesic_outcomes, 1),
-    "solver.geodesics.contact_order.MOST_ROUNDS": (geodesic_outcomes, 1),
+    "solver.geodesics.geodesic_paths.MOST_ROUNDS": (geodesic_outcomes, 1),
     "solver.functions.bezier.NEWTON_STEPS": (curve_outcomes, 1),
     "solver.redundancy.frames.MOST_STEPS": (frame_outcomes, 0),
     "solver.redundancy.interior_point.MOST_STEPS": (interior_point_outcomes, 1),

@@ -20,7 +20,7 @@ from solver.inverse_kinematics.solve import TrackingTasks, assemble
 from solver.model import Placement, PointConstraint
 from solver.multibody.postures import postures
 from solver.osim.model_reader import read_osim
-from solver.osim.scale_setup import read_scale_setup
+from solver.osim.tool_setups import read_scale_setup
 from solver.paths import evaluate_paths
 from solver.scaling import Scaling, scale_model
 from solver.scaling_findings import check_scaling, place_markers

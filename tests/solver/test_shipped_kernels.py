@@ -15,8 +15,8 @@ from types import ModuleType
 import numba
 import pytest
 
-from solver import compiled, shipped_kernels
-from solver.shipped_kernels import TARGETS, X86_64_V3, processor_of
+from solver import compiled
+from solver.compiled import TARGETS, X86_64_V3, processor_of
 
 MODULE = "shipped_kernel"
 KERNEL = """
@@ -37,7 +37,7 @@ ship_kernel(kernel, Path(sys.argv[1]))
 """
 PROCESSOR, NEEDED = TARGETS[platform.machine().lower().replace("amd64", "x86_64")]
 has_instructions = pytest.mark.skipif(
-    not shipped_kernels._host_features() >= NEEDED, reason=f"this processor is older than {PROCESSOR}"
+    not compiled._host_features() >= NEEDED, reason=f"this processor is older than {PROCESSOR}"
 )
 
 
@@ -61,7 +61,7 @@ def module(
     caplog.set_level(logging.WARNING)
     installed = Path(shutil.copytree(shipped, tmp_path / "installed"))
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(shipped_kernels, "FOLDER", installed / "kernels")
+    monkeypatch.setattr(compiled, "FOLDER", installed / "kernels")
     monkeypatch.syspath_prepend(str(installed))
     monkeypatch.delitem(sys.modules, MODULE, raising=False)
     return importlib.import_module(MODULE)
@@ -96,14 +96,14 @@ def test_a_kernel_that_does_not_fit_is_compiled(
     if difference == "numba":
         monkeypatch.setattr(numba, "__version__", "0.1.0")
     elif difference == "processor":
-        monkeypatch.setattr(shipped_kernels, "processor_of", lambda *_: None)
+        monkeypatch.setattr(compiled, "processor_of", lambda *_: None)
     elif difference == "source":
         monkeypatch.setattr(module, "FACTOR", 5.0)
         expected = 15.0
     elif difference == "types":
         argument = 3
     else:
-        for file in shipped_kernels.FOLDER.glob("*.nbc"):
+        for file in compiled.FOLDER.glob("*.nbc"):
             file.write_bytes(file.read_bytes()[:-100])
     assert module.kernel(argument) == expected
     assert any("compiling" in record.getMessage() for record in caplog.records)

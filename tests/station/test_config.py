@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.simulators.wearer import published_shoulder
+from drivers.simulators.shoulder import published_shoulder
 from recordings.manifest import BodyMarkers, BounceRig, EmgAmplifier
 from station.config import ConfigError, load_config, parse_config
 from station.messages.setup_codes import ConfigCode

@@ -14,9 +14,9 @@ from fitting.trial.trial import build_trial
 from station import demo
 from station.assessment.compilation import CompilationAhead
 from station.bench.trial_recorder import TrialResult
+from station.demo import RecordedTrial
 from station.exit_code import LOSSY
 from station.protocol import TrialSpec
-from station.second_attempt import RecordedTrial
 from tests.fitting.experiment import Session, published
 
 

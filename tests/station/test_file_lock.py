@@ -6,7 +6,7 @@ from pathlib import Path
 import filelock
 import pytest
 
-from station.file_lock import locked
+from documents.regular_file import locked
 from tests.links import symlink
 
 

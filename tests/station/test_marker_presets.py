@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from station.config import ConfigError, parse_config
-from station.marker_presets import preset_labels
+from station.config import ConfigError, parse_config, preset_labels
 from station.messages.setup_codes import ConfigCode
 from tests.station.refusals import raises_refusal
 

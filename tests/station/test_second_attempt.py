@@ -10,12 +10,12 @@ import pytest
 
 from drivers.errors import DeviceUnavailable
 from station.bench.trial_recorder import TrialRefused, TrialResult
+from station.demo import RecordedTrial, record_plan
 from station.journal import read_journal
 from station.messages.codes import TrialCode
 from station.messages.message import Message
 from station.progress import silent
 from station.protocol import TrialSpec, published_plan
-from station.second_attempt import RecordedTrial, record_plan
 
 GOOD = ""
 SILENT = (Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent", "code": "device_lost.silent"}),)
@@ -56,8 +56,8 @@ class Ran:
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def run(*outcomes: object, repeats: int = 1) -> Ran:
         bench, messages = FakeBench(tmp_path, iter(outcomes)), []
-        monkeypatch.setattr("station.second_attempt.read_alone", lambda path, _: path.name)
-        monkeypatch.setattr("station.second_attempt.find_rejection", lambda name: bench.problems[name])
+        monkeypatch.setattr("station.demo.read_alone", lambda path, _: path.name)
+        monkeypatch.setattr("station.demo.find_rejection", lambda name: bench.problems[name])
         plan = list(published_plan(["hand"], repeats, has_bounce=True))
         return Ran(record_plan(tmp_path, plan, bench, messages.append, silent), messages, bench)
 

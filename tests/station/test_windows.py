@@ -23,8 +23,8 @@ from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
 from station.messages.codes import RefusalCode
 from station.messages.setup_codes import ConfigCode
+from station.protocol import windows_name_fault
 from station.whole_file import write_whole
-from station.windows_names import windows_name_fault
 from tests.station.bench.test_trial_recorder import SPEC, Rig
 from tests.station.refusals import raises_refusal
 from tests.windows_files import behave_as_windows

@@ -17,8 +17,8 @@ from solver.bundled import bundled_model
 from solver.inverse_kinematics.posture_uncertainty import draw_postures, estimate_marker_noise, posture_uncertainty
 from solver.inverse_kinematics.solve import TrackingTasks, solve_inverse_kinematics
 from solver.model import CoordinateLock, Model
-from solver.osim.ik_setup import read_ik_setup
 from solver.osim.model_reader import read_osim
+from solver.osim.tool_setups import read_ik_setup
 from tests.solver.inverse_kinematics.marked import tasks_of, with_markers
 from tests.solver.inverse_kinematics.test_solve import noisy
 from tests.solver.linkage import linkage

@@ -19,11 +19,18 @@ from solver.constraint import Constraint, CoordinateCoupler, WeldConstraint
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.model import AnyPathPoint, AxisMotion, Marker, Model, MovingPathPoint, ScapulothoracicMotion
-from solver.osim.ik_setup import CoordinateTask, IkSetup, ik_setup_document, read_ik_setup
-from solver.osim.marker_set import marker_set_document, read_marker_set
 from solver.osim.model_reader import read_osim
-from solver.osim.model_writer import osim_document
-from solver.osim.scale_setup import Measurement, ScaleSetup, read_scale_setup, scale_setup_document
+from solver.osim.model_writer import marker_set_document, osim_document, read_marker_set
+from solver.osim.tool_setups import (
+    CoordinateTask,
+    IkSetup,
+    Measurement,
+    ScaleSetup,
+    ik_setup_document,
+    read_ik_setup,
+    read_scale_setup,
+    scale_setup_document,
+)
 from solver.scaling import Scaling, scale_model, scale_skeleton
 from solver.time_series_table import read_table
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from

@@ -14,8 +14,8 @@ from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.model import Model
-from solver.osim.ik_setup import CoordinateTask, IkSetup, ik_setup_document, read_ik_setup
 from solver.osim.model_reader import read_osim
+from solver.osim.tool_setups import CoordinateTask, IkSetup, ik_setup_document, read_ik_setup
 from solver.time_series_table import read_table
 from tests.solver.oracle.two_bodies import opensim
 from tests.solver.references import NO_WEIGHT, SHARED

@@ -9,8 +9,8 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.osim.ik_setup import read_ik_setup
-from solver.osim.marker_set import read_marker_set, with_markers
+from solver.osim.model_writer import read_marker_set, with_markers
+from solver.osim.tool_setups import read_ik_setup
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

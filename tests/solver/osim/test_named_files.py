@@ -11,7 +11,7 @@ import pytest
 from solver.errors import SolverCode
 from solver.osim.document import read_document
 from solver.osim.model_reader import read_osim
-from solver.osim.scale_setup import read_scale_setup
+from solver.osim.tool_setups import read_scale_setup
 from tests.solver.refusals import raises_refusal
 
 LEG = Path("examples/leg/leg.osim")

@@ -21,8 +21,8 @@ from solver.inverse_kinematics.solve import TrackingTasks, solve_inverse_kinemat
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.multibody.postures import points_in_ground, postures
-from solver.osim.ik_setup import read_ik_setup
 from solver.osim.model_reader import read_osim
+from solver.osim.tool_setups import read_ik_setup
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, JOINT
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.redundancy_options import RedundancyOptions

@@ -14,7 +14,6 @@ import numpy as np
 from solver.bundled import bundled_model
 from solver.motion import differentiate
 from solver.raise_arm import simulate_arm_raise
-from station.live.address import announce, withdraw
 from station.live.published import (
     NAN,
     LiveBest,
@@ -29,6 +28,7 @@ from station.live.published import (
     LiveValues,
 )
 from station.live.server import LiveServer
+from station.live.subscription import announce, withdraw
 
 MODEL = bundled_model()
 SCENARIOS = (

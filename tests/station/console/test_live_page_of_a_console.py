@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Page
 
 from recordings.contents import contents_of
 from recordings.topics import MARKERS
-from station.live.warm_up import warm_up
+from station.live.process import warm_up
 from tests.station.console.browsing import CHROMIUM, open_page, runs, seen, stop, until
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.console.test_wearer_in_a_browser import WEARER

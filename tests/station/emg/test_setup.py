@@ -10,7 +10,7 @@ import pytest
 from fitting.emg.envelope import LINEAR_ENVELOPE, PUBLISHED, EnvelopeSettings
 from solver.bundled import bundled_model
 from station.config import ConfigError
-from station.emg.setup import read_emg_setup
+from station.emg.trials import read_emg_setup
 from station.messages.emg_codes import EmgCode
 from tests.station.refusals import raises_refusal
 

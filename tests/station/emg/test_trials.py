@@ -10,8 +10,7 @@ import pytest
 
 from fitting.wearer.wearer_trial import build_wearer_trial
 from recordings.manifest import DataOrigin, EmgAmplifier
-from station.emg.setup import read_emg_setup
-from station.emg.trials import EmgFileError, emg_of, read_emg_trial
+from station.emg.trials import EmgFileError, emg_of, read_emg_setup, read_emg_trial
 from station.messages.emg_codes import EmgCode
 from tests.fitting.trial.test_analog_signals import MANIFEST, recorded
 from tests.station.refusals import raises_refusal

@@ -15,7 +15,7 @@ from recordings.exchange.trc import write_trc
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.motion import MotionError, read_motion
-from solver.osim.ik_setup import read_ik_setup
+from solver.osim.tool_setups import read_ik_setup
 from solver.time_series_table import read_table
 from station.cli import main
 from station.kinematics.ik import IkInputs, solve_postures

@@ -16,8 +16,8 @@ from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
 from solver.coded_findings import CoverageCode
 from solver.inverse_kinematics.solve import TrackingTasks
-from solver.osim.ik_setup import read_ik_setup
 from solver.osim.model_reader import read_osim
+from solver.osim.tool_setups import read_ik_setup
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_checks import KinematicsError, find_in_markers
 from station.kinematics.marker_sets import MarkerSetError, place_marker_set, read_marker_set

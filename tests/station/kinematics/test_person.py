@@ -18,9 +18,9 @@ from recordings.exchange.trc import read_trc, write_trc
 from solver.coded_findings import CoverageCode
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.motion import Motion, differentiate
-from solver.osim.ik_setup import read_ik_setup
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
+from solver.osim.tool_setups import read_ik_setup
 from solver.redundancy.glenoid import force_agreement
 from solver.redundancy.motion_solution import solve_motion
 from station.kinematics.body_document import write_person

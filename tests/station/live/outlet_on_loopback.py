@@ -12,8 +12,7 @@ from dataclasses import replace
 import pylsl
 import pytest
 
-from station.live.columns import live_columns, live_row
-from station.live.outlet import LslOutlet, OutletRefused
+from station.live.outlet import LslOutlet, OutletRefused, live_columns, live_row
 from station.live.published import NAN, LiveDelivery, LiveScenarioValues, LiveValues
 from station.messages.live_codes import LiveCode
 from tests.station.live.test_server import SETUP

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from recordings.samples import Samples
 from recordings.topics import MARKERS
 from solver.stream.stream_frame import StreamOutcome, StreamSuitOutcome
-from station.live.engine import LiveEngine
-from station.live.pace import DROP_LATENCY_S
+from station.live.engine import DROP_LATENCY_S, LiveEngine
 from station.live.plan import PreparedTrial
 from station.messages.live_codes import LiveCode
 from tests.station.live.trials import Collected, generic_plan, outcomes, part_of, solve

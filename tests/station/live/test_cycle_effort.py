@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from station.live.cycle_effort import CycleEffort
+from station.live.pipeline import CycleEffort
 
 LENGTHS = {"0.66 m": 0.66, "0.69 m": 0.69, "worn": 0.72, "0.75 m": 0.75}
 PERIOD_S, RATE_HZ = 4.0, 50.0

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from station.config import LiveSection
 from station.live import outlet as outlet_module
 from station.live.engine import LiveEngine
 from station.live.outlet import LslOutlet, OutletRefused
-from station.live_config import LiveSection
 from station.messages.live_codes import LiveCode
 from tests.drivers.pytest_on_loopback import passed_on_loopback
 from tests.station.live.test_server import SETUP

@@ -14,10 +14,9 @@ from recordings.samples import Samples
 from recordings.topics import MARKERS
 from station.bench.view import Snapshot, TrialState
 from station.config import parse_config
-from station.live.address import find_address
-from station.live.request import LiveRequest
+from station.live.feed_wire import LiveRequest
 from station.live.result_file import live_path
-from station.live.subscription import LiveSubscription
+from station.live.subscription import LiveSubscription, find_address
 from station.live.tap import LiveTap
 from tests.station.live.trials import TIGHT, part_of
 from tests.station.wearer import WearerSession

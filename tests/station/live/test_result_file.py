@@ -17,12 +17,12 @@ from recordings import live_result
 from recordings.errors import RecordingCode, RecordingError
 from recordings.live_result import PROFILE, is_live_result, read_live_result
 from recordings.reader import open_recording, survey_file
-from station.live.columns import live_columns, live_row
+from station.config import LiveSection
 from station.live.engine import LiveEngine
+from station.live.outlet import live_columns, live_row
 from station.live.plan import PreparedTrial
 from station.live.replay import replay_live
 from station.live.result_file import ResultFile, live_path, live_results_in
-from station.live_config import LiveSection
 from station.messages.file_codes import ExportCode
 from station.recordings_of_session import originals_in
 from tests.station.command import Ran

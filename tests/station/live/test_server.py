@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 
-from station.live.address import ADDRESS_FILE, LiveAddress, announce, find_address, withdraw
 from station.live.published import (
     NAN,
     UPDATE,
@@ -30,7 +29,15 @@ from station.live.published import (
     update_line,
 )
 from station.live.server import MOST_STRANGERS, VIEW_BACKLOG, LiveServer
-from station.live.subscription import LiveSubscription, LiveUnreachable
+from station.live.subscription import (
+    ADDRESS_FILE,
+    LiveAddress,
+    LiveSubscription,
+    LiveUnreachable,
+    announce,
+    find_address,
+    withdraw,
+)
 from station.messages.live_codes import LiveCode
 from tests.timeout import scaled_timeout
 

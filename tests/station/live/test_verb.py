@@ -26,8 +26,7 @@ from station.live.published import (
     LiveUpdate,
     LiveValues,
 )
-from station.live.summary import LiveSummary
-from station.live.terminal_view import best_sentence, render
+from station.live.terminal_view import LiveSummary, best_sentence, render
 from station.messages.live_codes import LiveCode
 from tests.station.command import Ran
 from tests.station.live.test_server import SETUP

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from recordings.reader import Recording, open_recording
 from recordings.samples import Item, Samples, Stream
 from recordings.topics import MARKERS
-from station.config import StationConfig
+from station.config import LiveSection, StationConfig
 from station.live.engine import LiveEngine
 from station.live.plan import PreparedTrial, prepare_trial
 from station.live.published import LiveDelivery, LiveSetup, LiveUpdate, LiveValues
-from station.live_config import LiveSection
 from tests.station.wearer import SPECS, WearerSession
 
 TIGHT = SPECS[2]

@@ -9,8 +9,7 @@ import pytest
 
 from station.config import load_config
 from station.messages.study_codes import PlanCode
-from station.study.designs import DesignOutcome, find_designs, planned_config, session_minutes
-from station.study.plan_file import read_study_plan
+from station.study.designs import DesignOutcome, find_designs, planned_config, read_study_plan, session_minutes
 from tests.station.command import Ran, assert_refused
 
 ROOT = Path(__file__).parents[3]

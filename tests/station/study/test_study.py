@@ -16,8 +16,7 @@ from station.messages.message import Message
 from station.messages.study_codes import StudyCode
 from station.study.normative_file import NormativePlace, read_normative
 from station.study.sessions import StudyError, read_session, read_sessions
-from station.study.study_document import StudyDocument
-from station.study.study_json import make_study, read_study, study_document
+from station.study.study_document import StudyDocument, make_study, read_study, study_document
 from station.study.study_page import forest_chart
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import CUFF_FACTORS, STIFFNESS, write_sessions

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fitting.wearer.wearer_trial import read_wearer_trial
-from station.subject.measured_cord import worn_arm_cuff
+from station.subject.assessed_subject import worn_arm_cuff
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, read_subject, write_subject
 from tests.station.wearer import SPECS, WearerSession
 

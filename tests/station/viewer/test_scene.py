@@ -16,13 +16,12 @@ import rerun as rr
 from fitting.trial.analog_signals import AnalogSignals
 from solver.bundled import bundled_model
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
-from station.live.address import find_address
 from station.live.published import LiveFinding
-from station.live.subscription import LiveSubscription
+from station.live.subscription import LiveSubscription, find_address
 from station.sources import BUNDLED, named_hashes
-from station.viewer.layout import SceneExtent
 from station.viewer.live_scene import LiveScene, show_live
 from station.viewer.scene import emg_rms, log_scene
+from station.viewer.viewer import SceneExtent
 from tests.station.console.live_source import LiveSource
 from tests.station.foreign import static_and_dynamic
 from tests.station.wearer import SPECS, WearerSession

@@ -1,4 +1,4 @@
-"""The verb rmr: muscle redundancy of a motion."""
+"""Verbs on muscles and joints in a given motion: id, rmr, validate."""
 
 from __future__ import annotations
 
@@ -9,20 +9,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from station.exit_code import DONE, LOSSY
+from station.exit_code import DONE, FAILED, LOSSY
 from station.motion_filter import CUTOFF_HZ, OPENSIM_CUTOFF_HZ
-from station.verbs.given_options import ensure_effective, names_in
-from station.verbs.motion_options import BundledOrOsim, EffortFile, ExternalLoads, IgnoreForces
 from station.verbs.options import (
     Axes,
+    BundledOrOsim,
+    CutoffHz,
+    EffortFile,
     End,
+    ExternalLoads,
+    IgnoreForces,
     MotionCutoff,
     Paths,
     Side,
     Start,
     Tendons,
+    ensure_effective,
     ensure_not_read,
     ensure_writable,
+    names_in,
     print_message,
     print_motion_notes,
 )
@@ -179,3 +184,78 @@ def _print_conditions(solved: SolvedMotion) -> None:
         *describe_unconverged(solved.solution),
     ):
         print_message(sentence)
+
+
+def id_(
+    output: Annotated[Path, typer.Option(help="Generalised forces, columns named as in OpenSim: .csv or .sto.")],
+    motion: Annotated[Path, typer.Option(help=".mot, .sto, or .csv in radians and metres.")],
+    model: BundledOrOsim = "bundled",
+    ignore_forces: IgnoreForces = False,
+    external_loads: ExternalLoads = None,
+    cutoff_hz: CutoffHz = OPENSIM_CUTOFF_HZ,
+    start: Start = None,
+    end: End = None,
+) -> None:
+    """Inverse dynamics: the generalised forces that produce a motion under external loads, as OpenSim's tool."""
+    from station.assessment.given_motion import MotionCut, MuscleInputs
+    from station.assessment.inverse_dynamics import solve_inverse_dynamics, write_inverse_dynamics
+
+    if output.suffix not in (".csv", ".sto"):
+        raise typer.BadParameter(f"--output should end in .csv or .sto and is {output.name}")
+    inputs = MuscleInputs(motion, model, external_loads, ignore_forces=ignore_forces)
+    ensure_writable([output])
+    ensure_not_read([output], inputs.files())
+    found = solve_inverse_dynamics(inputs, MotionCut(cutoff_hz or None, start, end, derivatives="splines"))
+    print_motion_notes(found.notes)
+    if "left_out" in found.notes:
+        print_message(f"Left out of the model: {found.notes['left_out']}. The results do not include their loads.")
+    write_inverse_dynamics(output, found)
+    print(output)
+
+
+def validate(
+    context: typer.Context,
+    folder: Annotated[Path, typer.Argument(help="Lifts with a measured joint force; docs/validation.md lists files.")],
+    output: Annotated[Path | None, typer.Option(help="Table of the results: .csv.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Figure of measured and predicted force: .svg or .png.")] = None,
+) -> None:
+    """Compare the predicted joint force with that measured in a prosthesis, and with published solutions.
+
+    Exit code 1 if a published variant is beyond its limits, or a lift is refused; 3 if a frame has no
+    solution or a file was cut.
+    """
+    from station.assessment.compilation import compilation_beside, compilation_shown
+
+    compilation = compilation_beside(context)
+    from rich.console import Console
+
+    from station.progress import progress_bars
+    from station.validation.lifts import validate_folder, verdicts
+    from station.validation.validation_table import validation_table, write_validation
+
+    if output is not None and output.suffix != ".csv":
+        raise typer.BadParameter(f"--output should end in .csv and is {output.name}")
+    if plot is not None and plot.suffix not in (".svg", ".png"):
+        raise typer.BadParameter(f"--plot should end in .svg or .png and is {plot.name}")
+    ensure_writable((output, plot))
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress, compilation):
+        solved, refused = validate_folder(folder, progress)
+    Console(markup=False).print(validation_table(solved))
+    for lift in refused:
+        print_message(str(lift.message))
+    for lift_name, findings in {found.lift: found.findings for found in solved}.items():
+        for finding in findings:
+            print_message(f"{lift_name}: {finding}")
+    for verdict in verdicts(solved):
+        print_message(str(verdict))
+    if output is not None:
+        write_validation(output, solved)
+        print(output)
+    if plot is not None:
+        from station.validation.validation_table import draw_forces
+
+        draw_forces(plot, solved)
+        print(plot)
+    if refused or any(found.is_within_limits is False for found in solved):
+        raise typer.Exit(FAILED)
+    raise typer.Exit(DONE if all(found.is_complete for found in solved) else LOSSY)
