@@ -30,8 +30,9 @@ from fitting.emg.shape import ShapeComparison, ShapeOutcome
 from solver.motion import differentiate, read_motion
 from solver.osim.model_reader import read_osim
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.problem import build_redundancy, solve_redundancy
+from solver.redundancy.problem import build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions
+from solver.redundancy.sequence import solve_redundancy
 from solver.time_series_table import write_table
 from station.emg.comparison import ConditionFiles, compare_emg
 from station.emg.trials import EnvelopeSection

@@ -25,8 +25,9 @@ from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.session import fit_session
 from fitting.trial.trial import Trial, build_trial
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.problem import build_redundancy, solve_redundancy
+from solver.redundancy.problem import build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions
+from solver.redundancy.sequence import solve_redundancy
 from station.fit import fit_session_folder
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.diagnosis.test_diagnosis import DEFECTS

@@ -45,16 +45,15 @@ from solver.paths import evaluate_paths  # noqa: E402
 from solver.raise_arm import simulate_arm_raise  # noqa: E402
 from solver.redundancy.mechanics import evaluate_motion, response_maps  # noqa: E402
 from solver.redundancy.motion_solution import solve_motion  # noqa: E402
-from solver.redundancy.problem import (  # noqa: E402  # noqa: E402
+from solver.redundancy.problem import (  # noqa: E402
     CONE_FORCE_SCALE,
+    FrameOutcome,
     LoadResponse,
     RedundancyProblem,
-    ScenarioSolutions,
     build_redundancy,
-    solve_redundancy,
 )
 from solver.redundancy.redundancy_options import RedundancyOptions  # noqa: E402
-from solver.redundancy.sequence import FrameOutcome  # noqa: E402
+from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy  # noqa: E402
 
 Array = NDArray[np.float64]
 Clock = Callable[[], float]

@@ -76,7 +76,8 @@ def _compile_solving() -> None:
     """The muscle-redundancy problem, and then dynamics."""
     import numpy as np
 
-    from solver.redundancy.sequence import FrameSequence, solve_sequence
+    from solver.redundancy.problem import FrameSequence
+    from solver.redundancy.sequence import solve_sequence
 
     one, equation, no_cone = np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 3, 1))
     problem = FrameSequence(one, equation, equation, no_cone, np.eye(1, 3)[None], rise=one, fall=one)

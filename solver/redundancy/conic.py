@@ -1,4 +1,4 @@
-"""Many small convex problems that share their matrices, and the outcome of every problem.
+"""Frames by Clarabel: many small convex problems that share their matrices, and the outcome of every problem.
 
     minimise  Σ w xᵖ   subject to   E x = e,   lower ≤ x ≤ upper,   C x + c ∈ cone
 
@@ -16,10 +16,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from solver.redundancy.problem import FrameOutcome, FrameSequence, Outcomes, determined
+
 Array = NDArray[np.float64]
 
 VIOLATION_LIMIT = 1e-6
 OPTIMALITY_LIMIT = 1e-5
+RANK_TOLERANCE = 1e-9
 LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is sought
 EFFORT_SHARE = 1e-6  # of effort against violation, in least_violation
 FAR, LARGEST_SIZE = (
@@ -114,6 +117,64 @@ def least_violation(problem: ConicProblem) -> Array:
         if outcome is ConicOutcome.INFEASIBLE:
             x[i] = _with_violations(_one_near(problem, i), in_equalities, in_cone).x[0]
     return x
+
+
+def solve_frame_with_clarabel(
+    sequence: FrameSequence, frame: int, bounds: tuple[Array, Array]
+) -> tuple[Array, Outcomes]:
+    """x (scenarios, controls) and outcomes (scenarios,) within bounds, lower and upper (scenarios, controls)."""
+    rows, to_rows = _reachable_rows(sequence.matrix[frame])
+    problem = ConicProblem(
+        weights=determined(sequence.weights, sequence.matrix[[frame]], sequence.cone_matrix[[frame]]),
+        equality_matrix=rows,
+        equality_target=sequence.target[:, frame] @ to_rows.T,
+        lower=bounds[0],
+        upper=bounds[1],
+        cone_matrix=sequence.cone_matrix[frame],
+        cone_offset=sequence.cone_offset[:, frame],
+        cubed=len(sequence.rise) if sequence.exponent == 3 else 0,
+    )
+    return _solve_frame(problem, sequence.widest_bounds())
+
+
+def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, Outcomes]:
+    """Solve a frame; if only the activation rate makes it infeasible, solve without that limit and record it."""
+    solution = solve_conic(problem)
+    controls, outcomes = solution.x, np.array([_FRAME_OUTCOME[outcome] for outcome in solution.outcomes], dtype=object)
+    infeasible = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
+    if not len(infeasible):
+        return controls, outcomes
+    unlimited = replace(
+        problem,
+        equality_target=problem.equality_target[infeasible],
+        lower=widest[0][infeasible],
+        upper=widest[1][infeasible],
+        cone_offset=problem.cone_offset[infeasible],
+    )
+    again = solve_conic(unlimited)
+    controls[infeasible] = again.x
+    for i, outcome in zip(infeasible, again.outcomes, strict=True):
+        is_solved = outcome is ConicOutcome.SOLVED
+        outcomes[i] = FrameOutcome.BEYOND_ACTIVATION_RATE if is_solved else _FRAME_OUTCOME[outcome]
+    remaining = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
+    if len(remaining):
+        found = controls[infeasible]
+        controls[infeasible] = np.where(np.isnan(found), least_violation(unlimited), found)
+    return controls, outcomes
+
+
+_FRAME_OUTCOME = {
+    ConicOutcome.SOLVED: FrameOutcome.SOLVED,
+    ConicOutcome.INFEASIBLE: FrameOutcome.INFEASIBLE,
+    ConicOutcome.NOT_CONVERGED: FrameOutcome.NOT_CONVERGED,
+}
+
+
+def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
+    """With A = U S Vᵀ (rows, controls), Vᵀ (rank, controls) and S⁻¹ Uᵀ (rank, rows): A x = b is Vᵀ x = S⁻¹ Uᵀ b."""
+    left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
+    rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
+    return right[:rank], (left[:, :rank] / sizes[:rank]).T
 
 
 def _one_near(problem: ConicProblem, i: int) -> ConicProblem:

@@ -7,19 +7,14 @@ satisfies the conditions of optimality of the problem with F. They are necessary
 not be convex.
 
 The matrices per force do not change with the activations. They are reduced once in a frame, and F(a₀) + F'(a₀) (a − a₀)
-only scales columns of the reduced problem. Its effort is that of the activations plus the curvature of F, so that the
-steps converge fast (sequential quadratic programming; Nocedal and Wright, Numerical Optimization, 2006, chapter 18):
-
-    minimise  ½ Σ h (a − a₀)² + q a₀ a,   h = q − (Mᵀ v) F'',   v the multipliers before
-
-which has the form of reduced_problem.py in a − (1 − q / h) a₀. With cubes of the activations F'' is neglected.
+only scales columns of the reduced problem (convex_frames.py). Its effort is that of the activations plus the curvature
+of F, so that the steps converge fast. With cubes of the activations F'' is neglected.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,30 +22,18 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.multibody.loads import ExternalForce, load_wrenches
-from solver.redundancy.frames import solve_activations
-from solver.redundancy.interior_point import FrameWorkspace, allocate_frame
+from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ForcePoint, FrameStep, force_frame
 from solver.redundancy.mechanics import Mechanics, ResponseMaps, response_maps
 from solver.redundancy.problem import (
+    FrameOutcome,
+    FrameSequence,
     LoadResponse,
-    ScenarioSolutions,
     build_redundancy,
     frame_sequence,
     no_loads,
-    scenario_solutions,
 )
-from solver.redundancy.reduced_problem import SequenceProblem, SequenceSolution, WarmStart
-from solver.redundancy.reduction import Reduction, reduce_frames
 from solver.redundancy.redundancy_options import RedundancyOptions
-from solver.redundancy.sequence import (
-    OUTCOME_OF_CODE,
-    FrameOutcome,
-    FrameSequence,
-    determined,
-    reachable_bounds,
-    solve_frame_with_clarabel,
-    widest_bounds,
-    with_bounded_actuators,
-)
+from solver.redundancy.sequence import ScenarioSolutions, scenario_solutions
 from solver.tendons.evaluation import ElasticForces, fill_frame, with_rigid_tendons
 from solver.tendons.fiber import FiberHistory, StepStart, allocate_settled, fiber_tables, fill_settled
 
@@ -58,14 +41,11 @@ Array = NDArray[np.float64]
 
 FORCE_TOLERANCE = 1e-10  # of the greatest isometric force, between linear and true force
 SMALL_STEP = 1e-3  # of an activation, below which the forces may agree so
+SMALL_STEP_OF_COST = 1e-6  # below which the slopes of an ActivationCost do so, too
 CLEAR_STEP = 1e-6  # of an activation, above which two derivatives determine a curvature
 ITERATIONS = 40
 INFEASIBLE_ITERATIONS = 5  # of linear problems that are infeasible, before the frame is
-FIRST_GUESS = 0.1
 LEAST_GUESS, LEAST_GAIN = 0.02, 1e-3
-UNSOLVED = (FrameOutcome.INFEASIBLE, FrameOutcome.NOT_CONVERGED)
-"""Outcomes after which fibres start anew: slack ones would need many frames to become taut, all of them infeasible."""
-LEAST_CURVATURE = 0.25  # h over q: of a force that grows with the activation faster than in proportion
 
 
 def solve_elastic(
@@ -96,15 +76,13 @@ def solve_elastic(
     progress(0, outcomes.size)
     for scenario, frame in np.ndindex(*shape):
         if frame == 0:
-            own = slice(scenario, scenario + 1)
-            sequence = replace(whole, target=whole.target[own], cone_offset=whole.cone_offset[own])
-            solver = _ElasticFrames(model, mechanics, sequence, options)
+            solver = _ElasticFrames(model, mechanics, whole.scenario(scenario), options)
         step = solver.solve(frame, forces[scenario]) if is_finite[frame] else None
         if step is None:
             forces[scenario].passive[frame] = forces[scenario].tension[frame] = np.nan
         else:
             activations[scenario, frame], controls[scenario, frame], outcomes[scenario, frame] = step
-        if step is None or step.outcome in UNSOLVED:
+        if step is None or step.outcome in UNSOLVED:  # slack fibres would need many frames to become taut
             solver.restart()
         progress(scenario * shape[1] + frame + 1, outcomes.size)
     return _without_infeasible(scenario_solutions(problem, response, controls, outcomes), activations, forces)
@@ -154,6 +132,7 @@ class _ElasticFrames:
             self._sequence.cut(slice(frame, frame + 1)), self._multipliers, is_reference=self._is_reference
         )
         point = self._first_point(frame, start)
+        small_step = SMALL_STEP if self._sequence.cost is None else SMALL_STEP_OF_COST
         change, share, infeasible = np.zeros(len(point.gain)), 1.0, 0
         for _ in range(ITERATIONS):
             if not np.isfinite(point.force + point.gain).all():
@@ -161,8 +140,8 @@ class _ElasticFrames:
             found = linear.solve(point, self._bounds)
             infeasible += found.outcome is FrameOutcome.INFEASIBLE
             before, change = change, found.activations - point.activations
-            share = _relaxation(share, before, change) if self._sequence.exponent == 3 else 1.0
-            expected, is_small = point.force + point.gain * change, np.abs(change).max() <= SMALL_STEP
+            share = 1.0 if self._sequence.effort.has_quadratic_steps else _relaxation(share, before, change)
+            expected, is_small = point.force + point.gain * change, np.abs(change).max() <= small_step
             if is_small:
                 point = self._point(frame, start, found.activations, point)
                 is_found = bool(np.abs(point.force - expected).max() <= FORCE_TOLERANCE)
@@ -208,7 +187,7 @@ class _ElasticFrames:
         self._guess, self._gain, self._curvature = point.activations, point.gain, point.curvature
         self._multipliers = multipliers
         outcomes = np.array([found.outcome], dtype=object)
-        lower, upper = reachable_bounds(self._sequence, found.activations[None], outcomes)
+        lower, upper = self._sequence.reachable_bounds(found.activations[None], outcomes)
         self._bounds = np.concatenate([lower, upper])[:, : len(self._strength)]
 
 
@@ -248,128 +227,3 @@ def _maps_per_force(model: Model, mechanics: Mechanics, loads: Sequence[External
 
 def _strength(model: Model) -> Array:
     return np.array([muscle.max_isometric_force for muscle in model.muscles])
-
-
-class ForcePoint(NamedTuple):
-    """Activations a₀, their forces F, F' and F'' over the greatest isometric ones; all (muscles,)."""
-
-    activations: Array
-    force: Array
-    gain: Array
-    curvature: Array
-
-    @property
-    def force_at_rest(self) -> Array:
-        """The linear force at no activation."""
-        rest: Array = self.force - self.gain * self.activations
-        return rest
-
-
-class FrameStep(NamedTuple):
-    """Activations (muscles,) of the linear problem, its x (controls,) with forces in their place, and its outcome."""
-
-    activations: Array
-    forces: Array
-    outcome: FrameOutcome
-
-
-@dataclass(frozen=True, eq=False)
-class ReducedFrame:
-    """A frame for the compiled solver.
-
-    sequence  with actuators that have two limits behind the muscles;  order (controls,) of its controls
-    target    t (m,) of the reduced problem;  multipliers (m,) of the last solution, where the next one starts
-    """
-
-    sequence: FrameSequence
-    order: NDArray[np.int64]
-    reduction: Reduction
-    target: Array
-    multipliers: Array
-    work: FrameWorkspace
-
-    def solve(self, point: ForcePoint, bounds: Array) -> FrameStep:
-        """Solve the problem linearised at a point, within bounds (2, muscles)."""
-        muscles, reduction, rise = len(point.gain), self.reduction, self.sequence.rise
-        rows = reduction.rows[0].copy()
-        target = self.target - rows[:, :muscles] @ point.force_at_rest
-        cost, shift = reduction.cost.copy(), np.zeros(len(rise))
-        if reduction.exponent == 2:
-            bent = cost[:muscles] - (self.multipliers @ rows[:, :muscles]) * point.curvature
-            h = np.maximum(bent, LEAST_CURVATURE * cost[:muscles])
-            shift[:muscles] = (1.0 - cost[:muscles] / h) * point.activations
-            cost[:muscles] = h
-        rows[:, :muscles] *= point.gain
-        widest = self.sequence.widest_activations - shift
-        allowed = widest.copy()
-        allowed[:, :muscles] = bounds - shift[:muscles]
-        unlimited = np.full(len(rise), np.inf)
-        problem = SequenceProblem(
-            cost,
-            rows[None],
-            reduction.effort,
-            (target - rows @ shift)[None, None],
-            reduction.equalities,
-            unlimited,
-            unlimited,
-            widest,
-            reduction.exponent,
-        )
-        solution = SequenceSolution(np.empty((1, 1, len(rise))), np.empty((1, 1, len(rows))), np.empty((1, 1), np.int8))
-        solve_activations(problem, WarmStart(allowed[None], self.multipliers[None]), self.work, solution)
-        unknowns = solution.a[0, 0] + shift
-        activations = unknowns[:muscles].clip(0.0, 1.0)
-        unknowns[:muscles] = point.force_at_rest + point.gain * activations
-        forces = np.empty(len(self.order))
-        forces[self.order] = reduction.controls(unknowns[None, None], solution.v, self.sequence.target)[0, 0]
-        return FrameStep(activations, forces, OUTCOME_OF_CODE[solution.codes[0, 0]])
-
-
-@dataclass(frozen=True, eq=False)
-class ClarabelFrame:
-    """A frame for Clarabel: the reference, and what the compiled solver cannot reduce."""
-
-    sequence: FrameSequence
-    multipliers: Array
-
-    def solve(self, point: ForcePoint, bounds: Array) -> FrameStep:
-        """As ReducedFrame.solve; the curvature is neglected."""
-        sequence, muscles = self.sequence, len(point.gain)
-        scale, offset = np.ones(len(sequence.weights)), np.zeros(len(sequence.weights))
-        scale[:muscles], offset[:muscles] = point.gain, point.force_at_rest
-        linear = replace(
-            sequence,
-            matrix=sequence.matrix * scale,
-            target=sequence.target - sequence.matrix @ offset,
-            cone_matrix=sequence.cone_matrix * scale,
-            cone_offset=sequence.cone_offset + sequence.cone_matrix @ offset,
-        )
-        lower, upper = widest_bounds(linear, 1)
-        lower[0, :muscles], upper[0, :muscles] = bounds
-        controls, outcomes = solve_frame_with_clarabel(linear, 0, (lower, upper))
-        activations = controls[0, :muscles].clip(0.0, 1.0)
-        return FrameStep(activations, offset + scale * np.r_[activations, controls[0, muscles:]], outcomes[0])
-
-
-def force_frame(
-    sequence: FrameSequence, multipliers: Array, *, is_reference: bool = False
-) -> ReducedFrame | ClarabelFrame:
-    """The problem of a sequence of one frame and scenario whose first controls are muscle forces.
-
-    multipliers  of the frame before, or of another length without one;  is_reference  for Clarabel in any case
-    """
-    weights = determined(sequence.weights, sequence.matrix, sequence.cone_matrix)
-    given = replace(sequence, weights=weights)
-    bounded = with_bounded_actuators(given) if sequence.has_limits else (given, np.arange(len(weights)))
-    if is_reference or bounded is None:
-        return ClarabelFrame(given, multipliers)
-    ordered, order = bounded
-    unknowns = len(ordered.rise)
-    reduction = reduce_frames(ordered.weights, unknowns, ordered.matrix, ordered.cone_matrix, ordered.exponent)
-    if reduction is None:
-        return ClarabelFrame(given, multipliers)
-    rows = reduction.rows.shape[1]
-    guess = multipliers if len(multipliers) == rows else np.zeros(rows)
-    target = np.einsum("ij,j->i", reduction.per_acceleration[0], ordered.target[0, 0])
-    target[reduction.equalities :] -= ordered.cone_offset[0, 0]
-    return ReducedFrame(ordered, order, reduction, target, guess, allocate_frame(unknowns, rows))

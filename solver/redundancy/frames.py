@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.dense import columns_times, copy, divide, factor, inner_product, rows_times_rows
+from solver.redundancy import effort
 from solver.redundancy.interior_point import (
     LARGEST_EFFORT,
     FrameWorkspace,
     NewtonWorkspace,
     Ray,
-    activation,
-    activation_per_slope,
+    allocate_frame,
     effort_of_eliminated,
     interior_point,
     is_certificate,
@@ -39,14 +39,18 @@ from solver.redundancy.reduced_problem import (
     NOT_CONVERGED,
     SOLVED,
     VIOLATION_LIMIT,
+    ActivationRates,
     FrameProblem,
-    SequenceProblem,
     SequenceSolution,
     WarmStart,
+    reachable,
 )
+from solver.redundancy.reduction import Reduction
 
 Array = NDArray[np.float64]
 
+_reachable = compiled(reachable)
+activation, activation_per_slope = compiled(effort.activation), compiled(effort.activation_per_slope)
 EFFORT_SHARE = 1e-6  # weight of effort relative to violation where a problem is infeasible
 LEAST_SHARE = 1e-8  # below which multipliers no longer determine activations
 FAR = 1e3  # a target, in rows of the size of activations
@@ -56,35 +60,56 @@ MOST_STEPS = 12
 SHORTEST_STEP = 0.05  # of step halving
 
 
+def solve_frames(reduction: Reduction, t: Array, rates: ActivationRates, start: WarmStart) -> SequenceSolution:
+    """Solve all frames of all scenarios, with t (scenarios, frames, m); start is left as the frame after them needs it.
+
+    The one caller of the compiled solver: for blocks of a motion, frames as they come, and quadratic programs.
+    """
+    (scenarios, frames, rows), unknowns = t.shape, len(reduction.cost)
+    solution = SequenceSolution(
+        a=np.empty((scenarios, frames, unknowns)),
+        v=np.empty((scenarios, frames, rows)),
+        codes=np.empty((scenarios, frames), np.int8),
+    )
+    solve_activations(reduction, t, rates, start, allocate_frame(unknowns, rows), solution)
+    return solution
+
+
 @compiled_for_python
 def solve_activations(
-    problem: SequenceProblem, start: WarmStart, work: FrameWorkspace, solution: SequenceSolution
+    reduced: Reduction,
+    t: Array,
+    rates: ActivationRates,
+    start: WarmStart,
+    work: FrameWorkspace,
+    solution: SequenceSolution,
 ) -> None:
-    """Solve every frame of every scenario and fill solution; start is read, and left as the next frame needs it.
+    """Solve every frame of every scenario, with t (scenarios, frames, m), and fill solution; start is read, and left as
+    the next frame needs it.
 
     Activations a change no faster than first-order activation dynamics allow. Where the code is INFEASIBLE, a is the
     point of least violation.
     """
-    widest = problem.widest
-    for scenario in range(problem.t.shape[0]):
+    widest = rates.widest
+    for scenario in range(t.shape[0]):
         (lower, upper), guess = start.bounds[scenario], start.multipliers[scenario]
-        for k in range(problem.t.shape[1]):
+        for k in range(t.shape[1]):
             a, v = solution.a[scenario, k], solution.v[scenario, k]
             copy(guess, v)
             frame = FrameProblem(
-                problem.q,
-                problem.M[k],
-                problem.R[k],
-                problem.t[scenario, k],
-                problem.equalities,
+                reduced.cost,
+                reduced.rows[k],
+                reduced.effort[k],
+                t[scenario, k],
+                reduced.equalities,
                 lower,
                 upper,
-                problem.exponent,
+                reduced.exponent,
             )
             code = _solve_frame(frame, widest, work, a, v)
             solution.codes[scenario, k] = code
             if code in (SOLVED, BEYOND_RATE):
-                _set_rate_bounds(problem.rise, problem.fall, widest, a, lower, upper)
+                _set_rate_bounds(rates, a, lower, upper)
                 copy(v, guess)
             else:
                 _set_widest_bounds(widest, lower, upper)
@@ -188,15 +213,15 @@ def _set_widest_bounds(widest: Array, lower: Array, upper: Array) -> None:
 
 
 @compiled
-def _set_rate_bounds(rise: Array, fall: Array, widest: Array, a: Array, lower: Array, upper: Array) -> None:
-    """Activations that one interval at no and at full excitation leads to (Thelen 2003)."""
-    _set_widest_bounds(widest, lower, upper)
+def _set_rate_bounds(rates: ActivationRates, a: Array, lower: Array, upper: Array) -> None:
+    """Bounds of the next frame."""
+    _set_widest_bounds(rates.widest, lower, upper)
     for i in range(len(a)):
-        pace = 0.5 + 1.5 * a[i]
-        if fall[i] < np.inf:
-            lower[i] = max(a[i] - fall[i] * a[i] * pace, lower[i])
-        if rise[i] < np.inf:
-            upper[i] = min(a[i] + rise[i] * (1.0 - a[i]) / pace, upper[i])
+        slowest, fastest = _reachable(a[i], rates.rise[i], rates.fall[i])
+        if rates.fall[i] < np.inf and slowest > lower[i]:
+            lower[i] = slowest
+        if rates.rise[i] < np.inf and fastest < upper[i]:
+            upper[i] = fastest
 
 
 @compiled

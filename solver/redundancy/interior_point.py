@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled
 from solver.dense import Order, columns_times, copy, divide, factor, inner_product, rows_times_rows
+from solver.redundancy import effort
 from solver.redundancy.reduced_problem import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, FrameProblem
 
 Array = NDArray[np.float64]
@@ -31,6 +32,7 @@ MOST_STEPS = 50
 FIRST_GAP = 0.1  # of each complementary pair
 SHARE_OF_STEP = 0.995  # of the longest step to the boundary
 LARGEST_EFFORT = 1e9  # ½ v·R v above which no solution is sought
+slope, curvature = compiled(effort.slope), compiled(effort.curvature)
 Ray = tuple[float, float, float]
 Scaling = tuple[float, float, float, float]
 
@@ -347,30 +349,6 @@ def _depth(x: Ray) -> float:
     """√(x₀² − |x̄|²), a size of a point inside the cone."""
     off = hypot(x[1], x[2])
     return sqrt(max((x[0] - off) * (x[0] + off), 1e-300))
-
-
-@compiled
-def slope(q: float, a: float, exponent: int) -> float:
-    """q aᵖ⁻¹."""
-    return q * a if exponent == 2 else q * a * a
-
-
-@compiled
-def curvature(q: float, a: float, exponent: int) -> float:
-    """(p − 1) q aᵖ⁻²; with p = 3 it vanishes at rest."""
-    return q if exponent == 2 else 2.0 * q * a
-
-
-@compiled
-def activation(q: float, gain: float, exponent: int) -> float:
-    """The activation with this slope; with p = 3 there is none below zero, and a muscle rests."""
-    return gain / q if exponent == 2 else sqrt(max(gain, 0.0) / q)
-
-
-@compiled
-def activation_per_slope(q: float, a: float, exponent: int) -> float:
-    """Derivative of the activation by its slope, 1 / curvature; 0 for a muscle that rests at p = 3."""
-    return 0.0 if exponent == 3 and a == 0.0 else 1.0 / curvature(q, a, exponent)
 
 
 class RowSystem(NamedTuple):

@@ -35,18 +35,9 @@ from solver.multibody.postures import Postures
 from solver.muscle import MuscleOutcome
 from solver.redundancy.glenoid import contact_points, glenoid_cone
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
-from solver.redundancy.problem import build_redundancy, solve_redundancy
+from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, FrameSequence, Outcomes, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions, tracked_coordinates
-from solver.redundancy.sequence import (
-    OUTCOME_OF_CODE,
-    BlockSolver,
-    FrameOutcome,
-    FrameSequence,
-    Outcomes,
-    Progress,
-    RunSolver,
-    determined,
-)
+from solver.redundancy.sequence import BlockSolver, Progress, RunSolver, solve_redundancy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,6 +91,7 @@ class _Motion:
         return (
             options.tendons == "rigid"
             and options.solver == "interior_point"
+            and options.cost is None
             and all(len(load.force) == frames for load in self.loads)
             and has_actuators(self.model, tracked_coordinates(self.model, options))
         )
@@ -175,7 +167,7 @@ def _solve(
         reserves=reserves,
         reaction=reaction,
         contact=_contact(model, mechanics.state, options, reaction),
-        effort=problem.effort_of(solution.controls[0]).sum(axis=-1),
+        effort=problem.effort.terms(solution.controls[0]).sum(axis=-1),
         equality_residual=solution.equality_residual[0],
         residual_coordinates=tuple(coordinates[index] for index in solution.residual_coordinate[0]),
         cone_slack=solution.cone_slack[0],
@@ -333,7 +325,6 @@ class BlockRun:
 
     def __init__(self) -> None:
         self._solver = BlockSolver()
-        self._weights: Array | None = None
 
     def solve(
         self,
@@ -344,14 +335,10 @@ class BlockRun:
         """As solve_sequence. Raises IrregularMotion where the compiled solver cannot solve the block, or not as those
         before.
         """
-        weights = determined(block.weights, block.matrix, block.cone_matrix)
-        if self._weights is None:
-            self._weights = weights
-        if block.has_limits or not np.array_equal(weights, self._weights):
-            raise IrregularMotion
+        reducible = block.reducible()
         scenarios, frames = block.target.shape[:2]
-        controls, codes = np.empty((scenarios, frames, len(weights))), np.empty((scenarios, frames), np.int8)
-        if not self._solver.solve(replace(block, weights=weights), controls, codes, map):
+        controls, codes = np.empty((scenarios, frames, len(block.weights))), np.empty((scenarios, frames), np.int8)
+        if reducible is None or not self._solver.solve(reducible, controls, codes, map):
             raise IrregularMotion
         return controls, OUTCOME_OF_CODE[codes]
 

@@ -16,11 +16,8 @@ rest that no x produces. The residual of a solution is orthogonal to all columns
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,24 +25,57 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.multibody.rotations import each_frame
+from solver.redundancy.effort import ActivationCost, Effort, Exponent, ensure_convex
 from solver.redundancy.glenoid import cone_rows, glenoid_cone
 from solver.redundancy.mechanics import Mechanics
+from solver.redundancy.reduced_problem import (
+    BEYOND_RATE,
+    INFEASIBLE,
+    NOT_CONVERGED,
+    SOLVED,
+    ActivationRates,
+    reachable,
+)
 from solver.redundancy.redundancy_options import (
-    Exponent,
     RedundancyOptions,
     Solver,
     activation_limits,
     effort_weights,
     tracked_coordinates,
 )
-from solver.redundancy.sequence import PROCESSORS, SOLVERS, FrameOutcome, FrameSequence, Outcomes, RunSolver, solve_runs
 
 Array = NDArray[np.float64]
-SOLUTIONS_AT_ONCE = 16384  # scenarios × frames of which a worker finds residuals and reactions
+Outcomes = NDArray[np.object_]
 CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
 ROUND_OFF = 1e-9  # of the frame's longest column
-UNMET_LIMIT = 1e-6  # of 1 + |b|, in rad/s² or m/s²
-FRAMES_AT_ONCE = 100  # bounds the memory of many scenarios
+
+
+class FrameOutcome(StrEnum):
+    """Outcome of a frame; everything but SOLVED is counted and shown.
+
+    BEYOND_ACTIVATION_RATE  activations cannot change fast enough since the previous frame; solved without that limit
+    INFEASIBLE              no activations between 0 and 1 and controls within their limits give the accelerations and
+                            keep the joint reaction inside the glenoid; the point of least violation is given
+    NOT_CONVERGED           the solver stopped before its residuals were small; its last point is given
+    NOT_FINITE              the model has no finite accelerations in this posture, or a muscle with an elastic tendon no
+                            finite force; the frame is left out
+    """
+
+    SOLVED = "solved"
+    BEYOND_ACTIVATION_RATE = "beyond_activation_rate"
+    INFEASIBLE = "infeasible"
+    NOT_CONVERGED = "not_converged"
+    NOT_FINITE = "not_finite"
+
+
+OUTCOME_OF_CODE = np.empty(4, dtype=object)
+OUTCOME_OF_CODE[[SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE]] = [
+    FrameOutcome.SOLVED,
+    FrameOutcome.INFEASIBLE,
+    FrameOutcome.NOT_CONVERGED,
+    FrameOutcome.BEYOND_ACTIVATION_RATE,
+]
+SOLVED_OUTCOMES = (FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +90,7 @@ class RedundancyProblem:
                     determines it
     reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
     cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
-    solver, exponent  as in RedundancyOptions
+    solver, exponent, cost  as in RedundancyOptions
     control_limits  (2, actuators) least and greatest control; None is no limits
     has_activation_dynamics  False where every frame is solved by itself
     activation_limits  (2, muscles) least and greatest activation; None is 0 and 1
@@ -81,14 +111,12 @@ class RedundancyProblem:
     exponent: Exponent = 2
     has_activation_dynamics: bool = True
     activation_limits: Array | None = None
+    cost: ActivationCost | None = None
 
-    def effort_of(self, controls: Array) -> Array:
-        """Terms of the effort of x (…, controls), or of its muscles alone: w aᵖ, then w r² of the actuators; (10)."""
-        terms: Array = self.weights[: controls.shape[-1]] * controls**2
-        if self.exponent == 3:
-            muscles = self.time_constants.shape[1]
-            terms[..., :muscles] *= controls[..., :muscles]
-        return terms
+    @property
+    def effort(self) -> Effort:
+        """Of x (…, controls), (10)."""
+        return Effort(self.weights, self.time_constants.shape[1], self.exponent, self.cost)
 
     @property
     def is_finite(self) -> NDArray[np.bool_]:
@@ -105,6 +133,8 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
     """
     if not model.muscles:
         raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
+    if options.cost is not None:
+        ensure_convex(options.cost, len(model.muscles))
     kinematics, maps = mechanics.kinematics, mechanics.maps
     tracked = tracked_coordinates(model, options)
     matrix, reaction_matrix = maps.acceleration_per_control, maps.reaction_per_control
@@ -139,6 +169,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         .reshape(-1, 2)
         .T,
         exponent=options.exponent,
+        cost=options.cost,
         has_activation_dynamics=options.has_activation_dynamics,
         activation_limits=activation_limits(model) if options.has_muscle_limits else None,
     )
@@ -156,52 +187,122 @@ class LoadResponse:
     reaction: Array
 
 
-@dataclass(frozen=True, eq=False)
-class ScenarioSolutions:
-    """x (scenarios, frames, controls), NaN where infeasible or not finite, with outcomes and residuals.
-
-    In INFEASIBLE frames residual, reaction and slack are those of the point of least violation, in NOT_FINITE ones NaN.
-
-    outcomes           (scenarios, frames) of FrameOutcome
-    equality_residual  (scenarios, frames) largest |A x − b| [rad/s² or m/s²], the unreachable part included
-    residual_coordinate  (scenarios, frames) index of the coordinate whose acceleration it is
-    reaction           (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
-    cone_slack         (scenarios, frames) s − |v| [N], negative outside; infinite without the glenoid
-    """
-
-    controls: Array
-    outcomes: NDArray[np.object_]
-    equality_residual: Array
-    residual_coordinate: NDArray[np.intp]
-    reaction: Array
-    cone_slack: Array
-
-
-def solve_redundancy(
-    problem: RedundancyProblem,
-    loads: LoadResponse | None = None,
-    progress: Callable[[int, int], None] = lambda *_: None,
-    workers: int | None = None,
-    solve_run: RunSolver | None = None,
-) -> ScenarioSolutions:
-    """Solve all frames in order, scenarios independently; progress(done, total) counts frames.
-
-    Scenarios are divided among workers (threads), by default as many as processors; Clarabel uses one. solve_run
-    replaces the problem's solver, as for a single frame that starts from the frame before (next_frame.py).
-    """
-    loads = loads or no_loads(problem)
-    sequence = frame_sequence(problem, loads)
-    solve_run = solve_run or SOLVERS[problem.solver]
-    controls, outcomes = solve_runs(solve_run, sequence, problem.is_finite, progress, workers)
-    muscles = controls[..., : len(sequence.rise)]
-    muscles.clip(*sequence.widest_activations, out=muscles)
-    return scenario_solutions(problem, loads, controls, outcomes, min(len(outcomes), workers or PROCESSORS))
-
-
 def no_loads(problem: RedundancyProblem) -> LoadResponse:
     """One scenario without additional loads."""
     frames, coordinates = len(problem.time), len(problem.tracked)
     return LoadResponse(np.zeros((1, frames, coordinates)), np.zeros((1, frames, 6)))
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSequence:
+    """The problems of all frames of all scenarios. Scenarios have A, C and w in common, b and c their own.
+
+    weights     w (controls,);  matrix A (frames, tracked, controls);  target b (scenarios, frames, tracked)
+    cone_matrix C (frames, k, controls);  cone_offset c (scenarios, frames, k); k = 3, or 0 where there is no cone;
+                both scaled so that 1e-8 is small
+    rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation; infinite
+                for muscles without activation dynamics
+    limits      (2, actuators) least and greatest control, infinite without a limit; None for no limits
+    exponent    p of the activations;  cost, one of the user's own in place of their power
+    activation_limits  (2, muscles) least and greatest activation; None for 0 and 1
+    order       (controls,) index in x of every column, None for the same order
+    """
+
+    weights: Array
+    matrix: Array
+    target: Array
+    cone_matrix: Array
+    cone_offset: Array
+    rise: Array
+    fall: Array
+    limits: Array | None = None
+    exponent: int = 2
+    activation_limits: Array | None = None
+    cost: ActivationCost | None = None
+    order: NDArray[np.int64] | None = None
+
+    @property
+    def effort(self) -> Effort:
+        """Of the muscles and actuators."""
+        return Effort(self.weights, len(self.rise), self.exponent, self.cost)
+
+    @property
+    def rates(self) -> ActivationRates:
+        """How activations may change."""
+        return ActivationRates(self.rise, self.fall, np.ascontiguousarray(self.widest_activations))
+
+    @property
+    def widest_activations(self) -> Array:
+        """(2, muscles)."""
+        if self.activation_limits is not None:
+            return self.activation_limits
+        return np.repeat([[0.0], [1.0]], len(self.rise), axis=1)
+
+    def cut(self, frames: slice) -> FrameSequence:
+        """These frames alone."""
+        return replace(
+            self,
+            matrix=self.matrix[frames],
+            target=self.target[:, frames],
+            cone_matrix=self.cone_matrix[frames],
+            cone_offset=self.cone_offset[:, frames],
+        )
+
+    def scenario(self, index: int) -> FrameSequence:
+        """This scenario alone."""
+        own = slice(index, index + 1)
+        return replace(self, target=self.target[own], cone_offset=self.cone_offset[own])
+
+    def widest_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds (scenarios, controls) in any frame."""
+        scenarios, muscles, controls = len(self.target), len(self.rise), len(self.weights)
+        lower, upper = np.full((scenarios, controls), -np.inf), np.full((scenarios, controls), np.inf)
+        lower[:, :muscles], upper[:, :muscles] = self.widest_activations
+        if self.limits is not None:
+            lower[:, muscles:], upper[:, muscles:] = self.limits
+        return lower, upper
+
+    def reachable_bounds(self, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
+        """Bounds one interval after x (scenarios, controls); the widest after an unsolved frame."""
+        lower, upper = self.widest_bounds()
+        muscles, (least, greatest) = len(self.rise), self.widest_activations
+        is_known = np.array([outcome in SOLVED_OUTCOMES for outcome in outcomes])[:, None]
+        with np.errstate(invalid="ignore"):
+            slowest, fastest = reachable(controls[:, :muscles].clip(0, 1), self.rise, self.fall)
+        lower[:, :muscles] = np.where(is_known, np.fmax(slowest, least), least)
+        upper[:, :muscles] = np.where(is_known, np.fmin(fastest, greatest), greatest)
+        return lower, upper
+
+    def reducible(self) -> FrameSequence | None:
+        """The sequence as reduction.py takes it: a control without effect in all frames has a weight, so that its value
+        is determined, and actuators with two limits are bounded as activations without dynamics, behind the muscles.
+
+        None where only Clarabel solves it: with an actuator limited on one side or to one value, and with actuators
+        limited on both where activations count by their cubes, because the effort of a control is its square.
+        """
+        weighted = replace(self, weights=determined(self.weights, self.matrix, self.cone_matrix))
+        if self.limits is None or not np.isfinite(self.limits).any():
+            return weighted
+        limits = np.asarray(self.limits)
+        is_limited = np.isfinite(limits)
+        is_bounded = is_limited.all(axis=0)
+        is_fit = is_bounded & (limits[0] < limits[1]) | ~is_limited.any(axis=0)
+        if (self.cost is None and self.exponent != 2) or not is_fit.all():
+            return None
+        muscles, without_dynamics = len(self.rise), np.full(int(is_bounded.sum()), np.inf)
+        actuators = muscles + np.concatenate([np.flatnonzero(is_bounded), np.flatnonzero(~is_bounded)])
+        order = np.concatenate([np.arange(muscles), actuators])
+        return replace(
+            weighted,
+            weights=weighted.weights[order],
+            matrix=self.matrix[:, :, order],
+            cone_matrix=self.cone_matrix[:, :, order],
+            rise=np.concatenate([self.rise, without_dynamics]),
+            fall=np.concatenate([self.fall, without_dynamics]),
+            limits=None,
+            activation_limits=np.concatenate([self.widest_activations, limits[:, is_bounded]], axis=1),
+            order=order,
+        )
 
 
 def frame_sequence(problem: RedundancyProblem, loads: LoadResponse) -> FrameSequence:
@@ -221,51 +322,17 @@ def frame_sequence(problem: RedundancyProblem, loads: LoadResponse) -> FrameSequ
         fall=fall,
         limits=problem.control_limits,
         exponent=problem.exponent,
+        cost=problem.cost,
         activation_limits=problem.activation_limits,
     )
 
 
-def scenario_solutions(
-    problem: RedundancyProblem, loads: LoadResponse, controls: Array, outcomes: Outcomes, workers: int = 1
-) -> ScenarioSolutions:
-    """Reaction and residuals of x (scenarios, frames, controls) with their outcomes, which are set here: x becomes NaN
-    where INFEASIBLE, and the outcome NOT_CONVERGED where x should produce the accelerations and does not.
-
-    Frames are divided among workers (threads), a few at a time, so that what is needed meanwhile takes little memory.
-    """
-    shape = scenarios, frames = outcomes.shape
-    missed, coordinates = np.empty(shape), np.empty(shape, np.intp)
-    solutions = ScenarioSolutions(controls, outcomes, missed, coordinates, np.empty((*shape, 6)), np.empty(shape))
-    step = max(1, min(SOLUTIONS_AT_ONCE // max(1, scenarios), math.ceil(frames / max(1, workers))))
-    parts = [slice(start, start + step) for start in range(0, frames, step)]
-    fill = partial(_fill_frames, problem, loads, solutions)
-    if workers <= 1:
-        for part in parts:
-            fill(part)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(fill, parts))
-    return solutions
-
-
-def _fill_frames(problem: RedundancyProblem, loads: LoadResponse, solutions: ScenarioSolutions, part: slice) -> None:
-    controls, outcomes = solutions.controls[:, part], solutions.outcomes[:, part]
-    matrix, reaction_matrix = problem.acceleration_matrix[part], problem.reaction_matrix[part]
-    target = problem.acceleration_target[part] - loads.acceleration[:, part, problem.tracked]
-    size = np.linalg.norm(target, axis=-1)
-    residual = np.subtract(each_frame(matrix, controls), target, out=target)
-    reaction = problem.reaction_at_rest[part] + loads.reaction[:, part] + each_frame(reaction_matrix, controls)
-    ray = each_frame(problem.cone[part], reaction[..., 3:])
-    has_cone = problem.cone.shape[1] > 0
-    solutions.reaction[:, part] = reaction
-    solutions.cone_slack[:, part] = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.inf
-    controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
-    is_claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
-    outcomes[is_claimed & ~is_met(matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
-    greatest = np.abs(residual, out=residual).argmax(axis=-1)
-    missed = np.take_along_axis(residual, greatest[..., None], axis=-1)[..., 0]
-    solutions.equality_residual[:, part] = missed
-    solutions.residual_coordinate[:, part] = np.flatnonzero(problem.tracked)[greatest]
+def determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
+    """w, but 1 for a control without effect in these frames: without a weight its value would be undetermined."""
+    is_moving = matrix[:1].any(axis=(0, 1)) | cone_matrix[:1].any(axis=(0, 1))
+    if not is_moving.all():  # in the first frame, as usual
+        is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
+    return np.where(is_moving, weights, np.maximum(weights, 1.0))
 
 
 def idle_controls(matrix: Array, reaction_matrix: Array) -> NDArray[np.bool_]:
@@ -275,20 +342,6 @@ def idle_controls(matrix: Array, reaction_matrix: Array) -> NDArray[np.bool_]:
     """
     is_idle: NDArray[np.bool_] = np.logical_and(*(_is_round_off(part) for part in (matrix, reaction_matrix)))
     return is_idle
-
-
-def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
-    """(scenarios, frames) whether no x reduces the residual A x − b (scenarios, frames, rows); size is |b|."""
-    lengths = np.sqrt(_squares(matrix))
-    shares = 1.0 / np.where(lengths > 0, lengths, 1.0)
-    unmet = np.empty(residual.shape[:2])
-    for start in range(0, len(matrix), FRAMES_AT_ONCE):
-        part = slice(start, start + FRAMES_AT_ONCE)
-        products = np.swapaxes(matrix[part], 1, 2) @ residual[:, part].transpose(1, 2, 0)
-        products *= shares[part, :, None]
-        unmet[:, part] = np.abs(products, out=products).max(axis=1, initial=0.0).T
-    met: NDArray[np.bool_] = unmet <= UNMET_LIMIT * (1.0 + size)
-    return met
 
 
 def _is_round_off(matrix: Array) -> NDArray[np.bool_]:

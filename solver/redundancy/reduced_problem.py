@@ -1,4 +1,4 @@
-"""The reduced redundancy problem, its outcome codes and its solutions, as the compiled solver reads and fills them.
+"""The reduced redundancy problem of a frame, its outcome codes and solutions, as the compiled solver reads them.
 
     minimise  1/p Σ q aᵖ + ½ v·R v   subject to   M a + R v − t = (0, s),   lower ≤ a ≤ upper,   s and λ in the cone
 
@@ -9,18 +9,28 @@ eliminated: v·R v / 2 is their effort.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
+Number = TypeVar("Number", float, Array)
 
 SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE = 0, 1, 2, 3
 """Outcome codes. BEYOND_RATE: infeasible within the activation-rate bounds, solved without them."""
 VIOLATION_LIMIT = 1e-8
 """Largest error of the optimality conditions of a SOLVED problem."""
+
+
+def reachable(a: Number, rise: Number, fall: Number) -> tuple[Number, Number]:
+    """Activations that one interval at no and at full excitation leads to from a (Thelen 2003).
+
+    NaN where infinity is multiplied by zero; this and infinity are no limits.
+    """
+    pace = 0.5 + 1.5 * a
+    return a - fall * a * pace, a + rise * (1.0 - a) / pace
 
 
 class FrameProblem(NamedTuple):
@@ -36,24 +46,17 @@ class FrameProblem(NamedTuple):
     exponent: int
 
 
-class SequenceProblem(NamedTuple):
-    """The problems of all frames and scenarios, which share q, M, R and the exponent and differ in t.
+class ActivationRates(NamedTuple):
+    """How activations may change from one frame to the next, as compiled code reads it.
 
-    q (n,), M (frames, m, n), R (frames, m, m), t (scenarios, frames, m)
     rise, fall  (n,) interval between frames over the time constants of activation and deactivation; infinite where the
                 unknown may take any value within its bounds in every frame
     widest      (2, n) least and greatest a in any frame
     """
 
-    q: Array
-    M: Array
-    R: Array
-    t: Array
-    equalities: int
     rise: Array
     fall: Array
     widest: Array
-    exponent: int
 
 
 class WarmStart(NamedTuple):

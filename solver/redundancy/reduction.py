@@ -17,7 +17,6 @@ published problem a, r and f are 33, 9 and 8, and v has 6 + 3 entries.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
@@ -28,21 +27,21 @@ from solver.checks import read_only
 from solver.compiled import compiled, compiled_for_python
 from solver.dense import aligned, copy, inner_product, padded
 from solver.multibody.rotations import each_frame
-from solver.redundancy.reduced_problem import SequenceProblem
+from solver.redundancy.problem import FrameSequence
 
 Array = NDArray[np.float64]
 NO_RANK = -1
 RANK_TOLERANCE = 1e-9  # of the longest column
 
 
-@dataclass(frozen=True, eq=False)
-class Reduction:
+class Reduction(NamedTuple):
     """The reduced problem of every frame, in m rows; the first `equalities` of them are G's, each scaled to length 1.
 
-    cost                   q (muscles,)
     rank                   of A
-    is_free                (controls,) which of x are f;  exponent p of the activations
-    rows                   M (frames, m, muscles);  effort R (frames, m, m)
+    exponent               p of the activations;  cost q (n,)
+    reserve_weights        w (r,) of r
+    columns                (controls,) of A for a, r and f, in this order;  controls (controls,) of x for the same
+    rows                   M (frames, m, n);  effort R (frames, m, m)
     per_acceleration       (frames, m, tracked): t = this times b, less c in the cone's rows
     reserves               (frames, r, m): r = this times v
     free_per_effort        U⁻¹ F (frames, f, a and r);  free_per_acceleration  U⁻¹ Qᵀ (frames, f, tracked)
@@ -52,7 +51,9 @@ class Reduction:
     rank: int
     exponent: int
     cost: Array
-    is_free: NDArray[np.bool_]
+    reserve_weights: Array
+    columns: NDArray[np.int64]
+    controls: NDArray[np.int64]
     rows: Array
     effort: Array
     per_acceleration: Array
@@ -60,53 +61,52 @@ class Reduction:
     free_per_effort: Array
     free_per_acceleration: Array
 
-    def problem(self, acceleration: Array, ray: Array, rise: Array, fall: Array, widest: Array) -> SequenceProblem:
-        """The problems with b (scenarios, frames, tracked), c (scenarios, frames, k), and bounds."""
+    def targets(self, acceleration: Array, ray: Array) -> Array:
+        """t (scenarios, frames, m) of b (scenarios, frames, tracked) and c (scenarios, frames, k)."""
         t = each_frame(self.per_acceleration, acceleration)
         t[..., self.equalities :] -= ray
-        return SequenceProblem(
-            q=self.cost,
-            M=self.rows,
-            R=self.effort,
-            t=np.ascontiguousarray(t),
-            equalities=self.equalities,
-            rise=rise,
-            fall=fall,
-            widest=widest,
-            exponent=self.exponent,
-        )
+        return np.ascontiguousarray(t)
 
-    def controls(self, a: Array, v: Array, acceleration: Array) -> Array:
-        """x (scenarios, frames, controls) of a (scenarios, frames, muscles), v (scenarios, frames, m) and b."""
-        effort = np.concatenate([a, each_frame(self.reserves, v)], axis=-1)
-        controls = np.empty((*a.shape[:2], len(self.is_free)))
-        controls[..., ~self.is_free] = effort
-        controls[..., self.is_free] = each_frame(self.free_per_acceleration, acceleration) - each_frame(
-            self.free_per_effort, effort
-        )
-        return controls
+    def x(self, a: Array, v: Array, acceleration: Array) -> Array:
+        """x (scenarios, frames, controls) of a (scenarios, frames, n), v (scenarios, frames, m) and b."""
+        weighted = np.concatenate([a, each_frame(self.reserves, v)], axis=-1)
+        free = each_frame(self.free_per_acceleration, acceleration) - each_frame(self.free_per_effort, weighted)
+        x = np.empty((*a.shape[:2], len(self.controls)))
+        x[..., self.controls[: weighted.shape[-1]]] = weighted
+        x[..., self.controls[weighted.shape[-1] :]] = free
+        return x
 
 
-def reduce_frames(
-    weights: Array, muscles: int, matrix: Array, cone_matrix: Array, exponent: int = 2, rank: int | None = None
-) -> Reduction | None:
-    """Reduce A (frames, tracked, controls) and C (frames, k, controls); weights w (controls,), muscles come first.
-
-    None for another structure: a muscle without weight, free actuators that A leaves undetermined, or frames
-    of different rank, or of another than the given one.
+def reduce_frames(sequence: FrameSequence, rank: int | None = None) -> Reduction | None:
+    """Reduce A and C of all frames. None where the problem has another structure: a muscle without weight, free
+    actuators that A leaves undetermined, or frames of different rank, or of another than the given one.
     """
+    matrix, cone_matrix, weights, unknowns = sequence.matrix, sequence.cone_matrix, sequence.weights, len(sequence.rise)
     is_free = weights == 0
     (frames, tracked, controls), free, cone = matrix.shape, int(is_free.sum()), cone_matrix.shape[1]
-    if is_free[:muscles].any() or free > tracked:
+    if is_free[:unknowns].any() or free > tracked:
         return None
-    unreduced = Unreduced(
-        matrix=read_only(matrix),
-        cone_matrix=read_only(cone_matrix),
-        muscles=muscles,
-        free=free,
-        order=np.argsort(is_free, kind="stable"),
-        weights=weights[~is_free][muscles:],
-    )
+    columns = np.argsort(is_free, kind="stable")
+    reserve_weights = weights[~is_free][unknowns:]
+
+    def allocate(frames: int, m: int) -> Reduction:
+        exponent, order = sequence.exponent, sequence.order
+        return Reduction(
+            equalities=m - cone,
+            rank=m - cone + free,
+            exponent=exponent,
+            cost=exponent * weights[:unknowns],
+            reserve_weights=reserve_weights,
+            columns=columns,
+            controls=columns if order is None else order[columns],
+            rows=np.empty((frames, m, unknowns)),
+            effort=np.empty((frames, m, m)),
+            per_acceleration=np.empty((frames, m, tracked)),
+            reserves=np.empty((frames, len(reserve_weights), m)),
+            free_per_effort=np.empty((frames, free, unknowns + len(reserve_weights))),
+            free_per_acceleration=np.empty((frames, free, tracked)),
+        )
+
     width = padded(controls - free + tracked)
     triangle = Triangle(
         free=np.empty((tracked + cone, free)),
@@ -114,84 +114,47 @@ def reduce_frames(
         reflector=np.empty(tracked),
         sums=aligned(width),
     )
-    first = unreduced._replace(matrix=unreduced.matrix[:1])
+    matrix, cone_matrix = read_only(matrix), read_only(cone_matrix)
     if rank is None:
-        rank = eliminate(first, NO_RANK, triangle, _allocate(unreduced, 0, 0)) if frames else tracked
+        rank = eliminate(matrix[:1], cone_matrix[:1], NO_RANK, triangle, allocate(0, 0)) if frames else tracked
     if rank < free:
         return None
-    reduced = _allocate(unreduced, frames, rank - free + cone)
-    if eliminate(unreduced, rank, triangle, reduced) != rank:
-        return None
-    return Reduction(rank - free, rank, exponent, exponent * weights[:muscles], is_free, *reduced)
-
-
-def _allocate(unreduced: Unreduced, frames: int, m: int) -> ReducedRows:
-    """For m rows in each frame."""
-    tracked, free, reserves = unreduced.matrix.shape[1], unreduced.free, len(unreduced.weights)
-    return ReducedRows(
-        rows=np.empty((frames, m, unreduced.muscles)),
-        effort=np.empty((frames, m, m)),
-        per_acceleration=np.empty((frames, m, tracked)),
-        reserves=np.empty((frames, reserves, m)),
-        free_per_effort=np.empty((frames, free, unreduced.muscles + reserves)),
-        free_per_acceleration=np.empty((frames, free, tracked)),
-    )
-
-
-class Unreduced(NamedTuple):
-    """A (frames, tracked, controls), C (frames, k, controls), the numbers of activations a and of unknowns f, the order
-    (controls,) a, r, f in which their columns are treated, and the weights w (reserves,) of r.
-    """
-
-    matrix: Array
-    cone_matrix: Array
-    muscles: int
-    free: int
-    order: NDArray[np.int64]
-    weights: Array
-
-
-class ReducedRows(NamedTuple):
-    """The arrays of reduction.Reduction that differ from frame to frame."""
-
-    rows: Array
-    effort: Array
-    per_acceleration: Array
-    reserves: Array
-    free_per_effort: Array
-    free_per_acceleration: Array
+    reduction = allocate(frames, rank - free + cone)
+    return reduction if eliminate(matrix, cone_matrix, rank, triangle, reduction) == rank else None
 
 
 @compiled_for_python
-def eliminate(problem: Unreduced, rank: int, triangle: Triangle, reduced: ReducedRows) -> int:
-    """Fill the reduced rows of frames of this rank of A. Returns the rank, or that of the first frame of another.
+def eliminate(matrix: Array, cone_matrix: Array, rank: int, triangle: Triangle, reduced: Reduction) -> int:
+    """Fill the reduced rows of frames of this rank of A (frames, tracked, controls), with C (frames, k, controls).
+    Returns the rank, or that of the first frame of another.
 
     The triangle has the rows of A and below them those of C; the columns of a, r, and the accelerations.
     """
-    tracked, cone, weighted = problem.matrix.shape[1], problem.cone_matrix.shape[1], len(problem.order) - problem.free
-    for frame in range(len(problem.matrix)):
-        _fill_triangle(problem, frame, triangle)
+    tracked, cone, free = matrix.shape[1], cone_matrix.shape[1], triangle.free.shape[1]
+    weighted = len(reduced.columns) - free
+    muscles = len(reduced.cost)
+    for frame in range(len(matrix)):
+        _fill_triangle(matrix[frame], cone_matrix[frame], reduced.columns, triangle)
         found = triangularise(triangle, weighted)
         if found != rank:
             return found
-        for i in range(problem.free):
+        for i in range(free):
             copy(triangle.others[i], reduced.free_per_effort[frame, i])
             copy(triangle.others[i, weighted:], reduced.free_per_acceleration[frame, i])
         for i in range(cone):  # rows of the cone follow the equalities, in place of those that no x reaches
             _eliminate_free(triangle, tracked + i, rank + i)
-        lines = triangle.others[problem.free : rank + cone]
+        lines = triangle.others[free : rank + cone]
         for i in range(len(lines)):
             copy(lines[i], reduced.rows[frame, i])
             copy(lines[i, weighted:], reduced.per_acceleration[frame, i])
-        _fill_effort(lines, problem.muscles, problem.weights, reduced.reserves[frame], reduced.effort[frame])
+        _fill_effort(lines, muscles, reduced.reserve_weights, reduced.reserves[frame], reduced.effort[frame])
     return rank
 
 
 @compiled
-def _fill_triangle(problem: Unreduced, frame: int, triangle: Triangle) -> None:
-    """A and the identity, and below it C and zeros."""
-    matrix, cone_matrix, order = problem.matrix[frame], problem.cone_matrix[frame], problem.order
-    weighted = len(order) - problem.free
+def _fill_triangle(matrix: Array, cone_matrix: Array, order: NDArray[np.int64], triangle: Triangle) -> None:
+    """A and the identity, and below it C and zeros, of a frame."""
+    weighted = len(order) - triangle.free.shape[1]
     for i in range(len(triangle.others)):
         own = matrix[i] if i < len(matrix) else cone_matrix[i - len(matrix)]
         row, first = triangle.others[i], triangle.free[i]

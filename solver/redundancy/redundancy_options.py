@@ -16,11 +16,11 @@ from solver.multibody.constraints import is_held
 from solver.multibody.joint_reactions import ReactionRequest
 from solver.muscle import MuscleForceModel
 from solver.paths import PathMode
+from solver.redundancy.effort import ActivationCost, Exponent
 from solver.redundancy.glenoid import JOINT, is_shoulder
 
 Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
-Exponent = Literal[2, 3]
 Tendons = Literal["rigid", "elastic"]
 _KNOWN = {
     "path_mode": get_args(PathMode),
@@ -61,6 +61,8 @@ class RedundancyOptions:
     muscle_force_model      rigid_tendon, or without passive forces: active, opensim_static (solver/muscle.py)
     has_muscle_limits       activations stay within Muscle.min_control and max_control, else within 0 and 1
     tendons                 rigid, or elastic where the model's file has them so (docs/tendons.md)
+    cost                    a convex function of the activations in place of their power (effort.py), with exponent 2
+                            and the solver interior_point
     """
 
     has_glenoid_cone: bool = True
@@ -79,6 +81,7 @@ class RedundancyOptions:
     muscle_force_model: MuscleForceModel = "rigid_tendon"
     has_muscle_limits: bool = False
     tendons: Tendons = "rigid"
+    cost: ActivationCost | None = None
 
     def __post_init__(self) -> None:
         """Raise ModelError for a value that is not known: most would act as the default does."""
@@ -86,6 +89,12 @@ class RedundancyOptions:
             ensure_known(name, getattr(self, name), known)
         for name in ("free_coordinates", "unweighted_coordinates"):
             ensure_names(name, getattr(self, name))
+        if self.cost is not None and (self.exponent != 2 or self.solver == "clarabel"):
+            raise ModelError(
+                f"a cost of activations stands in place of an exponent and has a solver of its own, and exponent is "
+                f"{self.exponent}, solver {self.solver}; leave out cost or both",
+                SolverCode.WRONG_OPTION,
+            )
         if not 0.0 < self.glenoid_aspect < np.inf:
             raise ModelError(
                 f"glenoid_aspect should be a ratio above 0 and is {self.glenoid_aspect}; give another",

@@ -1,113 +1,185 @@
-"""Solve the redundancy problem frame by frame; activation bounds follow from the activations of the previous frame.
+"""Solve the redundancy problem of all frames and scenarios: in blocks of a motion, or frame by frame as they come.
 
-    minimise  Σ w aᵖ + Σ w r²   subject to   A x = b,   lower ≤ a ≤ upper,   C x + c in the cone {(s, v): s ≥ |v|}
-
-x = (activations a of the muscles, controls r of the actuators), p is 2 or 3. A x = b is restricted to the range of
-A; the part of b that no x produces is left out. Bounds follow first-order activation dynamics with the pace 0.5 + 1.5 a
-(Thelen 2003).
+Frames are solved in order, because bounds of the activations follow from those of the frame before. The solution of
+frames as they come (FrameByFrame) is that of solve_redundancy over the same frames. After a gap the bounds grow with
+the true interval; after a frame without a solution they are the widest.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.redundancy.conic import ConicOutcome, ConicProblem, least_violation, solve_conic
-from solver.redundancy.reduced_problem import (
-    BEYOND_RATE,
-    INFEASIBLE,
-    NOT_CONVERGED,
-    SOLVED,
-    Codes,
-    SequenceSolution,
-    WarmStart,
+from solver.multibody.rotations import each_frame
+from solver.redundancy.conic import solve_frame_with_clarabel
+from solver.redundancy.problem import (
+    OUTCOME_OF_CODE,
+    SOLVED_OUTCOMES,
+    FrameOutcome,
+    FrameSequence,
+    LoadResponse,
+    Outcomes,
+    RedundancyProblem,
+    frame_sequence,
+    no_loads,
 )
+from solver.redundancy.reduced_problem import BEYOND_RATE, SOLVED, Codes, WarmStart, reachable
 
 if TYPE_CHECKING:
-    from solver.redundancy.reduction import Reduction
+    from solver.redundancy.convex_frames import ConvexFrames
 
 Array = NDArray[np.float64]
-Outcomes = NDArray[np.object_]
 Progress = Callable[[int, int], None]
-RunSolver = Callable[["FrameSequence", Progress, "int | None"], tuple[Array, Outcomes]]
+RunSolver = Callable[[FrameSequence, Progress, "int | None"], tuple[Array, Outcomes]]
 
-RANK_TOLERANCE = 1e-9
 FRAMES_AT_ONCE = 100  # between two reports of progress; their reduced rows stay in the cache
+SOLUTIONS_AT_ONCE = 16384  # scenarios × frames of which a worker finds residuals and reactions
+UNMET_LIMIT = 1e-6  # of 1 + |b|, in rad/s² or m/s²
 PROCESSORS = os.cpu_count() or 1
-
-
-class FrameOutcome(StrEnum):
-    """Outcome of a frame; everything but SOLVED is counted and shown.
-
-    BEYOND_ACTIVATION_RATE  activations cannot change fast enough since the previous frame; solved without that limit
-    INFEASIBLE              no activations between 0 and 1 and controls within their limits give the accelerations and
-                            keep the joint reaction inside the glenoid; the point of least violation is given
-    NOT_CONVERGED           the solver stopped before its residuals were small; its last point is given
-    NOT_FINITE              the model has no finite accelerations in this posture, or a muscle with an elastic tendon no
-                            finite force; the frame is left out
-    """
-
-    SOLVED = "solved"
-    BEYOND_ACTIVATION_RATE = "beyond_activation_rate"
-    INFEASIBLE = "infeasible"
-    NOT_CONVERGED = "not_converged"
-    NOT_FINITE = "not_finite"
+LONGEST = 10.0
+"""s; after which every activation between 0 and 1 can be reached."""
 
 
 @dataclass(frozen=True, eq=False)
-class FrameSequence:
-    """The problems of all frames of all scenarios. Scenarios have A, C and w in common, b and c their own.
+class ScenarioSolutions:
+    """x (scenarios, frames, controls), NaN where infeasible or not finite, with outcomes and residuals.
 
-    weights     w (controls,);  matrix A (frames, tracked, controls);  target b (scenarios, frames, tracked)
-    cone_matrix C (frames, k, controls);  cone_offset c (scenarios, frames, k); k = 3, or 0 where there is no cone;
-                both scaled so that 1e-8 is small
-    rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation; infinite
-                for muscles without activation dynamics
-    limits      (2, actuators) least and greatest control, infinite without a limit; None for no limits
-    exponent    p of the activations
-    activation_limits  (2, muscles) least and greatest activation; None for 0 and 1
+    In INFEASIBLE frames residual, reaction and slack are those of the point of least violation, in NOT_FINITE ones NaN.
+
+    outcomes           (scenarios, frames) of FrameOutcome
+    equality_residual  (scenarios, frames) largest |A x − b| [rad/s² or m/s²], the unreachable part included
+    residual_coordinate  (scenarios, frames) index of the coordinate whose acceleration it is
+    reaction           (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
+    cone_slack         (scenarios, frames) s − |v| [N], negative outside; infinite without the glenoid
     """
 
-    weights: Array
-    matrix: Array
-    target: Array
-    cone_matrix: Array
-    cone_offset: Array
-    rise: Array
-    fall: Array
-    limits: Array | None = None
-    exponent: int = 2
-    activation_limits: Array | None = None
+    controls: Array
+    outcomes: NDArray[np.object_]
+    equality_residual: Array
+    residual_coordinate: NDArray[np.intp]
+    reaction: Array
+    cone_slack: Array
 
-    @property
-    def widest_activations(self) -> Array:
-        """(2, muscles)."""
-        if self.activation_limits is not None:
-            return self.activation_limits
-        return np.repeat([[0.0], [1.0]], len(self.rise), axis=1)
 
-    @property
-    def has_limits(self) -> bool:
-        """Whether an actuator has a limit."""
-        return self.limits is not None and bool(np.isfinite(self.limits).any())
+def solve_redundancy(
+    problem: RedundancyProblem,
+    loads: LoadResponse | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    workers: int | None = None,
+    solve_run: RunSolver | None = None,
+) -> ScenarioSolutions:
+    """Solve all frames in order, scenarios independently; progress(done, total) counts frames.
 
-    def cut(self, frames: slice) -> FrameSequence:
-        """These frames alone."""
-        return replace(
-            self,
-            matrix=self.matrix[frames],
-            target=self.target[:, frames],
-            cone_matrix=self.cone_matrix[frames],
-            cone_offset=self.cone_offset[:, frames],
-        )
+    Scenarios are divided among workers (threads), by default as many as processors; Clarabel uses one. solve_run
+    replaces the problem's solver, as for a single frame that starts from the frame before (FrameByFrame).
+    """
+    loads = loads or no_loads(problem)
+    sequence = frame_sequence(problem, loads)
+    solve_run = solve_run or SOLVERS[problem.solver]
+    controls, outcomes = solve_runs(solve_run, sequence, problem.is_finite, progress, workers)
+    muscles = controls[..., : len(sequence.rise)]
+    muscles.clip(*sequence.widest_activations, out=muscles)
+    return scenario_solutions(problem, loads, controls, outcomes, min(len(outcomes), workers or PROCESSORS))
+
+
+class FrameByFrame:
+    """Activations of the last solved frame of every scenario, and the solver's guess for the next one."""
+
+    def __init__(self, scenarios: int, muscles: int) -> None:
+        self._activations = np.zeros((scenarios, muscles))
+        self._time = np.full(scenarios, -np.inf)
+        self._now = -np.inf
+        self._multipliers = np.zeros((scenarios, 0))
+        self._convex: list[ConvexFrames] = []
+
+    def solve(self, problem: RedundancyProblem, loads: LoadResponse | None = None) -> ScenarioSolutions:
+        """Solve a problem of one frame, at its time [s], later than that of the frame before, for all scenarios."""
+        self._now = float(problem.time[0])
+        solve_run = self._solve_with_clarabel if problem.solver == "clarabel" else self._solve
+        if problem.cost is not None:
+            solve_run = self._solve_convex
+        self._time_constants = problem.time_constants
+        return solve_redundancy(problem, loads, workers=1, solve_run=solve_run)
+
+    def forget(self, scenario: int) -> None:
+        """Start a scenario anew: its activations may be anything in the next frame."""
+        self._time[scenario] = -np.inf
+
+    def _solve(self, sequence: FrameSequence, progress: Progress, workers: int | None) -> tuple[Array, Outcomes]:
+        from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
+        from solver.redundancy.reduction import reduce_frames
+
+        reducible = sequence.reducible()
+        reduction = None if reducible is None else reduce_frames(reducible)
+        if reducible is None or reduction is None:
+            return self._solve_with_clarabel(sequence, progress, workers)
+        muscles, rates, rows = len(sequence.rise), reducible.rates, reduction.rows.shape[1]
+        start = first_start(rates.widest, len(sequence.target), rows)
+        if self._multipliers.shape[1] == rows:
+            start.multipliers[:] = self._multipliers
+        self._multipliers = start.multipliers
+        start.bounds[:, :, :muscles] = np.stack(self._bounds(), axis=1)
+        solution = solve_frames(reduction, reduction.targets(sequence.target, sequence.cone_offset), rates, start)
+        self._keep(solution.a[:, 0, :muscles], (solution.codes[:, 0] == SOLVED) | (solution.codes[:, 0] == BEYOND_RATE))
+        outcomes: Outcomes = OUTCOME_OF_CODE[solution.codes]
+        return reduction.x(solution.a, solution.v, sequence.target), outcomes
+
+    def _solve_convex(
+        self,
+        sequence: FrameSequence,
+        progress: Progress,  # noqa: ARG002 (one frame)
+        workers: int | None,  # noqa: ARG002 (it uses one thread)
+    ) -> tuple[Array, Outcomes]:
+        """With an ActivationCost."""
+        from solver.redundancy.convex_frames import ConvexFrames  # the compiler behind it takes long to import
+
+        self._convex = self._convex or [ConvexFrames() for _ in self._time]
+        bounds = np.stack(self._bounds(), axis=1)
+        controls = np.empty((len(bounds), len(sequence.weights)))
+        outcomes = np.empty(len(bounds), dtype=object)
+        for scenario, solver in enumerate(self._convex):
+            controls[scenario], outcomes[scenario] = solver.solve(sequence.scenario(scenario), bounds[scenario])
+        self._keep_solved(controls, outcomes, len(sequence.rise))
+        return controls[:, None], outcomes[:, None]
+
+    def _solve_with_clarabel(
+        self,
+        sequence: FrameSequence,
+        progress: Progress,  # noqa: ARG002 (one frame)
+        workers: int | None,  # noqa: ARG002 (it uses one thread)
+    ) -> tuple[Array, Outcomes]:
+        lower, upper = sequence.widest_bounds()
+        muscles = len(sequence.rise)
+        lower[:, :muscles], upper[:, :muscles] = self._bounds()
+        controls, outcomes = solve_frame_with_clarabel(sequence, 0, (lower, upper))
+        self._keep_solved(controls, outcomes, muscles)
+        return controls[:, None], outcomes[:, None]
+
+    def _keep_solved(self, controls: Array, outcomes: Outcomes, muscles: int) -> None:
+        is_known = np.array([outcome in SOLVED_OUTCOMES for outcome in outcomes])
+        self._keep(controls[:, :muscles], is_known)
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """Activations (scenarios, muscles) that no and full excitation lead to by now (Thelen 2003)."""
+        since = np.minimum(self._now - self._time, LONGEST)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):  # a time constant of 0 is no limit
+            rise, fall = since / self._time_constants[0], since / self._time_constants[1]
+            slowest, fastest = reachable(self._activations.clip(0, 1), rise, fall)
+        lower, upper = np.fmax(slowest, 0.0), np.fmin(fastest, 1.0)
+        is_known = np.isfinite(self._time)[:, None]
+        return np.where(is_known, lower, 0.0), np.where(is_known, upper, 1.0)
+
+    def _keep(self, activations: Array, is_known: NDArray[np.bool_]) -> None:
+        self._activations = np.where(is_known[:, None], activations, 0.0)
+        self._time = np.where(is_known, self._now, -np.inf)
 
 
 def solve_runs(
@@ -133,12 +205,14 @@ def solve_runs(
 def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | None = None) -> tuple[Array, Outcomes]:
     """x (scenarios, frames, controls) and outcomes; x is the point of least violation where INFEASIBLE.
 
-    By the compiled solver, or by Clarabel if the problem does not have the structure that reduction.py needs, as with
-    actuators that are limited on one side.
+    By the compiled solver, or by Clarabel if the problem does not have the structure that it needs (reducible above,
+    reduce_frames in reduction.py).
     """
-    if sequence.has_limits:
-        return _solve_limited(sequence, progress, workers)
-    sequence = replace(sequence, weights=determined(sequence.weights, sequence.matrix, sequence.cone_matrix))
+    if sequence.cost is not None:
+        return _solve_convex_sequence(sequence, progress)
+    reducible = sequence.reducible()
+    if reducible is None:
+        return solve_sequence_with_clarabel(sequence, progress)
     scenarios, frames = sequence.target.shape[:2]
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     codes = np.empty((scenarios, frames), dtype=np.int8)
@@ -149,7 +223,7 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
         spread = pool.map if workers > 1 else map  # a single scenario needs no thread
         for start in range(0, frames, FRAMES_AT_ONCE):
             block = slice(start, min(start + FRAMES_AT_ONCE, frames))
-            if not solver.solve(sequence.cut(block), controls[:, block], codes[:, block], spread):
+            if not solver.solve(reducible.cut(block), controls[:, block], codes[:, block], spread):
                 return solve_sequence_with_clarabel(sequence, progress)
             progress(block.stop, frames)
     outcomes: Outcomes = OUTCOME_OF_CODE[codes]
@@ -163,24 +237,62 @@ class BlockSolver:
     """
 
     def __init__(self, workers: int = 1) -> None:
-        self._shares = [_Share(slice(i, None, workers)) for i in range(workers)]
-        self._rank: int | None = None
+        self._shares = [slice(i, None, workers) for i in range(workers)]
+        self._starts: list[WarmStart] = []
+        self._first: tuple[Array, int] | None = None
 
     def solve(self, block: FrameSequence, controls: Array, codes: Codes, spread: Callable[..., Iterable[None]]) -> bool:
-        """Fill x (scenarios, frames, controls) and codes (scenarios, frames); `spread` maps over the workers.
-
-        False if the block does not have the structure that reduction.py needs, or that of the blocks before.
+        """Fill x (scenarios, frames, controls) and codes (scenarios, frames) of a reducible block; `spread` maps over
+        the workers. False if the block does not have the structure that reduction.py needs, or that of those before.
         """
-        from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
+        from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
+        from solver.redundancy.reduction import reduce_frames
 
-        reduction = reduce_frames(
-            block.weights, len(block.rise), block.matrix, block.cone_matrix, block.exponent, self._rank
-        )
+        weights, rank = self._first or (block.weights, None)
+        reduction = reduce_frames(block, rank) if np.array_equal(block.weights, weights) else None
         if reduction is None:
             return False
-        self._rank = reduction.rank
-        list(spread(lambda share: share.solve(block, reduction, controls, codes), self._shares))
+        rates = block.rates
+        if self._first is None:
+            self._first = (weights, reduction.rank)
+            self._starts = [
+                first_start(rates.widest, len(block.target[share]), reduction.rows.shape[1]) for share in self._shares
+            ]
+
+        def solve_share(share: slice, start: WarmStart) -> None:
+            b = block.target[share]
+            solution = solve_frames(reduction, reduction.targets(b, block.cone_offset[share]), rates, start)
+            codes[share] = solution.codes
+            controls[share] = reduction.x(solution.a, solution.v, b)
+
+        list(spread(solve_share, self._shares, self._starts))
         return True
+
+
+def first_start(widest: Array, scenarios: int, rows: int) -> WarmStart:
+    """A start anywhere within the widest bounds (2, n), without a guess of the multipliers."""
+    return WarmStart(np.tile(widest, (scenarios, 1, 1)), np.zeros((scenarios, rows)))
+
+
+def _solve_convex_sequence(sequence: FrameSequence, progress: Progress) -> tuple[Array, Outcomes]:
+    """solve_sequence with an ActivationCost, frame by frame and scenario by scenario."""
+    scenarios, frames = sequence.target.shape[:2]
+    controls = np.empty((scenarios, frames, len(sequence.weights)))
+    outcomes = np.empty((scenarios, frames), dtype=object)
+    from solver.redundancy.convex_frames import ConvexFrames  # the compiler behind it takes long to import
+
+    solvers = [ConvexFrames() for _ in range(scenarios)]
+    lower, upper = sequence.widest_bounds()
+    progress(0, frames)
+    muscles = len(sequence.rise)
+    for frame in range(frames):
+        one = sequence.cut(slice(frame, frame + 1))
+        for scenario, solver in enumerate(solvers):
+            bounds = np.stack([lower[scenario, :muscles], upper[scenario, :muscles]])
+            controls[scenario, frame], outcomes[scenario, frame] = solver.solve(one.scenario(scenario), bounds)
+        lower, upper = sequence.reachable_bounds(controls[:, frame], outcomes[:, frame])
+        progress(frame + 1, frames)
+    return controls, outcomes
 
 
 def solve_sequence_with_clarabel(
@@ -192,183 +304,81 @@ def solve_sequence_with_clarabel(
     scenarios, frames = sequence.target.shape[:2]
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
-    bounds = widest_bounds(sequence, scenarios)
+    bounds = sequence.widest_bounds()
     progress(0, frames)
     for frame in range(frames):
         controls[:, frame], outcomes[:, frame] = solve_frame_with_clarabel(sequence, frame, bounds)
-        bounds = reachable_bounds(sequence, controls[:, frame], outcomes[:, frame])
+        bounds = sequence.reachable_bounds(controls[:, frame], outcomes[:, frame])
         progress(frame + 1, frames)
     return controls, outcomes
-
-
-def solve_frame_with_clarabel(
-    sequence: FrameSequence, frame: int, bounds: tuple[Array, Array]
-) -> tuple[Array, Outcomes]:
-    """x (scenarios, controls) and outcomes (scenarios,) within bounds, lower and upper (scenarios, controls)."""
-    rows, to_rows = _reachable_rows(sequence.matrix[frame])
-    problem = ConicProblem(
-        weights=determined(sequence.weights, sequence.matrix[[frame]], sequence.cone_matrix[[frame]]),
-        equality_matrix=rows,
-        equality_target=sequence.target[:, frame] @ to_rows.T,
-        lower=bounds[0],
-        upper=bounds[1],
-        cone_matrix=sequence.cone_matrix[frame],
-        cone_offset=sequence.cone_offset[:, frame],
-        cubed=len(sequence.rise) if sequence.exponent == 3 else 0,
-    )
-    return _solve_frame(problem, widest_bounds(sequence, len(sequence.target)))
-
-
-def with_bounded_actuators(sequence: FrameSequence) -> tuple[FrameSequence, NDArray[np.int64]] | None:
-    """The sequence without limits: actuators that have two are bounded as activations without dynamics, and follow the
-    muscles in the order (controls,) of its controls. None where only Clarabel solves it.
-
-    The effort of an activation has the exponent of all, that of a control is a square: with cubes Clarabel solves.
-    """
-    muscles, limits = len(sequence.rise), np.asarray(sequence.limits)
-    is_limited = np.isfinite(limits)
-    is_bounded = is_limited.all(axis=0)
-    is_fit = is_bounded & (limits[0] < limits[1]) | ~is_limited.any(axis=0)
-    if sequence.exponent != 2 or not is_fit.all():
-        return None
-    actuators = muscles + np.concatenate([np.flatnonzero(is_bounded), np.flatnonzero(~is_bounded)])
-    order = np.concatenate([np.arange(muscles), actuators])
-    without_dynamics = np.full(int(is_bounded.sum()), np.inf)
-    ordered = replace(
-        sequence,
-        weights=sequence.weights[order],
-        matrix=sequence.matrix[:, :, order],
-        cone_matrix=sequence.cone_matrix[:, :, order],
-        rise=np.concatenate([sequence.rise, without_dynamics]),
-        fall=np.concatenate([sequence.fall, without_dynamics]),
-        limits=None,
-        activation_limits=np.concatenate([sequence.widest_activations, limits[:, is_bounded]], axis=1),
-    )
-    return ordered, order
-
-
-def _solve_limited(sequence: FrameSequence, progress: Progress, workers: int | None) -> tuple[Array, Outcomes]:
-    bounded = with_bounded_actuators(sequence)
-    if bounded is None:
-        return solve_sequence_with_clarabel(sequence, progress)
-    ordered, order = bounded
-    found, outcomes = solve_sequence(ordered, progress, workers)
-    controls = np.empty_like(found)
-    controls[..., order] = found
-    return controls, outcomes
-
-
-class _Share:
-    """The scenarios of one worker and their warm start."""
-
-    def __init__(self, scenarios: slice) -> None:
-        self._scenarios = scenarios
-        self._start: WarmStart | None = None
-
-    def solve(self, block: FrameSequence, reduction: Reduction, controls: Array, codes: Codes) -> None:
-        from solver.redundancy.frames import solve_activations
-        from solver.redundancy.interior_point import allocate_frame
-
-        b, c, widest = block.target[self._scenarios], block.cone_offset[self._scenarios], block.widest_activations
-        problem = reduction.problem(b, c, block.rise, block.fall, widest)
-        muscles, (scenarios, frames, rows) = len(problem.q), problem.t.shape
-        if self._start is None:
-            self._start = WarmStart(np.tile(widest, (scenarios, 1, 1)), np.zeros((scenarios, rows)))
-        solution = SequenceSolution(
-            a=np.empty((scenarios, frames, muscles)),
-            v=np.empty((scenarios, frames, rows)),
-            codes=np.empty((scenarios, frames), np.int8),
-        )
-        solve_activations(problem, self._start, allocate_frame(muscles, rows), solution)
-        codes[self._scenarios] = solution.codes
-        controls[self._scenarios] = reduction.controls(solution.a, solution.v, b)
-
-
-OUTCOME_OF_CODE = np.empty(4, dtype=object)
-OUTCOME_OF_CODE[[SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE]] = [
-    FrameOutcome.SOLVED,
-    FrameOutcome.INFEASIBLE,
-    FrameOutcome.NOT_CONVERGED,
-    FrameOutcome.BEYOND_ACTIVATION_RATE,
-]
 
 
 def _count_from(progress: Progress, start: int, frames: int, done: int, _: int) -> None:
     progress(start + done, frames)
 
 
-def determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
-    """w, but 1 for a control without effect in these frames: without a weight its value would be undetermined."""
-    is_moving = matrix[:1].any(axis=(0, 1)) | cone_matrix[:1].any(axis=(0, 1))
-    if not is_moving.all():  # in the first frame, as usual
-        is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
-    return np.where(is_moving, weights, np.maximum(weights, 1.0))
-
-
-def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
-    """With A = U S Vᵀ (rows, controls), Vᵀ (rank, controls) and S⁻¹ Uᵀ (rank, rows): A x = b is Vᵀ x = S⁻¹ Uᵀ b."""
-    left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
-    rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
-    return right[:rank], (left[:, :rank] / sizes[:rank]).T
-
-
-def widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Array]:
-    muscles, controls = len(sequence.rise), len(sequence.weights)
-    lower, upper = np.full((scenarios, controls), -np.inf), np.full((scenarios, controls), np.inf)
-    lower[:, :muscles], upper[:, :muscles] = sequence.widest_activations
-    if sequence.limits is not None:
-        lower[:, muscles:], upper[:, muscles:] = sequence.limits
-    return lower, upper
-
-
-def reachable_bounds(sequence: FrameSequence, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
-    """Bounds of activations after one interval at full or no excitation; the widest after an unsolved frame."""
-    lower, upper = widest_bounds(sequence, len(controls))
-    muscles, (least, greatest) = len(sequence.rise), sequence.widest_activations
-    a = controls[:, :muscles].clip(0, 1)
-    pace = 0.5 + 1.5 * a
-    is_known = np.array([outcome in _KNOWN for outcome in outcomes])[:, None]
-    with np.errstate(invalid="ignore"):  # infinity times zero, of a muscle without activation dynamics, is no limit
-        slowest, fastest = a - sequence.fall * a * pace, a + sequence.rise * (1 - a) / pace
-    lower[:, :muscles] = np.where(is_known, np.fmax(slowest, least), least)
-    upper[:, :muscles] = np.where(is_known, np.fmin(fastest, greatest), greatest)
-    return lower, upper
-
-
-_KNOWN = {FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE}
-
-
-def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, Outcomes]:
-    """Solve a frame; if only the activation rate makes it infeasible, solve without that limit and record it."""
-    solution = solve_conic(problem)
-    controls, outcomes = solution.x, np.array([_FRAME_OUTCOME[outcome] for outcome in solution.outcomes], dtype=object)
-    infeasible = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
-    if not len(infeasible):
-        return controls, outcomes
-    unlimited = replace(
-        problem,
-        equality_target=problem.equality_target[infeasible],
-        lower=widest[0][infeasible],
-        upper=widest[1][infeasible],
-        cone_offset=problem.cone_offset[infeasible],
-    )
-    again = solve_conic(unlimited)
-    controls[infeasible] = again.x
-    for i, outcome in zip(infeasible, again.outcomes, strict=True):
-        is_solved = outcome is ConicOutcome.SOLVED
-        outcomes[i] = FrameOutcome.BEYOND_ACTIVATION_RATE if is_solved else _FRAME_OUTCOME[outcome]
-    remaining = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
-    if len(remaining):
-        found = controls[infeasible]
-        controls[infeasible] = np.where(np.isnan(found), least_violation(unlimited), found)
-    return controls, outcomes
-
-
-_FRAME_OUTCOME = {
-    ConicOutcome.SOLVED: FrameOutcome.SOLVED,
-    ConicOutcome.INFEASIBLE: FrameOutcome.INFEASIBLE,
-    ConicOutcome.NOT_CONVERGED: FrameOutcome.NOT_CONVERGED,
-}
-
 SOLVERS: Mapping[str, RunSolver] = {"interior_point": solve_sequence, "clarabel": solve_sequence_with_clarabel}
 """By the name of RedundancyOptions.solver."""
+
+
+def scenario_solutions(
+    problem: RedundancyProblem, loads: LoadResponse, controls: Array, outcomes: Outcomes, workers: int = 1
+) -> ScenarioSolutions:
+    """Reaction and residuals of x (scenarios, frames, controls) with their outcomes, which are set here: x becomes NaN
+    where INFEASIBLE, and the outcome NOT_CONVERGED where x should produce the accelerations and does not.
+
+    Frames are divided among workers (threads), a few at a time, so that what is needed meanwhile takes little memory.
+    """
+    shape = scenarios, frames = outcomes.shape
+    missed, coordinates = np.empty(shape), np.empty(shape, np.intp)
+    solutions = ScenarioSolutions(controls, outcomes, missed, coordinates, np.empty((*shape, 6)), np.empty(shape))
+    step = max(1, min(SOLUTIONS_AT_ONCE // max(1, scenarios), math.ceil(frames / max(1, workers))))
+    parts = [slice(start, start + step) for start in range(0, frames, step)]
+    fill = partial(_fill_frames, problem, loads, solutions)
+    if workers <= 1:
+        for part in parts:
+            fill(part)
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(fill, parts))
+    return solutions
+
+
+def _fill_frames(problem: RedundancyProblem, loads: LoadResponse, solutions: ScenarioSolutions, part: slice) -> None:
+    controls, outcomes = solutions.controls[:, part], solutions.outcomes[:, part]
+    matrix, reaction_matrix = problem.acceleration_matrix[part], problem.reaction_matrix[part]
+    target = problem.acceleration_target[part] - loads.acceleration[:, part, problem.tracked]
+    size = np.linalg.norm(target, axis=-1)
+    residual = np.subtract(each_frame(matrix, controls), target, out=target)
+    reaction = problem.reaction_at_rest[part] + loads.reaction[:, part] + each_frame(reaction_matrix, controls)
+    ray = each_frame(problem.cone[part], reaction[..., 3:])
+    has_cone = problem.cone.shape[1] > 0
+    solutions.reaction[:, part] = reaction
+    solutions.cone_slack[:, part] = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.inf
+    controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
+    is_claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
+    outcomes[is_claimed & ~is_met(matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
+    greatest = np.abs(residual, out=residual).argmax(axis=-1)
+    missed = np.take_along_axis(residual, greatest[..., None], axis=-1)[..., 0]
+    solutions.equality_residual[:, part] = missed
+    solutions.residual_coordinate[:, part] = np.flatnonzero(problem.tracked)[greatest]
+
+
+def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
+    """(scenarios, frames) whether no x reduces the residual A x − b (scenarios, frames, rows); size is |b|."""
+    lengths = np.sqrt(_squares(matrix))
+    shares = 1.0 / np.where(lengths > 0, lengths, 1.0)
+    unmet = np.empty(residual.shape[:2])
+    for start in range(0, len(matrix), FRAMES_AT_ONCE):
+        part = slice(start, start + FRAMES_AT_ONCE)
+        products = np.swapaxes(matrix[part], 1, 2) @ residual[:, part].transpose(1, 2, 0)
+        products *= shares[part, :, None]
+        unmet[:, part] = np.abs(products, out=products).max(axis=1, initial=0.0).T
+    met: NDArray[np.bool_] = unmet <= UNMET_LIMIT * (1.0 + size)
+    return met
+
+
+def _squares(matrix: Array) -> Array:
+    """Squared lengths (frames, controls) of the columns, without an intermediate array."""
+    squares: Array = np.einsum("fij,fij->fj", matrix, matrix)
+    return squares

@@ -21,9 +21,9 @@ from solver.multibody.rotations import wrench_about_origin
 from solver.paths import PathState
 from solver.redundancy.glenoid import glenoid_cone
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
-from solver.redundancy.next_frame import FrameByFrame
 from solver.redundancy.problem import LoadResponse, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions, effort_weights
+from solver.redundancy.sequence import FrameByFrame
 from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
 from solver.suit.cord import CordLine, cord_line, suit_forces
 from solver.suit.scenarios import Condition, SuitScenario, per_unit_wrench, response_to_wrenches
@@ -135,7 +135,7 @@ class _Body:
             reaction = np.full_like(reaction, np.nan)
         in_glenoid = self._in_glenoid(mechanics, reaction)
         count, found = len(self.model.muscles), {}
-        cost = problem.effort_of(controls)
+        cost = problem.effort.terms(controls)
         for place, name in enumerate(self.names):
             if suit is not None and name not in forces:
                 self._frames.forget(place)

@@ -20,7 +20,7 @@ from solver.coded_findings import CodedFinding, describe_codes
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode
 from solver.muscle import MuscleOutcome
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.problem import FrameOutcome
 from solver.suit.decision import Basis, CuffDecision, DecisionRule
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import FIGURES, CurveReadouts, Place, read_off_curves

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.problem import FrameOutcome
 from solver.suit.curve_minimum import find_minimum
 from solver.suit.scenarios import CUFF_CONDITIONS, Condition, ScenarioEffort, SuitedMotion, SuitScenario
 

@@ -24,15 +24,9 @@ from solver.multibody.loads import ExternalForce, LoadWrenches
 from solver.multibody.postures import Postures, postures
 from solver.multibody.rotations import each_frame, wrench_about_origin
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
-from solver.redundancy.problem import (
-    LoadResponse,
-    RedundancyProblem,
-    ScenarioSolutions,
-    build_redundancy,
-    solve_redundancy,
-)
+from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions, options_for
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy
 from solver.suit.cord import CordLine, SuitForces, cord_line, suit_forces, with_migration
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
 
@@ -302,7 +296,7 @@ def solve_without_suit(suited: SuitedMotion, slack: ScenarioEffort, workers: int
     else:
         solution = solve_redundancy(suited.bare_problem, workers=workers)
     activations = slack.activations[0, suited.problem.is_finite]
-    slack_cost = float(suited.problem.effort_of(activations).sum())
+    slack_cost = float(suited.problem.effort.terms(activations).sum())
     return _effort(suited.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
 
 
@@ -369,7 +363,7 @@ def _effort(
     problem: RedundancyProblem, solution: ScenarioSolutions, part: slice, cord_force: Array, slack_cost: float
 ) -> ScenarioEffort:
     controls, muscles = solution.controls[part], problem.time_constants.shape[1]
-    cost = problem.effort_of(controls[:, problem.is_finite]).sum(axis=1) / slack_cost
+    cost = problem.effort.terms(controls[:, problem.is_finite]).sum(axis=1) / slack_cost
     return ScenarioEffort(
         muscles=cost[:, :muscles].sum(axis=1),
         reserves=cost[:, muscles:].sum(axis=1),

@@ -8,7 +8,7 @@ import numpy as np
 
 from documents.interval import digits_of, rounded
 from solver.muscle import MuscleOutcome
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
 from solver.suit.readouts import LARGE_RESERVES
 from station.assessment.interval_sources import sources_text

@@ -9,7 +9,7 @@ import numpy as np
 from solver.model import Model
 from solver.muscle import MuscleOutcome
 from solver.redundancy.motion_solution import MotionSolution
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.problem import FrameOutcome
 
 if TYPE_CHECKING:
     from solver.tendons.evaluation import ElasticForces  # the compiler behind it takes long to import

@@ -12,8 +12,8 @@ from solver.model import CoordinateActuator, Model, ModelError
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, is_shoulder
 from solver.redundancy.mechanics import without_forces
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
+from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import RedundancyOptions, options_for
-from solver.redundancy.sequence import FrameOutcome
 from station.assessment.effort import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of

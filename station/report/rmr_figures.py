@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from solver.model import ModelError
 from solver.redundancy.glenoid import glenoid_cone, is_shoulder
+from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import effort_weights
-from solver.redundancy.sequence import FrameOutcome
 from station.assessment.rmr import SolvedMotion
 from station.assessment.rmr_table import reserve_unit
 from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png

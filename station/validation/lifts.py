@@ -37,8 +37,8 @@ from solver.redundancy.glenoid import (
     with_rim,
 )
 from solver.redundancy.motion_solution import solve_motion
+from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import RedundancyOptions
-from solver.redundancy.sequence import FrameOutcome
 from station.assessment.motion_checks import motion_checks, motion_findings
 from station.errors import StationError
 from station.messages.codes import AssessmentCode

@@ -14,9 +14,9 @@ from solver.paths import PathMode
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.problem import LoadResponse, build_redundancy, solve_redundancy
+from solver.redundancy.problem import FrameOutcome, LoadResponse, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.sequence import solve_redundancy
 
 MODEL = bundled_model()
 MOTION = differentiate(simulate_arm_raise(MODEL))

@@ -8,9 +8,9 @@ import pytest
 from solver.cuff import CuffParameters
 from solver.motion import decimate
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.problem import build_redundancy, solve_redundancy
+from solver.redundancy.problem import FrameOutcome, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.sequence import solve_redundancy
 from solver.suit.assessment import assess
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
 from solver.suit.suit import read_suit

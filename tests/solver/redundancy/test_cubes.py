@@ -12,9 +12,9 @@ from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.conic import ConicOutcome, ConicProblem, solve_conic
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.problem import RedundancyProblem, build_redundancy, solve_redundancy
+from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions
-from solver.redundancy.sequence import FrameOutcome, solve_sequence, solve_sequence_with_clarabel
+from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_sequence_with_clarabel
 from tests.solver.redundancy.test_interior_point import random_sequence, silent, violation
 from tests.solver.redundancy.test_motion_solution import CONE_ALONG_Y, two_muscles
 
@@ -49,8 +49,8 @@ def test_a_muscle_that_would_have_to_push_rests():
 
 def test_effort_counts_cubes_of_muscles_and_squares_of_reserves():
     problem = replace(two_muscles([[1.0, 1.0]]), exponent=3)
-    np.testing.assert_allclose(problem.effort_of(np.array([0.5, 0.1, 0.2])), [0.125, 0.001, 10 * 0.04])
-    np.testing.assert_allclose(problem.effort_of(np.array([0.5, 0.1])), [0.125, 0.001])
+    np.testing.assert_allclose(problem.effort.terms(np.array([0.5, 0.1, 0.2])), [0.125, 0.001, 10 * 0.04])
+    np.testing.assert_allclose(problem.effort.terms(np.array([0.5, 0.1])), [0.125, 0.001])
 
 
 @pytest.mark.parametrize("cone", [3, 0])
@@ -76,7 +76,7 @@ def test_frames_of_the_arm_raise_agree_with_sequential_quadratic_programming(fra
     assert solution.outcomes[0, 0] is FrameOutcome.SOLVED
     found, peer = solution.controls[0, 0], by_sequential_quadratic_programming(problem, solution.controls[0, 0])
     muscles = len(MODEL.muscles)
-    assert problem.effort_of(found).sum() == pytest.approx(problem.effort_of(peer).sum(), rel=1e-9)
+    assert problem.effort.terms(found).sum() == pytest.approx(problem.effort.terms(peer).sum(), rel=1e-9)
     np.testing.assert_allclose(found[:muscles], peer[:muscles], atol=2e-6)
 
 

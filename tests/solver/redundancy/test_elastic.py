@@ -19,8 +19,8 @@ from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
+from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, Solver, static_optimisation, with_reserves
-from solver.redundancy.sequence import FrameOutcome
 from solver.tendons.evaluation import elastic_forces
 from solver.tendons.fiber import elastic_muscles
 from tests.solver.refusals import raises_refusal

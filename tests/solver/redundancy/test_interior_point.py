@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import linprog
 
 from solver.redundancy.conic import ConicOutcome
+from solver.redundancy.problem import FrameOutcome, FrameSequence
 from solver.redundancy.reduction import reduce_frames
-from solver.redundancy.sequence import FrameOutcome, FrameSequence, solve_sequence, solve_sequence_with_clarabel
+from solver.redundancy.sequence import solve_sequence, solve_sequence_with_clarabel
 
 SEEDS = range(12)
 
@@ -132,7 +133,7 @@ def test_a_structure_that_cannot_be_reduced_is_solved_all_the_same():
     sequence = random_sequence(1)
     weights = sequence.weights.copy()
     weights[4] = 0.0
-    assert reduce_frames(weights, 10, sequence.matrix, sequence.cone_matrix) is None
+    assert reduce_frames(replace(sequence, weights=weights)) is None
     controls, outcomes = solve_sequence(replace(sequence, weights=weights), silent)
     assert (outcomes == FrameOutcome.SOLVED).all()
     assert violation(sequence, controls) < 1e-6
@@ -142,8 +143,8 @@ def test_undetermined_actuators_without_weight_are_not_reduced():
     sequence = random_sequence(1)
     twin = sequence.matrix.copy()
     twin[..., 14] = twin[..., 13]
-    assert reduce_frames(sequence.weights, 10, twin, sequence.cone_matrix) is None
-    assert reduce_frames(sequence.weights, 10, sequence.matrix, sequence.cone_matrix) is not None
+    assert reduce_frames(replace(sequence, matrix=twin)) is None
+    assert reduce_frames(sequence) is not None
 
 
 def test_a_solution_does_not_show_where_it_came_from():

@@ -24,9 +24,9 @@ from solver.redundancy import motion_solution as motion_module
 from solver.redundancy.glenoid import angle_to_axis, glenoid_cone
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
-from solver.redundancy.problem import LoadResponse, RedundancyProblem, build_redundancy, solve_redundancy
+from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, with_reserves
-from solver.redundancy.sequence import FrameOutcome, solve_sequence, solve_sequence_with_clarabel
+from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_sequence_with_clarabel
 from tests.solver.redundancy.test_interior_point import random_sequence
 from tests.solver.redundancy.test_problem import with_a_singular_elbow
 from tests.solver.refusals import raises_refusal

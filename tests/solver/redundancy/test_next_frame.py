@@ -13,16 +13,9 @@ from solver.bundled import bundled_model
 from solver.motion import decimate, differentiate
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.next_frame import FrameByFrame
-from solver.redundancy.problem import (
-    LoadResponse,
-    RedundancyProblem,
-    ScenarioSolutions,
-    build_redundancy,
-    solve_redundancy,
-)
+from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.sequence import FrameByFrame, ScenarioSolutions, solve_redundancy
 
 Array = NDArray[np.float64]
 MODEL = bundled_model()

@@ -17,9 +17,9 @@ from solver.osim.model_reader import read_osim
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.problem import RedundancyProblem, build_redundancy, solve_redundancy
+from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions, Solver
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.sequence import solve_redundancy
 from tests.solver.references import SHARED
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
 from solver.suit.suit import read_suit

@@ -13,7 +13,7 @@ from solver.motion import differentiate
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.scenarios import LoadedMotion, prepare_suited_motion
 from solver.suit.suit import read_suit

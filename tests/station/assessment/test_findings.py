@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver.muscle import MuscleOutcome
-from solver.redundancy.sequence import FrameOutcome
+from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
 from solver.suit.decision import DecisionRule
 from solver.suit.quantity import Quantity

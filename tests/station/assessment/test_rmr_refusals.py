@@ -13,8 +13,8 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.osim.model_writer import osim_document
+from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import RedundancyOptions
-from solver.redundancy.sequence import FrameOutcome
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
 from station.assessment.rmr import solve_muscles

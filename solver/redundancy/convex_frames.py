@@ -1,0 +1,209 @@
+"""Frames whose effort or muscle forces are not those of the compiled solver: a quadratic program at a point, and a
+sequence of them.
+
+At activations a₀ the forces F of elastic tendons (elastic.py) and the effort Σ w φ(a) of an ActivationCost (effort.py)
+are replaced by their linear and quadratic models,
+
+    minimise  ½ Σ h (a − a₀)² + g (a − a₀) + Σ w r²,   g = w φ',   h = w φ'' − (Mᵀ v) F'',   v the multipliers before
+
+which has the form of reduced_problem.py in a − (a₀ − g / h). Its solution is the next a₀ (sequential quadratic
+programming; Nocedal and Wright, Numerical Optimization, 2006, chapter 18). With rigid tendons the problem is convex and
+its points stay within all constraints along a step, so that a step is shortened until the effort falls, and the
+iteration ends at the least effort.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.errors import SolverCode
+from solver.model import ModelError
+from solver.redundancy.conic import solve_frame_with_clarabel
+from solver.redundancy.effort import Effort
+from solver.redundancy.frames import solve_frames
+from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, FrameSequence
+from solver.redundancy.reduced_problem import ActivationRates, WarmStart
+from solver.redundancy.reduction import Reduction, reduce_frames
+
+Array = NDArray[np.float64]
+
+LEAST_CURVATURE = 0.25  # h over w φ'': of a force that grows with the activation faster than in proportion
+FIRST_GUESS = 0.1
+ITERATIONS = 60
+STEP_GOAL = 1e-8  # of an activation
+EFFORT_GOAL = 1e-15  # of the effort, between its value and the least one of the quadratic program
+SUFFICIENT = 1e-4  # share of the expected decrease that a step must have
+SHORTEST_STEP = 1e-6
+ROUND_OFF = 1e-12  # of the effort; a smaller decrease cannot be seen in it
+UNSOLVED = (FrameOutcome.INFEASIBLE, FrameOutcome.NOT_CONVERGED)
+
+
+class ForcePoint(NamedTuple):
+    """Activations a₀, their forces F, F' and F'' over the greatest isometric ones; all (muscles,)."""
+
+    activations: Array
+    force: Array
+    gain: Array
+    curvature: Array
+
+    @property
+    def force_at_rest(self) -> Array:
+        """The linear force at no activation."""
+        rest: Array = self.force - self.gain * self.activations
+        return rest
+
+
+class FrameStep(NamedTuple):
+    """Activations (muscles,) of the linear problem, its x (controls,) with forces in their place, and its outcome."""
+
+    activations: Array
+    forces: Array
+    outcome: FrameOutcome
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedFrame:
+    """A frame for the compiled solver.
+
+    target  t (m,) of the reduced problem;  multipliers (m,) of the last solution, where the next one starts
+    """
+
+    sequence: FrameSequence
+    effort: Effort
+    reduction: Reduction
+    target: Array
+    multipliers: Array
+
+    def solve(self, point: ForcePoint, bounds: Array) -> FrameStep:
+        """Solve the problem linearised at a point, within bounds (2, muscles)."""
+        muscles, reduction, rise = len(point.gain), self.reduction, self.sequence.rise
+        rows = reduction.rows[0].copy()
+        target = self.target - rows[:, :muscles] @ point.force_at_rest
+        cost, shift, scale = reduction.cost.copy(), np.zeros(len(rise)), 1.0
+        if self.effort.has_quadratic_steps:
+            slope, curvature = self.effort.slopes(point.activations), self.effort.curvatures(point.activations)
+            bent = curvature - (self.multipliers @ rows[:, :muscles]) * point.curvature
+            h = np.maximum(bent, LEAST_CURVATURE * curvature)
+            shift[:muscles] = point.activations - slope / h
+            cost[:muscles] = h
+            if self.effort.cost is not None:
+                scale = 0.5 * h.mean()
+        rows[:, :muscles] *= point.gain
+        widest = self.sequence.widest_activations - shift
+        allowed = widest.copy()
+        allowed[:, :muscles] = bounds - shift[:muscles]
+        unlimited = np.full(len(rise), np.inf)
+        start = WarmStart(allowed[None], self.multipliers[None] / scale)
+        quadratic = reduction._replace(cost=cost / scale, rows=rows[None], effort=reduction.effort * scale)
+        rates = ActivationRates(unlimited, unlimited, widest)
+        found = solve_frames(quadratic, (target - rows @ shift)[None, None], rates, start)
+        self.multipliers[:] = scale * start.multipliers[0]
+        unknowns = found.a[0, 0] + shift
+        activations = unknowns[:muscles].clip(*self.sequence.widest_activations[:, :muscles])
+        unknowns[:muscles] = point.force_at_rest + point.gain * activations
+        forces = reduction.x(unknowns[None, None], scale * found.v, self.sequence.target)[0, 0]
+        return FrameStep(activations, forces, OUTCOME_OF_CODE[found.codes[0, 0]])
+
+
+@dataclass(frozen=True, eq=False)
+class ClarabelFrame:
+    """A frame for Clarabel: the reference, and what the compiled solver cannot reduce."""
+
+    sequence: FrameSequence
+    multipliers: Array
+
+    def solve(self, point: ForcePoint, bounds: Array) -> FrameStep:
+        """As ReducedFrame.solve; the curvature is neglected."""
+        sequence, muscles = self.sequence, len(point.gain)
+        scale, offset = np.ones(len(sequence.weights)), np.zeros(len(sequence.weights))
+        scale[:muscles], offset[:muscles] = point.gain, point.force_at_rest
+        linear = replace(
+            sequence,
+            matrix=sequence.matrix * scale,
+            target=sequence.target - sequence.matrix @ offset,
+            cone_matrix=sequence.cone_matrix * scale,
+            cone_offset=sequence.cone_offset + sequence.cone_matrix @ offset,
+        )
+        lower, upper = linear.widest_bounds()
+        lower[0, :muscles], upper[0, :muscles] = bounds
+        controls, outcomes = solve_frame_with_clarabel(linear, 0, (lower, upper))
+        activations = controls[0, :muscles].clip(0.0, 1.0)
+        return FrameStep(activations, offset + scale * np.r_[activations, controls[0, muscles:]], outcomes[0])
+
+
+def force_frame(
+    sequence: FrameSequence, multipliers: Array, *, is_reference: bool = False
+) -> ReducedFrame | ClarabelFrame:
+    """The problem of a sequence of one frame and scenario whose first controls are muscle forces.
+
+    multipliers  of the frame before, or of another length without one;  is_reference  for Clarabel in any case
+    """
+    reducible = None if is_reference else sequence.reducible()
+    reduction = None if reducible is None else reduce_frames(reducible)
+    if reducible is None or reduction is None:
+        return ClarabelFrame(sequence, multipliers)
+    muscles, rows = len(sequence.rise), reduction.rows.shape[1]
+    weights = np.concatenate([reducible.weights[:muscles], sequence.weights[muscles:]])
+    guess = multipliers if len(multipliers) == rows else np.zeros(rows)
+    target = reduction.targets(sequence.target, sequence.cone_offset)[0, 0]
+    return ReducedFrame(reducible, replace(sequence.effort, weights=weights), reduction, target, guess)
+
+
+class ConvexFrames:
+    """The frames of one scenario with an ActivationCost, each from the solution of the frame before."""
+
+    def __init__(self) -> None:
+        self._guess, self._multipliers = np.zeros(0), np.zeros(0)
+
+    def solve(self, sequence: FrameSequence, bounds: Array) -> tuple[Array, FrameOutcome]:
+        """x (controls,) and outcome of a sequence of one frame and scenario, within bounds (2, muscles).
+
+        Raises ModelError for a problem that only Clarabel solves: it has no other costs than powers.
+        """
+        frame = force_frame(sequence, self._multipliers)
+        if isinstance(frame, ClarabelFrame):
+            raise ModelError(
+                "a cost function of activations needs muscles with weights above 0, actuators with two limits or none, "
+                "and free actuators that the motion determines, and the problem has others; change weights or limits",
+                SolverCode.UNSUPPORTED,
+            )
+        muscles = len(sequence.rise)
+        guess = self._guess if len(self._guess) == muscles else np.full(muscles, FIRST_GUESS)
+        found = _least_effort(frame, guess.clip(*bounds), bounds)
+        self._guess, self._multipliers = found.activations, frame.multipliers
+        return found.forces, found.outcome
+
+
+def _least_effort(frame: ReducedFrame, guess: Array, bounds: Array) -> FrameStep:
+    """Solve quadratic programs from a guess (muscles,), which need not satisfy the constraints."""
+    effort, muscles = frame.effort, len(guess)
+    a, x, value = guess, np.zeros(0), np.inf
+    for _ in range(ITERATIONS):
+        curvature = effort.curvatures(a)
+        found = frame.solve(ForcePoint(a, a, np.ones(muscles), np.zeros(muscles)), bounds)
+        if found.outcome in UNSOLVED:
+            return found
+        change = found.activations - a
+        decrease = float(curvature @ change**2)
+        if np.abs(change).max() <= STEP_GOAL or decrease <= EFFORT_GOAL * value < np.inf:
+            return found
+        x, value = _shortened(effort, x, value, found.forces, decrease)
+        a = x[:muscles].clip(*bounds)
+    return found._replace(outcome=FrameOutcome.NOT_CONVERGED)
+
+
+def _shortened(effort: Effort, x: Array, value: float, end: Array, decrease: float) -> tuple[Array, float]:
+    """The point on the way from x, with this effort, to the end at which the effort has fallen enough, and its effort.
+    Without an x it is the end.
+    """
+    ahead, share = float(effort.terms(end).sum()), 1.0
+    if decrease <= ROUND_OFF * value < np.inf:
+        return end, ahead
+    while ahead > value - SUFFICIENT * share * decrease and share > SHORTEST_STEP:
+        share *= 0.5
+        ahead = float(effort.terms(x + share * (end - x)).sum())
+    return (end if share == 1.0 else x + share * (end - x)), ahead
