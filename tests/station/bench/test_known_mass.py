@@ -41,7 +41,7 @@ class _Loaded(FakeDaq):
         for item in items:
             if getattr(item, "stream", "") == "/force":
                 noise = np.random.default_rng(len(item.values)).standard_normal(item.values.shape)
-                item.values[:] = (self.newtons + 0.1 * noise) / NEWTONS_PER_VOLT
+                item.values[:] = (self.newtons + 0.02 * noise) / NEWTONS_PER_VOLT
         return items
 
 
