@@ -286,7 +286,7 @@ TRIAL_NOTES: Templates = {
         "the load falls by {fall_n:.1f} N where {mass_kg:g} kg ({weight_n:.1f} N) and more are to be added; set "
         "load_cell.polarity to the other sign, or begin with the bare hook"
     ),
-    TrialNoteCode.NO_WEIGHT: ("no load of protocol.step_masses_kg was added, the first being {weight_n:.1f} N"),
+    TrialNoteCode.NO_WEIGHT: ("no load step of the plan was added, the first being {weight_n:.1f} N"),
     TrialNoteCode.WEIGHT_GAIN: (
         "the load rises by {rise_n:.1f} N where {mass_kg:g} kg ({weight_n:.1f} N) are added, {gain:.4f} ± "
         "{standard_error:.4f} times as much, {mistake}; correct the configuration or protocol.step_masses_kg"
@@ -300,7 +300,7 @@ TRIAL_NOTES: Templates = {
         "the load held from {start_s:.1f} s on is {found_n:.1f} N above the hook, expected {expected_n:.1f} N "
         "({count:.0f} weights); correct the weights or the step's time in protocol.toml"
     ),
-    TrialNoteCode.FEW_WEIGHTS: "{count:.0f} of {total:.0f} weights of protocol.step_masses_kg were added",
+    TrialNoteCode.FEW_WEIGHTS: "{count:.0f} of {total:.0f} weights of the plan were added",
     TrialNoteCode.ONE_BRANCH: (
         "all weights are removed at once: from a single unloading branch, slip and friction cannot be distinguished; "
         "remove them one by one"

@@ -23,8 +23,8 @@ def show_bench(checker: BenchChecker, actions: Actions) -> None:
     ui.label("Bench").classes("heading")
     verdict = ui.row().classes("items-center no-wrap gap-2").props("role=status")
     rows = ui.column().classes("gap-1 w-full")
-    with ui.row().classes("items-center gap-3"):
-        mass = ui.input("Known mass on the cell [kg]").props("inputmode=decimal").mark("known-mass")
+    with ui.row().classes("items-center gap-3 w-full no-wrap"):
+        mass = ui.input("Known mass on the cell [kg]").props("inputmode=decimal").classes("grow").mark("known-mass")
         ui.button("Read it", on_click=lambda: actions.run(lambda: checker.read_mass(_mass_of(mass.value)))).props(
             "outline"
         ).classes("small")

@@ -46,7 +46,7 @@ def line(colour: str = FORCE, **more: Any) -> dict[str, Any]:
 
 
 def zoomed_by_wheel(**axes: Any) -> dict[str, Any]:
-    """Wheel and drag move and scale the axes; a double click shows all again (style of ECharts' data zoom)."""
+    """Wheel and drag move and scale the axes; a double click shows all again (freshness.js)."""
     return {"type": "inside", "filterMode": "none", **axes}
 
 
@@ -55,7 +55,7 @@ def marks_at(marks: Mapping[int, float], names: Mapping[int, str]) -> dict[str, 
     lines = [
         {"xAxis": round(at, 3), "name": f"{number} {names.get(number, '')}".strip()} for number, at in marks.items()
     ]
-    label = {"formatter": "{b}", "fontSize": 16, "color": INK}
+    label = {"formatter": "{b}", "fontSize": 16, "color": INK, "position": "insideEndTop"}
     return {"symbol": "none", "animation": False, "label": label, "lineStyle": {"color": INK}, "data": lines}
 
 

@@ -81,6 +81,11 @@ window.station = (() => {
     event.stopImmediatePropagation();
     event.preventDefault();
   }, true);
+  window.addEventListener("dblclick", (event) => { // shows all of a zoomed chart again
+    const chart = getElement(Number(event.target.closest(".nicegui-echart")?.id.slice(1)))?.chart;
+    const batch = chart?.getOption().dataZoom.map((_, dataZoomIndex) => ({ dataZoomIndex, start: 0, end: 100 }));
+    if (batch) chart.dispatchAction({ type: "dataZoom", batch });
+  });
   document.addEventListener("DOMContentLoaded", build);
 
   return {

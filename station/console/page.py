@@ -59,18 +59,18 @@ class _Page:
                     self._subtitle = ui.label().classes("subtitle").mark("subtitle")
             with ui.row().classes("items-center no-wrap shrink-0"):
                 ui.label().classes("age").mark("age")
-                self._sound = ui.switch("sound").props("dark color=orange").mark("sound")
+                self._sound = ui.switch("sound").props("dark color=orange").classes("aside").mark("sound")
                 self._sound.tooltip("a tone and the spoken instruction of every new step; an alarm sounds in any case")
                 live = (
                     ui.button(icon="accessibility_new")
                     .props('flat color=white aria-label="live muscles"')
-                    .classes("small")
+                    .classes("small aside")
                 )
                 live.on("click", js_handler=f"() => window.open('{LIVE_PATH}', 'live')")
                 live.tooltip("muscle effort while the wearer moves, on a page of its own")
-                ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').classes("small").on(
-                    "click", js_handler="() => Quasar.Dark.toggle()"
-                )
+                ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').classes(
+                    "small aside"
+                ).on("click", js_handler="() => Quasar.Dark.toggle()")
         with ui.footer():
             self._refusal = ui.row().classes("refusal items-center").props("role=alert").mark("refusal")
             with self._refusal:
@@ -205,5 +205,5 @@ def titles_of(controller: SessionController) -> tuple[str, str]:
     spec = controller.runner.live.spec
     number = 1 + next((n for n, trial in enumerate(plan.trials) if trial.title == spec.title), 0)
     repeats = f" of {setup.repeats}" if spec.cuff is not None else ""
-    left = f"about {controller.session.minutes_left} min left"
+    left = f"{controller.session.minutes_left} min left"
     return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {session} · {left}"

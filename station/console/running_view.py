@@ -60,7 +60,8 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
     actions.add("Stop", "s", lambda: _stop(controller, live, actions), kind="danger", asks=True)
     actions.add("Mark", "m", receipt.mark, kind="main").classes("mark-button")
     actions.add("Tare", "z", controller.runner.tare)
-    actions.add("Pause the charts", "p", _toggle_pause, mark="pause")
+    pause = actions.add("Pause the charts", "p", _toggle_pause, mark="pause")
+    pause.tooltip("the wheel zooms a chart, with Shift it scales it, a drag moves it, a double click shows all")
     silence = actions.add(
         "Silence the alarm", "i", controller.runner.acknowledge_alarm, kind="danger", mark="alarm-seen"
     )

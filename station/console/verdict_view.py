@@ -15,6 +15,7 @@ from station.journal import Recorded
 from station.journal_lines import Choice
 from station.messages.codes import VerdictCode
 from station.messages.message import Message, join_sentences
+from station.protocol import describe_trial
 from station.session.controller import SessionController
 from station.session.judgement import MISSING, Judgement
 from station.session.plan_status import redo_loses_migration
@@ -28,7 +29,9 @@ def show(controller: SessionController, recorded: Recorded, actions: Actions) ->
     if judgement is None or judgement.file != recorded.file:
         with ui.row().classes("items-center"):
             ui.spinner(size="3rem")
-            ui.label(f"{'checking' if recorded.cuff is None else 'fitting'} {recorded.file}").classes("cue")
+            work = "checking" if recorded.cuff is None else "fitting"
+            title = describe_trial(recorded.cuff, recorded.test, recorded.repeat, recorded.condition)
+            ui.label(f"{work} {title}").classes("cue")
         return
     _headline(judgement)
     with ui.element("div").classes("verdict"):
@@ -56,13 +59,15 @@ def _headline(judgement: Judgement) -> None:
 
 
 def _figures(judgement: Judgement) -> None:
+    """Table of the quantities; columns and rows without a figure are left out."""
     headings = {"quantity": "", "this": "this trial (95 %)" if judgement.figures else "this trial"}
-    if any((row.earlier, row.so_far) != (MISSING, MISSING) for row in judgement.rows):
+    if any(row.earlier != MISSING for row in judgement.rows):
         headings |= {"earlier": "earlier repeats", "so_far": "donning so far (95 %)"}
     columns = [{"name": name, "label": label, "field": name, "align": "left"} for name, label in headings.items()]
     rows = [
-        {name: text.replace(UNBROKEN, " ") for name, text in vars(row).items()}  # a telephone breaks an interval
+        {name: getattr(row, name).replace(UNBROKEN, " ") for name in headings}  # a telephone breaks an interval
         for row in judgement.rows
+        if any(getattr(row, name) != MISSING for name in headings if name != "quantity")
     ]
     if rows:
         ui.table(columns=columns, rows=rows, row_key="quantity").props("flat wrap-cells").classes("text-xl").mark(

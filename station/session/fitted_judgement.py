@@ -38,8 +38,9 @@ SHOWN_POINTS = 400
 QUANTITIES = {
     "stiffness": ("k", 1.0, "N/m", 0),
     "damping": ("c", 1.0, "N s/m", 1),
-    "migration": ("migration", 1e3, "mm", 2),
+    "migration": ("migration", 1e3, "mm", 1),
 }
+"""Symbol, scale, unit and decimals that the measurement bears at most."""
 SI_NAMES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
 
 
@@ -93,8 +94,10 @@ def _judge(folder: Path, file: str, recorded: Recorded | None) -> Judgement:
 
 
 def _led_by_cause(judgement: Judgement, path: Path) -> Judgement:
-    """Replace the reasons to redo a trial by the step at which it ended, where it is that what they follow from."""
-    if not any(reason.code in GENERAL for reason in judgement.reasons):
+    """Replace reasons and doubts by the step at which the trial ended, where they follow from it."""
+    if Verdict.NOT_UNLOADED not in judgement.verdicts and not any(
+        reason.code in GENERAL for reason in judgement.reasons
+    ):
         return judgement
     try:
         cause = find_unfinished(path)
@@ -104,7 +107,8 @@ def _led_by_cause(judgement: Judgement, path: Path) -> Judgement:
         return judgement
     others = tuple(reason for reason in judgement.reasons if reason.code not in GENERAL)
     followed = (*map(str, (reason for reason in judgement.reasons if reason.code in GENERAL)), *judgement.doubts)
-    return replace(judgement, reasons=(cause, *others), notes=(*followed, *judgement.notes), verdicts=())
+    notes = (*followed, *judgement.notes)
+    return replace(judgement, advice="redo", reasons=(cause, *others), notes=notes, verdicts=())
 
 
 def _judge_trial(
@@ -244,16 +248,20 @@ def _open_verdicts(trial: TrialFit, cuff: CuffFit) -> tuple[Verdict, ...]:
 
 def _rows(trial: TrialFit, others: Sequence[TrialFit], cuff: CuffFit) -> list[Row]:
     rows = []
-    for name, (symbol, scale, unit, _) in QUANTITIES.items():
+    for name, (symbol, scale, unit, most) in QUANTITIES.items():
         earlier = [getattr(other, name) for other in others if getattr(other, name) is not None]
-        listed = ", ".join(rounded(scale * estimate.value, digits_of(estimate.ci95, scale)) for estimate in earlier)
-        this, so_far = _text(getattr(trial, name), scale), _text(getattr(cuff, name), scale)
+        listed = ", ".join(
+            rounded(scale * estimate.value, min(most, digits_of(estimate.ci95, scale))) for estimate in earlier
+        )
+        this, so_far = (_text(getattr(fit, name), scale, most) for fit in (trial, cuff))
         rows.append(Row(f"{symbol} [{unit}]", this, listed or MISSING, so_far))
     return rows
 
 
-def _text(estimate: Estimate | None, scale: float) -> str:
-    return MISSING if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
+def _text(estimate: Estimate | None, scale: float, most_digits: int = 9) -> str:
+    if estimate is None:
+        return MISSING
+    return bracketed(estimate.value, estimate.ci95, scale, most_digits, is_limited=True)
 
 
 def _title(recorded: Recorded | None, file: str) -> str:

@@ -67,9 +67,9 @@ def summarise(folder: Path, progress: Progress = silent) -> Summary:
     rows = tuple(
         {
             "cuff": name,
-            "k [N/m]": of_cuff(cuff, "stiffness", _text(cuff.stiffness)),
-            "c [N s/m]": of_cuff(cuff, "damping", _text(cuff.damping)),
-            "migration [mm]": of_cuff(cuff, "migration", _text(cuff.migration, 1e3)),
+            "k [N/m]": of_cuff(cuff, "stiffness", _text(cuff.stiffness, 1.0, 0)),
+            "c [N s/m]": of_cuff(cuff, "damping", _text(cuff.damping, 1.0, 1)),
+            "migration [mm]": of_cuff(cuff, "migration", _text(cuff.migration, 1e3, 1)),
             "verdict": cuff.verdict,
         }
         for name, cuff in ended.fitted.cuffs.items()
@@ -153,5 +153,7 @@ def _code_of(error: Exception) -> str:
     return str(error.reason.code if isinstance(error, CodedError) else getattr(error, "code", ""))
 
 
-def _text(estimate: Estimate | None, scale: float = 1.0) -> str:
-    return "not identified" if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
+def _text(estimate: Estimate | None, scale: float, most_digits: int) -> str:
+    if estimate is None:
+        return "not identified"
+    return bracketed(estimate.value, estimate.ci95, scale, most_digits, is_limited=True)

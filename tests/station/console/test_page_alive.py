@@ -111,6 +111,43 @@ def test_a_page_that_does_not_draw_receives_no_further_updates(browser: Browser,
         stop(other)
 
 
+CHART = "getElement(Number(document.querySelector('.charts .nicegui-echart').id.slice(1))).chart.getOption()"
+LAST_POINT = f"() => {CHART}.series[0].data.at(-1)[0]"
+ZOOMED = f"axis => {{ const {{ start, end }} = {CHART}.dataZoom[axis]; return end - start < 100; }}"
+MARKS = f"() => {CHART}.series[0].markLine.data.map((mark) => mark.name)"
+
+
+def test_charts_show_marks_pause_zoom_and_scale(browser: Browser, tmp_path: Path) -> None:
+    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
+        page = open_page(browser, console.address)
+        updates = picture_updates(page)
+        begin(page)
+        page.keyboard.press("a")
+        runs(page)
+        page.keyboard.press("m")
+        page.keyboard.type("coughed")
+        page.keyboard.press("Enter")
+        until(page, lambda: page.evaluate(MARKS) == ["1 coughed"])
+        page.keyboard.press("p")
+        page.wait_for_function("document.body.classList.contains('paused')")
+        seen_s, so_far = page.evaluate(LAST_POINT), len(updates)
+        until(page, lambda: len(updates) > so_far + 5)
+        assert page.evaluate(LAST_POINT) == seen_s, "paused"
+        page.locator(".charts canvas").first.hover()
+        page.mouse.wheel(0, -300)
+        page.wait_for_function(ZOOMED, arg=0)
+        assert not page.evaluate(ZOOMED, 1)
+        page.keyboard.down("Shift")
+        page.mouse.wheel(0, -300)
+        page.keyboard.up("Shift")
+        page.wait_for_function(ZOOMED, arg=1)
+        page.locator(".charts canvas").first.dblclick()
+        page.wait_for_function(f"() => ![0, 1].some({ZOOMED})")
+        page.keyboard.press("p")
+        until(page, lambda: page.evaluate(LAST_POINT) > seen_s)
+        stop(page)
+
+
 def test_the_markers_are_rotated_by_the_mouse_and_reset(browser: Browser, tmp_path: Path) -> None:
     with ServedConsole(write_config(tmp_path)) as console:
         page = open_page(browser, console.address)
