@@ -58,7 +58,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
     judgement = _judge(folder, file, recorded)
     reasons = tuple(_recorder_reasons(recorded))
     if recorded is None or not reasons:
-        return _led_by_cause(judgement, folder / file) if recorded is not None else judgement
+        return _led_by_cause(judgement, recorded, folder / file) if recorded is not None else judgement
     notes = tuple(note for note in judgement.notes if note not in map(str, reasons))
     details = _details_of_kill(recorded)
     if details is not None:
@@ -93,11 +93,10 @@ def _judge(folder: Path, file: str, recorded: Recorded | None) -> Judgement:
     return _judge_trial(trial, cuff, recorded, fitted.pulls.get(file), marks)
 
 
-def _led_by_cause(judgement: Judgement, path: Path) -> Judgement:
+def _led_by_cause(judgement: Judgement, recorded: Recorded, path: Path) -> Judgement:
     """Replace reasons and doubts by the step at which the trial ended, where they follow from it."""
-    if Verdict.NOT_UNLOADED not in judgement.verdicts and not any(
-        reason.code in GENERAL for reason in judgement.reasons
-    ):
+    is_loaded = recorded.test == "static" and Verdict.NOT_UNLOADED in judgement.verdicts
+    if not is_loaded and not any(reason.code in GENERAL for reason in judgement.reasons):
         return judgement
     try:
         cause = find_unfinished(path)

@@ -107,6 +107,20 @@ def test_a_repeat_that_differs_from_the_earlier_ones_has_its_distance(
     assert judgement.rows[0].earlier == ", ".join([f"{theirs.value:.0f}"] * 2)
 
 
+def test_a_static_trial_that_ended_under_load_says_after_how_many_weights(
+    session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its stiffness is identified, but not its migration."""
+    cuff = replace(fitted.cuffs["hand"], verdicts=(Verdict.NOT_UNLOADED,))
+    monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings={"hand": {cuff.donning: cuff}}))
+    assert judge_recording(session, STATIC).reasons == (), "a whole trial ends unloaded; another one did not"
+    cause = Message(ReasonCode.WEIGHTS_MISSING, {"found": 2, "planned": 5})
+    monkeypatch.setattr("station.session.fitted_judgement.find_unfinished", lambda _: cause)
+    judgement = judge_recording(session, STATIC)
+    assert (judgement.advice, judgement.reasons, judgement.verdicts) == ("redo", (cause,), ())
+    assert judge_recording(session, DYNAMIC).advice == "accept"
+
+
 def test_only_a_checked_recording_without_a_problem_is_good(
     session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
