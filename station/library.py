@@ -68,7 +68,8 @@ def fit_session(folder: File, *, window: Window | None = None) -> SessionFit:
     """Fit every cuff of a session folder by donning, with the decisions of the journal. Raises SessionError.
 
     window: start and end [s after the sync edge] of the part of every trial that is used, or file name → start and end;
-    its trials have a note on it. Raises ValueError for a window outside of the trial.
+    its trials have a note on it. Zero drift and losses are those of the part; the clocks are aligned by the whole
+    capture, and a bounce calibrates as a whole. Raises ValueError for a window outside of the trial.
     """
     folder = Path(folder)
     return fit_session_folder(folder, None, readings=_windowed(pulls_in(folder), window, read_assigned))

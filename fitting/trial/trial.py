@@ -17,7 +17,7 @@ from fitting.trial.bounce import BounceTrial
 from fitting.trial.calibration import Calibration
 from fitting.trial.clocks import LagUncertainty
 from fitting.trial.decimation import decimate
-from fitting.trial.force_quality import require_steady_zero, zero_drift, zero_notes
+from fitting.trial.force_quality import loss_notes, require_steady_zero, zero_drift, zero_notes
 from fitting.trial.sync_certificate import SyncCertificate, certify
 from fitting.trial.timeline import build_timeline
 from recordings.manifest import CuffSite, DataOrigin, Manifest, TestKind
@@ -25,6 +25,8 @@ from recordings.reader import Track
 from recordings.standard_gravity import g
 
 DEFAULT_CUFF_MASS = 0.2
+OF_THE_WHOLE = (TrialNoteCode.ZERO_DRIFT, TrialNoteCode.FORCE_LOST, TrialNoteCode.FRAMES_LOST)
+"""Notes that a part of a trial has anew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,20 +106,54 @@ class Trial(EqualByFields):
 
 
 def within(trial: Trial, start: float, end: float) -> Trial:
-    """The trial from start to end [s] of session time, with a note. Raises ValueError unless that is a part of it."""
+    """The trial from start to end [s] of session time, with a note. Raises ValueError unless that is a part of it.
+
+    Zero drift, losses and their notes are those of the part. The clocks are aligned by the whole capture. The weights
+    are compared, and a zero drift is known, only if the part begins unloaded, as the trial does.
+    """
     if not 0.0 <= start < end <= trial.end:
         found = f"window of {trial.file} is {start:g} to {end:g} s"
         raise ValueError(f"{found}, expected a part of 0 to {trial.end:.1f} s; choose another")
-    force = (trial.force_time >= start) & (trial.force_time <= end)
+    used = (trial.force_time >= start) & (trial.force_time <= end)
     frames = (trial.marker_time >= start) & (trial.marker_time <= end)
+    time, force = trial.force_time[used], trial.force[used]
+    if not time.size or not frames.any():
+        raise ValueError(f"window of {trial.file} holds no samples, expected force and markers; choose a longer one")
+    is_unloaded = _begins_unloaded(trial, time, force)
+    drift = zero_drift(time, force) if is_unloaded else None
+    gaps = [_clipped(of_stream, start, end) for of_stream in (trial.force_gaps, trial.frame_gaps)]
+    kept = tuple(note for note in trial.notes if note.code not in OF_THE_WHOLE)
     return replace(
         trial,
-        force_time=trial.force_time[force],
-        force=trial.force[force],
+        force_time=time,
+        force=force,
         marker_time=trial.marker_time[frames],
         markers=trial.markers[frames],
-        notes=(*trial.notes, Note(TrialNoteCode.WINDOW, {"start_s": start, "end_s": end})),
+        zero_drift=drift,
+        step_masses=trial.step_masses if is_unloaded else (),
+        step_times=trial.step_times and tuple(step for step in trial.step_times if start < step < end),
+        force_gaps=gaps[0],
+        frame_gaps=gaps[1],
+        notes=(
+            *kept,
+            *loss_notes(*gaps),
+            *zero_notes(drift, float(np.ptp(force))),
+            Note(TrialNoteCode.WINDOW, {"start_s": start, "end_s": end}),
+        ),
     )
+
+
+def _clipped(gaps: Sequence[tuple[float, float]], start: float, end: float) -> tuple[tuple[float, float], ...]:
+    """The parts of gaps within start and end."""
+    parts = ((max(first, start), min(last, end)) for first, last in gaps)
+    return tuple((first, last) for first, last in parts if first < last)
+
+
+def _begins_unloaded(trial: Trial, time: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
+    """Whether the first second of a part has the force of that of the trial, within half of any weight."""
+    before = trial.force[trial.force_time < trial.force_time[0] + 1.0].mean()
+    limit = min([0.125 * float(np.ptp(trial.force)), *(0.5 * g * mass for mass in trial.step_masses)])
+    return abs(float(force[time < time[0] + 1.0].mean() - before)) < limit
 
 
 @dataclass(frozen=True)

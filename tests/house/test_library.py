@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from matplotlib.figure import Figure
 import cuffstation as cs
 from documents.interval import plus_minus
 from fitting.results.codes import NoteCode, TrialNoteCode
+from fitting.trial.trial import within
 from solver.errors import SolverCode
 from station.fit import SessionError
 from station.messages.setup_codes import FolderCode
@@ -294,6 +296,24 @@ def test_a_window_limits_the_samples_of_a_trial_and_is_noted(session: Path) -> N
     for window in ({"other.mcap": (0.0, 1.0)}, {file: (5.0, 4.0)}, {file: (0.0, 1e4)}, (-1.0, 5.0)):
         with pytest.raises(ValueError, match=r"^window .* expected"):
             cs.fit_session(session, window=window)
+
+
+def test_zero_drift_losses_and_weights_are_those_of_the_window(session: Path) -> None:
+    file = "cuff-hand_test-static_run-1.mcap"
+    whole = cs.fit_session(session).pulls[file].pull.trial
+    lossy = replace(whole, force_gaps=((1.0, 2.0), (15.0, 16.0)), step_times=(4.2, 9.1, 14.1), step_masses=(3.5, 3.5))
+    unloaded, loaded = within(lossy, 1.5, whole.end), within(lossy, 8.0, whole.end)
+    assert whole.zero_drift is not None and unloaded.zero_drift == pytest.approx(whole.zero_drift, abs=0.05)
+    assert unloaded.force_gaps == ((1.5, 2.0), (15.0, 16.0)) and loaded.force_gaps == ((15.0, 16.0),)
+    (note,) = [note for note in loaded.notes if note.code is TrialNoteCode.FORCE_LOST]
+    assert note.figures["total_s"] == 1.0
+    assert (unloaded.step_masses, unloaded.step_times) == ((3.5, 3.5), (4.2, 9.1, 14.1))
+    assert (loaded.zero_drift, loaded.step_masses, loaded.step_times) == (None, (), (9.1, 14.1))
+    assert loaded.sync == whole.sync, "the clocks are aligned by the whole capture"
+    with pytest.raises(ValueError, match="expected force and markers"):
+        within(whole, 1.0, 1.0001)
+    part = cs.fit_session(session, window={file: (0.0, 0.5 * whole.end)}).cuffs["hand"]
+    assert part.migration is None, "the load is on at the end"
 
 
 def test_a_report_and_the_html_of_a_fit_state_its_figures(fitted: cs.SessionFit) -> None:
