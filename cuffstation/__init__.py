@@ -8,7 +8,8 @@
 The functions below, the types of their results and the roots of their exceptions follow semantic versioning;
 everything else may change. Units are SI from a trial on; a recording keeps the unit of its device in Stream.unit.
 
-A name is imported at its first use (PEP 562), so that reading a recording loads neither SciPy nor the solver.
+A name is imported at its first use (PEP 562), so that reading a recording loads neither SciPy nor the solver. A file of
+the user in the place of one of our packages is named then.
 """
 
 from __future__ import annotations
@@ -115,8 +116,6 @@ def _ensure_own_packages() -> None:
             )
 
 
-_ensure_own_packages()
-
 if not TYPE_CHECKING:  # else a type checker accepts any name
 
     def __getattr__(name: str) -> object:
@@ -125,6 +124,7 @@ if not TYPE_CHECKING:  # else a type checker accepts any name
 
             value: object = version("cuffstation")
         elif name in _MODULES:
+            _ensure_own_packages()
             value = getattr(import_module(_MODULES[name]), name)
         else:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

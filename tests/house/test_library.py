@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import inspect
+import os
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +23,10 @@ from solver.errors import SolverCode
 from station.fit import SessionError
 from station.messages.setup_codes import FolderCode
 from tests.station.refusals import raises_refusal
+from tests.timeout import scaled_timeout
+
+ROOT = Path(__file__).parents[2]
+PLUGIN = "cuffstation.pytest_plugin"
 
 FUNCTIONS = {
     "assess",
@@ -370,3 +376,26 @@ def test_a_file_of_the_user_with_the_name_of_a_package_is_named(
         cs._ensure_own_packages()
     assert (refused.value.name, refused.value.path) == (name, str(file))
     assert str(file) in str(refused.value)
+
+
+def test_a_file_in_the_place_of_one_of_our_packages_is_named_and_tests_of_its_project_run(tmp_path: Path) -> None:
+    """pytest loads our plugin in every project of an environment, also where drivers.py is the project's own."""
+    (tmp_path / "drivers.py").write_text("ANSWER = 42\n", encoding="utf-8")
+    (tmp_path / "test_mine.py").write_text(
+        "import drivers\n\ndef test_mine():\n    assert drivers.ANSWER == 42\n\n"
+        "def test_bench(simulated_bench):\n    pass\n",
+        encoding="utf-8",
+    )
+    for command in (["-c", "import cuffstation as cs; cs.fit_session"], ["-m", "pytest", "-q", "-p", PLUGIN]):
+        ran = subprocess.run(  # noqa: S603
+            [sys.executable, *command],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=scaled_timeout(60),
+            env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": str(ROOT)},
+        )
+        found = f"own package drivers, and Python finds {tmp_path / 'drivers.py'} in its place"
+        assert ran.returncode == 1 and found in ran.stdout + ran.stderr, ran.stdout + ran.stderr
+    assert "1 passed, 1 error" in ran.stdout

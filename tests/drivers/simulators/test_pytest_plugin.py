@@ -23,7 +23,7 @@ pytest_plugins = ["pytester"]
 
 def test_the_package_registers_it() -> None:
     (plugin,) = (point for point in entry_points(group="pytest11") if point.name == "cuffstation")
-    assert plugin.value == "drivers.simulators.pytest_plugin"
+    assert plugin.value == "cuffstation.pytest_plugin"
 
 
 def test_the_bench_streams_and_has_the_requested_faults(simulated_bench: Callable[..., Bench]) -> None:
