@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from solver.model import Model as Model
     from solver.motion import Kinematics as Kinematics
     from solver.multibody.joint_reactions import ReactionRequest as ReactionRequest
+    from solver.redundancy.effort import ActivationCost as ActivationCost
     from solver.redundancy.motion_solution import MotionSolution as MotionSolution
     from solver.redundancy.redundancy_options import RedundancyOptions as RedundancyOptions
     from solver.redundancy.redundancy_options import Reserve as Reserve
@@ -60,6 +61,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     __version__: str
 
 _MODULES = {
+    "ActivationCost": "solver.redundancy.effort",
     "Assessment": "solver.suit.assessment",
     "Cuff": "fitting.cuffs.wearable_cuff",
     "CuffFit": "fitting.cuffs.cuff_fit",

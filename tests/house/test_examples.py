@@ -30,6 +30,8 @@ for cuffs in (fit, fit.cuffs, table, table.iloc[0], "cuffs.json", cs.published_c
 figure, axes = plt.subplots()
 same = cs.plot(assessment, ax=axes).get_xlabel()
 png: bytes = cs.plot(fit)._repr_png_()
+cost = cs.ActivationCost(lambda a: a**4, lambda a: 4 * a**3, lambda a: 12 * a**2)
+options = cs.RedundancyOptions(cost=cost)
 """
 
 

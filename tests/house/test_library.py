@@ -45,6 +45,7 @@ FUNCTIONS = {
     "write_cuffs",
 }
 TYPES = {
+    "ActivationCost",
     "Assessment",
     "CuffFit",
     "Estimate",
@@ -277,6 +278,22 @@ def test_activations_are_given_in_every_condition_at_the_rest_length_that_is_ask
             assessment.activations(*asked)
     with pytest.raises(cs.SolverError):
         cs.assess(cuffs, model, motion, rest_lengths=[-0.1])
+
+
+def test_a_cost_of_the_users_own_is_that_of_the_assessment(fitted: cs.SessionFit) -> None:
+    """Squares as a function have the figures of the built-in squares; another cost has others."""
+    squares = cs.ActivationCost(lambda a: a**2, lambda a: 2 * a, lambda a: 2 + 0 * a)
+    quartic = cs.ActivationCost(lambda a: a**4, lambda a: 4 * a**3, lambda a: 12 * a**2)
+    built_in, own, steeper = (
+        cs.assess(fitted, rest_lengths=[0.66, 0.7, 0.74], people=0, most_frames=4, options=options)
+        .to_dataframe()["effort_at_reference"]
+        .to_numpy()
+        for options in (None, cs.RedundancyOptions(cost=squares), cs.RedundancyOptions(cost=quartic))
+    )
+    np.testing.assert_allclose(own, built_in, rtol=1e-7)
+    assert (steeper < built_in - 0.05).all(), (
+        "a steeper cost weighs the largest activations, which the suit lowers most"
+    )
 
 
 def test_equal_results_are_equal(session: Path) -> None:
