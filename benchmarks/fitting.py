@@ -44,7 +44,7 @@ from tests.fitting.diagnosis.test_diagnosis import DEFECTS
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
 from tests.fitting.laws.test_model_class import STRONG, WEAK, Rig
 from tests.fitting.pulled_in_space import directions, elbow, pulled
-from tests.fitting.swinging import swing
+from tests.fitting.pulls import swing
 
 LAG_SD = 0.5e-3
 Row = tuple[float, ...]

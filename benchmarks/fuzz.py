@@ -13,9 +13,9 @@ import time
 
 import psutil
 
-from tests.drivers import fuzz as wires
-from tests.recordings import fuzz as files
-from tests.station import fuzz as configuration
+from tests.drivers import test_fuzz as wires
+from tests.recordings import test_fuzz as files
+from tests.station.bench import test_fuzz as configuration
 
 
 def main(examples: int) -> None:

@@ -17,7 +17,7 @@ from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from recordings.samples import Event, Item, Loss, Samples
-from tests.drivers.simulated_daq import WIRING
+from tests.drivers.simulated_qtm import WIRING
 from tests.timeout import scaled_timeout
 
 PACE = 10.0  # world seconds of a fault for each second that it lasts on the wall's own bench

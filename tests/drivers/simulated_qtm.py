@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from drivers.device import Device
+from drivers.nidaq import AnalogInput, NiDaq
 from drivers.qualisys import Qualisys
 from drivers.simulators.qtm_server import QualisysSimulator
-from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.settings import DaqClockSettings, settings_from_dict
 from drivers.simulators.world import World
 from recordings.samples import Event, Item
 from tests.drivers.contract import blocks, read_until
@@ -74,3 +75,16 @@ def opened(device: Qualisys) -> Iterator[Qualisys]:
 
 def is_event(item: Item, kind: str) -> bool:
     return isinstance(item, Event) and item.kind == kind
+
+
+# The driver of a DAQ that is wired as the simulated one: force on ai0, sync line on ai1.
+
+
+FORCE, SYNC = AnalogInput("/force", "force", "ai0"), AnalogInput("/sync", "sync", "ai1")
+WIRING: dict[str, Any] = {"device": "Dev1", "inputs": (FORCE, SYNC), "sample_rate_hz": 1000.0}
+EXACT_CLOCK = DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0)
+
+
+def daq(port: int, host_clock: Callable[[], int], **options: Any) -> NiDaq:
+    """Not yet opened."""
+    return NiDaq(host_clock=host_clock, **{**WIRING, "grpc_target": f"127.0.0.1:{port}", **options})

@@ -12,8 +12,7 @@ from drivers.simulators.load_cell_port import SerialLoadCellSimulator
 from drivers.simulators.nidaq_server import NiDaqSimulator
 from recordings.samples import DeviceIdentity
 from tests.drivers.other_qtm import OtherQtm, packet, proper
-from tests.drivers.simulated_daq import daq
-from tests.drivers.simulated_qtm import driver, opened, simulator
+from tests.drivers.simulated_qtm import daq, driver, opened, simulator
 from tests.drivers.stand_in_world import StandInWorld
 
 

@@ -21,7 +21,7 @@ from drivers.simulators.nidaq_server import NiDaqSimulator
 from drivers.simulators.settings import EmgWire
 from recordings.samples import Item, Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, raises_refusal, read_until
-from tests.drivers.simulated_daq import EXACT_CLOCK, SYNC, WIRING, daq
+from tests.drivers.simulated_qtm import EXACT_CLOCK, SYNC, WIRING, daq
 from tests.drivers.stand_in_world import StandInWorld
 from tests.timeout import scaled_timeout
 

@@ -29,7 +29,7 @@ from drivers.simulators.usb6008 import DaqmxError
 from recordings.samples import Event, Item, Loss, Samples
 from tests.drivers.contract import blocks, is_one_sentence, raises_refusal
 from tests.drivers.fault_bench import unaccounted
-from tests.drivers.simulated_daq import daq
+from tests.drivers.simulated_qtm import daq
 from tests.drivers.stand_in_world import StandInWorld
 from tests.drivers.tcp_proxy import TcpProxy
 from tests.links import symlink

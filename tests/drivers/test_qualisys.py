@@ -5,6 +5,8 @@ from __future__ import annotations
 import socket
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +15,12 @@ import pytest
 from drivers import qualisys_connection
 from drivers.device import CaptureControl
 from drivers.errors import DeviceCode
-from recordings.samples import Event, Loss, Samples
+from drivers.qualisys_settings import CaptureNote
+from drivers.qualisys_wire import MarkerBlocks, MarkerFrame
+from drivers.simulators.qtm_server import QualisysSimulator
+from recordings.samples import Event, Item, Loss, Samples
 from tests.drivers.contract import Bench, DeviceContract, blocks, raises_refusal, read_until
-from tests.drivers.other_qtm import DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
+from tests.drivers.other_qtm import COMMAND, DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
 from tests.drivers.simulated_qtm import (
     driver,
     hang_up_on_everyone,
@@ -27,6 +32,7 @@ from tests.drivers.simulated_qtm import (
     values,
     without_events,
 )
+from tests.links import symlink
 
 SWAPPED = PARAMETERS.replace(b">a<", b">x<").replace(b">b<", b">a<").replace(b">x<", b">b<")
 SETTINGS_CHANGED = b"\x0b"
@@ -317,3 +323,134 @@ def test_a_connection_that_breaks_delivers_first_what_had_come() -> None:
         assert numbers(received(device, 2)) == [1, 2]
         with raises_refusal(DeviceCode.DISCONNECTED):
             device.read(5.0)
+
+
+def frames_taken(*numbers_and_times_us: tuple[int, int]) -> list[Item]:
+    blocks = MarkerBlocks(("a",), 100.0, "QTM")
+    blocks.labels = ("a",)
+    for number, timestamp_us in numbers_and_times_us:
+        blocks.add(
+            MarkerFrame(
+                timestamp_us=timestamp_us,
+                number=number,
+                points=np.zeros(4, "<f4").tobytes(),
+                drop_rate=0,
+                out_of_sync_rate=0,
+            ),
+            0,
+        )
+    return blocks.take()
+
+
+def test_frames_that_were_skipped_while_time_passed_are_lost() -> None:
+    (before, loss, after) = frames_taken((7, 60_000), (10, 90_000))
+    assert isinstance(loss, Loss) and (loss.first_missing, loss.count) == (8, 2)
+    assert isinstance(before, Samples) and isinstance(after, Samples)
+
+
+@pytest.mark.parametrize(
+    ("number", "timestamp_us"),
+    [(1, 0), (1, 12_110_000), (6620, 12_120_000), (6620, 500)],
+    ids=["a capture begins", "the same, one clock", "preview goes on behind a capture", "the same, another clock"],
+)
+def test_numbers_that_jump_without_time_have_begun_anew_and_nothing_is_lost(number: int, timestamp_us: int) -> None:
+    items = frames_taken((1211, 12_100_000), (number, timestamp_us))
+    assert [type(item) for item in items] == [Samples, Event, Samples]
+    assert isinstance(items[1], Event) and items[1].kind == "numbering_restarted"
+
+
+def test_what_follows_a_capture_is_counted_anew_even_where_time_jumps_too() -> None:
+    blocks = MarkerBlocks(("a",), 100.0, "QTM")
+    blocks.labels = ("a",)
+    points = np.zeros(4, "<f4").tobytes()
+    told = []
+    for number in (1800, 16878, 16880):
+        frame = MarkerFrame(timestamp_us=10_000 * number, number=number, points=points, drop_rate=0, out_of_sync_rate=0)
+        blocks.add(frame, 0)
+        told += [type(item) for item in blocks.take() if not isinstance(item, Samples)]
+        if number == 1800:
+            blocks.capture_ended()
+    assert told == [Event, Loss], "the jump behind the capture is none, the next one is"
+
+
+# Which capture is the station's own: it ends the one that it left itself, and no other.
+
+
+def noted(path: Path, qtm: QualisysSimulator) -> CaptureNote:
+    """A note by the simulator's own time, which runs faster than the wall."""
+    return CaptureNote(path / "capture", lambda: round(1e9 * qtm._server._world.now()))
+
+
+@contextmanager
+def left_running(qtm: QualisysSimulator, note: CaptureNote) -> Iterator[None]:
+    """A capture whose station was killed."""
+    killed = driver(qtm.port, control="start", capture_note=note)
+    killed.open()
+    killed.start_capture()
+    received(killed, 10)
+    hang_up_on_everyone(qtm)
+    yield
+    killed.close()
+
+
+def test_a_capture_that_a_killed_station_left_running_is_saved_and_blocks_no_other(tmp_path: Path) -> None:
+    with simulator() as qtm, left_running(qtm, noted(tmp_path, qtm)):
+        with opened(driver(qtm.port, control="start", capture_note=noted(tmp_path, qtm))) as device:
+            device.start_capture()
+            assert received(device, 10)
+        assert not qtm.is_controlled
+        assert noted(tmp_path, qtm).age_s is None, "all is saved, and nothing of ours runs"
+
+
+@contextmanager
+def capturing_for_somebody(qtm: QualisysSimulator) -> Iterator[None]:
+    """A person at the mocap PC records; his capture must go on as it was."""
+    began = qtm._server._world.start_capture()
+    with opened(driver(qtm.port)) as onlooker:
+        received(onlooker, 300)
+        yield
+        assert qtm._server._world.capture == began
+
+
+@pytest.mark.parametrize("note_of", [None, "yesterday", "garbage"])
+def test_a_capture_that_a_person_began_is_left_alone_and_reported(tmp_path: Path, note_of: str | None) -> None:
+    with simulator() as qtm, capturing_for_somebody(qtm):
+        note = noted(tmp_path, qtm)
+        if note_of:
+            yesterday_ns = round(1e9 * (qtm._server._world.now() - 86_400))
+            (tmp_path / "capture").write_text(str(yesterday_ns) if note_of == "yesterday" else "soon")
+        device = driver(qtm.port, control="start", capture_note=note)
+        with raises_refusal(DeviceCode.CAPTURE_NOT_OURS):
+            device.open()
+
+
+@pytest.mark.parametrize("state", [b"\x0a", b"\x06"], ids=["waiting for a trigger", "calibrating"])
+def test_a_qtm_that_another_client_uses_is_left_alone(state: bytes) -> None:
+    asked: list[bytes] = []
+
+    def busy(command: bytes) -> bytes:
+        asked.append(command.split()[0].rstrip(b"\0"))
+        answers = {b"takecontrol": packet(COMMAND, b"You are now master\0"), b"getstate": packet(EVENT, state)}
+        return answers.get(asked[-1]) or proper(command)
+
+    with OtherQtm(busy) as qtm, raises_refusal(DeviceCode.CAPTURE_NOT_OURS):
+        driver(qtm.port, control="start").open()
+    assert asked == [b"version", b"qtmversion", b"takecontrol", b"getstate"], "nothing was stopped, saved or made new"
+
+
+def test_a_start_that_qtm_refuses_leaves_no_note(tmp_path: Path) -> None:
+    with simulator() as qtm, opened(driver(qtm.port, control="start", capture_note=noted(tmp_path, qtm))) as device:
+        qtm._server._world.start_capture()
+        with raises_refusal(DeviceCode.REFUSED):
+            device.start_capture()
+        received(device, 10)
+        assert noted(tmp_path, qtm).age_s is None
+
+
+def test_a_note_that_is_a_link_writes_to_no_other_file(tmp_path: Path) -> None:
+    other = tmp_path / "letter.txt"
+    other.write_text("kept")
+    symlink(tmp_path / "note", other)
+    note = CaptureNote(tmp_path / "note", lambda: 5)
+    note.write()
+    assert (other.read_text(), note.age_s) == ("kept", 0.0)

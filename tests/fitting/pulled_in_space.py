@@ -18,7 +18,7 @@ from fitting.trial.clocks import LagUncertainty
 from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import ANCHOR, CUFF
-from tests.fitting.held import wander
+from tests.fitting.pulls import wander
 
 LABELS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4", "cuff_1", "rope_1", "rope_2")
 ROPE = (0.1, 0.6)

@@ -24,7 +24,7 @@ from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounced
 from tests.fitting.experiment import Session, published
 from tests.fitting.pulled_in_space import directions, elbow, pulled
-from tests.fitting.swinging import DAMPING, STIFFNESS, swing
+from tests.fitting.pulls import DAMPING, STIFFNESS, swing
 
 EIV, OUTPUT_ERROR = "fitting.dynamic.errors_in_variables", "fitting.dynamic.cross_checks"
 

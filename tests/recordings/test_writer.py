@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import sys
 import threading
@@ -11,12 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
 
+from recordings import recovery, writer
 from recordings.errors import RecordingCode, WriteFailed
 from recordings.manifest import TrialOutcome
 from recordings.reader import open_recording
+from recordings.recovery import recover
 from recordings.samples import Event, Samples, Stream
-from recordings.writer import RecordingWriter, create_exclusively
+from recordings.writer import BackgroundSync, RecordingWriter, create_exclusively, sync_folder
 from tests.recordings.failing_disks import disk_with_room, write_trial, write_trial_on_disk_that_goes
 from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import (
@@ -373,3 +377,97 @@ def test_a_stream_of_another_name_is_refused(tmp_path: Path) -> None:
     gyroscope = Stream("/gyroscope", "rad/s", ("x",), 100.0, "IMU")
     with raises_refusal(RecordingCode.UNKNOWN_STREAM):
         RecordingWriter(tmp_path / "a.mcap", MANIFEST, [gyroscope])
+
+
+def test_beginning_returns_while_the_disk_is_busy_and_finishing_waits_for_it() -> None:
+    release, done = threading.Event(), list[int]()
+
+    def sync() -> None:
+        assert release.wait(scaled_timeout(20))
+        done.append(1)
+
+    disk = BackgroundSync(sync)
+    disk.begin()
+    assert disk.is_busy and not done
+    release.set()
+    disk.finish()
+    assert not disk.is_busy and len(done) == 2
+
+
+def test_what_one_failed_with_stays() -> None:
+    answers = [OSError("Input/output error"), None]
+
+    def sync() -> None:
+        answer = answers.pop(0)
+        if answer is not None:
+            raise answer
+
+    disk = BackgroundSync(sync, start=lambda work: work())
+    disk.begin()
+    disk.finish()
+    assert str(disk.failure) == "Input/output error"
+
+
+def test_a_folder_that_cannot_be_synced_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def refuse(file: int) -> None:
+        asked.append(file)
+        raise OSError(22, "Invalid argument")
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    sync_folder(tmp_path)
+    sync_folder(tmp_path / "missing")
+    assert len(asked) == (sys.platform != "win32"), "Windows opens no folder"
+    for opened in asked:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(opened)
+
+
+@pytest.mark.parametrize("begun", [True, False], ids=["hangs before the end", "hangs at the end"])
+def test_a_disk_that_hangs_does_not_hold_up_the_end_for_ever(monkeypatch: pytest.MonkeyPatch, begun: bool) -> None:
+    monkeypatch.setattr(writer, "LONGEST_FINISH_S", 0.01)
+    disk = BackgroundSync(lambda: None, start=lambda _: None)
+    if begun:
+        disk.begin()
+    disk.finish()
+    assert not disk.is_busy
+    assert isinstance(disk.failure, TimeoutError) and disk.failure.strerror == "the disk does not answer"
+
+
+# The index of the chunks costs next to no memory while a file is written, and is the package's own in the file.
+
+
+def written(path: Path) -> Path:
+    """Always in the same chunks: no thread decides when the next sync is due."""
+    wall = WallClock()
+    one = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, sync=lambda _: None, background=lambda work: work())
+    for item in trial(20.0):
+        wall.now += 0.05
+        one.write(item)
+    one.close(ACCEPTED)
+    return path
+
+
+def test_the_file_is_what_the_package_would_have_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = written(tmp_path / "ours.mcap")
+    ours_recovered = recover(ours, tmp_path / "ours_recovered.mcap").output
+    for module in (writer, recovery):
+        monkeypatch.setattr(module, "keep_index_encoded", lambda _: None)
+    theirs = written(tmp_path / "theirs.mcap")
+    theirs_recovered = recover(theirs, tmp_path / "theirs_recovered.mcap").output
+    assert ours.read_bytes() == theirs.read_bytes()
+    assert ours_recovered.read_bytes() == theirs_recovered.read_bytes()
+
+
+def test_no_object_is_kept_for_a_chunk(tmp_path: Path) -> None:
+    wall, path = WallClock(), tmp_path / "a.mcap"
+    long_one = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, sync=lambda _: None)
+    gc.collect()  # what other tests have left
+    before = path.stat().st_size
+    for i in range(200):
+        wall.now += 0.2
+        long_one.write(scalars("/force", i * 10, 10))
+    assert path.stat().st_size > before + 200 * 100, "each block is a chunk of its own"
+    assert not [each for each in gc.get_objects() if type(each) is ChunkIndex]
+    long_one.close(ACCEPTED)

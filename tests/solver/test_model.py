@@ -1,9 +1,14 @@
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
 import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
+from solver.coded_findings import describe_codes
 from solver.errors import SolverCode
 from solver.model import GROUND, Body, Marker, with_point_mass
 from solver.multibody.dynamics import equations_of_motion
@@ -51,3 +56,23 @@ def test_a_point_mass_adds_its_kinetic_energy() -> None:
         np.einsum("fi,fij,fj->f", u, equations_of_motion(model, state).mass_matrix, u) / 2 for model in (loaded, MODEL)
     ]
     assert np.allclose(added[0] - added[1], mass * (velocity**2).sum(axis=1) / 2, rtol=1e-12)
+
+
+# The part of a repr that lists the codes of findings.
+
+
+class Code(StrEnum):
+    LENGTH = "rest_length.best"
+    MODEL = "model.left_out"
+
+
+@dataclass(frozen=True)
+class Found:
+    code: Code
+    figures: Mapping[str, float | str] = field(default_factory=dict)
+
+
+def test_a_code_that_several_findings_have_is_listed_once() -> None:
+    found = [Found(Code.LENGTH), Found(Code.MODEL), Found(Code.LENGTH)]
+    assert describe_codes(found) == "; findings: rest_length.best, model.left_out"
+    assert describe_codes([]) == ""

@@ -2,15 +2,16 @@ from __future__ import annotations
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from drivers.simulators.shoulder import published_shoulder
-from recordings.manifest import BodyMarkers, BounceRig, EmgAmplifier
-from station.config import ConfigError, load_config, parse_config
+from recordings.manifest import BodyMarkers, BounceRig, EmgAmplifier, TestKind, TrialCondition
+from station.config import ConfigError, load_config, parse_config, preset_labels
 from station.messages.setup_codes import ConfigCode
-from station.protocol import TrialSpec
+from station.protocol import TrialSpec, published_plan
 from tests.station.refusals import raises_refusal
 
 HAND = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
@@ -161,3 +162,118 @@ def test_the_example_s_sections_for_the_wearer_load_once_they_are_uncommented() 
         *published_shoulder().cord,
     }
     assert list(config.emg.channels) == ["anterior_deltoid", "upper_trapezius"]
+
+
+TABLE = Path(__file__).parents[2] / "station" / "marker_presets.toml"
+BODIES = ["left_arm", "right_arm", "left_forearm", "right_forearm", "torso", "pelvis"]
+
+
+def test_every_body_is_made_of_markers_that_qualisys_lists() -> None:
+    preset = tomllib.loads(TABLE.read_text(encoding="utf-8"))["qualisys_sports"]
+    assert preset["source"].startswith("https://github.com/qualisys/")
+    assert len(preset["markers"]) == len(set(preset["markers"])) == 41
+    assert sorted(set(preset) - {"source", "markers"}) == sorted(BODIES)
+    for body in BODIES:
+        assert set(preset[body]) <= set(preset["markers"]) and len(preset[body]) >= 3
+
+
+def test_left_and_right_mirror_each_other() -> None:
+    for body in ("arm", "forearm"):
+        left, right = (preset_labels(f"qualisys_sports.{side}_{body}") for side in ("left", "right"))
+        assert [label[1:] for label in left] == [label[1:] for label in right]
+
+
+def test_a_preset_gives_the_labels_of_the_anchor_and_of_the_recording() -> None:
+    cuff = {"anchor_preset": "qualisys_sports.left_arm", "label_prefix": "Q_", "cuff_markers": ["strap"]}
+    config = parse_config({"cuffs": {"hand": cuff}}, "test")
+    expected = ("Q_LShoulderTop", "Q_LArm", "Q_LElbowOut", "Q_LElbowIn")
+    assert config.cuff_site("hand").anchor_markers == expected
+    assert parse_config(config.model_dump(), "the effective configuration") == config
+
+
+@pytest.mark.parametrize(
+    ("cuff", "code", "reason"),
+    [
+        (
+            {"anchor_preset": "sports"},
+            ConfigCode.WRONG_VALUE,
+            "'sports' is not a preset, expected one of qualisys_sports.left_arm, ",
+        ),
+        ({"anchor_preset": "qualisys_sports.markers"}, ConfigCode.WRONG_VALUE, "is not a preset"),
+        (
+            {"anchor_preset": "qualisys_sports.torso", "anchor_markers": ["a", "b", "c"]},
+            ConfigCode.WRONG_VALUE,
+            "are both given",
+        ),
+        (
+            {"label_prefix": "Q_", "anchor_markers": ["a", "b", "c"]},
+            ConfigCode.UNKNOWN_KEY,
+            "unknown key cuffs.hand.label_prefix",
+        ),
+    ],
+)
+def test_an_unknown_preset_is_refused(cuff: dict[str, object], code: ConfigCode, reason: str) -> None:
+    with raises_refusal(ConfigError, code) as caught:
+        parse_config({"cuffs": {"hand": {**cuff, "cuff_markers": ["strap"]}}}, "test")
+    assert reason in str(caught.value)
+
+
+def test_the_published_plan_has_24_trials_for_four_cuffs() -> None:
+    plan = list(published_plan(["waist", "hand", "tube", "elbow"], repeats=3))
+    assert len(plan) == 24
+    assert [(t.test, t.repeat) for t in plan[:4]] == [("static", 1), ("dynamic", 1), ("static", 2), ("dynamic", 2)]
+
+
+def test_a_session_may_begin_with_one_bounce_of_no_cuff(tmp_path: Path) -> None:
+    first, second, *_ = published_plan(["waist", "hand"], repeats=1, has_bounce=True)
+    assert (first.cuff, first.test) == (None, "bounce")
+    assert (second.cuff, second.test) == ("waist", "static")
+    assert first.file_name(2) == "test-bounce_run-2.mcap"
+    (tmp_path / first.file_name(1)).touch()
+    assert first.next_free_run(tmp_path) == 2
+
+
+def test_a_rerecording_gets_the_next_number(tmp_path: Path) -> None:
+    spec = TrialSpec("hand", "static", 1)
+    assert spec.next_free_run(tmp_path) == 1
+    (tmp_path / spec.file_name(1)).touch()
+    (tmp_path / spec.file_name(2)).touch()
+    assert spec.next_free_run(tmp_path) == 3
+    assert spec.file_name(3) == "cuff-hand_test-static_run-3.mcap"
+
+
+def test_run_1_does_not_count_as_run_10(tmp_path: Path) -> None:
+    spec = TrialSpec("hand", "static", 1)
+    (tmp_path / spec.file_name(10)).touch()
+    assert spec.next_free_run(tmp_path) == 1
+
+
+def test_the_wearer_s_trials_are_around_the_cuffs_those_without_the_suit_first() -> None:
+    plan = list(published_plan(["hand"], 1, has_bounce=True, conditions=("unsuited", "slack", "tight", "mvc")))
+    assert [(trial.test, trial.condition) for trial in plan] == [
+        ("bounce", None),
+        ("pose", None),
+        ("motion", "unsuited"),
+        ("motion", "mvc"),
+        ("static", None),
+        ("dynamic", None),
+        ("motion", "slack"),
+        ("motion", "tight"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("test", "condition", "name", "file"),
+    [
+        ("pose", None, None, "test-pose_run-1.mcap"),
+        ("motion", "tight", None, "condition-tight_test-motion_run-1.mcap"),
+        ("motion", "slack", "sub-P1_task-{test}_acq-{cuff}_run-{run}", "sub-P1_task-motion_acq-slack_run-1.mcap"),
+        ("pose", None, "sub-P1_task-{test}_acq-{cuff}_run-{run}", "sub-P1_task-pose_run-1.mcap"),
+        ("pose", None, "{cuff}-{test}-{run}", "pose-pose-1.mcap"),
+    ],
+)
+def test_the_condition_of_a_motion_is_in_its_file_name(
+    test: TestKind, condition: TrialCondition | None, name: str | None, file: str
+) -> None:
+    spec = TrialSpec(None, test, 1, condition=condition)
+    assert (replace(spec, name=name) if name else spec).file_name(1) == file

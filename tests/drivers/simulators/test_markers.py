@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.simulators.marker_frames import Camera
-from drivers.simulators.markers import MarkerCloud, Wearer
+from drivers.simulators.markers import MarkerCloud, Wearer, random_wander
 from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.world import World
 
@@ -98,3 +98,26 @@ def test_a_capture_has_no_frame_at_its_end_however_the_end_is_rounded(start: flo
         camera = Camera(bench, start)
         exposed = camera.frames_before(start + frames / 100.0)
         assert exposed is not None and int(exposed.numbers[-1]) == frames
+
+
+LONG_T = np.linspace(0.0, 400.0, 80_001)
+WANDER = random_wander(np.random.default_rng(5), np.array([2.0, 0.0, 0.3]), 0.05, 0.8)
+
+
+def test_it_has_the_standard_deviation_asked_for() -> None:
+    assert WANDER.value(LONG_T).std(axis=0) == pytest.approx([2.0, 0.0, 0.3], rel=0.1, abs=1e-12)
+
+
+def test_its_rate_is_its_derivative_and_the_derivative_of_its_integral_is_it() -> None:
+    value, dt = WANDER.value(LONG_T), LONG_T[1]
+    np.testing.assert_allclose(np.gradient(value, dt, axis=0)[1:-1], WANDER.rate(LONG_T)[1:-1], rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(
+        np.gradient(WANDER.integral(LONG_T), dt, axis=0)[1:-1], value[1:-1], rtol=1e-6, atol=1e-3
+    )
+
+
+def test_projected_it_is_the_projection_of_its_values() -> None:
+    directions = np.array([[1.0], [2.0], [-3.0]])
+    np.testing.assert_allclose(
+        WANDER.along(directions).value(LONG_T), WANDER.value(LONG_T) @ directions, rtol=1e-6, atol=1e-12
+    )

@@ -7,7 +7,8 @@ import pytest
 from scipy.linalg import expm
 
 from drivers.simulators.errors import SimulatorCode
-from drivers.simulators.shoulder import SEGMENTS, RaisedPosture, Screw, published_shoulder
+from drivers.simulators.shoulder import SEGMENTS, Screw, published_shoulder
+from drivers.simulators.wearer import RaisedPosture
 from tests.conftest import SHARED
 from tests.drivers.simulators.refusals import raises_refusal
 

@@ -30,7 +30,7 @@ from drivers.simulators.world import World
 from recordings.samples import Event, Item, Loss
 from tests.drivers.contract import blocks, read_until
 from tests.drivers.fault_bench import unaccounted
-from tests.drivers.simulated_daq import WIRING, daq
+from tests.drivers.simulated_qtm import WIRING, daq
 from tests.timeout import scaled_timeout
 
 SPEED = 30.0

@@ -14,7 +14,7 @@ from fitting.dynamic.swing import Swing
 from fitting.dynamic.weak_form import complex_stiffness, fit_lines, tapered_lines
 from fitting.results.codes import TrialNoteCode
 from fitting.results.outcome import FitOutcome
-from tests.fitting.swinging import DAMPING, MASS, STIFFNESS, swing
+from tests.fitting.pulls import DAMPING, MASS, STIFFNESS, swing
 
 
 def _checked(record: Swing) -> tuple[Solution, Checks]:

@@ -21,9 +21,8 @@ from fitting.trial.trial import Trial, build_trial
 from fitting.uncertainty import normal_estimate
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import Session, published
-from tests.fitting.pulls import pull_of
+from tests.fitting.pulls import MASS, pull_of, swing
 from tests.fitting.refusals import figures_by_code, raises_refusal
-from tests.fitting.swinging import MASS, swing
 
 K, C = 2140.0, 124.0
 

@@ -21,8 +21,7 @@ from fitting.study.information import (
 )
 from fitting.study.measurements import Observation
 from fitting.study.power import ExpectedSpread, difference_error, paired_power
-from tests.fitting.held import Held, static_trial
-from tests.fitting.swinging import DAMPING, MASS, STIFFNESS, swing
+from tests.fitting.pulls import DAMPING, MASS, STIFFNESS, Held, static_trial, swing
 
 
 @pytest.mark.parametrize("frequency", [0.7, 1.5])

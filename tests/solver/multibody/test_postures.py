@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
-from solver.model import GROUND, NO_COORDINATE, AxisMotion, Model
+from solver.model import GROUND, NO_COORDINATE, AxisMotion, Model, with_point_mass
+from solver.motion import decimate, differentiate
+from solver.multibody.loads import ExternalForce, LoadWrenches, load_wrenches, on_all_bodies
 from solver.multibody.postures import (
     Postures,
     jacobians,
@@ -20,7 +22,17 @@ from solver.multibody.postures import (
     rates_of_coordinates,
     speeds_from_rates,
 )
-from solver.multibody.rotations import rotate, skew_matrix
+from solver.multibody.rotations import (
+    angular_rates_matrix,
+    rotate,
+    rotation_about,
+    rotation_body_fixed_xyz,
+    skew_matrix,
+    wrench_about_origin,
+)
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion_solution import solve_motion
+from solver.redundancy.redundancy_options import RedundancyOptions
 from tests.solver.linkage import linkage
 from tests.solver.refusals import raises_refusal
 
@@ -132,3 +144,103 @@ def test_the_scapula_keeps_to_its_ellipsoid() -> None:
 def test_coordinates_of_the_wrong_number_are_refused() -> None:
     with raises_refusal(SolverCode.WRONG_SHAPE, naming="(6, 16)"):
         postures(MODEL, Q[:, :16], Q)
+
+
+RANDOM_TURNS = np.random.default_rng(5)
+ANGLES = RANDOM_TURNS.uniform(-1.4, 1.4, size=(20, 3))
+
+
+def test_a_rotation_keeps_lengths_and_its_axis() -> None:
+    axis = np.array([0.6, 0.0, -0.8])
+    turned = rotation_about(axis, ANGLES[:, 0])
+    assert np.allclose(turned @ np.swapaxes(turned, 1, 2), np.eye(3), atol=1e-15)
+    assert np.allclose(turned @ axis, axis, atol=1e-15)
+
+
+def test_a_quarter_turn_about_z_takes_x_to_y() -> None:
+    assert np.allclose(rotation_about((0.0, 0.0, 1.0), np.pi / 2) @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
+
+
+def test_body_fixed_angles_turn_about_the_axes_already_turned() -> None:
+    angles = (0.3, -0.7, 1.1)
+    first = rotation_about((1.0, 0.0, 0.0), angles[0])
+    second = rotation_about(first @ [0.0, 1.0, 0.0], angles[1])
+    third = rotation_about(second @ first @ [0.0, 0.0, 1.0], angles[2])
+    assert np.allclose(rotation_body_fixed_xyz(angles), third @ second @ first, atol=1e-15)
+
+
+def test_angular_rates_are_the_derivative_of_the_rotation() -> None:
+    rates, step = RANDOM_TURNS.normal(size=ANGLES.shape), 1e-6
+    forward, backward = rotation_body_fixed_xyz(ANGLES + step * rates), rotation_body_fixed_xyz(ANGLES - step * rates)
+    spin = (forward - backward) / (2 * step) @ np.swapaxes(rotation_body_fixed_xyz(ANGLES), 1, 2)
+    assert np.allclose(skew_matrix(rotate(angular_rates_matrix(ANGLES), rates)), spin, atol=1e-9)
+
+
+def test_a_force_at_a_point_has_its_lever_about_the_origin() -> None:
+    wrench = wrench_about_origin(np.array([[0.0, 2.0, 0.0]]), np.array([[3.0, 0.0, 0.0]]))
+    assert np.allclose(wrench, [[0.0, 0.0, -6.0, 3.0, 0.0, 0.0]])
+
+
+# Loads from outside: wrenches by hand, and what they cost the muscles.
+
+
+HAND, THORAX = MODEL.body_index("hand"), MODEL.body_index("thorax")
+TIME = np.linspace(0.0, 1.0, 5)
+LOADS_RANDOM = np.random.default_rng(31)
+SPARSE = LoadWrenches(
+    LOADS_RANDOM.normal(size=(4, 5, 6)), np.array([0, 0, 1, 2, 2]), np.array([1, 3, 0, 3, 2]), loads=3, bodies=4
+)
+
+
+def still(frames: int) -> np.ndarray:
+    return np.tile(MODEL.default_coordinates, (frames, 1))
+
+
+def test_a_load_is_a_wrench_about_the_grounds_origin() -> None:
+    state = postures(MODEL, still(2), still(2))
+    force, torque, point = (np.tile(row, (2, 1)) for row in ([1.0, 2, 3], [0.1, 0.2, 0.3], [0.4, 0.5, 0.6]))
+    (wrench, _) = load_wrenches([ExternalForce("pull", HAND, 0, force, torque, 0, point)], state)
+    np.testing.assert_allclose(wrench[HAND, 3:], [1, 2, 3])
+    np.testing.assert_allclose(wrench[HAND, :3], np.cross(point[0], force[0]) + torque[0])
+    assert not np.delete(wrench, HAND, axis=0).any()
+
+
+def test_a_weight_hung_on_the_hand_is_as_dear_as_one_that_the_model_carries() -> None:
+    # slowly: the weight's inertia, which a force has not, hardly counts
+    motion = decimate(differentiate(simulate_arm_raise(MODEL)), 40)
+    frames, place = len(motion.time), MODEL.bodies[HAND].mass_center
+    pull = np.tile(2.0 * MODEL.gravity, (frames, 1))
+    hung = ExternalForce("weight", HAND, 0, pull, 0 * pull, HAND, np.tile(place, (frames, 1)))
+    carried = solve_motion(with_point_mass(MODEL, "hand", 2.0, place), motion)
+    found, bare = solve_motion(MODEL, motion, loads=[hung]), solve_motion(MODEL, motion)
+    assert np.abs(found.activations - carried.activations).mean() < 0.01
+    assert carried.effort.sum() > 1.5 * bare.effort.sum()
+    assert found.effort.sum() == pytest.approx(carried.effort.sum(), rel=0.1)
+
+
+def test_loads_that_cancel_change_nothing() -> None:
+    motion = decimate(differentiate(simulate_arm_raise(MODEL)), 100)
+    pull = np.tile([30.0, -20.0, 10.0], (len(motion.time), 1))
+    pair = [ExternalForce(name, THORAX, 0, sign * pull, 0 * pull, 0, 0 * pull) for name, sign in (("a", 1), ("b", -1))]
+    options = RedundancyOptions()
+    loaded, bare = solve_motion(MODEL, motion, options, loads=pair), solve_motion(MODEL, motion, options)
+    np.testing.assert_allclose(loaded.activations, bare.activations, atol=1e-9)
+
+
+def test_a_dense_array_has_each_wrench_in_its_place_and_zeros_elsewhere() -> None:
+    dense = SPARSE.dense()
+    assert dense.shape == (4, 3, 4, 6)
+    for k, (load, body) in enumerate(zip(SPARSE.load, SPARSE.body, strict=True)):
+        assert np.array_equal(dense[:, load, body], SPARSE.values[:, k])
+    assert np.count_nonzero(dense) == SPARSE.values.size
+
+
+def test_the_total_is_that_of_the_dense_array() -> None:
+    factors = LOADS_RANDOM.normal(size=(4, 3))
+    expected = np.einsum("fl,flbi->fbi", factors, SPARSE.dense())
+    assert np.allclose(SPARSE.total(factors), expected, rtol=0, atol=1e-14)
+
+
+def test_a_dense_array_comes_back_as_it_was() -> None:
+    dense = LOADS_RANDOM.normal(size=(2, 3, 4, 6))
+    assert np.array_equal(on_all_bodies(dense).dense(), dense)

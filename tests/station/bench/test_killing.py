@@ -13,11 +13,13 @@ from drivers.simulators.simulated_bench import Bench
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench.bench_clock import BenchClock
+from station.bench.simulation import SimulatedBench, practice_settings
 from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
-from station.config import StationConfig, parse_config
+from station.config import StationConfig, load_config, parse_config
 from station.protocol import TrialSpec
 from tests.drivers.tcp_proxy import TcpProxy
+from tests.station.console.served import write_config
 from tests.station.killing import DAEMONS, LOSS_BOUND_S, KillBench, ensure_contiguous, ensure_recovered
 from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 from tests.timeout import scaled_timeout
@@ -128,3 +130,38 @@ def test_a_capture_of_another_session_is_reported_and_not_stopped(tmp_path: Path
             code = recorder.end()["code"]
     assert code == DeviceCode.CAPTURE_NOT_OURS
     assert not list((folder / "ours").glob("*.mcap"))
+
+
+# A simulated bench stays for the trial that is recorded when its console ends, as a real one does.
+
+
+SPEED = 12.0
+
+
+def kill(bench: SimulatedBench) -> None:
+    """What remains of the console: the end of its pipe."""
+    assert bench._child is not None
+    bench._child.leave()
+    bench._child = None
+
+
+@pytest.mark.parametrize("end", [kill, SimulatedBench.close], ids=["killed", "closed"])
+def test_a_trial_is_recorded_to_its_end_when_the_console_ends(
+    tmp_path: Path, end: Callable[[SimulatedBench], None]
+) -> None:
+    folder = tmp_path / "simulated"
+    folder.mkdir()
+    config = load_config(write_config(folder, swing_s=8.0))
+    with SimulatedBench(practice_settings(config), SPEED, 3, outlives=True) as bench:
+        bench.request({"don": "hand"})
+        bench.request({"trial": {"cuff": "hand", "test": "dynamic"}})
+        assert bench._child is not None
+        process = bench._child.process
+        pointed, port = bench.configure(config), bench.clock_port
+        with Recorder(pointed, folder / "session", port) as recorder:
+            recorder.until(has_recorded(1.0))
+            recorder.let_go()
+            end(bench)
+            result = recorder.end()
+        assert result["result"]["accepted"], result
+    assert process.wait(scaled_timeout(60.0)) == 0, "alone, the bench ends"

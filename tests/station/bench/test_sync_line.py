@@ -1,12 +1,17 @@
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from drivers.simulators.faults import FAULTS
 from recordings.samples import Samples
 from station.bench.sync_line import Edge, SyncLine, wrong_polarity
 from station.messages.codes import TrialCode
 from station.messages.message import Message
+from tests.station.sync_faults import CASES, Case, suffer
 
 MILLISECOND = 1_000_000  # ns between two samples
 THRESHOLD = 2.5
@@ -88,3 +93,20 @@ def test_a_missing_edge_is_reported_with_what_the_line_did(
 
 def test_a_falling_edge_in_place_of_a_rising_one_is_reported_with_its_levels() -> None:
     assert wrong_polarity(FELL) == Message(TrialCode.WRONG_POLARITY, {"from_v": 4.9, "to_v": 0.1})
+
+
+# Every fault of the sync line, through the real wires: who tells it, and what becomes of the trial.
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_a_fault_of_the_sync_line_is_reported_by_recorder_or_certificate(case: Case, tmp_path: Path) -> None:
+    suffered = suffer(case, tmp_path)
+    assert suffered.result.accepted is case.accepted, suffered.result.sentence
+    assert re.search(case.words, suffered.words), suffered.words
+    kinds = {"sync_glitch", "sync_double_edge", "no_stop_edge"} & {event.kind for event in suffered.events}
+    assert kinds == ({case.event} if case.event else set())
+    assert (suffered.result.path is None) is (case.fault == "wrong_polarity"), "nothing of an inverted line is kept"
+
+
+def test_every_fault_of_the_sync_line_has_a_test_case() -> None:
+    assert {case.fault for case in CASES} == set(FAULTS["sync"])

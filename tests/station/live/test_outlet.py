@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import hashlib
+import shutil
 from pathlib import Path
+from threading import Event
 
 import pytest
 
-from station.config import LiveSection
+from recordings.live_result import read_live_result
+from recordings.samples import Samples
+from recordings.topics import MARKERS
+from station.bench.view import Snapshot, TrialState
+from station.config import LiveSection, parse_config
 from station.live import outlet as outlet_module
 from station.live.engine import LiveEngine
+from station.live.feed_wire import LiveRequest
 from station.live.outlet import LslOutlet, OutletRefused
+from station.live.result_file import live_path
+from station.live.subscription import LiveSubscription, find_address
+from station.live.tap import LiveTap
 from station.messages.live_codes import LiveCode
 from tests.drivers.pytest_on_loopback import passed_on_loopback
 from tests.station.live.test_server import SETUP
-from tests.station.live.trials import Collected, generic_plan, part_of, solve
+from tests.station.live.trials import TIGHT, Collected, generic_plan, part_of, solve
 from tests.station.wearer import WearerSession
+from tests.timeout import scaled_timeout
 
 
 def test_the_outlet_is_off_by_default() -> None:
@@ -46,3 +58,45 @@ def test_a_refused_outlet_is_a_finding_and_values_continue(wearer: WearerSession
 @pytest.mark.slow
 def test_an_inlet_reads_the_values(tmp_path: Path) -> None:
     assert passed_on_loopback("tests/station/live/outlet_on_loopback.py", "test_", tmp_path) == 2
+
+
+# The live process itself: started by the tap, watched by a view, closed with the hash of the recording.
+
+
+FRAMES = 150
+
+
+@pytest.mark.slow
+def test_a_trial_from_the_tap_to_view_and_file(wearer: WearerSession, tmp_path: Path) -> None:
+    """Frames come faster than they are solved, so that some are left out: all of them are accounted for."""
+    recording = Path(shutil.copy(wearer.path(TIGHT), tmp_path))
+    data = wearer.config.model_dump(mode="json") | {"live": {"enabled": True}}
+    request = LiveRequest(parse_config(data, "test").model_dump(mode="json"), str(tmp_path), TIGHT, 0)
+    part = part_of(wearer, FRAMES)
+    pause = Event()
+    with LiveTap(request) as tap:
+        tap.show(Snapshot(TrialState.ARMED, streams=part.streams))
+        for _ in range(round(scaled_timeout(120) / 0.05)):
+            if (address := find_address(tmp_path)) is not None:
+                break
+            pause.wait(0.05)
+        assert address is not None
+        view = LiveSubscription(address)
+        tap.show(Snapshot(TrialState.RECORDING, streams=part.streams, recording=recording))
+        fed = [block for block in part.blocks() if block.stream == MARKERS]
+        for item in part.items():
+            if isinstance(item, Samples):
+                tap.offer(item)
+    assert tap.dropped == 0
+    assert view.wait_until_over(scaled_timeout(60))
+    updates = view.take()
+    view.close()
+    assert tap.wait(scaled_timeout(30)) and tap.exit_code == 0
+    result = read_live_result(live_path(recording))
+    assert result.is_complete and result.outcome is not None
+    assert result.outcome.recording_sha256 == hashlib.sha256(recording.read_bytes()).hexdigest()
+    assert result.outcome.frames + result.outcome.dropped_frames == len(fed) == FRAMES
+    assert result.outcome.frames == len(result.frames) > 0
+    shown = [update.values.frame for update in updates if update.values is not None]
+    assert shown and set(shown) <= {frame.frame for frame in result.frames}
+    assert find_address(tmp_path) is None

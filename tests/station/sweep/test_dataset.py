@@ -30,7 +30,7 @@ from station.sweep.solving import Outcome, Task, solve_task
 from station.sweep.sweep_plan import PlanError, read_plan
 from tests.station.loads import write_weight
 from tests.station.refusals import raises_refusal
-from tests.station.sweep.plans import write_plan
+from tests.station.sweep.test_sweep_plan import write_plan
 
 
 def here(tasks: Iterable[Task]) -> Iterator[tuple[dict[str, Outcome], bool]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,6 @@ from station.messages.sweep_codes import SweepCode
 from station.sweep.sweep_plan import PlanError, read_plan
 from tests.station.command import assert_refused
 from tests.station.refusals import raises_refusal
-from tests.station.sweep.plans import write_plan
 
 
 def test_a_grid_has_every_combination_in_the_order_of_the_axes(tmp_path: Path) -> None:
@@ -112,3 +112,25 @@ def test_a_wrong_plan_ends_the_verb(station, tmp_path: Path) -> None:
     plan = write_plan(tmp_path, "rest_length_m = -1")
     assert_refused(station("sweep", plan, "--output", tmp_path / "out"), 1, SweepCode.WRONG_VALUE)
     assert not (tmp_path / "out").exists()
+
+
+# Small plans for tests: a few frames of the bundled motion, published cuffs.
+
+
+CUFFS = {
+    "waist": (2140.0, 124.0, 0.012),
+    "hand": (8520.0, 210.0, 0.012),
+    "elbow": (2530.0, 139.0, 0.022),
+}
+KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
+CUFF = 'cuff = ["hand", "elbow"]\n'
+
+
+def write_plan(folder: Path, vary: str = "", head: str = "every = 60\n") -> Path:
+    """plan.toml beside a cuffs.json; vary goes into its table of that name."""
+    cuffs = {name: dict(zip(KEYS, values, strict=True)) for name, values in CUFFS.items()}
+    (folder / "cuffs.json").write_text(json.dumps({"cuffs": cuffs}), encoding="utf-8")
+    path = folder / "plan.toml"
+    cuff = "" if "cuff = " in vary else CUFF
+    path.write_text(f'{head}[vary]\ncuffs = "cuffs.json"\n{cuff}{vary}', encoding="utf-8")
+    return path
