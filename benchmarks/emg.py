@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.emg.envelope import EnvelopeSettings
+from fitting.emg.envelopes import EnvelopeSettings
 from fitting.emg.shape import ShapeComparison, ShapeOutcome
 from solver.motion import differentiate, read_motion
 from solver.osim.model_reader import read_osim

@@ -15,7 +15,7 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import locked, once_released, read_regular, replaced
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from station.journal_lines import JOURNAL_FILE, LARGEST_JOURNAL
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message

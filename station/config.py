@@ -35,7 +35,7 @@ from station.body_config import AnalogSection, BodySection, EmgSection
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.message import Message
-from station.messages.setup_codes import ConfigCode
+from station.messages.setup_messages import ConfigCode
 from station.protocol import BODY_TESTS, TrialSpec, windows_name_fault
 
 

@@ -35,7 +35,7 @@ from station.exit_code import DONE, LOSSY
 from station.journal import write_donned, write_verdict
 from station.messages.codes import TrialCode
 from station.messages.message import Message
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.progress import Progress, progress_bars
 from station.protocol import BODY_TESTS, TrialSpec, published_plan
 from station.report.page import TRUTH_FILE

@@ -10,7 +10,7 @@ from typing import ParamSpec, TypeVar
 from station.errors import StationError
 from station.exit_code import FAILED
 from station.messages.message import Message
-from station.messages.setup_codes import ConfigCode
+from station.messages.setup_messages import ConfigCode
 
 P = ParamSpec("P")
 R = TypeVar("R")

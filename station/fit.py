@@ -11,8 +11,8 @@ from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.cuffs.wearable_cuff import bushing_force
 from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.outcome import CheckedFile
 from fitting.results.rendering import Note
-from fitting.results.standing import CheckedFile
 from fitting.session import fit_session
 from fitting.trial.mass_checks import check_notes, read_checks, with_mass_checks
 from fitting.trial.trial import RejectedTrial, Trial
@@ -25,7 +25,7 @@ from station.errors import StationError
 from station.exit_code import LOSSY
 from station.journal import Assignment, Journal, read_journal
 from station.messages.message import Message
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
 from station.recordings_of_session import copies_of_others_in, pulls_in
 from station.whole_file import write_whole

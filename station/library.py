@@ -23,7 +23,7 @@ from recordings.reader import Recording, open_recording
 from station.fit import SessionError, fit_session_folder
 from station.fit import read_recording as read_assigned
 from station.messages.message import Message
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.recordings_of_session import pulls_in
 
 File = Path | str

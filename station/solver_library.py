@@ -37,12 +37,10 @@ from station.assessment.case import AssessedCase
 from station.assessment.draws import LEAST_DRAWS
 from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
-from station.assessment.left_out import effect_of, left_out_findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, SourceChoice, assess_people
 from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
-from station.assessment.rmr import ensure_distinct_controls
-from station.assessment.slack_muscles import slack_findings, slack_muscles
+from station.assessment.rmr import effect_of, ensure_distinct_controls, left_out_findings, slack_findings, slack_muscles
 from station.motion_filter import CUTOFF_HZ
 from station.sources import BUNDLED, kinematics_of, loads_of, model_of
 

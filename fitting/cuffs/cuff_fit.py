@@ -19,8 +19,8 @@ from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.weak_form import ComplexStiffness
 from fitting.laws.model_class import ModelComparison
 from fitting.results.codes import UNIDENTIFIED_BY, Verdict
+from fitting.results.outcome import CheckedFile
 from fitting.results.rendering import Note, verdict_text
-from fitting.results.standing import CheckedFile
 from fitting.spatial.tensors import Tensors
 from fitting.static.held_loads import HeldLoads
 from fitting.trial.calibration import Calibration

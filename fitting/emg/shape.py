@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.emg.channels import UnusableEmg
-from fitting.emg.envelope import smooth
+from fitting.emg.envelopes import smooth
 from fitting.emg.regression import correlation_interval, lag_posterior
 from fitting.results.codes import FitErrorCode
 

@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from fitting.results.codes import CauseCode, FindingCode, NoteCode, RejectionCode, TensorCode, TrialNoteCode, Verdict
-from fitting.results.outcome import FitOutcome
-from fitting.results.standing import Standing
+from fitting.results.outcome import FitOutcome, Standing
 from recordings.manifest import DataOrigin
 
 FORMAT = 1

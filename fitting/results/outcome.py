@@ -1,8 +1,12 @@
-"""Outcome of an iteration: converged, stopped at its limit of rounds, or outside the range of the law."""
+"""Outcome of an iteration, and of the comparison of a file with its hash.
+
+An iteration converged, stopped at its limit of rounds, or is outside the range of the law.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import StrEnum
 
 
@@ -32,3 +36,27 @@ def worst(outcomes: Iterable[FitOutcome]) -> FitOutcome:
 
 
 CONVERGED = FitOutcome.CONVERGED
+
+
+class Standing(StrEnum):
+    """Comparison of a file with the hash recorded when it was written, or of a figure with the fit."""
+
+    AS_RECORDED = "as recorded"
+    CHANGED = "changed since"
+    MISSING = "missing"
+    ADDED = "added since"
+    BY_HAND = "given by hand"
+    UNRECORDED = "no hash recorded"
+
+    @property
+    def is_break(self) -> bool:
+        """Whether this breaks the chain of hashes from the report to the recordings."""
+        return self in (Standing.CHANGED, Standing.MISSING, Standing.ADDED)
+
+
+@dataclass(frozen=True)
+class CheckedFile:
+    """An input file of a result, and its comparison with the hash recorded for it."""
+
+    sha256: str
+    standing: Standing

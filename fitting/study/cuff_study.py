@@ -1,4 +1,4 @@
-"""One quantity of one cuff over the volunteers of a study, and two cuffs compared.
+"""One quantity of one cuff, measured repeatedly over the volunteers of a study, and two cuffs compared.
 
 Fixed effects in small samples: Kenward and Roger 1997, Biometrics 53:983. For one linear function l'β their F statistic
 is t² with ν degrees of freedom, and their scale factor is 1:
@@ -29,25 +29,40 @@ import numpy as np
 import scipy
 
 from fitting.results.outcome import FitOutcome
-from fitting.study.measurements import (
-    DONNING,
-    OPERATOR,
-    REPEAT,
-    VOLUNTEER,
-    Observation,
-    known_covariance,
-    study_factors,
-    values_of,
-)
 from fitting.study.reml import Array
 from fitting.study.variance_components import (
     ComponentOutcome,
+    Factor,
     MixedModel,
     TooFewObservations,
     fit_components,
     ratio_interval,
 )
 from fitting.uncertainty import NORMAL_95
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One value, its standard error of its own (noise), and the one that its session shares (lag, gain).
+
+    donning and repeat are numbered within the session.
+    """
+
+    value: float
+    noise: float
+    shared: float
+    volunteer: str
+    operator: str
+    session: str
+    donning: str
+    repeat: int
+    cuff: str = ""
+
+    @property
+    def donning_key(self) -> str:
+        """The donning, unique in the study."""
+        return f"{self.session} {self.cuff} {self.donning}"
+
 
 LARGE_DOF = 1e6
 """Above, and where no variance is estimated, the interval is the normal one."""
@@ -410,3 +425,41 @@ def agree(pairs: Array) -> Agreement:
         limits,
         ((low - half, low + half), (high - half, high + half)),
     )
+
+
+VOLUNTEER, OPERATOR, DONNING, REPEAT, INTERACTION = (
+    "volunteer",
+    "operator",
+    "donning",
+    "repeat",
+    "volunteer_by_cuff",
+)
+"""Names of the variance components."""
+
+
+def values_of(measurements: Sequence[Observation]) -> Array:
+    """(n,)"""
+    return np.array([measurement.value for measurement in measurements], dtype=np.float64)
+
+
+def known_covariance(measurements: Sequence[Observation]) -> Array:
+    """Covariance (n, n) of the known errors of the fits: noise of each value, and common errors of a session."""
+    noise = np.array([measurement.noise for measurement in measurements])
+    shared = np.array([measurement.shared for measurement in measurements])
+    sessions = Factor("session", [measurement.session for measurement in measurements]).incidence()
+    return np.diag(noise**2) + (sessions @ sessions.T) * np.outer(shared, shared)
+
+
+def study_factors(measurements: Sequence[Observation]) -> list[Factor]:
+    """Random effects of a study; of those that its design does not separate, the first keeps the estimate.
+
+    Donnings are nested in volunteers, repeats in donnings; operators are crossed with volunteers.
+    """
+    by_cuff = len({measurement.cuff for measurement in measurements}) > 1
+    labels: dict[str, list[object]] = {VOLUNTEER: [measurement.volunteer for measurement in measurements]}
+    if by_cuff:
+        labels[INTERACTION] = [f"{measurement.volunteer} {measurement.cuff}" for measurement in measurements]
+    labels[DONNING] = [measurement.donning_key for measurement in measurements]
+    labels[REPEAT] = list(range(len(measurements)))
+    labels[OPERATOR] = [measurement.operator for measurement in measurements]
+    return [Factor(name, found) for name, found in labels.items()]

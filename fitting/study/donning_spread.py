@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from fitting.results.outcome import FitOutcome
-from fitting.study.measurements import DONNING, REPEAT, Observation, known_covariance, values_of
+from fitting.study.cuff_study import DONNING, REPEAT, Observation, known_covariance, values_of
 from fitting.study.variance_components import Factor, MixedModel, TooFewObservations, fit_components
 
 LEAST_FREEDOM = 3.5

@@ -1,4 +1,8 @@
-"""Solve the muscle-redundancy problem of a motion, from files to a table."""
+"""Solve the muscle-redundancy problem of a motion, from files to a table.
+
+Notes of the results and sentences on stderr state what is left out of a model and what that changes, and muscles that
+cannot pull because their tendon is longer than their path in every frame.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +11,61 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from solver.errors import SolverCode
 from solver.model import CoordinateActuator, Model, ModelError
+from solver.motion import Kinematics
+from solver.multibody.postures import postures
+from solver.paths import PathMode, evaluate_paths
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, is_shoulder
-from solver.redundancy.mechanics import without_forces
+from solver.redundancy.mechanics import forces_of, without_forces
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import RedundancyOptions, options_for
 from station.assessment.effort import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
-from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
 from station.assessment.outcomes import describe_tendons, note_unconverged
-from station.assessment.reserves import MOST_NAMED, ReserveShares, large_reserves, large_residuals, reserve_shares
-from station.assessment.slack_muscles import slack_muscles
+from station.assessment.reserves import (
+    LEAST_SHARE,
+    MOST_NAMED,
+    ReserveShares,
+    large_reserves,
+    large_residuals,
+    listed,
+    reserve_shares,
+    rms,
+    shares_text,
+    unit_of,
+)
 from station.errors import UnusedOption
-from station.messages.codes import InputCode
+from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
 from station.progress import Progress, silent
 from station.versions import solving_versions
+
+
+@dataclass(frozen=True)
+class LeftOutEffect:
+    """Root mean squares over the solved frames [N m, N for a translation], by the name of a coordinate.
+
+    loads     of each force that was left out on request and can be computed: its generalised force
+    reserves  (of all actuators, needed by inverse dynamics) where the solver lacks forces
+    """
+
+    loads: Mapping[str, Mapping[str, float]]
+    reserves: ReserveShares
+
+    def note(self) -> str:
+        """JSON, in one line; "none" if nothing is known to change."""
+        parts = {"loads": self.loads, "reserve_and_needed": self.reserves}
+        known = {name: part for name, part in parts.items() if part}
+        return json.dumps(known) if known else "none"
+
+
+NOTHING_LEFT_OUT = LeftOutEffect({}, {})
+
 
 STATUS = tuple(FrameOutcome)
 """The status of a frame in a table is the index of its outcome."""
@@ -160,3 +201,71 @@ def _reserve_coordinates(model: Model) -> dict[str, str]:
     """Actuator → the coordinate that it moves; their names need not be alike."""
     moving = (actuator for actuator in model.actuators if isinstance(actuator, CoordinateActuator))
     return {actuator.name: model.coordinate_names[actuator.coordinate] for actuator in moving}
+
+
+Array = NDArray[np.float64]
+
+
+def effect_of(
+    model: Model,
+    names: Sequence[str],
+    kinematics: Kinematics,
+    solution: MotionSolution,
+    shares: ReserveShares,
+) -> LeftOutEffect:
+    """The forces `names` of the model were left out of the solved motion; shares are those of its reserves."""
+    is_solved = np.isfinite(solution.reserves).all(axis=1)
+    known = {name: forces_of(model, kinematics, name)[is_solved] for name in names}
+    return LeftOutEffect(
+        {name: _largest(model, forces) for name, forces in known.items()}, shares if model.lacking else {}
+    )
+
+
+def left_out_findings(model: Model, effect: LeftOutEffect | None) -> list[Message[AssessmentCode]]:
+    """One that names what is left out and, if it was computed, its effect; none if nothing is."""
+    if not model.left_out:
+        return []
+    described = "" if effect is None else _describe_effect(model, effect)
+    return [Message(AssessmentCode.LEFT_OUT, {"parts": ", ".join(model.left_out), "effect": described})]
+
+
+def _describe_effect(model: Model, effect: LeftOutEffect) -> str:
+    """Sentences with a space before each; "" without an effect that is known."""
+    sentences = []
+    for name, forces in effect.loads.items():
+        parts = [f"{size:.3g} {_unit(model, coordinate)} at {coordinate}" for coordinate, size in forces.items()]
+        sentences.append(f"{name} would give {listed(parts)} (RMS)." if parts else f"{name} gives nothing here.")
+    if model.lacking:
+        given = f"give {shares_text(model, effect.reserves)}" if effect.reserves else "give nothing"
+        sentences.append(f"Muscles and reserves carry the loads of {', '.join(model.lacking)}; reserves {given}.")
+    return "".join(f" {sentence}" for sentence in sentences)
+
+
+def _largest(model: Model, forces: Array) -> dict[str, float]:
+    """By coordinate, the greatest first, down to a hundredth of it."""
+    sizes = rms(forces)
+    kept = [k for k in np.argsort(-sizes) if sizes[k] > LEAST_SHARE * sizes.max(initial=0.0)]
+    return {model.coordinate_names[k]: float(sizes[k]) for k in kept}
+
+
+def _unit(model: Model, coordinate: str) -> str:
+    return unit_of(model, model.coordinate_index(coordinate))
+
+
+def slack_muscles(model: Model, kinematics: Kinematics, path_mode: PathMode) -> tuple[str, ...]:
+    """Their names. Frames after the first are evaluated only for muscles that are slack in the first."""
+    slack = model.muscles
+    for frames in (slice(1), slice(None)):
+        if not slack:
+            break
+        part = kinematics.cut(frames)
+        state = postures(model, part.positions, part.speeds, part.time)
+        longest = evaluate_paths(model, state, [muscle.path for muscle in slack], path_mode).lengths.max(axis=0)
+        is_slack = longest < [muscle.tendon_slack_length for muscle in slack]
+        slack = tuple(muscle for muscle, is_kept in zip(slack, is_slack, strict=True) if is_kept)
+    return tuple(muscle.name for muscle in slack)
+
+
+def slack_findings(names: Sequence[str]) -> list[Message[AssessmentCode]]:
+    """One that names the muscles; none without one."""
+    return [Message(AssessmentCode.MUSCLES_SLACK, {"muscles": ", ".join(names)})] if names else []

@@ -24,7 +24,7 @@ from station.end_signals import end_signals
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.message import Message
-from station.messages.setup_codes import SimulationCode
+from station.messages.setup_messages import SimulationCode
 from station.protocol import CUFF_TESTS, TrialSpec
 from station.standard_input import read_lines
 

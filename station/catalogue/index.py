@@ -31,7 +31,7 @@ from station.errors import StationError
 from station.journal import Journal, JournalError, read_journal
 from station.journal_lines import JOURNAL_FILE
 from station.messages.message import Message
-from station.messages.study_codes import CatalogueCode
+from station.messages.study_messages import CatalogueCode
 from station.progress import Progress, silent
 from station.whole_file import drafted, write_whole
 

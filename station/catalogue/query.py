@@ -14,7 +14,7 @@ import duckdb
 
 from station.catalogue.index import KEY, CatalogueError
 from station.messages.message import Message
-from station.messages.study_codes import CatalogueCode
+from station.messages.study_messages import CatalogueCode
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,6 +1,7 @@
 """Live values of the open session, shared by all pages of a console: one subscription, however many pages are open.
 
-The live process never waits for it, and it never waits for a page: a page takes what it can draw.
+The live process never waits for it, and it never waits for a page: a page takes what it can draw. A body is drawn as
+lines in millimetres: bones, muscles, cord.
 """
 
 from __future__ import annotations
@@ -8,13 +9,19 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.drawing import bone_lines, path_lines, skeleton
 from solver.errors import SolverError
+from solver.model import Model
+from solver.multibody.postures import points_in_ground, postures
 from solver.suit.suit import Suit
-from station.console.body_drawing import BodyDrawing
 from station.live.drawn_body import drawn_body
 from station.live.published import NAN, LiveScenario, LiveSetup, LiveUpdate, LiveValues
 from station.live.subscription import LiveAddress, LiveSubscription, LiveUnreachable, find_address
@@ -172,3 +179,37 @@ def _point(values: LiveValues, worn: int | None) -> LivePoint:
     cord_force_n = NAN if worn is None else values.scenarios[worn].cord_force_n
     efforts = tuple(scenario.effort for scenario in values.scenarios)
     return LivePoint(values.time_s, efforts, cord_force_n, values.cord_force_measured_n, values.emg_rms_uv)
+
+
+Array = NDArray[np.float64]
+MM = 1e3
+
+
+class BodyDrawing:
+    """suit is None without one. The first lines load the compiled kernels, which takes a second or more."""
+
+    def __init__(self, model: Model, suit: Suit | None) -> None:
+        self._model, self._suit = model, suit
+        self._bones = skeleton(model)
+
+    def lines(self, coordinates: Sequence[float]) -> dict[str, Any]:
+        """Bones with their kind, muscles in the order of the model, and the cord (no points without a suit).
+
+        coordinates (coordinates,) [rad or m] in the order of the model, finite. Points are x, y, z [mm] in ground.
+        """
+        q = np.array(coordinates, dtype=float)[None]
+        state = postures(self._model, q, np.zeros_like(q))
+        bones = zip(self._bones, bone_lines(self._bones, state), strict=True)
+        suit = self._suit
+        parts = () if suit is None else suit.line
+        cord = [points_in_ground(state, self._model.body_index(part.body), part.location)[0] for part in parts]
+        return {
+            "bones": [[bone.kind, _in_mm(line[0])] for bone, line in bones],
+            "muscles": [_in_mm(line) for line in path_lines(self._model, state)[0]],
+            "cord": _in_mm(np.array(cord).reshape(-1, 3)),
+        }
+
+
+def _in_mm(points: Array) -> list[list[int]]:
+    rounded: list[list[int]] = np.rint(MM * points).astype(int).tolist()
+    return rounded

@@ -1,7 +1,13 @@
-"""The only page: its view follows from the state of the session, so that every browser shows the same."""
+"""The only page: its view follows from the state of the session, so that every browser shows the same.
+
+Sound is a tone and the spoken instruction of a new step, if it is switched on; an alarm always. A browser plays no
+sound before the first key or click on its page; the one that armed the trial suffices.
+"""
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +17,6 @@ from nicegui import ui
 from fitting.trial.mass_checks import MassCheckError
 from station.console import next_view, running_view, setup_view, summary_view, verdict_view
 from station.console.actions import Action, Actions
-from station.console.audio_alerts import AudioAlerts
 from station.console.live_page import PATH as LIVE_PATH
 from station.console.recordings_view import add_recordings
 from station.errors import StationError
@@ -207,3 +212,46 @@ def titles_of(controller: SessionController) -> tuple[str, str]:
     repeats = f" of {setup.repeats}" if spec.cuff is not None else ""
     left = f"{controller.session.minutes_left} min left"
     return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {session} · {left}"
+
+
+STEP, ALARM = [880], [1760, 1320, 1760, 1320]
+"""Frequencies [Hz] of consecutive tones."""
+ALARM_INTERVAL_S = 1.5
+SOUND = """
+(() => {
+    const audio = window.stationAudio ??= new AudioContext();
+    audio.resume();
+    %(tones)s.forEach((hertz, number) => {
+        const tone = new OscillatorNode(audio, {type: "square", frequency: hertz});
+        const from = audio.currentTime + 0.18 * number;
+        tone.connect(new GainNode(audio, {gain: 0.2})).connect(audio.destination);
+        tone.start(from);
+        tone.stop(from + 0.15);
+    });
+    speechSynthesis.cancel();
+    speechSynthesis.speak(Object.assign(new SpeechSynthesisUtterance(%(text)s), {lang: "en-US"}));
+})()
+"""
+
+
+class AudioAlerts:
+    """Sound of one page during one trial."""
+
+    def __init__(self) -> None:
+        self._spoken: object = None
+        self._alarmed_s = 0.0
+
+    def update(self, step: object, instruction: str, alarm: str | None, *, has_sound: bool) -> None:
+        """Speak the instruction of a new step; repeat an alarm until the operator has seen it."""
+        if alarm is not None:
+            if time.perf_counter() - self._alarmed_s >= ALARM_INTERVAL_S:
+                self._alarmed_s = time.perf_counter()
+                _sound(ALARM, alarm)
+            return
+        if has_sound and step != self._spoken:
+            _sound(STEP, instruction)
+        self._spoken = step
+
+
+def _sound(tones: list[int], text: str) -> None:
+    ui.run_javascript(SOUND % {"tones": json.dumps(tones), "text": json.dumps(text)})

@@ -19,10 +19,9 @@ from station.kinematics.marker_sets import published_sets
 from station.messages.codes import CommandCode
 from station.protocol import CONDITION_NAMES
 from station.session.controller import SessionController
-from station.session.earlier_sessions import EarlierSessions
-from station.session.listing import ListedSession, list_sessions
+from station.session.listing import EarlierSessions, ListedSession, list_sessions
 from station.session.open_session import CommandRefused
-from station.session.plan_check import is_subject_code, looks_like_a_name
+from station.session.plan_status import is_subject_code, looks_like_a_name
 
 
 def show(controller: SessionController, actions: Actions) -> None:

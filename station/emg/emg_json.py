@@ -19,7 +19,7 @@ from recordings.manifest import DataOrigin
 from station.checksums import sha256_of, write_checksums
 from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial, pool_trials
 from station.emg.trials import EmgFileError, EmgSetup
-from station.messages.emg_codes import EmgCode
+from station.messages.emg_messages import EmgCode
 from station.messages.message import Message
 from station.versions import solving_versions
 from station.whole_file import write_whole

@@ -16,9 +16,7 @@ from pydantic import Field, ValidationError, model_serializer, model_validator
 
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import Positive, Section, describe_error
-from fitting.emg.envelope import PUBLISHED, EnvelopeSettings
-from fitting.emg.envelopes import EmgTrial
-from fitting.emg.maximum import MVC_WINDOW_S
+from fitting.emg.envelopes import MVC_WINDOW_S, PUBLISHED, EmgTrial, EnvelopeSettings
 from fitting.emg.shape import MAX_LAG_S
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.c3d import read_c3d_signals
@@ -27,7 +25,7 @@ from recordings.exchange.exp import read_exp
 from recordings.exchange.sample_tables import SignalTable, count_samples
 from station.config import ConfigError
 from station.errors import StationError
-from station.messages.emg_codes import EmgCode
+from station.messages.emg_messages import EmgCode
 from station.messages.message import Figures, Message
 
 Array = NDArray[np.float64]

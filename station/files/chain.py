@@ -16,7 +16,7 @@ from typing import Any
 
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from recordings.errors import RecordingError
 from recordings.reader import survey_file
 from solver.suit.suit import BUNDLED_SUIT

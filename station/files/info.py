@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 
 from fitting.errors import UnusableTrial
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from fitting.trial.decimation import Decimator
 from fitting.trial.sync_certificate import SyncCertificate, certify
 from recordings.contents import Contents, summarise

@@ -9,7 +9,7 @@ from pathlib import Path
 from documents.regular_file import replaced
 from station.errors import StationError
 from station.messages.message import Message
-from station.messages.setup_codes import ConfigCode
+from station.messages.setup_messages import ConfigCode
 
 SHARED = "share/cuffstation/"
 """Where an installation keeps them; a checkout has them in its own folder."""

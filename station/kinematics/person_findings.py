@@ -27,7 +27,7 @@ from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.kinematics.marker_checks import Finding
 from station.messages.message import Figures, Message
-from station.messages.person_codes import PersonCode
+from station.messages.person_messages import PersonCode
 
 Array = NDArray[np.float64]
 

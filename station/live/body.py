@@ -26,7 +26,7 @@ from station.config import LiveSection
 from station.errors import StationError
 from station.kinematics.ik import with_marker_set
 from station.live.published import NAN, LiveScenario
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 from station.sources import BUNDLED, model_of
 from station.subject.assessed_subject import fit_suit, measure_subject, read_wearer_trials, worn_arm_cuff

@@ -29,7 +29,7 @@ from station.live.published import (
     LiveUpdate,
     LiveValues,
 )
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 
 IDLE_S = 0.5

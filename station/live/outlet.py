@@ -21,7 +21,7 @@ from typing import Any
 from station.errors import StationError
 from station.extras import MissingExtra
 from station.live.published import NAN, LiveDelivery, LiveSetup, LiveValues
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 
 LOOPBACK, ANY = "loopback", "any"

@@ -35,7 +35,7 @@ from station.live.published import (
     LiveScenarioValues,
     LiveValues,
 )
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Figures, Message
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from station.config import LiveSection, StationConfig
 from station.live.body import UNUSABLE, LiveBody, live_body, live_scenarios
 from station.live.pipeline import LivePlan
 from station.live.published import LiveScenario, LiveSetup, LiveSubject
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec
 

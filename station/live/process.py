@@ -34,7 +34,7 @@ from station.live.plan import PreparedTrial, prepare_trial
 from station.live.published import LiveSetup
 from station.live.result_file import ResultFile
 from station.live.server import serve_views
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 
 NICENESS = 5

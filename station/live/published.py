@@ -133,7 +133,7 @@ class LiveValues:
 
 @dataclass(frozen=True)
 class LiveFinding:
-    """What an operator must know now: a code of station/messages/live_codes.py and its sentence."""
+    """What an operator must know now: a code of station/messages/live_messages.py and its sentence."""
 
     code: str
     sentence: str

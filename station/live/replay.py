@@ -18,7 +18,7 @@ from station.live.engine import LiveEngine, LiveSink, Publish
 from station.live.plan import PreparedTrial, can_be_solved, prepare_trial
 from station.live.published import LiveSetup
 from station.live.server import serve_views
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 

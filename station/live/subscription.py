@@ -25,7 +25,7 @@ from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import describe_failure, read_regular
 from station.errors import StationError
 from station.live.published import SETUP, UPDATE, LiveSetup, LiveUpdate
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 
 CONNECT_TIMEOUT_S = 5.0

@@ -20,7 +20,7 @@ from station.child import Child
 from station.clock import Clock
 from station.config import StationConfig
 from station.live.feed_wire import REQUEST, LiveRequest, encode_message, encode_request
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec
 

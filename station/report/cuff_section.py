@@ -14,8 +14,7 @@ from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
 from station.cuff_text import of_cuff
-from station.report.figures import MM, fit_figure
-from station.report.fit_figures import checks_figure
+from station.report.fit_figures import MM, checks_figure, fit_figure
 from station.report.numbers import LocatedObject, Number, Shown, figure, fixed, interval, located, saving, worn
 from station.report.pictures import Picture, PlannedFigure
 from station.report.report_file import Source

@@ -27,7 +27,6 @@ from station.charts.marks import (
     chart,
     values,
 )
-from station.report.conditions import CONDITIONS, LIMIT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -261,3 +260,13 @@ def _conditions(activations: pd.DataFrame, cuff: str) -> Iterator[tuple[str, pd.
     colours: tuple[Colour, ...] = ("quiet", "ink", *COLOURS)
     for (condition, part), colour in zip(worn.groupby("condition", sort=False), colours, strict=False):
         yield str(condition), part, colour
+
+
+CONDITIONS = {
+    "slack": "slack cord",
+    "rigid": "rigid cuffs",
+    "shift": "migration",
+    "visco_elastic": "compliance",
+    "both": "migration and compliance",
+}
+LIMIT = "rigid cuffs (theoretical limit)"

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from markupsafe import Markup
 
 from documents.interval import UNBROKEN, between, bracketed, plus_minus, rounded
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from station.report.pictures import Picture
 from station.report.provenance import Provenance
 from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source

@@ -25,7 +25,7 @@ from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
@@ -36,7 +36,7 @@ from station.files.chain import NUMBERS_FILE, REPORT_FILE, chain_of
 from station.fit import fit_session_folder
 from station.messages.html import with_commands
 from station.messages.message import Message
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
 from station.recordings_of_session import motions_in, pulls_in, recordings_in
 from station.report.assessment_section import assessment_section, effort_figures, suit_figures

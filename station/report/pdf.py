@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from station.checksums import write_checksums
 from station.errors import StationError
 from station.messages.message import Message
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.whole_file import write_whole
 
 if TYPE_CHECKING:

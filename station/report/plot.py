@@ -19,7 +19,7 @@ from recordings.reader import Recording
 from solver.redundancy.motion_solution import MotionSolution
 from solver.suit.assessment import Assessment
 from station.report.canvas import LINE, SHADES, STYLE, as_png
-from station.report.conditions import CONDITIONS
+from station.report.muscle_figures import CONDITIONS
 
 BUSIEST = 8
 """Muscles that a picture of a motion names."""

@@ -14,7 +14,7 @@ from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.cuffs_json import cuffs_json
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear

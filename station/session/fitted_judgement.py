@@ -1,8 +1,11 @@
-"""The judgement of one recording, from the fit of its donning or the findings on its wearer."""
+"""The judgement of one recording, from the fit of its donning or the findings on its wearer.
+
+If a trial of a cuff or a bounce ended before the last step of its guide, that is the cause of its verdict.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,14 +24,17 @@ from fitting.trial.force_quality import zero_notes
 from fitting.trial.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError
+from recordings.manifest import MeasurementProtocol, TestKind
+from recordings.reader import Recording, open_recording
+from station.config import ProtocolSection
 from station.fit import SessionError, fit_donning_of, read_recording
 from station.journal import JournalError, Recorded, read_journal
 from station.journal_lines import Choice
 from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, describe_trial
+from station.session.guide import Cue, guide_for
 from station.session.judgement import MISSING, Figure, Judgement, Reason, Row, notes_at_the_bench
-from station.session.unfinished_trial import find_unfinished
 from station.session.wearer_findings import WearerFindings, examine_wearer_trial
 
 NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYNAMIC_RESULT}
@@ -280,3 +286,51 @@ def _path(fitted: FittedPull | None) -> tuple[tuple[float, float], ...]:
         return ()
     chosen = seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), SHOWN_POINTS)).astype(int))]
     return tuple((round(1e3 * float(pull.displacement[i]), 3), round(float(force[i]), 3)) for i in chosen)
+
+
+POINT_S = 0.05
+
+
+def find_unfinished(path: Path) -> Message[ReasonCode] | None:
+    """The step at which the recorded trial ended; None for a whole one. Raises RecordingError."""
+    recording = open_recording(path)
+    return unfinished_step(recording.manifest.test, recording.manifest.protocol, _force(recording))
+
+
+def unfinished_step(
+    test: TestKind, planned: MeasurementProtocol, force: Iterable[tuple[float, float]]
+) -> Message[ReasonCode] | None:
+    """The step at which the force (s, N) of a trial ended; None after the last step, and if no steps are planned."""
+    if test == "static" and not planned.step_masses_kg:
+        return None
+    known = {"step_masses_kg": planned.step_masses_kg, "hold_s": planned.hold_s, "swing_s": planned.swing_s}
+    protocol = ProtocolSection.model_validate({name: value for name, value in known.items() if value is not None})
+    guide = guide_for(test, protocol)
+    guide.update(force)
+    return _static(guide.cue()) if test == "static" else _swing(guide.cue(), protocol.swing_s)
+
+
+def _static(cue: Cue) -> Message[ReasonCode] | None:
+    if cue.is_done:
+        return None
+    weights, held = (cue.steps - 1) // 2, max(cue.step - 1, 0)
+    if held < weights:
+        return Message(ReasonCode.WEIGHTS_MISSING, {"found": held, "planned": weights})
+    return Message(ReasonCode.UNLOADING_MISSING, {"found": held - weights, "planned": weights})
+
+
+def _swing(cue: Cue, swing_s: float) -> Message[ReasonCode] | None:
+    if cue.step > 1:
+        return None
+    swung_s = swing_s - cue.left_s if cue.step == 1 and cue.left_s is not None else 0.0
+    return Message(ReasonCode.SWING_SHORT, {"found_s": swung_s, "planned_s": swing_s})
+
+
+def _force(recording: Recording) -> list[tuple[float, float]]:
+    track, cell = recording.load("/force"), recording.manifest.load_cell
+    if not len(track.values):
+        return []
+    seconds = (track.device_time_ns - track.device_time_ns[0]) * 1e-9
+    chosen = np.unique(np.searchsorted(seconds, np.arange(0.0, float(seconds[-1]), POINT_S)))
+    scale = cell.polarity * cell.newtons_per_unit
+    return [(float(seconds[at]), scale * float(track.values[at].flat[0])) for at in chosen]

@@ -1,16 +1,20 @@
-"""The running trial as views show it: curves, cue, alarm, marks."""
+"""The running trial as views show it: curves, cue, alarm, marks.
+
+Limits of force and force rate hold for a cuff that a person wears; exceeding one raises an alarm.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from station.config import StationConfig
 from station.messages.codes import AlarmCode, TrialCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec
-from station.session.force_limits import ForceLimits
 from station.session.guide import Cue, Guide
 
 KEPT_POINTS = 1600
@@ -106,3 +110,36 @@ class LiveTrial:
         elif alarm is None and self.is_alarm_seen:
             self.alarm, self.is_alarm_seen = None, False
         return is_new
+
+
+RATE_SPAN_S = (0.05, 0.2)
+"""Distance in time of the two points that give a force rate."""
+
+
+@dataclass(frozen=True)
+class ForceLimits:
+    """Newtons, and newtons per second over a tenth of a second.
+
+    capacity_n is that of the load cell: beyond it, in either direction, its calibration may be lost.
+    """
+
+    force_n: float
+    rate_n_per_s: float
+    capacity_n: float = math.inf
+
+    def check(self, points: Sequence[tuple[float, float]]) -> Message[AlarmCode] | None:
+        """The alarm for the first (time s, newtons) beyond a limit; None if there is none."""
+        for time, force in points:
+            if abs(force) > self.capacity_n:
+                return Message(AlarmCode.OVERLOAD, {"force_n": force, "capacity_n": self.capacity_n})
+            if force > self.force_n:
+                return Message(AlarmCode.FORCE, {"force_n": force, "limit_n": self.force_n})
+            before = [earlier for earlier in points if RATE_SPAN_S[0] <= time - earlier[0] <= RATE_SPAN_S[1]]
+            if before and (force - before[-1][1]) / (time - before[-1][0]) > self.rate_n_per_s:
+                return Message(AlarmCode.FORCE_RATE, {"limit_n_per_s": self.rate_n_per_s})
+        return None
+
+
+def force_limits(config: StationConfig) -> ForceLimits:
+    cell = config.load_cell
+    return ForceLimits(config.force_ceiling_n, config.safety.force_rate_ceiling_n_per_s, cell.capacity_n)

@@ -17,8 +17,7 @@ from station.messages.codes import CommandCode, TerminalCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 from station.session.judgement import Judgement
-from station.session.plan_check import check_setup, describe_plan, load_steps
-from station.session.plan_status import PlanStatus, minutes_left, plan_status
+from station.session.plan_status import PlanStatus, check_setup, describe_plan, load_steps, minutes_left, plan_status
 from station.session.summary import Summary
 from station.subject.subject_file import SUBJECT_FILE, Subject, read_subject, write_subject
 

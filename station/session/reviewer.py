@@ -19,8 +19,7 @@ from station.protocol import TrialSpec
 from station.session.adoption import adopt_recordings
 from station.session.judgement import Judgement, judgement_without_fit
 from station.session.open_session import CommandRefused, OpenSession
-from station.session.plan_check import describe_plan
-from station.session.plan_status import is_donned_without_trial, kept_recordings
+from station.session.plan_status import describe_plan, is_donned_without_trial, kept_recordings
 from station.session.summary import Summary, SummaryError, summarise
 from station.session.worker import Worker
 

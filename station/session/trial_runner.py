@@ -1,20 +1,24 @@
-"""The trial that runs in its own process: start, marks, alarms, stop."""
+"""The trial that runs in its own process: start, marks, alarms, stop.
+
+At a simulated bench, the instructions of the guide are carried out by themselves.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import threading
+from contextlib import suppress
 from typing import Any
 
-from station.bench.simulation import SimulatedBench
+from station.bench.simulation import SimulatedBench, SimulationError
 from station.config import StationConfig
 from station.journal import write_mark
 from station.messages.codes import CommandCode
 from station.protocol import BODY_TESTS, TrialSpec
-from station.session.force_limits import force_limits
-from station.session.guide import Guide, guide_for
-from station.session.live_trial import LiveTrial
+from station.session.guide import Cue, Guide, guide_for
+from station.session.live_trial import LiveTrial, force_limits
 from station.session.open_session import CommandRefused, OpenSession
-from station.session.simulated_operator import SimulatedOperator
+from station.session.plan_status import PlanStatus
 from station.session.trial_process import TrialProcess
 from station.session.wearer_guide import wearer_guide
 
@@ -133,3 +137,41 @@ def _guide(spec: TrialSpec, config: StationConfig) -> Guide:
     if spec.test in BODY_TESTS and config.body is not None:
         return wearer_guide(spec.condition, config.body, is_pose=spec.test == "pose")
     return guide_for(spec.test, config.protocol)
+
+
+class SimulatedOperator:
+    """Operates one bench; prepare() raises SimulationError if the bench refuses."""
+
+    def __init__(self, bench: SimulatedBench, pause_s: float) -> None:
+        self._bench, self._pause_s = bench, pause_s
+        self._prepared: TrialSpec | None = None
+        self._step = 0
+        self._lock = threading.Lock()
+
+    def prepare(self, plan: PlanStatus) -> None:
+        """Prepare the next trial: don its cuff or rest, then select the trial. Blocks."""
+        with self._lock:
+            self._prepare(plan)
+
+    def is_behind(self, cue: Cue) -> bool:
+        """Whether the cue is a later step than the last one carried out."""
+        return cue.step > self._step
+
+    def follow(self, cue: Cue) -> None:
+        """Carry out the cue of the running trial; without effect on a bench that has ended."""
+        with self._lock, suppress(SimulationError):
+            if self.is_behind(cue):
+                self._step = cue.step
+                self._bench.request({"step": cue.step})
+
+    def _prepare(self, plan: PlanStatus) -> None:
+        spec = plan.spec
+        if spec is None:
+            return
+        self._bench.request({"capture": False})  # one that a killed recorder left; no trial runs now
+        if plan.is_new_cuff:
+            self._bench.request({"don": spec.cuff})
+        elif plan.has_pause and self._prepared != spec:
+            self._bench.request({"pause_s": self._pause_s})
+        self._prepared, self._step = spec, 0
+        self._bench.request({"trial": {"cuff": spec.cuff, "test": spec.test, "condition": spec.condition}})

@@ -16,7 +16,7 @@ from station.emg.comparison import ComparedEmg, ConditionFiles, compare_emg
 from station.emg.emg_json import write_emg
 from station.emg.trials import EmgFileError
 from station.journal import read_journal
-from station.messages.emg_codes import EmgCode
+from station.messages.emg_messages import EmgCode
 from station.protocol import SUITED
 from station.recordings_of_session import motions_in
 from station.whole_file import drafted

@@ -21,20 +21,22 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from documents.plain_data import PlainDataError, parse_toml, read_toml
 from documents.regular_file import describe_failure, read_regular
 from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
-from fitting.study.information import (
+from fitting.study.power import (
     SETTLING,
+    ExpectedSpread,
     InstrumentNoise,
     damping_error,
+    difference_error,
     held_levels,
     migration_error,
+    paired_power,
     stiffness_error,
 )
-from fitting.study.power import ExpectedSpread, difference_error, paired_power
 from recordings.standard_gravity import g
 from station.config import parse_config
 from station.folded_table import FoldedTable
 from station.messages.message import Message
-from station.messages.study_codes import PlanCode
+from station.messages.study_messages import PlanCode
 from station.study.sessions import StudyError
 from station.study.study_document import SHOWN
 from station.whole_file import write_whole

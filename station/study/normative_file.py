@@ -15,7 +15,7 @@ from documents.validation import describe_error
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of, write_checksums
 from station.messages.message import Message
-from station.messages.study_codes import StudyCode
+from station.messages.study_messages import StudyCode
 from station.study.sessions import StudyError
 from station.study.study_document import QuantityName, StudyDocument
 from station.whole_file import write_whole

@@ -11,14 +11,14 @@ from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_docu
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, TrialEntry
 from fitting.results.rendering import verdict_text
-from fitting.study.measurements import Observation
+from fitting.study.cuff_study import Observation
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of
 from station.errors import StationError
 from station.journal import JournalError, read_journal
 from station.journal_lines import JOURNAL_FILE
 from station.messages.message import Figures, Message, join_sentences
-from station.messages.study_codes import StudyCode
+from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
 
 TESTS = {"stiffness": "static", "damping": "dynamic"}

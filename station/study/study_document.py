@@ -27,18 +27,18 @@ from fitting.study.cuff_study import (
     CuffStudy,
     FixedEffect,
     Measure,
+    Observation,
     Reliability,
     ReliabilityOutcome,
     StudyOutcome,
     analyse,
     compare,
 )
-from fitting.study.measurements import Observation
 from fitting.study.variance_components import Component, ComponentOutcome
 from recordings.manifest import DataOrigin
 from station.checksums import write_checksums
 from station.messages.message import Message
-from station.messages.study_codes import StudyCode
+from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
 from station.study.sessions import StudyError, StudySessions, measurements_of
 from station.versions import solving_versions

@@ -20,7 +20,7 @@ from documents.validation import NonNegative, Positive, Section, Vector, Whole, 
 from solver.suit.scenarios import Condition
 from station.errors import StationError
 from station.messages.message import Message
-from station.messages.sweep_codes import SweepCode
+from station.messages.sweep_messages import SweepCode
 from station.motion_filter import CUTOFF_HZ
 from station.sources import BUNDLED
 

@@ -22,12 +22,10 @@ from station.journal import Setup, read_journal
 from station.messages.codes import CommandCode
 from station.messages.message import Message
 from station.session.controller import SessionController
-from station.terminal.command_queue import Request, SessionOutput
-from station.terminal.commands import Action, Command
-from station.terminal.json_output import JsonOutput
+from station.terminal.commands import Action, Command, Request, SessionOutput
 from station.terminal.keyboard import is_interactive, listen_to_lines, listening_to_keys
+from station.terminal.outputs import JsonOutput, SessionConsole, TextOutput
 from station.terminal.sequencer import SessionSequencer
-from station.terminal.text_output import SessionConsole, TextOutput
 
 SIMULATOR = (DeviceIdentity("station simulate", "", is_simulated=True),)
 

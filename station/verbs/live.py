@@ -82,7 +82,7 @@ def _watch(folder: Path, scenes: Sequence[LiveScene]) -> None:
 
     from station.live.subscription import LiveSubscription, LiveUnreachable, find_address
     from station.live.terminal_view import watch
-    from station.messages.live_codes import LiveCode
+    from station.messages.live_messages import LiveCode
     from station.messages.message import Message
 
     address = find_address(folder)
@@ -109,7 +109,7 @@ def _replay(
     from station.live.replay import prepare_replay, replay_and_publish
     from station.live.result_file import ResultFile
     from station.live.terminal_view import LiveSummary
-    from station.messages.live_codes import LiveCode
+    from station.messages.live_messages import LiveCode
     from station.messages.message import Message
 
     recording, prepared = prepare_replay(path, _settings(config))

@@ -167,10 +167,9 @@ def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
 
 def _print_conditions(solved: SolvedMotion) -> None:
     """The notes, forces left out, slack muscles, large reserves, and frames and muscles that did not converge."""
-    from station.assessment.left_out import left_out_findings
     from station.assessment.outcomes import describe_unconverged, describe_unsolved
     from station.assessment.reserves import reserve_findings
-    from station.assessment.slack_muscles import slack_findings
+    from station.assessment.rmr import left_out_findings, slack_findings
 
     print_motion_notes(solved.notes)
     if solved.solution.fibers is not None:
@@ -197,8 +196,7 @@ def id_(
     end: End = None,
 ) -> None:
     """Inverse dynamics: the generalised forces that produce a motion under external loads, as OpenSim's tool."""
-    from station.assessment.given_motion import MotionCut, MuscleInputs
-    from station.assessment.inverse_dynamics import solve_inverse_dynamics, write_inverse_dynamics
+    from station.assessment.given_motion import MotionCut, MuscleInputs, solve_inverse_dynamics, write_inverse_dynamics
 
     if output.suffix not in (".csv", ".sto"):
         raise typer.BadParameter(f"--output should end in .csv or .sto and is {output.name}")

@@ -78,7 +78,7 @@ def catalogue(
     from station.catalogue.index import CATALOGUE_FILE, update_catalogue, write_participants
     from station.catalogue.query import SessionFilter, known_participants, list_cuffs, run_sql
     from station.messages.message import Message
-    from station.messages.study_codes import CatalogueCode
+    from station.messages.study_messages import CatalogueCode
     from station.progress import progress_bars
 
     if since is not None and before is not None and since >= before:

@@ -189,10 +189,10 @@ def report(
 
     from rich.console import Console
 
-    from fitting.results.standing import Standing
+    from fitting.results.outcome import Standing
     from station.files.chain import chain_of
     from station.messages.message import Message
-    from station.messages.setup_codes import FolderCode
+    from station.messages.setup_messages import FolderCode
     from station.progress import progress_bars
     from station.report.normative_section import adopt_normative
     from station.report.page import ReportError, write_report

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from tests.station.study.synthetic_sessions import write_sessions
 from tests.timeout import scaled_timeout
 

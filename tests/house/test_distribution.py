@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from station.files.init import InitError, write_examples
-from station.messages.setup_codes import ConfigCode
+from station.messages.setup_messages import ConfigCode
 from tests.station.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 

@@ -21,7 +21,7 @@ from fitting.results.codes import NoteCode, TrialNoteCode
 from fitting.trial.trial import within
 from solver.errors import SolverCode
 from station.fit import SessionError
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from tests.station.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 

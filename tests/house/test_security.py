@@ -19,7 +19,7 @@ from station.config import ConfigError, parse_config
 from station.journal import JournalError, read_journal
 from station.journal_lines import JOURNAL_FILE
 from station.messages.codes import JournalCode
-from station.messages.setup_codes import ConfigCode
+from station.messages.setup_messages import ConfigCode
 from station.viewer import viewer as rerun_viewer
 from tests.house.sources import SOURCES, name_of, nodes_of
 from tests.station.refusals import raises_refusal

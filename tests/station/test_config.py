@@ -10,7 +10,7 @@ import pytest
 from drivers.simulators.shoulder import published_shoulder
 from recordings.manifest import BodyMarkers, BounceRig, EmgAmplifier, TestKind, TrialCondition
 from station.config import ConfigError, load_config, parse_config, preset_labels
-from station.messages.setup_codes import ConfigCode
+from station.messages.setup_messages import ConfigCode
 from station.protocol import TrialSpec, published_plan
 from tests.station.refusals import raises_refusal
 

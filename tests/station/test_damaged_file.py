@@ -17,7 +17,7 @@ from fitting.trial.trial_reader import read_alone
 from station.bench.bench_clock import BenchClock
 from station.bench.trial_recorder import TrialRecorder
 from station.config import parse_config
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.protocol import TrialSpec
 from tests.recordings.trials import chunk_starts
 from tests.station.command import Ran

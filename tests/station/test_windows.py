@@ -22,7 +22,7 @@ from station.checksums import is_below, read_checksums
 from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
 from station.messages.codes import RefusalCode
-from station.messages.setup_codes import ConfigCode
+from station.messages.setup_messages import ConfigCode
 from station.protocol import windows_name_fault
 from station.whole_file import write_whole
 from tests.station.bench.test_trial_recorder import SPEC, Rig

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from fitting.emg.envelope import EnvelopeSettings, emg_envelope, smooth
+from fitting.emg.envelopes import EnvelopeSettings, emg_envelope, smooth
 from fitting.emg.shape import ShapeOutcome, compare_shapes
 
 Array = NDArray[np.float64]

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from fitting.emg.change import RepeatUnit, emg_change
-from fitting.emg.pooling import pool_shapes
+from fitting.emg.change import RepeatUnit, emg_change, pool_shapes
 from fitting.emg.shape import ShapeComparison, ShapeOutcome, compare_shapes
 from tests.fitting.emg.simulated import activation
 

@@ -11,7 +11,7 @@ import pytest
 from scipy import signal
 
 from fitting.emg.channels import ChannelFinding, bridge_gaps, find_faults
-from fitting.emg.envelope import EnvelopeSettings, emg_envelope
+from fitting.emg.envelopes import EnvelopeSettings, emg_envelope
 from fitting.results.codes import FitErrorCode
 from recordings.exchange.exp import read_exp
 from tests.conftest import SHARED

@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 
 from fitting.emg.channels import ChannelFinding
-from fitting.emg.envelope import PUBLISHED, EnvelopeSettings, emg_envelope
-from fitting.emg.envelopes import EmgTrial, envelopes_of, largest_envelopes, normalised, resampled
-from fitting.emg.maximum import maximum_voluntary_contraction
+from fitting.emg.envelopes import (
+    PUBLISHED,
+    EmgTrial,
+    EnvelopeSettings,
+    emg_envelope,
+    envelopes_of,
+    largest_envelopes,
+    maximum_voluntary_contraction,
+    normalised,
+    resampled,
+)
 from fitting.results.codes import FitErrorCode
 from tests.fitting.emg.simulated import RATE, activation, raw_emg
 from tests.fitting.refusals import raises_refusal

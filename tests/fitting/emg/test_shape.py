@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from fitting.emg.envelope import PUBLISHED, EnvelopeSettings, emg_envelope
+from fitting.emg.envelopes import PUBLISHED, EnvelopeSettings, emg_envelope
 from fitting.emg.shape import MAX_LAG_S, ShapeOutcome, compare_shapes
 from fitting.results.codes import FitErrorCode
 from tests.fitting.emg.simulated import NOISES, RATE, activation, compare_pair, emg_pair, raw_emg

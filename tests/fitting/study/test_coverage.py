@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from fitting.study.cuff_study import analyse, compare
-from fitting.study.measurements import Observation
+from fitting.study.cuff_study import Observation, analyse, compare
 
 SD = {"volunteer": 800.0, "volunteer_by_cuff": 300.0, "donning": 300.0, "repeat": 60.0, "operator": 250.0}
 MEAN, DIFFERENCE, NOISE = 5000.0, -1500.0, 25.0

@@ -11,16 +11,17 @@ from scipy import stats
 from fitting.dynamic.errors_in_variables import estimate
 from fitting.pull.pull import make_pulls
 from fitting.static.stiffness import fit_stiffness, trial_stiffness
-from fitting.study.cuff_study import compare
-from fitting.study.information import (
+from fitting.study.cuff_study import Observation, compare
+from fitting.study.power import (
+    ExpectedSpread,
     InstrumentNoise,
     damping_error,
+    difference_error,
     held_levels,
     migration_error,
+    paired_power,
     stiffness_error,
 )
-from fitting.study.measurements import Observation
-from fitting.study.power import ExpectedSpread, difference_error, paired_power
 from tests.fitting.pulls import DAMPING, MASS, STIFFNESS, Held, static_trial, swing
 
 

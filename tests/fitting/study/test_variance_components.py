@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from fitting.results.outcome import FitOutcome
+from fitting.study.cuff_study import Observation
 from fitting.study.donning_spread import SpreadOutcome, estimate_donning_spread
-from fitting.study.measurements import Observation
 from fitting.study.reml import evaluate
 from fitting.study.variance_components import (
     ComponentOutcome,

@@ -15,8 +15,7 @@ from solver.multibody.dynamics import inverse_dynamics
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
 from solver.time_series_table import read_table
-from station.assessment.given_motion import MotionCut, MuscleInputs
-from station.assessment.inverse_dynamics import solve_inverse_dynamics
+from station.assessment.given_motion import MotionCut, MuscleInputs, solve_inverse_dynamics
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in, write_motion
 from tests.solver.oracle.test_force_elements import lay

@@ -17,7 +17,7 @@ from station.assessment.donning import donning_sources
 from station.assessment.people_run import PeopleOptions, people_run
 from station.errors import UnusedOption
 from station.messages.codes import InputCode
-from station.messages.study_codes import StudyCode
+from station.messages.study_messages import StudyCode
 from station.study.sessions import StudyError
 from tests.solver.uncertainty.test_people import CASE, HAND, MODEL
 from tests.station.assessment.test_assess import write_cuffs

@@ -15,8 +15,7 @@ from solver.forces.passive_forces import PathSpring
 from solver.osim.model_writer import osim_document
 from solver.redundancy.redundancy_options import RedundancyOptions
 from station.assessment.given_motion import MotionCut, MuscleInputs
-from station.assessment.left_out import left_out_findings
-from station.assessment.rmr import SolvedMotion, solve_muscles
+from station.assessment.rmr import SolvedMotion, left_out_findings, solve_muscles
 from tests.station.command import Ran
 
 MODEL = bundled_model()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.sources import BodySpread
 from station.assessment.assess import assess_cuffs, decision_sentences, write_assessment
@@ -30,7 +30,7 @@ from station.assessment.people_run import (
     solve_here,
 )
 from station.errors import UnusedOption
-from station.messages.assessment_file_codes import AssessmentFileCode
+from station.messages.assessment_file_messages import AssessmentFileCode
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 from station.messages.message import Message
 from station.report.page import write_report

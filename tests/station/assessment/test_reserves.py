@@ -13,9 +13,8 @@ from solver.model import CoordinateActuator
 from solver.osim.model_reader import read_osim
 from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
-from station.assessment.left_out import left_out_findings
 from station.assessment.reserves import reserve_findings, unit_of
-from station.assessment.rmr import SolvedMotion, solve_muscles
+from station.assessment.rmr import SolvedMotion, left_out_findings, solve_muscles
 from station.assessment.rmr_table import reserve_unit
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in

@@ -17,7 +17,7 @@ from solver.motion import decimate, differentiate
 from solver.multibody.postures import postures
 from solver.paths import evaluate_paths
 from solver.raise_arm import simulate_arm_raise
-from station.assessment.slack_muscles import slack_muscles
+from station.assessment.rmr import slack_muscles
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import Step, step_in
 from tests.station.command import Ran

@@ -14,7 +14,7 @@ from fitting.trial.trial_reader import read_trial
 from recordings.reader import open_recording
 from station.files.timed_replay import replay
 from station.fit import SessionError, fit_session_folder
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.recordings_of_session import pulls_in
 from tests.station.command import Ran
 from tests.station.refusals import raises_refusal

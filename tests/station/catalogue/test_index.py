@@ -21,7 +21,7 @@ from station.catalogue.index import (
 from station.catalogue.query import SessionFilter, known_participants, list_cuffs, run_sql
 from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.journal_lines import JOURNAL_FILE
-from station.messages.study_codes import CatalogueCode
+from station.messages.study_messages import CatalogueCode
 from station.session.listing import list_sessions
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import write_sessions

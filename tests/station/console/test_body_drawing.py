@@ -11,7 +11,7 @@ from solver.bundled import bundled_model
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_writer import osim_document
 from solver.suit.suit import read_suit
-from station.console.body_drawing import BodyDrawing
+from station.console.live_feed import BodyDrawing
 from station.live.drawn_body import read_model
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from station.console.live_texts import best_text, delivery_text, most_active, rest_length_text, share_text
+from station.console.live_view import best_text, delivery_text, most_active, rest_length_text, share_text
 from station.live.published import LiveBest, LiveDelivery, LiveUpdate
 from tests.station.console.live_source import live_setup
 

@@ -12,7 +12,7 @@ from fitting.emg.shape import ShapeOutcome
 from solver.time_series_table import read_table, write_table
 from station.emg.emg_json import EmgTrialEntry, read_emg_document
 from station.exit_code import DONE, FAILED
-from station.messages.emg_codes import EmgCode
+from station.messages.emg_messages import EmgCode
 from tests.station.command import Ran, assert_refused
 from tests.station.emg.measured import levels, write_activations, write_emg, write_setup
 

@@ -18,7 +18,7 @@ from station.emg.emg_json import EmgDocument, read_emg_document
 from station.emg.trials import EmgFileError
 from station.exit_code import DONE, LOSSY, WRONG_USAGE
 from station.messages.codes import InputCode
-from station.messages.emg_codes import EmgCode
+from station.messages.emg_messages import EmgCode
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 from tests.station.emg.measured import (
     levels,

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.emg.envelope import LINEAR_ENVELOPE, PUBLISHED, EnvelopeSettings
+from fitting.emg.envelopes import LINEAR_ENVELOPE, PUBLISHED, EnvelopeSettings
 from fitting.wearer.wearer_trial import build_wearer_trial
 from recordings.manifest import DataOrigin, EmgAmplifier
 from solver.bundled import bundled_model
 from station.config import ConfigError
 from station.emg.trials import EmgFileError, emg_of, read_emg_setup, read_emg_trial
-from station.messages.emg_codes import EmgCode
+from station.messages.emg_messages import EmgCode
 from tests.fitting.trial.test_analog_signals import MANIFEST, recorded
 from tests.station.refusals import raises_refusal
 

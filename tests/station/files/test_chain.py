@@ -15,7 +15,7 @@ import pytest
 
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.results.codes import RejectionCode
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from solver.bundled import bundled_model
 from solver.raise_arm import simulate_arm_raise
 from solver.time_series_table import write_table

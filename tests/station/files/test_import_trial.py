@@ -26,7 +26,7 @@ from station.files.import_trial import Imported, import_trial, with_lag
 from station.fit import fit_session_folder
 from station.messages.codes import InputCode
 from station.messages.file_codes import ExportCode, ImportCode
-from station.messages.setup_codes import ConfigCode
+from station.messages.setup_messages import ConfigCode
 from station.protocol import TrialSpec
 from tests.fitting.bouncing import Bounce, recorded
 from tests.station.command import assert_one_sentence, assert_refused

@@ -14,7 +14,7 @@ import pytest
 
 from station.live.outlet import LslOutlet, OutletRefused, live_columns, live_row
 from station.live.published import NAN, LiveDelivery, LiveScenarioValues, LiveValues
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from tests.station.live.test_server import SETUP
 from tests.timeout import scaled_timeout
 

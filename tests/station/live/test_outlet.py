@@ -21,7 +21,7 @@ from station.live.outlet import LslOutlet, OutletRefused
 from station.live.result_file import live_path
 from station.live.subscription import LiveSubscription, find_address
 from station.live.tap import LiveTap
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from tests.drivers.pytest_on_loopback import passed_on_loopback
 from tests.station.live.test_server import SETUP
 from tests.station.live.trials import TIGHT, Collected, generic_plan, part_of, solve

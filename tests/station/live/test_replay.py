@@ -17,7 +17,7 @@ from station.live.plan import PreparedTrial
 from station.live.process import FedMessages, run
 from station.live.published import NAN, UPDATE, LiveDelivery, LiveUpdate
 from station.live.replay import LiveRefused, prepare_replay, replay_live
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from station.subject.assessed_subject import read_wearer_trials
 from tests.station.live.trials import TIGHT, Collected, generic_plan, part_of
 from tests.station.wearer import SPECS, WearerSession

@@ -38,7 +38,7 @@ from station.live.subscription import (
     find_address,
     withdraw,
 )
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from tests.timeout import scaled_timeout
 
 SETUP = LiveSetup(

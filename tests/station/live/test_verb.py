@@ -27,7 +27,7 @@ from station.live.published import (
     LiveValues,
 )
 from station.live.terminal_view import LiveSummary, best_sentence, render
-from station.messages.live_codes import LiveCode
+from station.messages.live_messages import LiveCode
 from tests.station.command import Ran
 from tests.station.live.test_server import SETUP
 from tests.station.wearer import SPECS, WearerSession

@@ -14,7 +14,7 @@ import pytest
 from station import charts
 from station.charts.marks import Array, Line
 from station.charts.svg import draw
-from station.report.body_figure import ELEVATION, LESS, MORE, activation_changes, body_figure, change_colour
+from station.report.assessment_section import ELEVATION, LESS, MORE, activation_changes, body_figure, change_colour
 
 ACTIVATIONS = pd.DataFrame(
     {

@@ -11,7 +11,7 @@ import pytest
 from fitting.cuffs.cuffs_json import cuffs_json
 from recordings.manifest import DataOrigin
 from station.files.chain import chain_of
-from station.messages.study_codes import StudyCode
+from station.messages.study_messages import StudyCode
 from station.report.normative_section import adopt_normative, normative_section
 from station.report.page import write_report
 from station.report.verification import number_links

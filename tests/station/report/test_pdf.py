@@ -12,7 +12,7 @@ import pytest
 
 from station.checksums import read_checksums, sha256_of
 from station.extras import MissingExtra, with_extras
-from station.messages.setup_codes import ConfigCode, FolderCode
+from station.messages.setup_messages import ConfigCode, FolderCode
 from station.report import page
 from station.report.pdf import BrowserError, _launch, write_pdf
 from station.verbs.whole import report

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from fitting.results.standing import Standing
+from fitting.results.outcome import Standing
 from station.checksums import read_checksums, sha256_of, write_checksums
 from station.files.chain import Link, verify_folder
 from station.messages.file_codes import NumberCode

@@ -21,7 +21,7 @@ from station.config import StationConfig, load_config
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.messages.codes import AlarmCode, CommandCode, JournalCode, ReasonCode, TerminalCode, TrialCode
 from station.messages.message import Message
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.listing import list_sessions

@@ -10,8 +10,7 @@ import pytest
 from station.config import StationConfig, parse_config
 from station.journal import Setup, write_setup
 from station.journal_lines import JOURNAL_FILE
-from station.session.earlier_sessions import EarlierSessions
-from station.session.listing import list_sessions
+from station.session.listing import EarlierSessions, list_sessions
 from station.subject.subject_file import Cord, Subject, write_subject
 
 CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}

@@ -13,8 +13,8 @@ from station.body_config import BodySection
 from station.config import ProtocolSection, parse_config
 from station.messages.codes import AlarmCode, CueCode
 from station.messages.message import Message
-from station.session.force_limits import ForceLimits, force_limits
 from station.session.guide import Cue, FreeStaticGuide, Guide, RestState, StaticGuide, SwingGuide, guide_for
+from station.session.live_trial import ForceLimits, force_limits
 from station.session.wearer_guide import wearer_guide
 
 RNG = np.random.default_rng(7)

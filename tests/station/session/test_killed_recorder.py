@@ -20,8 +20,8 @@ from station.journal import Recorded
 from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.session.controller import SessionController
+from station.session.fitted_judgement import unfinished_step
 from station.session.trial_process import TrialProcess
-from station.session.unfinished_trial import unfinished_step
 from tests.station.console.served import write_config
 from tests.station.session.test_controller import SETUP, SPEED, until, with_folder
 

@@ -11,7 +11,7 @@ import pytest
 from station.config import parse_config
 from station.journal import Setup
 from station.messages.codes import CommandCode
-from station.session.plan_check import check_setup, looks_like_a_name
+from station.session.plan_status import check_setup, looks_like_a_name
 
 
 @pytest.mark.parametrize("word", ["Maria", "smith", "Anna Lee", "de Vries"])

@@ -17,7 +17,7 @@ from station.assessment.assessment_inputs import InputError
 from station.fit import fit_session_folder
 from station.journal import Assignment, write_assigned, write_verdict
 from station.messages.codes import AssessmentCode
-from station.messages.setup_codes import FolderCode
+from station.messages.setup_messages import FolderCode
 from station.session.summary import EndedSession, SummaryError, end_session, summarise
 from tests.station.foreign import static_and_dynamic
 from tests.station.refusals import raises_refusal

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from station.config import load_config
-from station.messages.study_codes import PlanCode
+from station.messages.study_messages import PlanCode
 from station.study.designs import DesignOutcome, find_designs, planned_config, read_study_plan, session_minutes
 from tests.station.command import Ran, assert_refused
 

@@ -13,7 +13,7 @@ from fitting.study.variance_components import ComponentOutcome
 from station.charts.marks import Strip
 from station.checksums import sha256_of
 from station.messages.message import Message
-from station.messages.study_codes import StudyCode
+from station.messages.study_messages import StudyCode
 from station.study.normative_file import NormativePlace, read_normative
 from station.study.sessions import StudyError, read_session, read_sessions
 from station.study.study_document import StudyDocument, make_study, read_study, study_document

@@ -17,8 +17,7 @@ from station.config import StationConfig, load_config
 from station.journal import Setup
 from station.session.controller import SessionController
 from station.session.live_trial import LiveTrial
-from station.terminal.command_queue import Request
-from station.terminal.commands import parse_command
+from station.terminal.commands import Request, parse_command
 from station.terminal.events import Event
 from station.terminal.sequencer import SessionSequencer
 from tests.station.child_process import end_process

@@ -14,8 +14,7 @@ from station.messages.codes import ReasonCode
 from station.messages.message import Message
 from station.session.judgement import Figure, Judgement, Row
 from station.terminal.events import Decided, SessionOpened, VerdictGiven, WarningRaised
-from station.terminal.json_output import JsonOutput
-from station.terminal.text_output import SessionConsole, TextOutput
+from station.terminal.outputs import JsonOutput, SessionConsole, TextOutput
 
 OPENED = SessionOpened("P01", "monday", "monday", 2, 0, 0, is_simulated=False)
 JUDGEMENT = Judgement(

@@ -1,11 +1,21 @@
-"""Sentences on subject.toml and the recordings beside it."""
+"""Messages on subject.toml and the recordings beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
 
-from station.messages.subject_codes import SubjectCode
+
+class SubjectCode(StrEnum):
+    """What is wrong with subject.toml, or missing in its folder."""
+
+    UNREADABLE = "subject.unreadable"
+    INVALID_KEY = "subject.invalid_key"
+    NO_MASS = "subject.no_mass"
+    UNKNOWN_MARKERS = "subject.unknown_markers"
+    NO_MOTION = "subject.no_motion"
+    UNKNOWN_CUFF = "subject.unknown_cuff"
+
 
 SUBJECT: Mapping[StrEnum, str] = {
     SubjectCode.UNREADABLE: (

@@ -1,11 +1,14 @@
-"""A session as text: permanent lines, and on a terminal the running trial below them."""
+"""Events of a session on the terminal, as text for people or as lines of JSON for programs."""
 
 from __future__ import annotations
 
+import json
+import math
 import textwrap
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from rich.console import Console, Group
 from rich.live import Live as LiveRegion
@@ -224,3 +227,27 @@ def _trial_lines(live: LiveTrial, title: str) -> list[Text]:
     if live.unseen_alarm is not None:
         lines.insert(0, Text(f"{live.unseen_alarm}   (i: silence)", "bold white on red"))
     return lines
+
+
+class JsonOutput:
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+
+    def show_event(self, event: Event) -> None:
+        line = json.dumps({"event": event.event, **_finite(asdict(event))}, ensure_ascii=False, allow_nan=False)
+        with suppress(OSError, ValueError):  # the reader has ended; the session continues and its journal has it
+            print(line, file=self._out, flush=True)
+
+    def show_trial(self, live: LiveTrial | None) -> None:
+        """The status is an event, once a second."""
+
+
+def _finite(value: Any) -> Any:
+    """Replace the open end of an interval by null, because JSON has no infinity."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(inner) for inner in value]
+    return value
