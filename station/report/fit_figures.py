@@ -1,4 +1,4 @@
-"""Charts of the fit: by trial its repeats and checks of the law; by cuff its held loads, tangent stiffness, damper force."""
+"""Charts of the fit: by trial its repeats and checks of the law; by cuff held loads, tangent stiffness, damping."""
 
 from __future__ import annotations
 

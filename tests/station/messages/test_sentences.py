@@ -17,9 +17,7 @@ from station.messages.message import Message
 from station.messages.sentences import SENTENCES
 
 MODULES = [
-    importlib.import_module(f"station.messages.{module.name}")
-    for module in pkgutil.iter_modules(messages.__path__)
-    if module.name.endswith("codes")
+    importlib.import_module(f"station.messages.{module.name}") for module in pkgutil.iter_modules(messages.__path__)
 ]
 ENUMERATIONS: list[type[StrEnum]] = [
     value
