@@ -56,7 +56,7 @@ class LiveSection(BaseModel):
     rest_lengths_m: tuple[StrictPositive, ...] = Field(
         default=(), max_length=4
     )  # further scenarios, for the best length
-    writes_file: bool = True  # live/TRIAL.live.mcap in the session's folder
+    writes_file: bool = True  # live/TRIAL.live.csv in the session's folder
     outlet: str = ""  # a Lab Streaming Layer outlet: "loopback", a network interface such as "eth0", or "any"
     outlet_name: Annotated[str, Field(min_length=1)] = "cuffstation live"
 

@@ -24,13 +24,11 @@ from recordings.errors import RecordingError
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
-from recordings.live_result import is_live_result
 from recordings.reader import Track, open_recording
 from recordings.samples import Event
 from station.checksums import changed_files, standing_of
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
-from station.files.live_info import export_live_result, shortfalls_of_live
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
 from station.messages.file_codes import ChainCode, ExportCode
 from station.messages.message import Message, join_sentences
@@ -81,9 +79,6 @@ def export_recordings(
         progress("exporting recordings", done, len(paths))
         try:
             notes += _shortfalls(path)
-            if is_live_result(path):
-                written += export_live_result(path, to, output)
-                continue
             trial = read_synchronised(path)
             if to == "bids":
                 for_bids.append(trial)
@@ -111,7 +106,7 @@ def export_recordings(
 
 def _shortfalls(path: Path) -> list[Message[ExportCode]]:
     """A note on a recording that is incomplete, as `station info` finds it."""
-    found = shortfalls_of_live(path) if is_live_result(path) else contents_of(path).shortfalls
+    found = contents_of(path).shortfalls
     more = len(found) - SHORTFALLS_LISTED
     listed = [*found[:SHORTFALLS_LISTED], *([f"and {more} more, see `station info`"] if more > 0 else [])]
     return [Message(ExportCode.INCOMPLETE, {"file": path.name, "reasons": "; ".join(listed)})] if found else []

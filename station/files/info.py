@@ -16,13 +16,11 @@ from fitting.results.outcome import Standing
 from fitting.trial.decimation import Decimator
 from fitting.trial.sync_certificate import SyncCertificate, certify
 from recordings.contents import Contents, summarise
-from recordings.live_result import is_live_result
 from recordings.manifest import DataOrigin, LoadCell, Manifest
 from recordings.reader import survey_file
 from recordings.recovery import recover
 from station.checksums import CHECKSUMS_FILE, changed_files, standing_of, write_checksums
 from station.exit_code import DONE, LOSSY
-from station.files.live_info import live_result_of, recover_live, show_live_result
 from station.folded_table import FoldedTable
 from station.progress import busy, progress_bars
 from station.protocol import describe_trial
@@ -30,8 +28,6 @@ from station.protocol import describe_trial
 
 def show_contents(path: Path, *, as_json: bool) -> int:
     """Print the content of the file to stdout. Returns 0, or 3 if a part of it is missing."""
-    if is_live_result(path):
-        return show_live_result(path, as_json=as_json)
     with busy(f"reading {path.name}"):
         contents, certificate, sentence = _read(path)
     standing = standing_of(path)
@@ -43,7 +39,6 @@ def show_contents(path: Path, *, as_json: bool) -> int:
             "checked": standing,
             "sync": None if certificate is None else certificate.to_plain(),
             "sync_sentence": sentence,
-            "live_result": live_result_of(path),
         }
         print(json.dumps(plain, indent=2, ensure_ascii=False))
     else:
@@ -51,8 +46,6 @@ def show_contents(path: Path, *, as_json: bool) -> int:
         for line in (f"sync: {sentence}", *(certificate.findings if certificate else ())):
             print(line)
         print(f"{path.name}: {standing}, by {CHECKSUMS_FILE}")
-        if live := live_result_of(path):
-            print(f"live result: {live['path']}: {live['sentence']}")
     return LOSSY if contents.shortfalls or standing.is_break else DONE
 
 
@@ -61,8 +54,6 @@ def recover_recording(path: Path, output: Path | None, *, as_json: bool) -> int:
 
     A complete file is not changed, and its own path is printed.
     """
-    if is_live_result(path):
-        return recover_live(path, output, as_json=as_json)
     survey = survey_file(path)
     if not survey.damage and not survey.missing:
         print(f"{path} is complete, there is nothing to recover", file=sys.stderr)

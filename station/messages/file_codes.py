@@ -65,7 +65,6 @@ class ExportCode(StrEnum):
     ROWS_FILLED = "export.rows_filled"
     INCOMPLETE = "export.incomplete"
     MODEL_NOTE = "export.model_note"
-    LIVE_FORMAT = "export.live_format"
 
     NO_SAMPLES = "replay.no_samples"
     NO_SYNC_EDGE = "replay.no_sync_edge"

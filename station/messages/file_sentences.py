@@ -97,7 +97,6 @@ _EXPORT: Mapping[StrEnum, str] = {
     ExportCode.NO_COMMON_CLOCK: "{file} cannot be exported: {reason}",
     ExportCode.RAW_POSSIBLE: "{file} cannot be exported: {reason}; --to csv writes the raw samples",
     ExportCode.RAW_ONLY: "{file} has no common clock, every stream is exported raw: {reason}",
-    ExportCode.LIVE_FORMAT: "{file} holds live results, which have no place in {format}; export them to {possible}",
     ExportCode.NO_CUFF_FORCE: (
         "{file} is a {test} trial of the wearer, without a rope that pulls on a cuff; --to trc writes its markers for "
         "inverse kinematics, --to csv the force of its cord"

@@ -239,9 +239,7 @@ def _export_recordings(
     from rich.console import Console
 
     from station.files.export_trial import export_recordings
-    from station.files.live_info import FORMATS as LIVE_FORMATS
     from station.files.synchronised import ExportRefused, WrongExport
-    from station.live.result_file import live_results_in
     from station.messages.file_codes import ExportCode
     from station.messages.message import Message
     from station.progress import busy, progress_bars
@@ -254,8 +252,6 @@ def _export_recordings(
         missing = _names({"FILE or --session": source, "--to": to}, are_given=False)
         raise WrongExport(Message(ExportCode.INCOMPLETE_COMMAND, {"missing": missing}))
     paths = [source] if file is not None else originals_in(source)
-    if file is None and to in LIVE_FORMATS:
-        paths = [*paths, *live_results_in(source)]
     if not paths:
         raise ExportRefused(Message(ExportCode.NO_RECORDING, {"folder": str(source)}))
     folder = output or (source.parent if file is not None else source)

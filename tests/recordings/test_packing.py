@@ -16,7 +16,7 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 import recordings
-from recordings import live_result, topics
+from recordings import topics
 from recordings.errors import RecordingCode, RecordingError
 from recordings.packing import pack, unpack
 from recordings.samples import Event, Loss, Samples, Stream
@@ -179,19 +179,14 @@ def test_the_page_states_the_fields_that_the_code_writes() -> None:
     page = (Path(recordings.__file__).parent / "FORMAT.md").read_text(encoding="utf-8")
     on_page = dict(re.findall(r"message (\w+) \{(.*?)\n\}", page, re.DOTALL))
     assert {name: FIELD.findall(text) for name, text in on_page.items()} == {
-        name.removeprefix("cuffstation."): FIELD.findall(text)
-        for name, text in (topics.SCHEMAS | live_result.LIVE_SCHEMAS).items()
+        name.removeprefix("cuffstation."): FIELD.findall(text) for name, text in topics.SCHEMAS.items()
     }
 
 
 def test_the_page_states_the_topics_in_file_order() -> None:
     page = (Path(recordings.__file__).parent / "FORMAT.md").read_text(encoding="utf-8")
     rows = re.findall(r"\| (\d+) \| `(/\w+)` \| `([\w.]+)` \|", page)
-    expected = [
-        (str(i), topic, schema)
-        for schemas in (topics.SCHEMA_OF_TOPIC, live_result.SCHEMA_OF_TOPIC)
-        for i, (topic, schema) in enumerate(schemas.items(), start=1)
-    ]
+    expected = [(str(i), topic, schema) for i, (topic, schema) in enumerate(topics.SCHEMA_OF_TOPIC.items(), start=1)]
     assert rows == expected
 
 
