@@ -24,6 +24,7 @@ from fitting.cuffs.cuff_fit import SessionFit
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.results.codes import NoteCode
 from fitting.results.rendering import Note
+from solver.cuff import KelvinVoigt
 
 OWN_START = 1.0
 """Seconds at the start of a record whose mean is its zero."""
@@ -130,8 +131,9 @@ def _swing(fitted: FittedPull, k: float) -> tuple[float, float, float, float, fl
     inside = (time >= fit.oscillation.start) & (time <= fit.oscillation.end) & np.isfinite(velocity)
     inside &= np.isfinite(pull.displacement[1:-1])
     displacement = pull.displacement[1:-1][inside] - _own_zero(fitted)
-    damper_force = np.interp(time[inside], pull.force_time, pull.force) - k * displacement
     v = velocity[inside]
+    spring = KelvinVoigt(k).force(displacement, np.zeros_like(v))
+    damper_force = np.interp(time[inside], pull.force_time, pull.force) - spring
     c = float(v @ damper_force / (v @ v))
     true, noise = float(np.mean(fit.velocity**2)), fit.marker_noise**2 / (2 * step**2)
     return (

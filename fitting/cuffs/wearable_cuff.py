@@ -19,16 +19,16 @@ from fitting.results.cuffs_schema import POSSIBLE
 from fitting.results.rendering import Note, sentence_of, verdict_text
 from fitting.uncertainty import NORMAL_95, Estimate, normal_estimate
 from recordings.manifest import DataOrigin
-from solver.cuff import PARAMETER_ORDER, CuffParameters
+from solver.cuff import CuffParameters, KelvinVoigt
 
 if TYPE_CHECKING:
     import pandas as pd
 
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
 """Field of Cuff and CuffFit → key in cuffs.json, in the order of CuffParameters' covariance."""
-KNOWN_LAW, TENSOR = "kelvin_voigt", "tensor"
+KNOWN_LAW, TENSOR = KelvinVoigt.NAME, "tensor"
 """Names of laws in cuffs.json: F = k x + c ẋ along one line, and in three dimensions."""
-UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
+UNITS = CuffParameters.UNITS
 Figure = Estimate | float | tuple[float, float]
 """An estimate, a number, or a number and its standard error."""
 
@@ -244,9 +244,9 @@ def with_interval_covariance(cuff: Cuff) -> CuffParameters:
     """k, c and migration with a covariance whose normal 95 % intervals are those of the fit. Raises NotIdentified."""
     parameters = cuff.parameters()
     errors = np.sqrt(np.diag(parameters.covariance))
-    ends = [getattr(cuff, name).ci95 for name in PARAMETER_ORDER]
+    ends = [getattr(cuff, name).ci95 for name in UNITS]
     wanted = np.maximum(errors, np.diff(ends, axis=1)[:, 0] / (2 * NORMAL_95))
-    scale = np.divide(wanted, errors, out=np.ones(3), where=errors > 0)
+    scale = np.divide(wanted, errors, out=np.ones(len(UNITS)), where=errors > 0)
     covariance = parameters.covariance * np.outer(scale, scale)
     np.fill_diagonal(covariance, wanted**2)
     return replace(parameters, covariance=covariance)
@@ -261,7 +261,7 @@ MEASURED_ALONG = (
 def bushing_force(wearable: Cuff) -> str:
     """An XML element, k in N/m and c in N s/m. Raises NotIdentified if a figure is missing."""
     cuff = wearable.parameters()
-    stiffness, damping = (" ".join([repr(value)] * 3) for value in (cuff.stiffness, cuff.damping))
+    stiffness, damping = (" ".join([repr(value)] * 3) for value in cuff.law.bushing())
     return (
         f"<BushingForce name={quoteattr(f'{cuff.name}_cuff')}>\n"
         f"  <!-- {MEASURED_ALONG} -->\n"

@@ -25,6 +25,7 @@ from fitting.pull.plateaus import Plateau, is_unloaded
 from fitting.results.codes import FindingCode
 from fitting.results.rendering import Figures, name_of, sentence_of
 from fitting.uncertainty import Estimate
+from solver.cuff import KelvinVoigt
 
 SIGNIFICANT = 3.0
 SHIFT_LIMIT, ZERO_LIMIT = 0.5e-3, 1.0
@@ -113,7 +114,7 @@ def _start(dynamic: FittedPull, static: Level, stiffness: Estimate | None) -> tu
         return seen, True
     if stiffness is None or dynamic.dynamic is None:
         return None
-    lift = (swing_force(dynamic) - static.force) / stiffness.value
+    lift = float(KelvinVoigt(stiffness.value).equilibrium(swing_force(dynamic) - static.force))
     position = float(np.mean(dynamic.dynamic.displacement)) - lift
     return Level(static.force, static.force_sd, position, abs(lift) * stiffness.standard_error / stiffness.value), False
 
@@ -126,7 +127,8 @@ def _start_shift(pairs: Sequence[tuple[FittedPull, FittedPull]], stiffness: Esti
         start = _start(dynamic, zero, stiffness)
         if start is None:
             continue
-        lift = (start[0].force - zero.force) / stiffness.value if stiffness and not start[1] else 0.0
+        load = start[0].force - zero.force
+        lift = KelvinVoigt(stiffness.value).equilibrium(load) if stiffness and not start[1] else 0.0
         shifts.append((start[0].displacement - zero.displacement - lift, end.displacement - zero.displacement))
         errors.append(math.hypot(start[0].displacement_sd, zero.displacement_sd))
     if not shifts:

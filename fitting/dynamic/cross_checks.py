@@ -24,6 +24,7 @@ from fitting.results.codes import TrialNoteCode
 from fitting.results.outcome import FitOutcome
 from fitting.results.rendering import Figures, Note
 from fitting.uncertainty import Estimate, normal_estimate
+from solver.cuff import KelvinVoigt
 
 Method = Literal["errors in variables", "output error", "weak form", "complex stiffness"]
 
@@ -237,7 +238,9 @@ def _motion(
     continuous = np.array([mass, c, k] if mass > 0 else [c, k])
     numerator, denominator, _ = scipy.signal.cont2discrete((np.ones(1), continuous), float(time[1] - time[0]), "foh")
     start = force[0]
-    return np.asarray(start / k + scipy.signal.lfilter(np.ravel(numerator), denominator, force - start))
+    return np.asarray(
+        KelvinVoigt(k, c).equilibrium(start) + scipy.signal.lfilter(np.ravel(numerator), denominator, force - start)
+    )
 
 
 def _covariance(design: NDArray[np.float64], residual: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ from fitting.results.rendering import Note
 from fitting.trial.force_quality import REST
 from fitting.trial.oscillation import Oscillation, find_oscillation
 from fitting.uncertainty import Estimate, Repeat, normal_estimate
+from solver.cuff import KelvinVoigt
 
 MIN_CYCLES = 3.0
 MIN_SAMPLES_PER_CYCLE = 8.0
@@ -162,7 +163,8 @@ def _require_amplitude(solution: Solution) -> tuple[Note, ...]:
 def _slip_of(swing: Swing, solution: Solution, oscillation: Oscillation) -> Slip:
     """Slip during the swing. Raises UnusableTrial if it does not end and its apparent damping is large."""
     k, c = float(solution.parameters[K]), float(solution.parameters[C])
-    offset = swing.displacement - np.interp(swing.marker_time, swing.force_time, swing.force) / k
+    force = np.interp(swing.marker_time, swing.force_time, swing.force)
+    offset = swing.displacement - KelvinVoigt(k, c).equilibrium(force)
     negligible = NEGLIGIBLE_SLIP * float(solution.known_lag_sd[1])
     slip = find_slip(swing.marker_time, offset, solution.marker_noise, oscillation, k, negligible)
     if not slip.settles and slip.damping > MAX_APPARENT_DAMPING * abs(c):

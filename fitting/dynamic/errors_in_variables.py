@@ -25,7 +25,7 @@ from fitting.results.codes import RejectionCode
 from fitting.results.outcome import NEGLIGIBLE, FitOutcome
 from fitting.spline import Spline, linear_combination, regularised, solve_banded
 from fitting.uncertainty import Estimate
-from solver.cuff import cuff_force
+from solver.cuff import KelvinVoigt
 
 KNOT_STEP = 0.08
 OUTLIER = 5.0
@@ -175,8 +175,9 @@ def _linearise(
     load = swing.force - f0 - f1 * u
     theta = solve_banded(normal, seen_markers.T @ swing.displacement[seen] / s_x**2 + G.T @ load / s_f**2)
     x, v, a, j = (np.asarray(derivative @ theta) for derivative in design)
-    residual = load - cuff_force(k, c, x, v) - swing.mass * a
-    with_lag = cuff_force(k, c, v, a) + swing.mass * j
+    law = KelvinVoigt(k, c)
+    residual = load - law.force(x, v) - swing.mass * a
+    with_lag = law.force(v, a) + swing.mass * j
     jacobian = np.column_stack((x, v, np.ones(len(u)), u, with_lag))
     shared = np.asarray(G.T @ jacobian) / s_f**2
     information = jacobian.T @ jacobian / s_f**2 - shared.T @ solve_banded(normal, shared)

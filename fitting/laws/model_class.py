@@ -33,6 +33,7 @@ from fitting.pull.plateaus import Plateau, is_unloaded
 from fitting.pull.pull import Pull
 from fitting.trial.clocks import DECLARED
 from fitting.trial.oscillation import Oscillation
+from solver.cuff import KelvinVoigt
 
 KELVIN_VOIGT = "Kelvin-Voigt"
 GAIN, SECOND_GAIN, NO_LOSS = 0.05, 0.15, 0.01
@@ -304,7 +305,7 @@ def _stiffness(pulls: Sequence[SampledPull]) -> float:
 
 def _powers(pull: SampledPull, stiffness: float) -> list[NDArray[np.float64]]:
     x, force = pull.displacement, pull.force
-    y = x - x[pull.kept].mean() + force[pull.kept].mean() / stiffness
+    y = x - x[pull.kept].mean() + KelvinVoigt(stiffness).equilibrium(force[pull.kept].mean())
     return [y**2, y**3]
 
 

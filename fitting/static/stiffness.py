@@ -20,6 +20,7 @@ from fitting.pull.plateaus import SAME_LOAD, Plateau
 from fitting.results.outcome import NEGLIGIBLE, FitOutcome, worst
 from fitting.static.tangent import HeldPoints, TangentLaw, fit_law, within
 from fitting.uncertainty import NORMAL_95, Estimate, Repeat, as_inverse, chi_square_limit, combine
+from solver.cuff import KelvinVoigt
 
 MIN_STRAIGHT = 2
 """Degrees of freedom that a line through the plateaus must have before slip is excluded."""
@@ -273,7 +274,8 @@ def _progressive_slip(trials: Sequence[Sequence[Plateau]], stiffness: float) -> 
     held = [plateaus for plateaus in trials if plateaus]
     top = min(max(plateau.force for plateau in plateaus) for plateaus in held)
     first, last = (min(plateaus, key=lambda plateau: abs(plateau.force - top)) for plateaus in (held[0], held[-1]))
-    increase = last.late[0] - first.late[0] - (last.force - first.force) / stiffness
+    spring = KelvinVoigt(stiffness)
+    increase = last.late[0] - first.late[0] - spring.equilibrium(last.force - first.force)
     error = math.hypot(first.late[1], last.late[1])
     return increase if increase > INCONSISTENT * error else 0.0
 
@@ -405,5 +407,6 @@ def _contradict(above_all: list[StaticFit], every_rise: list[StaticFit]) -> bool
 
 def _slip(fit: StaticFit, stiffness: float) -> float:
     """Slip in a trial [m]: sum of the steps between the offsets of its segments."""
-    x = np.array([plateau.late[0] - plateau.force / stiffness for plateau in fit.plateaus])
+    spring = KelvinVoigt(stiffness)
+    x = np.array([plateau.late[0] - spring.equilibrium(plateau.force) for plateau in fit.plateaus])
     return float(sum(x[i] - x[i - 1] for i in np.flatnonzero(np.diff(fit.segment)) + 1))

@@ -132,14 +132,15 @@ def _add_cuff(osim: Xml.Element, part: str, rest: SuitPoint, mass: SuitMass, yie
     joint = add_joint(joints, "CustomJoint", f"{name}_joint", sides, coordinates)
     functions = [polynomial([0.0])] * 3 + [polynomial([0.0, 1.0])] * 3
     add_axes(joint, np.vstack([np.eye(3), np.eye(3)]), ["", "", "", *shifts], functions)
+    stiffness, damping = yields.law.bushing()
     add_values(
         add(objects_of(osim, "ForceSet"), "BushingForce", f"{name}_bushing"),
         socket_frame1=f"/jointset/{name}_joint/{name}_joint_{rest.body}",
         socket_frame2=f"/bodyset/{name}",
         rotational_stiffness=np.zeros(3),
-        translational_stiffness=np.full(3, yields.stiffness),
+        translational_stiffness=np.full(3, stiffness),
         rotational_damping=np.zeros(3),
-        translational_damping=np.full(3, yields.damping),
+        translational_damping=np.full(3, damping),
     )
 
 

@@ -9,14 +9,14 @@ migration and does not move its line, or along the bone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.cuff import CuffParameters, cuff_force
+from solver.cuff import CuffLaw, CuffParameters
 from solver.errors import SolverCode
 from solver.model import Model
 from solver.multibody.postures import Postures, points_in_ground
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Cuffs = Sequence[CuffParameters | None]
 
 EQUILIBRIUM_RESIDUAL = 1e-9  # N
+EQUILIBRIUM_STEP, MOST_STEPS = 1e-11, 50  # N; of Newton's method
 ALONG_THE_BONE = np.array([0.0, 1.0, 0.0])  # the long axis of humerus and thorax, and the axis of their cuffs
 
 
@@ -119,8 +120,7 @@ def ensure_possible(cuff: CuffParameters, least_damping: float = 0.0) -> None:
 
     Also for a figure that is not finite.
     """
-    is_finite = np.isfinite([cuff.stiffness, cuff.damping, cuff.migration]).all()
-    if not (is_finite and cuff.stiffness > 0 and cuff.damping >= least_damping):
+    if not (np.isfinite(cuff.figures).all() and cuff.stiffness > 0 and cuff.damping >= least_damping):
         raise SuitError(
             f"the cuff {cuff.name} should have a stiffness above 0, a damping of 0 or more and a finite migration, and "
             f"has {cuff.stiffness:g} N/m, {cuff.damping:g} N s/m and {cuff.migration:g} m; fit it again, correct the "
@@ -148,19 +148,20 @@ def suit_forces(
         if cuff:
             ensure_possible(cuff, least_damping=-np.inf)  # draws about a small damping are below 0, too
     rest = with_migration(suit, line, cuffs) if is_shifted else line
-    stiffness = np.array([cuff.stiffness if cuff and yields else np.inf for cuff in cuffs])
-    _ensure_at_rest(rest.reach, suit.stiffness, float(rest_lengths.min()), stiffness)
-    series = _series_tension(rest.length, suit.stiffness, rest_lengths[:, None], stiffness)
-    tension = _cord_tension(suit, rest.length - series * (1 / stiffness).sum(), rest_lengths[:, None], line.interval)
+    laws = [cuff.law if cuff and yields else None for cuff in cuffs]
+    _ensure_at_rest(rest.reach, suit.stiffness, float(rest_lengths.min()), laws)
+    series, stiffness = _series_tension(rest.length, suit.stiffness, rest_lengths[:, None], laws)
+    tension = _cord_tension(suit, rest.length - series * (1 / stiffness).sum(-1), rest_lengths[:, None], line.interval)
     chosen, direction = slice(None, None, every), rest.direction
-    displacement = (series[:, chosen, None] / stiffness)[..., None] * direction[chosen]
+    travel = series[..., None] / stiffness
+    displacement = travel[:, chosen, :, None] * direction[chosen]
     pull = tension[:, chosen, None, None] * direction[chosen]
     held = [pull[..., i, :] for i in range(len(cuffs))]
     if yields:
-        velocity = _velocity(suit, line, series, stiffness, direction, every)
-        for i, cuff in enumerate(cuffs):
-            if cuff:
-                held[i] = cuff_force(cuff.stiffness, cuff.damping, displacement[..., i, :], velocity[..., i, :])
+        velocity = _velocity(suit, line, travel, direction, every)
+        for i, law in enumerate(laws):
+            if law:
+                held[i] = law.force(displacement[..., i, :], velocity[..., i, :], axis=-1)
     shoulder = np.broadcast_to(line.shoulder[chosen], (*tension[:, chosen].shape, 3))
     return SuitForces(
         tension=tension[:, chosen],
@@ -171,15 +172,16 @@ def suit_forces(
     )
 
 
-def _velocity(suit: Suit, line: CordLine, series: Array, stiffness: Array, direction: Array, every: int) -> Array:
+def _velocity(suit: Suit, line: CordLine, travel: Array, direction: Array, every: int) -> Array:
     """Velocity of the cuffs relative to their bodies, in ground, from differences between neighbouring frames; (9)."""
     chosen = np.arange(0, len(line.shoulder), every)
     before = np.maximum(chosen - 1, 0)
     after = chosen if suit.rate == "backward" else np.minimum(chosen + 1, len(line.shoulder) - 1)
 
     def in_body(frames: NDArray[np.int64]) -> Array:
-        travel = (series[:, frames, None] / stiffness)[..., None]
-        found: Array = travel * rotate(np.swapaxes(line.anchors_to_ground[frames], 2, 3), direction[frames])
+        found: Array = travel[:, frames, :, None] * rotate(
+            np.swapaxes(line.anchors_to_ground[frames], 2, 3), direction[frames]
+        )
         return found
 
     seconds = line.interval * np.maximum(after - before, 1)
@@ -198,32 +200,64 @@ def _ensure_before_the_bend(suit: Suit, migration: Array, reach: Array) -> None:
             )
 
 
-def _series_tension(length: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
-    """Tension T (rest lengths, frames) [N] with which both cuffs are in equilibrium, where k q = T, (8).
+def _series_tension(
+    length: Array, cord_stiffness: float, rest_length: Array, laws: Sequence[CuffLaw | None]
+) -> tuple[Array, Array]:
+    """Tension T (rest lengths, frames) [N] with which both cuffs are in equilibrium, where k q = T, (8), and the secant
+    stiffness (…, 2) of the cuffs under it, infinite for a rigid one.
 
     A cuff with the same stiffness in all directions moves along the cord, so cord and cuffs are springs in series:
-    T = stretch / (1/k_cord + 1/k_waist + 1/k_arm). Energy is convex, so the equilibrium is unique.
+    T = stretch / (1/k_cord + 1/k_waist + 1/k_arm). Energy is convex, so the equilibrium is unique. Newton's method
+    finds it where a stiffness depends on T.
     """
-    share: float = cord_stiffness / (1 + cord_stiffness * (1 / cuff_stiffness).sum())
-    tension: Array = share * np.maximum(length - rest_length, 0.0)
-    return tension
+    stretch = np.maximum(length - rest_length, 0.0)
+    stiffness = _under(np.zeros_like(stretch), laws, CuffLaw.secant_under)
+    tension: Array = _share(cord_stiffness, stiffness) * stretch
+    for _ in range(MOST_STEPS):
+        before, stiffness = stiffness, _under(tension, laws, CuffLaw.secant_under)
+        if np.array_equal(stiffness, before):  # as of linear cuffs
+            break
+        left = stretch - tension / cord_stiffness - tension * (1 / stiffness).sum(-1)
+        step = _share(cord_stiffness, _under(tension, laws, CuffLaw.tangent_under)) * left
+        tension = np.maximum(tension + step, 0.0)
+        if np.abs(step).max() <= EQUILIBRIUM_STEP:
+            stiffness = _under(tension, laws, CuffLaw.secant_under)
+            break
+    return tension, stiffness
 
 
-def _ensure_at_rest(reach: Array, cord_stiffness: float, shortest: float, cuff_stiffness: Array) -> None:
+def _share(cord_stiffness: float, cuff_stiffness: Array) -> Array:
+    """Stiffness of cord and cuffs (…, 2) in series [N/m]."""
+    share: Array = cord_stiffness / (1 + cord_stiffness * (1 / cuff_stiffness).sum(-1))
+    return share
+
+
+def _under(
+    tension: Array, laws: Sequence[CuffLaw | None], stiffness: Callable[[CuffLaw, Array], float | Array]
+) -> Array:
+    """Stiffnesses (…, 2) of the cuffs under a tension, (2,) if they are linear; infinite for a rigid cuff."""
+    found = [stiffness(law, tension) if law else np.inf for law in laws]
+    shape = tension.shape if any(np.ndim(value) for value in found) else ()
+    return np.stack([np.broadcast_to(value, shape) for value in found], axis=-1)
+
+
+def _ensure_at_rest(reach: Array, cord_stiffness: float, shortest: float, laws: Sequence[CuffLaw | None]) -> None:
     """Raise SuitError where a cuff would be pulled beyond the shoulder point, at the shortest rest length first.
 
     reach (frames, 2) is the distance from the cuffs to the shoulder.
     """
-    travel = _series_tension(reach.sum(axis=1), cord_stiffness, np.array(shortest), cuff_stiffness)[:, None] / (
-        cuff_stiffness
-    )
+    tension, stiffness = _series_tension(reach.sum(axis=1), cord_stiffness, np.array(shortest), laws)
+    travel = tension[:, None] / stiffness
     left = reach - travel
     pull = cord_stiffness * np.maximum(np.abs(left).sum(axis=-1) - shortest, 0.0)
-    yielding = np.isfinite(cuff_stiffness)
-    residual = np.copysign(pull[..., None], left[..., yielding]) - cuff_stiffness[yielding] * travel[..., yielding]
+    residual = [
+        np.copysign(pull, left[..., i]) - law.force(travel[..., i], np.zeros_like(pull))
+        for i, law in enumerate(laws)
+        if law
+    ]
     largest = float(np.abs(residual).max(initial=0.0))
     if not largest < EQUILIBRIUM_RESIDUAL:
-        softest = float(cuff_stiffness.min())
+        softest = float(stiffness.min())
         raise SuitError(
             f"the cuffs should come to rest within {EQUILIBRIUM_RESIDUAL:g} N and {largest:.3g} N remain: one of "
             f"{softest:g} N/m is drawn beyond the bend or middle of the cord; check the cuffs and the rest lengths",

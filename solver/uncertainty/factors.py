@@ -45,7 +45,10 @@ def random_factors(
     has_estimate = has_donning and bool(np.isfinite(sources.donning.freedom).any())
     has_own = drawn_motions > 0
     given: list[tuple[str, Group, int, float]] = [
-        *((f"fit.{cuff.name}", "fit", 3, sources.fit.factor * float(cuff.covariance.any())) for cuff in cuffs),
+        *(
+            (f"fit.{cuff.name}", "fit", len(cuff.UNITS), sources.fit.factor * float(cuff.covariance.any()))
+            for cuff in cuffs
+        ),
         *((f"donning.{cuff.name}", "donning", 3, float(has_donning)) for cuff in cuffs),
         ("donning_spread", "donning", 3, float(has_estimate)),
         ("size", "body", 1, body.size),

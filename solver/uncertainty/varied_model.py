@@ -86,21 +86,19 @@ def varied_suit(suit: Suit, body: BodySpread, scores: Scores) -> Suit:
 
 def varied_cuff(cuff: CuffParameters, fit: FitSpread, donning: DonningSpread, scores: Scores) -> CuffParameters:
     """The cuff as its fit allows, and as it is donned another time."""
-    values = np.array([cuff.stiffness, cuff.damping, cuff.migration])
+    values = cuff.figures
     if (name := f"fit.{cuff.name}") in scores:
         values = values + fit.factor * covariance_root(cuff.covariance) @ scores[name]
     if (name := f"donning.{cuff.name}") in scores:
         spreads = NEXT_DONNING * np.array(donning.spreads) * _spread_factors(donning, scores)
-        values = values * np.exp(spreads * scores[name])
-    stiffness, damping, migration = values.tolist()
-    return replace(
-        cuff, stiffness=max(stiffness, LEAST_STIFFNESS * cuff.stiffness), damping=damping, migration=migration
-    )
+        values[: len(spreads)] *= np.exp(spreads * scores[name])
+    drawn = cuff.with_figures(values.tolist())
+    return replace(drawn, stiffness=max(drawn.stiffness, LEAST_STIFFNESS * cuff.stiffness))
 
 
 def drawn_cuffs(cuffs: Sequence[CuffParameters], count: int, seed: int = 1) -> list[list[CuffParameters]]:
     """These cuffs, drawn together from the uncertainty of their fits; empty where none of them has one."""
-    factors = [RandomFactor(f"fit.{cuff.name}", "fit", 3) for cuff in cuffs if cuff.covariance.any()]
+    factors = [RandomFactor(f"fit.{cuff.name}", "fit", len(cuff.UNITS)) for cuff in cuffs if cuff.covariance.any()]
     if not factors or not count:
         return []
     sample = normal_scores(unit_sample(factors, count, "latin_hypercube", seed))

@@ -22,6 +22,7 @@ from fitting.trial.trial_reader import read_trial
 from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.reader import read_manifest
 from solver.bundled import bundled_model
+from solver.cuff import KelvinVoigt
 from solver.model import Model
 from solver.motion import decimate, differentiate
 from solver.raise_arm import simulate_arm_raise
@@ -80,9 +81,8 @@ def _log_fit(stream: rr.RecordingStream, curves: FittedPull, edge_ns: int) -> No
         log_curve(stream, "fit/plateaus_n", "held", FITTED, edge_ns, ends, levels)
     if curves.dynamic is not None:
         dynamic = curves.dynamic
-        fitted = (
-            dynamic.stiffness.value * dynamic.displacement + dynamic.damping.value * dynamic.velocity + dynamic.offset
-        )
+        law = KelvinVoigt(dynamic.stiffness.value, dynamic.damping.value)
+        fitted = law.force(dynamic.displacement, dynamic.velocity) + dynamic.offset
         log_curve(stream, "fit/predicted_n", "k x + c dx/dt", FITTED, edge_ns, dynamic.time, fitted)
 
 
