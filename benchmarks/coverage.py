@@ -5,8 +5,9 @@
 A session is one donning of a published cuff (the four in turn), with three static and three dynamic trials of the
 experiment of tests/fitting/defects.py, which shares no code with the fit. Every row has the bias and the coverage of
 the quantities that are identified, with Monte-Carlo standard errors, and the findings: causes and
-notes of at least 5 % of the sessions. Truth of k is the stiffness at rest along the rope, of c that of a damper at the
-frequency of the swing, of a tangent that at the load.
+notes of at least 5 % of the sessions. Truth of k is the stiffness at rest along the rope, of a stiffening cuff the
+slope of the line through its held loads; of c that of a damper at the frequency of the swing, of a tangent that at the
+load.
 """
 
 from __future__ import annotations
@@ -71,13 +72,13 @@ CONDITIONS = {
 
 @dataclass(frozen=True)
 class Session:
-    """A fitted session and what is true in it; truth is None where a quantity has no one value."""
+    """A fitted session and what is true in it; at_rest is the stiffness without a load, bend its increase [1/m]."""
 
     fit: CuffFit
     stiffness: float
     damping: float
     migration: float
-    hook: float
+    at_rest: float
     bend: float
 
 
@@ -111,7 +112,16 @@ def run(condition: Condition, seed: int, repeats: int = 3) -> Session:
     omega = 2 * math.pi * truth.frequency
     relaxing, time = law.fast[0] * k, law.fast[1]
     damping = c + relaxing * time / (1 + (omega * time) ** 2)
-    return Session(fit, k * along, damping * along, session.migration, HOOK, law.bend)
+    return Session(fit, _line(law, truth) * along, damping * along, session.migration, k, law.bend)
+
+
+def _line(law: Law, truth: Truth) -> float:
+    """Slope [N/m] of the line through the held loads of a cuff whose stiffness grows with the load, else k."""
+    if law.bend == 0.0:
+        return law.stiffness
+    up = np.array([0.0, *truth.weights]) + HOOK
+    load = np.concatenate((up, up[-2::-1]))
+    return float(np.polyfit(np.log1p(law.bend * load / law.stiffness) / law.bend, load, 1)[0])
 
 
 def without_pulls(session: Session) -> Session:
@@ -174,7 +184,7 @@ def _quantities(sessions: Sequence[Session]) -> dict[str, list[Found | None]]:
             found[quantity].append(None if name in session.fit.missing else (estimate, truth))
         if session.bend and session.fit.held:
             for load, tangent in session.fit.held.tangents:
-                true = session.stiffness + session.bend * (session.hook + load)
+                true = session.at_rest + session.bend * (HOOK + load)
                 found.setdefault("tangents", []).append((tangent, true))
     return found
 

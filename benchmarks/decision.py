@@ -1,19 +1,25 @@
 """Calibration of the decision between two arm cuffs: simulated labs, claimed probabilities against what happens next.
 
-    python -m benchmarks.decision [--labs 2000] [--wearers 60] [--people 100]
+    python -m benchmarks.decision [--labs 2000] [--wearers 240] [--people 100]
 
-A lab measures one donning of two cuffs, whose true stiffness and migration are drawn from the range of plausible cuffs.
-It draws people as `station assess` does: a wearer, and the next donning about the measured one. Then a new wearer dons
-both cuffs, and every statement is true or false. Wearers differ in body, muscles and motion by the bundled budget; the
-effort of each is solved on a grid of stiffness and migration and interpolated between. Prints for each statement how
-often it was made, its mean claimed probability, and how often it was true, with 95 % intervals (Wilson).
+A lab measures one donning of two cuffs and draws people as `station assess` does: a wearer, and the next donning about
+the measured one. Then another wearer dons both cuffs, and every statement is true or false: which cuff saves more, at
+the reference rest length and each at its own best one, and in which interval the best rest length lies. Wearers are
+drawn from body, muscles and motion of a budget; the effort of each is solved on a grid of stiffness and rest length.
+
+True cuffs are uniform in the logarithms of stiffness and migration, wider than what a lab may have measured, so that
+all that was measured is equally likely. The last table draws them from the published range alone: first as a lab that
+does not know this range, then as one that does. Prints for each statement how often it was made, its mean claimed
+probability, and how often it was true, with 95 % intervals (Wilson).
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy
@@ -23,8 +29,10 @@ from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.motion import differentiate
 from solver.raise_arm import simulate_arm_raise
-from solver.suit.decision import DecisionOutcome, DecisionRule, decide
-from solver.suit.scenarios import LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
+from solver.suit.decision import BASES, Basis, CuffDecision, DecisionOutcome, DecisionRule, decide
+from solver.suit.quantity import interval_of_draws
+from solver.suit.readouts import LARGE_RESERVES
+from solver.suit.scenarios import LoadedMotion, SuitedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import read_suit
 from solver.uncertainty.factors import normal_scores, random_factors, scores_by_factor, unit_sample
 from solver.uncertainty.sources import DonningSpread, UncertaintySources
@@ -33,151 +41,240 @@ from solver.uncertainty.varied_motion import MotionDraws, varied_motion
 
 Array = NDArray[np.float64]
 Limits = tuple[tuple[float, float], tuple[float, float]]
+"""Least and greatest stiffness [N/m] and migration [m]."""
 
-STIFFNESS, MIGRATION = (600.0, 20000.0), (0.0, 0.065)  # N/m and m, of the grid
-RANGES = {
-    "about the published cuffs": ((2000.0, 9000.0), (0.005, 0.025)),
-    "wide": ((1500.0, 12000.0), (0.002, 0.040)),
-}
-"""Stiffness [N/m] and migration [m] of true cuffs, uniform in their logarithms."""
-NODES = 8, 12
+TRUE_CUFFS: Limits = ((1000.0, 18000.0), (0.0012, 0.070))
+PUBLISHED: Limits = ((2000.0, 9000.0), (0.005, 0.025))
+WIDE: Limits = ((1500.0, 12000.0), (0.002, 0.040))
+SPREADS = np.array([DonningSpread().stiffness, DonningSpread().migration])
+NODES = 8, 16
+FINE = 49, 129
+"""Points of the grid in stiffness and shortening that is solved, and of that between which is interpolated linearly."""
+LONGEST_SHORTENING = 0.32
+"""m of the cord below the rest length at which it is slack."""
 FRAMES = 20
-BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+WAIST = CuffParameters("waist", "waist", 2140.0, 124.0, 0.0121)
+BINS = (0.0, 0.2, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+NAMES = ("a", "b")
 
 
-@dataclass(frozen=True)
-class Lab:
-    """What a lab claims about the next wearer, and whether it was so."""
+def is_within(limits: Limits) -> Callable[[Array], bool]:
+    low, high = np.array(limits).T
+    return lambda measured: bool(((measured >= low) & (measured <= high)).all())
 
-    outcome: DecisionOutcome
-    claimed: float
-    is_true: bool
-    pair: tuple[tuple[float, bool], ...]
+
+def is_far_apart(measured: Array) -> bool:
+    """Whether one cuff migrates little, and the other one much."""
+    least, most = np.sort(measured[:, 1])
+    return is_within(WIDE)(measured) and bool(least < 6e-3 and most > 25e-3)
 
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     arguments.add_argument("--labs", type=int, default=2000)
-    arguments.add_argument("--wearers", type=int, default=60)
+    arguments.add_argument("--wearers", type=int, default=240)
     arguments.add_argument("--people", type=int, default=100)
     chosen = arguments.parse_args()
-    efforts = solved_efforts(2 * chosen.wearers)
-    known, new = efforts[: chosen.wearers], efforts[chosen.wearers :]
-    for name, limits in RANGES.items():
-        for factor in (float(NEXT_DONNING), 1.0):
-            generator = np.random.default_rng(1)
-            labs = [simulate(known, new, chosen.people, factor, limits, generator) for _ in range(chosen.labs)]
-            print(f"\n{name}, next donning with {factor:.3g} times the spread; {chosen.labs} labs")
-            print_decisions(labs)
-            print_probabilities(labs)
+    budget = UncertaintySources()
+    parts = {name: getattr(budget, name) for name in ("body", "muscles", "motion")}
+    half = replace(budget, **{name: _times(part, 0.5) for name, part in parts.items()})
+    wearers = {
+        "bundled budget": solve_wearers(budget, chosen.wearers),
+        "half of it": solve_wearers(half, chosen.wearers),
+    }
+    for title, sources, limits, is_measured, knows_range in (
+        ("measured within the published range", "bundled budget", TRUE_CUFFS, is_within(PUBLISHED), False),
+        ("measured within a wide range", "bundled budget", TRUE_CUFFS, is_within(WIDE), False),
+        ("measured within a wide range", "half of it", TRUE_CUFFS, is_within(WIDE), False),
+        ("measured far apart", "half of it", TRUE_CUFFS, is_far_apart, False),
+        ("true cuffs within the published range", "bundled budget", PUBLISHED, is_within(TRUE_CUFFS), False),
+        ("true cuffs within the published range, known", "bundled budget", PUBLISHED, is_within(TRUE_CUFFS), True),
+    ):
+        generator = np.random.default_rng(1)
+        known = limits if knows_range else None
+        cuffs = [draw_cuffs(limits, is_measured, generator) for _ in range(chosen.labs)]
+        labs = [simulate(wearers[sources], pair, chosen.people, known, generator) for pair in cuffs]
+        print(f"\n{title}, {sources}; {chosen.labs} labs")
+        print_table(labs)
+
+
+def _times(part: Any, factor: float) -> Any:
+    return replace(part, **{field.name: factor * getattr(part, field.name) for field in fields(part)})
+
+
+@dataclass(frozen=True)
+class Lab:
+    """What a lab claims about the next wearer, and whether it was so.
+
+    decisions  outcome, claimed probability and truth by basis
+    pair       claimed probability and truth of every statement on the pair
+    covers     whether the interval of the best rest length of each cuff contained that of the next wearer
+    """
+
+    decisions: dict[Basis, tuple[DecisionOutcome, float, bool]]
+    pair: tuple[tuple[float, bool], ...]
+    covers: tuple[bool, ...]
+
+
+def draw_cuffs(
+    limits: Limits, is_measured: Callable[[Array], bool], generator: np.random.Generator
+) -> tuple[Array, Array]:
+    """True and measured stiffness and migration (cuffs, 2) of a lab whose measurement is one of these."""
+    low, high = np.log(np.array(limits)).T
+    while True:
+        true = np.exp(generator.uniform(low, high, (2, 2)))
+        measured = true * np.exp(SPREADS * generator.standard_normal((2, 2)))
+        if is_measured(measured):
+            return true, measured
 
 
 def simulate(
-    known: Surfaces, new: Surfaces, people: int, factor: float, limits: Limits, generator: np.random.Generator
+    wearers: Wearers, cuffs: tuple[Array, Array], people: int, known: Limits | None, generator: np.random.Generator
 ) -> Lab:
-    """One lab and its next wearer. Both cuffs are measured in one donning."""
-    spread = DonningSpread()
-    spreads = np.array([spread.stiffness, spread.migration])
-    true = np.column_stack(
-        [
-            np.exp(generator.uniform(*np.log(limits[0]), 2)),
-            np.exp(generator.uniform(*np.log(limits[1]), 2)),
-        ]
+    """One lab and its next wearer. known: the range of true cuffs, if the lab knows it."""
+    true, measured = cuffs
+    if known is None:
+        drawn = measured * np.exp(NEXT_DONNING * SPREADS * generator.standard_normal((people, 2, 2)))
+    else:
+        low, high = (np.log(np.array(known)).T[:, None] - np.log(measured)) / SPREADS
+        of_mean = scipy.stats.truncnorm.rvs(low, high, size=(people, 2, 2), random_state=generator)
+        drawn = measured * np.exp(SPREADS * (of_mean + generator.standard_normal((people, 2, 2))))
+    claimed = wearers.assess(generator.integers(len(wearers.slack), size=people), drawn)
+    one = generator.integers(len(wearers.slack), size=1)
+    happened = wearers.assess(one, true * np.exp(SPREADS * generator.standard_normal((1, 2, 2))))
+    rule, decisions, pair = DecisionRule(), {}, ()
+    for basis, name in BASES.items():
+        decision = decide(dict(zip(NAMES, claimed[name].T, strict=True)), rule)
+        a, b = happened[name][0].tolist()
+        is_true = _is_true(decision, {"a": b - a, "b": a - b}, rule.relevant_difference)
+        decisions[basis] = decision.outcome, decision.probability or np.nan, is_true
+        if basis == "at_reference":
+            pair = _of_pair(decision, b - a, rule.relevant_difference)
+    intervals = [interval_of_draws(values) for values in claimed["rest_length"].T]
+    covers = tuple(
+        low <= value <= high for (low, high), value in zip(intervals, happened["rest_length"][0].tolist(), strict=True)
     )
-    measured = true * np.exp(spreads * generator.standard_normal((2, 2)))
-    drawn = measured * np.exp(factor * spreads * generator.standard_normal((people, 2, 2)))
-    wearers = generator.integers(len(known), size=people)
-    rule = DecisionRule()
-    efforts = np.array([known[wearer](cuffs) for wearer, cuffs in zip(wearers, drawn, strict=True)])
-    decision = decide({"a": efforts[:, 0], "b": efforts[:, 1]}, rule)
-    a, b = new[int(generator.integers(len(new)))](true * np.exp(spreads * generator.standard_normal((2, 2))))
-    ahead = {"a": b - a, "b": a - b}
+    return Lab(decisions, pair, covers)
+
+
+def _is_true(decision: CuffDecision, ahead: dict[str, float], relevant: float) -> bool:
+    if len(decision.leading) > 1:
+        return abs(ahead["a"]) < relevant
+    return ahead[decision.leading[0]] >= relevant
+
+
+def _of_pair(decision: CuffDecision, ahead: float, relevant: float) -> tuple[tuple[float, bool], ...]:
     (pair,) = decision.pairs
-    truths = (
-        (pair.first_saves_more, bool(b - a >= rule.relevant_difference)),
-        (pair.second_saves_more, bool(a - b >= rule.relevant_difference)),
-        (pair.equivalent, bool(abs(a - b) < rule.relevant_difference)),
+    return (
+        (pair.first_saves_more, ahead >= relevant),
+        (pair.second_saves_more, -ahead >= relevant),
+        (pair.equivalent, abs(ahead) < relevant),
     )
-    lead = decision.leading[0]
-    is_true = truths[2][1] if len(decision.leading) > 1 else bool(ahead[lead] >= rule.relevant_difference)
-    return Lab(decision.outcome, decision.probability or np.nan, is_true, truths)
 
 
-class Surface:
-    """Effort of one wearer over log stiffness and migration, by a bicubic spline."""
+@dataclass(frozen=True, eq=False)
+class Wearers:
+    """Effort (wearers, stiffness, shortening) on the fine grid, where the cord is shorter than a slack one by as much.
 
-    def __init__(self, stiffness: Array, migration: Array, effort: Array) -> None:
-        self._spline = scipy.interpolate.RectBivariateSpline(np.log(stiffness), migration, effort, kx=3, ky=3)
+    slack (wearers,) longest line of the cord [m];  least, best (wearers, stiffness) least effort and its shortening [m]
+    reference  rest length [m]
+    """
 
-    def __call__(self, cuffs: Array) -> Array:
-        """Effort (cuffs,) of cuffs (cuffs, 2) with stiffness [N/m] and migration [m], within the grid."""
-        stiffness, migration = cuffs.T
-        found: Array = self._spline.ev(np.log(stiffness.clip(*STIFFNESS)), migration.clip(*MIGRATION))
-        return found
+    effort: Array
+    slack: Array
+    least: Array
+    best: Array
+    reference: float
+
+    def assess(self, wearers: NDArray[np.int64], cuffs: Array) -> dict[str, Array]:
+        """Readouts (people, cuffs) of wearers (people,) with the stiffness and migration of cuffs (people, cuffs, 2).
+
+        A cuff that migrates along the cord slackens it by the migration.
+        """
+        low, high = np.log(TRUE_CUFFS[0])
+        at_stiffness = (np.log(cuffs[..., 0]) - low) / (high - low) * (FINE[0] - 1)
+        migration = cuffs[..., 1] + WAIST.migration
+        shortening = (self.slack[wearers, None] - self.reference - migration).clip(0, LONGEST_SHORTENING)
+        who = np.broadcast_to(wearers[:, None], at_stiffness.shape)
+        place = np.array([who, at_stiffness, shortening / LONGEST_SHORTENING * (FINE[1] - 1)])
+        return {
+            "at_reference": _interpolated(self.effort, place),
+            "lowest_cost": _interpolated(self.least, place[:2]),
+            "rest_length": self.slack[wearers, None] - migration - _interpolated(self.best, place[:2]),
+        }
 
 
-Surfaces = list[Surface]
-
-
-def solved_efforts(wearers: int) -> Surfaces:
-    """Of wearers drawn from body, muscles and motion of the budget, at the reference rest length of the suit."""
-    model, suit = bundled_model(), read_suit()
-    motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
-    sources = replace(UncertaintySources(), donning=DonningSpread(0.0, 0.0, 0.0))
-    factors = random_factors(sources, model, ())
-    draws = MotionDraws(model, (motion.kinematics,))
-    stiffness = np.geomspace(*STIFFNESS, NODES[0])
-    migration = np.linspace(*MIGRATION, NODES[1])
-    waist = CuffParameters("waist", "waist", 2140.0, 124.0, 0.0121)
-    length = np.array([suit.reference_rest_length])
-    found = []
-    for row in normal_scores(unit_sample(factors, wearers, "latin_hypercube", seed=1)):
-        scores = scores_by_factor(factors, row)
-        varied = replace(
-            motion,
-            model=replace(
-                varied_model(model, sources.body, sources.muscles, scores),
-                coordinates=tuple(replace(one, range=(-np.inf, np.inf)) for one in model.coordinates),
-            ),
-            kinematics=varied_motion(draws, sources.motion, scores),
-            options=varied_options(motion.options, sources.muscles, scores),
-        )
-        every = max(1, len(motion.kinematics.time) // FRAMES)
-        suited = prepare_suited_motion(varied, varied_suit(suit, sources.body, scores), every)
-        scenarios = [
-            SuitScenario("both", waist, CuffParameters("arm", "arm", k, 150.0, m), length)
-            for k in stiffness.tolist()
-            for m in migration.tolist()
-        ]
-        effort = np.array([one.muscles[0] for one in solve_scenarios(suited, scenarios)[1]]).reshape(NODES)
-        if np.isfinite(effort).all():
-            found.append(Surface(stiffness, migration, effort))
+def _interpolated(table: Array, place: Array) -> Array:
+    found: Array = scipy.ndimage.map_coordinates(table, place, order=1, mode="nearest")
     return found
 
 
-def print_decisions(labs: list[Lab]) -> None:
-    print("| statement | labs | claimed | true | difference |\n|---|---|---|---|---|")
-    for outcome in (DecisionOutcome.CHOOSE, DecisionOutcome.EQUIVALENT):
-        made = [lab for lab in labs if lab.outcome is outcome]
-        if made:
-            print_row(outcome.value, np.array([lab.claimed for lab in made]), np.array([lab.is_true for lab in made]))
-    print(f"| undecided | {sum(lab.outcome is DecisionOutcome.UNDECIDED for lab in labs)} | | | |")
+def solve_wearers(sources: UncertaintySources, count: int) -> Wearers:
+    """Wearers drawn from body, muscles and motion; without those whose muscles cannot do the motion."""
+    model, suit = bundled_model(), read_suit()
+    motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
+    sources = replace(sources, donning=DonningSpread(0.0, 0.0, 0.0))
+    factors, draws = random_factors(sources, model, ()), MotionDraws(model, (motion.kinematics,))
+    efforts, slack = [], []
+    for row in normal_scores(unit_sample(factors, count, "latin_hypercube", seed=1)):
+        scores = scores_by_factor(factors, row)
+        own = varied_model(model, sources.body, sources.muscles, scores)
+        own = replace(own, coordinates=tuple(replace(one, range=(-np.inf, np.inf)) for one in own.coordinates))
+        kinematics = varied_motion(draws, sources.motion, scores)
+        options = varied_options(motion.options, sources.muscles, scores)
+        every = max(1, len(kinematics.time) // FRAMES)
+        wearer = LoadedMotion(own, kinematics, motion.loads, options)
+        suited = prepare_suited_motion(wearer, varied_suit(suit, sources.body, scores), every)
+        if (effort := _solve_grid(suited)) is not None:
+            efforts.append(effort)
+            slack.append(float(suited.line.length.max()))
+    effort = np.array(efforts)
+    best = effort.argmin(axis=2) / (FINE[1] - 1) * LONGEST_SHORTENING
+    return Wearers(effort, np.array(slack), effort.min(axis=2), best, suit.reference_rest_length)
 
 
-def print_probabilities(labs: list[Lab]) -> None:
-    """Of the three probabilities of every lab, by what is claimed."""
+def _solve_grid(suited: SuitedMotion) -> Array | None:
+    """Effort on the fine grid by bicubic splines; None for an infeasible motion."""
+    stiffness = np.geomspace(*TRUE_CUFFS[0], NODES[0])
+    shortening = np.linspace(LONGEST_SHORTENING, 0.0, NODES[1])
+    lengths = float(suited.line.length.max()) - shortening
+    scenarios = [
+        SuitScenario("visco_elastic", WAIST, CuffParameters("arm", "arm", k, 150.0, 0.0), lengths)
+        for k in stiffness.tolist()
+    ]
+    solved = solve_scenarios(suited, scenarios)[1]
+    effort = np.array([one.muscles for one in solved])[:, ::-1]
+    if not np.isfinite(effort).all() or solved[0].reserves[-1] > LARGE_RESERVES:
+        return None
+    grid = (np.linspace(0.0, 1.0, size) for size in NODES)
+    fine = (np.linspace(0.0, 1.0, size) for size in FINE)
+    found: Array = scipy.interpolate.RectBivariateSpline(*grid, effort, kx=3, ky=3)(*fine)
+    return found
+
+
+def print_table(labs: Sequence[Lab]) -> None:
+    print("| statement | made | claimed | true | difference |\n|---|---|---|---|---|")
+    for basis in BASES:
+        for outcome in (DecisionOutcome.CHOOSE, DecisionOutcome.EQUIVALENT):
+            made = [lab.decisions[basis] for lab in labs if lab.decisions[basis][0] is outcome]
+            if made:
+                print_row(f"{outcome}, {basis}", [claimed for _, claimed, _ in made], [is_true for *_, is_true in made])
+        undecided = sum(lab.decisions[basis][0] is DecisionOutcome.UNDECIDED for lab in labs)
+        print(f"| undecided, {basis} | {undecided} | | | |")
     claimed, is_true = (np.array([pair[i] for lab in labs for pair in lab.pair]) for i in (0, 1))
     for low, high in pairwise(BINS):
         inside = (claimed >= low) & ((claimed < high) | (high == 1.0))
         if inside.any():
             print_row(f"a probability of {low:.0%} to {high:.0%}", claimed[inside], is_true[inside])
+    covers = [one for lab in labs for one in lab.covers]
+    print_row("best rest length in its interval", [0.95] * len(covers), covers)
 
 
-def print_row(name: str, claimed: Array, is_true: NDArray[np.bool_]) -> None:
-    interval = scipy.stats.binomtest(int(is_true.sum()), len(is_true)).proportion_ci(method="wilson")
-    difference = 100 * (is_true.mean() - claimed.mean())
-    true = f"{100 * is_true.mean():.1f} % ({100 * interval.low:.1f} to {100 * interval.high:.1f})"
-    print(f"| {name} | {len(is_true)} | {100 * claimed.mean():.1f} % | {true} | {difference:+.1f} points |")
+def print_row(name: str, claimed: Sequence[float] | Array, is_true: Sequence[bool] | Array) -> None:
+    interval = scipy.stats.binomtest(int(np.sum(is_true)), len(is_true)).proportion_ci(method="wilson")
+    difference = 100 * (np.mean(is_true) - np.mean(claimed))
+    true = f"{100 * np.mean(is_true):.1f} % ({100 * interval.low:.1f} to {100 * interval.high:.1f})"
+    print(f"| {name} | {len(is_true)} | {100 * np.mean(claimed):.1f} % | {true} | {difference:+.1f} points |")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """False-alarm rate of every finding on clean sessions at 20, 50 and 1000 Hz, and its power at a stated size.
 
-    python -m benchmarks.findings [--sessions 200] [--repeats 2]
+    python -m benchmarks.findings [--sessions 200] [--power 50] [--repeats 2]
     python -m benchmarks.findings --negative 20
 
 Sessions are those of benchmarks/coverage.py. After the findings D1 to D8 the table has the sessions in which a cause is
-named.
+named. Then follow the causes, each with its size, the sessions in which it is named, and those in which another is.
 
 --negative prints F − k x of the published method, the force of its damper, over so many sessions for each cause that
 could make it negative, as in Fig. 7 of the source study, with the findings of at least half of the sessions. The
@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.coverage import Condition, Session, run
 from fitting.cuffs.published_method import fit_published
-from fitting.results.codes import FindingCode
+from fitting.results.codes import CauseCode, FindingCode
 from fitting.results.rendering import name_of
 from tests.fitting.defects import Rig
 
@@ -41,6 +41,18 @@ DEFECTS = {
     FindingCode.MARKER_CORRELATION: ("marker noise with 0.05 s of memory", Condition(truth={"marker_memory": 0.05})),
 }
 
+CAUSES = {
+    CauseCode.STIFFENING: ("stiffening with b = 30 /m", Condition({"bend": 30.0})),
+    CauseCode.SLIP: ("slip above 30 N", Condition({"slip_from": 30.0})),
+    CauseCode.FRICTION: ("friction of 4 N", Condition({"friction": 4.0})),
+    CauseCode.STANDARD_LINEAR_SOLID: ("relaxation of 30 % in 0.3 s", Condition({"fast": (0.3, 0.3)})),
+    CauseCode.CREEP: ("creep of 15 % in 15 s", Condition({"slow": (0.15, 15.0)})),
+    CauseCode.PULL_DIRECTION: ("swing 25° aside", Condition(rig=Rig(dynamic_angle=math.radians(25.0)))),
+    CauseCode.TARE: ("zero −23 N in the swing", Condition(rig=Rig(dynamic_zero=-23.0))),
+    CauseCode.ZERO_DRIFT: ("zero −5 N in the swing", Condition(rig=Rig(dynamic_zero=-5.0))),
+    CauseCode.DISPLACEMENT_ZERO: ("cuff 2 mm farther in the swing", Condition(rig=Rig(dynamic_shift=2e-3))),
+    CauseCode.SKIN: ("skin that moves by 0.05 mm/N", Condition(rig=Rig(skin=0.05e-3))),
+}
 
 MIGRATION = 12e-3
 SLIPS = Condition({"slip_from": 30.0, "hardening": 47.0 / MIGRATION})
@@ -61,6 +73,7 @@ NEGATIVE = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sessions", type=int, default=200)
+    parser.add_argument("--power", type=int, default=50, help="sessions of each size")
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--negative", type=int, default=0)
     options = parser.parse_args()
@@ -78,8 +91,14 @@ def main() -> None:
     print(" | size | power % |\n|---|---:|---:|---:|---|---:|")
     for code in (*FindingCode, CAUSE):
         cells = [f"{100 * false[rate][str(code)] / options.sessions:.1f}" for rate in RATES]
-        cells += _power(code, options.sessions, options.repeats) if isinstance(code, FindingCode) else ["", ""]
+        cells += _power(code, options.power, options.repeats) if isinstance(code, FindingCode) else ["", ""]
         print(f"| {name_of(code) if isinstance(code, FindingCode) else code} | {' | '.join(cells)} |", flush=True)
+    print("\n| cause | size | named % | another is named % |\n|---|---|---:|---:|")
+    for cause, (size, condition) in CAUSES.items():
+        named = [causes_of(run(condition, seed, options.repeats)) for seed in range(options.power)]
+        own = 100 * np.mean([cause in found for found in named])
+        others = 100 * np.mean([bool(found - {cause}) for found in named])
+        print(f"| {name_of(cause)} | {size} | {own:.0f} | {others:.0f} |", flush=True)
 
 
 def alarms(session: Session) -> Iterator[str]:
@@ -88,6 +107,10 @@ def alarms(session: Session) -> Iterator[str]:
     if diagnosis:
         yield from (str(finding.code) for finding in diagnosis.findings if finding.is_alarm)
         yield from [CAUSE] * bool(diagnosis.causes)
+
+
+def causes_of(session: Session) -> set[CauseCode]:
+    return {cause.code for cause in session.fit.diagnosis.causes} if session.fit.diagnosis else set()
 
 
 def _power(code: FindingCode, sessions: int, repeats: int) -> list[str]:

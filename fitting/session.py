@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit, lag_of
 from fitting.cuffs.published_method import published_notes
-from fitting.cuffs.trial_fit import list_trials
+from fitting.cuffs.trial_fit import TrialFit, list_trials
 from fitting.cuffs.wearable_cuff import covariance_of
 from fitting.diagnosis.causes import diagnose
 from fitting.diagnosis.fitted_pull import FittedPull, fitted_pulls, used_pulls
@@ -21,7 +21,7 @@ from fitting.dynamic.swings import fit_swings
 from fitting.errors import UnusableTrial
 from fitting.laws.model_class import FRICTION, compare_classes, sample_pull
 from fitting.pull.pull import Pull, make_pulls, newest_first, of_test
-from fitting.results.codes import CauseCode, RejectionCode, Verdict
+from fitting.results.codes import CauseCode, RejectionCode, TrialNoteCode, Verdict
 from fitting.results.rendering import Note
 from fitting.spatial.tensors import fit_tensors
 from fitting.static.held_loads import fit_held_loads
@@ -155,4 +155,10 @@ def _diagnosed(fit: CuffFit, in_order: Sequence[FittedPull]) -> CuffFit:
     verdicts = {CauseCode.GAIN: Verdict.SCALE, CauseCode.LOADS: Verdict.SCALE, CauseCode.SKIN: Verdict.SKIN}
     wrong = tuple(verdicts[cause.code] for cause in diagnosis.causes if cause.code in verdicts)
     kept = tuple(verdict for verdict in fit.verdicts if not (wrong and verdict is Verdict.IDENTIFIED))
-    return replace(fit, verdicts=kept + wrong, classes=diagnosis.classes, diagnosis=diagnosis)
+    trials = tuple(_without_misfit(trial) for trial in fit.trials) if fit.classes and fit.classes.chosen else fit.trials
+    return replace(fit, verdicts=kept + wrong, classes=diagnosis.classes, diagnosis=diagnosis, trials=trials)
+
+
+def _without_misfit(trial: TrialFit) -> TrialFit:
+    """Without the note on correlated marker noise: another law explains the residual of a spring and a damper."""
+    return replace(trial, notes=tuple(note for note in trial.notes if note.code is not TrialNoteCode.COLOURED))

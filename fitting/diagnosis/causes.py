@@ -7,8 +7,8 @@ laws; faults of the rig from D6, D7, the weights of the protocol and the anchor 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from fitting.uncertainty import Estimate, Repeat, combine
 
 TARED_BELOW = 0.5
 """Share of the swing's amplitude: a smaller mean force was removed by a tare."""
+ALIKE = 0.15
+"""Least relative decrease of the mean square from a law to the chosen one with which it is no explanation."""
+LEAVES_DISPLACEMENT = {SLIP, FRICTION, "creep"}
+"""Laws with which an unloaded cuff is not where it was before the load."""
 LAW_CAUSES = {
     STIFFENING: CauseCode.STIFFENING,
     SOFTENING: CauseCode.SOFTENING,
@@ -81,11 +85,18 @@ def diagnose(
 
     creeps is False if the displacement does not increase under held loads.
     """
-    findings = tuple(find_all(pulls, stiffness, bands))
+    findings = tuple(_without_misfit(find_all(pulls, stiffness, bands), classes))
     bends_down = any(finding.code is FindingCode.CURVATURE and finding.value < 0 for finding in findings)
     if classes is not None and bends_down:
         classes = classes.as_softening()
     return Diagnosis(findings, causes_of(findings, pulls, classes, creeps=creeps), classes)
+
+
+def _without_misfit(findings: Iterable[Finding], classes: ModelComparison | None) -> Iterator[Finding]:
+    """No alarm on correlated marker noise where another law explains the residual of a spring and a damper."""
+    for finding in findings:
+        is_misfit = finding.code is FindingCode.MARKER_CORRELATION and classes is not None and bool(classes.chosen)
+        yield replace(finding, is_alarm=finding.is_alarm and not is_misfit)
 
 
 def causes_of(
@@ -102,7 +113,7 @@ def causes_of(
     static = [fitted for fitted in pulls if fitted.static and fitted.static.plateaus]
     dynamic = [fitted for fitted in pulls if fitted.dynamic is not None]
     found = [
-        *_rig_causes(findings, static, dynamic),
+        *_rig_causes(findings, static, dynamic, classes),
         *_anchor_causes(pulls),
         *_weight_causes(static),
         *_law_causes(classes, creeps=creeps),
@@ -111,7 +122,10 @@ def causes_of(
 
 
 def _rig_causes(
-    findings: Sequence[Finding], static: Sequence[FittedPull], dynamic: Sequence[FittedPull]
+    findings: Sequence[Finding],
+    static: Sequence[FittedPull],
+    dynamic: Sequence[FittedPull],
+    classes: ModelComparison | None,
 ) -> Iterator[Cause]:
     by_code = {finding.code: finding for finding in findings}
     bare = [fitted.static.plateaus[0].force for fitted in static if fitted.static]
@@ -120,15 +134,18 @@ def _rig_causes(
     if angle and angle.is_alarm:
         yield Cause(CauseCode.PULL_DIRECTION, 10 * angle.value / ANGLE_LIMIT, finding=angle)
     force, position = by_code.get(FindingCode.UNLOADED_FORCE), by_code.get(FindingCode.UNLOADED_POSITION)
+    start = by_code.get(FindingCode.START)
+    has_other_zero = not _is_displaced_by_law(start, static, classes)
     if force is None or position is None:
-        yield from _offset_causes(by_code.get(FindingCode.START), tared=tared)
+        if has_other_zero:
+            yield from _offset_causes(start, tared=tared)
         return
     if force.is_alarm:
         severity = abs(force.value) / ZERO_LIMIT
         codes = (CauseCode.TARE, CauseCode.ZERO_DRIFT)
         for code, share in zip(codes if tared else codes[::-1], (1.0, 0.1), strict=True):
             yield Cause(code, share * severity, finding=force)
-    if position.is_alarm:
+    if position.is_alarm and has_other_zero:
         yield Cause(CauseCode.DISPLACEMENT_ZERO, abs(position.value) / SHIFT_LIMIT, finding=position)
 
 
@@ -144,6 +161,17 @@ def _offset_causes(position: Finding | None, *, tared: bool) -> Iterator[Cause]:
         yield Cause(code, severity * 0.9**rank, finding=position)
 
 
+def _is_displaced_by_law(start: Finding | None, static: Sequence[FittedPull], classes: ModelComparison | None) -> bool:
+    """Whether the swing starts where a law with a memory leaves the cuff: between first and last unloaded position."""
+    if start is None or classes is None or not LEAVES_DISPLACEMENT.intersection(classes.chosen):
+        return False
+    ends = [0.0]
+    for fitted in static:
+        plateaus = fitted.static.plateaus if fitted.static else ()
+        ends += [plateau.displacement - plateaus[0].displacement for plateau in plateaus[-1:]]
+    return min(ends) - SHIFT_LIMIT < start.value < max(ends) + SHIFT_LIMIT
+
+
 def _is_tared(fitted: FittedPull, bare: Sequence[float]) -> bool:
     """Whether the mean force of the swing is near zero or near the force of the bare hook [N]: tared with weight."""
     if fitted.dynamic is None:
@@ -153,13 +181,15 @@ def _is_tared(fitted: FittedPull, bare: Sequence[float]) -> bool:
 
 
 def _anchor_causes(pulls: Sequence[FittedPull]) -> Iterator[Cause]:
+    """Skin that moves with the load, or else a marker that moves on its body."""
+    follows = [fitted.pull.markers.anchor_follows_force for fitted in pulls]
+    if follows and (correlation := float(np.mean(follows))) > SKIN_CORRELATION:
+        yield Cause(CauseCode.SKIN, 10 * correlation / SKIN_CORRELATION, {"correlation": correlation})
+        return
     loose = [fitted.pull.markers.loose for fitted in pulls if fitted.pull.markers.loose]
     if loose:
         label, rms = max(loose, key=lambda marker: marker[1])
         yield Cause(CauseCode.LOOSE_MARKER, rms / LOOSE, {"marker": label, "rms_m": rms})
-    follows = [fitted.pull.markers.anchor_follows_force for fitted in pulls]
-    if follows and (correlation := float(np.mean(follows))) > SKIN_CORRELATION:
-        yield Cause(CauseCode.SKIN, 10 * correlation / SKIN_CORRELATION, {"correlation": correlation})
 
 
 def _weight_causes(static: Sequence[FittedPull]) -> Iterator[Cause]:
@@ -185,17 +215,21 @@ def _weight_causes(static: Sequence[FittedPull]) -> Iterator[Cause]:
 
 
 def _law_causes(classes: ModelComparison | None, *, creeps: bool) -> Iterator[Cause]:
-    """The chosen extensions, and others that explain at least 80 % as much.
+    """The chosen extensions, and those that would not be worse by more than another extension has to be better.
 
-    Creep also explains part of friction. If no hold shows creep, friction is ranked before it.
+    Creep also explains part of friction. If no hold shows creep, friction is ranked before it; if holds do, friction
+    and slip are no explanation, because they do not move a cuff under a constant load.
     """
     if classes is None or not classes.chosen:
         return
     gains = {score.name: score.gain for score in classes.ranking}
-    best = gains[classes.chosen[0]]
+    best = max(gains[name] for name in (classes.name, *classes.chosen) if name in gains)
     for name in dict.fromkeys((*classes.chosen, *gains)):
-        if name not in classes.chosen and (name not in LAW_CAUSES or gains[name] < 0.8 * best):
-            continue
+        if name not in classes.chosen:
+            is_excluded = classes.chosen == ("creep",) and creeps and name in {FRICTION, SLIP}
+            is_worse = (1 - best) < (1 - ALIKE) * (1 - gains[name])
+            if name not in LAW_CAUSES or is_excluded or is_worse:
+                continue
         is_friction = name == "creep" and not creeps and FRICTION in classes.chosen
         share = 1.0 if name in classes.chosen and not is_friction else 0.5
         gain = max(gains[name], GAIN)
