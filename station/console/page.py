@@ -97,7 +97,7 @@ class _Page:
             return
         with ui.column().classes("screen" + (" running" if controller.runner.live is not None else "")):
             if controller.session.message:
-                ui.label(controller.session.message).classes("text-lg quiet").mark("message")
+                ui.label(controller.session.message).classes("text-lg quiet break-words max-w-full").mark("message")
             plan = controller.session.plan
             if controller.session.folder is None or plan is None:
                 setup_view.show(controller, actions)

@@ -7,12 +7,12 @@ from enum import StrEnum
 
 from station.messages.codes import DecisionCode
 
-_EQUIVALENT = "{at}, {leading}: equivalent within {relevant_points:g} points of effort ({percent} %)"
+_EQUIVALENT = "{at}, {leading}: equivalent within {relevant_points:g} points of effort (probability {percent} %)"
 _SETTLE = "{group} explains {percent} % of the variance of {first} − {second}, the largest share; to reduce it, "
 DECISIONS: Mapping[StrEnum, str] = {
     DecisionCode.CHOOSE: (
         "{at}, choose {leading}: it saves at least {relevant_points:g} points of effort more than {worse} "
-        "({percent} %)."
+        "(probability {percent} %)."
     ),
     DecisionCode.EQUIVALENT: _EQUIVALENT + "; choose by comfort or migration.",
     DecisionCode.EQUIVALENT_AND_WORSE: (
@@ -20,9 +20,9 @@ DECISIONS: Mapping[StrEnum, str] = {
         "or migration."
     ),
     DecisionCode.UNDECIDED: (
-        "{at}, undecided: {leading} has the least mean effort; compared with {rival} it saves at least "
-        "{relevant_points:g} points more with {first_percent} %, the two are equivalent with {equivalent_percent} %, "
-        "and {rival} saves more with {second_percent} %."
+        "{at}, undecided: {leading} has the least mean effort. It saves at least {relevant_points:g} points more than "
+        "{rival} with a probability of {first_percent} %, is equivalent to it with {equivalent_percent} %, and saves "
+        "at least {relevant_points:g} points less with {second_percent} %."
     ),
     DecisionCode.ONLY_CUFF: "{at}, {leading} is the only cuff; there is no other to compare it with.",
     DecisionCode.UNKNOWN: (

@@ -36,24 +36,25 @@ def summary(decisions: Mapping[Basis, CuffDecision]) -> UncertaintySummary:
         (
             {"hand": LOW + 0.001, "tube": LOW},
             DecisionCode.EQUIVALENT,
-            "At 0.740 m, tube and hand: equivalent within 2 points of effort (> 99 %); choose by comfort or migration.",
+            "At 0.740 m, tube and hand: equivalent within 2 points of effort (probability > 99 %); choose by comfort "
+            "or migration.",
         ),
         (
             {"hand": LOW + 0.001, "tube": LOW, "elbow": LOW + 0.1},
             DecisionCode.EQUIVALENT_AND_WORSE,
-            "At 0.740 m, tube and hand: equivalent within 2 points of effort (> 99 %), and each saves at least 2 "
-            "points more than elbow; choose by comfort or migration.",
+            "At 0.740 m, tube and hand: equivalent within 2 points of effort (probability > 99 %), and each saves "
+            "at least 2 points more than elbow; choose by comfort or migration.",
         ),
         (
             {"hand": LOW + 0.0385 + SPREAD, "tube": LOW},
             DecisionCode.CHOOSE,
-            "At 0.740 m, choose tube: it saves at least 2 points of effort more than hand (96 %).",
+            "At 0.740 m, choose tube: it saves at least 2 points of effort more than hand (probability 96 %).",
         ),
         (
             {"hand": LOW + 0.02 + SPREAD, "tube": LOW},
             DecisionCode.UNDECIDED,
-            "At 0.740 m, undecided: tube has the least mean effort; compared with hand it saves at least 2 points more "
-            "with 50 %, the two are equivalent with 50 %, and hand saves more with < 1 %.",
+            "At 0.740 m, undecided: tube has the least mean effort. It saves at least 2 points more than hand with a "
+            "probability of 50 %, is equivalent to it with 50 %, and saves at least 2 points less with < 1 %.",
         ),
         ({"hand": LOW}, DecisionCode.ONLY_CUFF, "At 0.740 m, hand is the only cuff; there is no other to compare"),
         (
