@@ -39,6 +39,7 @@ def no_claims_in_the_home_folder(tmp_path_factory: pytest.TempPathFactory) -> Ge
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--hardware", action="store_true", help="run the contract tests against the bench as well")
     parser.addoption("--pictures", metavar="DIR", help="where the tests in a browser leave their screenshots")
+    parser.addoption("--served-by", metavar="PYTHON", help="runs the consoles that tests in a browser look at")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:

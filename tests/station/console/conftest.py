@@ -9,6 +9,13 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.station.console.browsing import CHROMIUM, chromium
+from tests.station.console.served import ServedConsole
+
+
+@pytest.fixture(autouse=True)
+def served_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if python := request.config.getoption("--served-by"):
+        monkeypatch.setattr(ServedConsole, "python", str(Path(python).absolute()))
 
 
 @pytest.fixture

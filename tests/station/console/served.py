@@ -65,6 +65,8 @@ def write_config(
 class ServedConsole:
     """A context manager; the console ends with it."""
 
+    python = sys.executable  # pytest --served-by replaces it
+
     def __init__(self, config: Path, *options: str, port: int = 0) -> None:
         self._config, self._options = config, options
         self.address, self.port = "", port
@@ -77,7 +79,7 @@ class ServedConsole:
                 self.port = free.getsockname()[1]
         words = ["serve", "--config", str(self._config), "--port", str(self.port), *self._options]
         self._child = subprocess.Popen(  # noqa: S603  (our own words)
-            [sys.executable, "-c", "from station.cli import main; main()", *words],
+            [self.python, "-c", "from station.cli import main; main()", *words],
             stdout=subprocess.PIPE,
             text=True,
             cwd=self._config.parent,
@@ -108,7 +110,10 @@ class ServedConsole:
 
     def close(self) -> None:
         if self._child is not None:
-            self._child.terminate()
+            if self.python == sys.executable:
+                self._child.terminate()
+            else:  # a process of Windows takes no signals
+                self._child.kill()
             try:
                 self._child.wait(20)
             except subprocess.TimeoutExpired:
