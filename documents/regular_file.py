@@ -52,6 +52,14 @@ def describe_failure(error: Exception) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
+def sync_file(descriptor: int) -> None:
+    """os.fsync, whose error is about the drive: on Windows it is "Bad file descriptor" whatever the drive answers."""
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        raise OSError(error.errno, f"the drive did not flush it to the disk ({error.strerror})") from error
+
+
 def append_to_regular(path: Path) -> BinaryIO:
     """Open a file for reading and appending; create it if it does not exist.
 

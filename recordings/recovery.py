@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
 
-from documents.regular_file import replace_file
+from documents.regular_file import replace_file, sync_file
 from recordings import topics
 from recordings.chunks import Damage, read_entries
 from recordings.contents import Contents, contents_of
@@ -114,7 +114,7 @@ def _copy(path: Path, file: BinaryIO, progress: Callable[[int], None]) -> tuple[
         survey_file(path)  # raises with the reason
     writer.finish()  # type: ignore[no-untyped-call]
     file.flush()
-    os.fsync(file.fileno())
+    sync_file(file.fileno())
     progress(path.stat().st_size)
     return tuple(damage)
 

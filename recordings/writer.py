@@ -25,6 +25,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
+from documents.regular_file import sync_file
 from recordings import topics
 from recordings.errors import RecordingCode, RecordingError, WriteFailed
 from recordings.manifest import Manifest, TrialOutcome
@@ -75,7 +76,7 @@ class RecordingWriter:
         *,
         clock: Callable[[], float] = time.perf_counter,
         create: Callable[[Path], BinaryIO] = create_exclusively,
-        sync: Callable[[int], None] = os.fsync,
+        sync: Callable[[int], None] = sync_file,
         background: Callable[[Callable[[], None]], None] = in_a_thread,
     ) -> None:
         """Creates the file and puts the manifest and the streams on the disk at once.

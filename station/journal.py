@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from documents.plain_data import parse_json
-from documents.regular_file import append_to_regular, describe_failure, locked, read_regular
+from documents.regular_file import append_to_regular, describe_failure, locked, read_regular, sync_file
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition
 from station.checksums import write_checksums
 from station.errors import StationError
@@ -328,7 +327,7 @@ def _append_line(path: Path, entry: dict[str, Any]) -> None:
             file.truncate(len(above))
             file.write(json.dumps(entry | {"previous": hashlib.sha256(above).hexdigest()}).encode() + b"\n")
             file.flush()
-            os.fsync(file.fileno())
+            sync_file(file.fileno())
             with suppress(OSError):  # the line itself contains the hash of those above
                 write_checksums(path)
     except OSError as error:

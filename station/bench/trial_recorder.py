@@ -42,8 +42,9 @@ from station.messages.codes import RefusalCode, TrialCode
 from station.messages.message import Message, join_sentences
 from station.protocol import TrialSpec, check_path_length
 
-OPEN_TIMEOUT_S = 15.0
-"""Wall seconds for all devices to open; usually less than 4. A driver that hangs must not block the recorder."""
+OPEN_TIMEOUT_S = 60.0
+"""Wall seconds for all devices to open; usually less than 4, more than 15 on a busy computer that reads the vendors'
+libraries from its disk for the first time. A driver that hangs must not block the recorder."""
 CLOSE_TIMEOUT_S = 2.0
 LOCK = ".recording.lock"
 """File in the session's folder, from its first trial on."""

@@ -14,6 +14,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 
+from documents.regular_file import sync_file
 from recordings import recovery, writer
 from recordings.errors import RecordingCode, WriteFailed
 from recordings.manifest import TrialOutcome
@@ -406,6 +407,11 @@ def test_what_one_failed_with_stays() -> None:
     disk.begin()
     disk.finish()
     assert str(disk.failure) == "Input/output error"
+
+
+def test_a_device_that_refuses_a_flush_is_the_reason_on_every_system() -> None:
+    with Path(os.devnull).open("wb") as device, pytest.raises(OSError, match="the drive did not flush it to the disk"):
+        sync_file(device.fileno())
 
 
 def test_a_folder_that_cannot_be_synced_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +35,8 @@ CONFIG = """
 grpc_target = "127.0.0.1:{ni}"
 [mocap]
 port = {qtm}
+[sync]
+timeout_s = 600
 [cuffs.hand]
 anchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
 cuff_markers = ["cuff_1"]
@@ -99,13 +101,12 @@ class KillBench:
         self._rounds += 1
         folders = [self._folder / f"round-{self._rounds}-daemon-{i}" for i in range(len(instants_s))]
         with ExitStack() as stack:
-            daemons = [
-                _daemon(folder, daq.port, self._qtm.port) for folder, daq in zip(folders, self._daqs, strict=False)
-            ]
-            for daemon in daemons:
-                stack.enter_context(daemon)
+            daemons = []
+            for folder, daq in zip(folders, self._daqs, strict=False):
+                daemon = stack.enter_context(_daemon(folder, daq.port, self._qtm.port))
                 stack.callback(daemon.kill)
-            _wait_for(lambda: all(any(folder.glob("*.mcap")) for folder in folders), daemons, folders)
+                _wait_until_armed(daemon, folder)  # ten that start at once would starve each other
+                daemons.append(daemon)
             time.sleep(ARMED_S)
             edge_s = self._world.start_capture().start
             killed = []
@@ -158,10 +159,9 @@ def _daemon(folder: Path, ni: int, qtm: int) -> subprocess.Popen[bytes]:
         return subprocess.Popen(command, stderr=words, env={**os.environ, **home})  # noqa: S603
 
 
-def _wait_for(claim: Callable[[], bool], daemons: Sequence[subprocess.Popen[Any]], folders: Sequence[Path]) -> None:
+def _wait_until_armed(daemon: subprocess.Popen[Any], folder: Path) -> None:
     give_up_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
-    while not claim():
-        ended = [folder for daemon, folder in zip(daemons, folders, strict=True) if daemon.poll() is not None]
-        assert not ended, (ended[0] / "stderr.txt").read_text(encoding="utf-8")
-        assert time.perf_counter() < give_up_s, "the daemons did not arm"
+    while not any(folder.glob("*.mcap")):
+        assert daemon.poll() is None, (folder / "stderr.txt").read_text(encoding="utf-8")
+        assert time.perf_counter() < give_up_s, "the daemon did not arm"
         time.sleep(0.02)
