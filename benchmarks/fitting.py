@@ -28,8 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fitting.dynamic.cross_checks import check, output_error
 from fitting.dynamic.damping import fit_damping
-from fitting.dynamic.errors_in_variables import C, K, estimate
-from fitting.dynamic.swing import Swing
+from fitting.dynamic.errors_in_variables import C, K, Swing, estimate
 from fitting.pull.pull import make_pulls
 from fitting.results.rendering import name_of
 from fitting.session import fit_session

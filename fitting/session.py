@@ -14,10 +14,8 @@ from fitting.cuffs.trial_fit import TrialFit, list_trials
 from fitting.cuffs.wearable_cuff import covariance_of
 from fitting.diagnosis.causes import diagnose
 from fitting.diagnosis.fitted_pull import FittedPull, fitted_pulls, used_pulls
-from fitting.diagnosis.identification import MIN_LOADS, identify, started_before
-from fitting.diagnosis.notes import notes_on
-from fitting.dynamic.damping import fit_damping
-from fitting.dynamic.swings import fit_swings
+from fitting.diagnosis.identification import MIN_LOADS, identify, notes_on, started_before
+from fitting.dynamic.damping import fit_damping, fit_swings
 from fitting.errors import UnusableTrial
 from fitting.laws.model_class import FRICTION, compare_classes, sample_pull
 from fitting.pull.pull import Pull, make_pulls, newest_first, of_test

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fitting.dynamic.damping import DampingFit
-from fitting.dynamic.swings import Swings
+from fitting.dynamic.damping import DampingFit, Swings
 from fitting.pull.plateaus import Plateau
 from fitting.pull.pull import Pull, newest_first, of_test
 from fitting.static.held_loads import HeldLoads

@@ -17,8 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fitting.dynamic.errors_in_variables import TAU, C, K, Solution
-from fitting.dynamic.swing import Swing
+from fitting.dynamic.errors_in_variables import TAU, C, K, Solution, Swing
 from fitting.dynamic.weak_form import ComplexStiffness, Lines, complex_stiffness, fit_lines, tapered_lines
 from fitting.results.codes import TrialNoteCode
 from fitting.results.outcome import FitOutcome

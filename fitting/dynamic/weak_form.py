@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fitting.dynamic.swing import Swing
+from fitting.dynamic.errors_in_variables import Swing
 from fitting.uncertainty import Estimate, student_estimate
 
 LONGEST_GAP = 0.15

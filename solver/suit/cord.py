@@ -1,4 +1,4 @@
-"""Forces of a suit on the bodies: cord tension and cuff displacement in all frames.
+"""Forces of a suit on the bodies: cord tension and cuff displacement in all frames; comparison with a measured tension.
 
 In every frame cord tension and cuff stiffness are in quasi-static equilibrium; the damping force of a cuff is added. A
 migrated cuff has another rest position: closer to the shoulder along the line of pull, which slackens the cord by the
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from solver.cuff import CuffLaw, CuffParameters
 from solver.errors import SolverCode
 from solver.model import Model
-from solver.multibody.postures import Postures, points_in_ground
+from solver.motion import Kinematics
+from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.multibody.rotations import rotate
 from solver.suit.suit import Rate, Suit, SuitError, SuitPoint
 
@@ -281,3 +282,52 @@ def _rate(values: Array, interval: float, scheme: Rate) -> Array:
         rate: Array = np.gradient(values, interval, axis=1)
         return rate
     return np.diff(values, axis=1, prepend=values[:, :1]) / interval
+
+
+@dataclass(frozen=True, eq=False)
+class CordCheck:
+    """Measured and predicted tension (frames,) [N] at time (frames,) [s].
+
+    offset       measured less predicted, mean over the frames [N]: the load cell's zero is part of it
+    rms          of what differs besides the offset [N]
+    correlation  of the two, NaN where one of them is constant
+    """
+
+    time: Array
+    measured: Array
+    predicted: Array
+    offset: float
+    rms: float
+    correlation: float
+
+
+def check_cord(
+    suit: Suit,
+    model: Model,
+    kinematics: Kinematics,
+    measured: Array,
+    cuffs: Sequence[CuffParameters | None] = (None, None),
+) -> CordCheck:
+    """Compare the tension (frames,) [N] measured in the frames of a motion with that of the suit at its reference rest
+    length; cuffs are those at waist and arm, None a rigid one, already migrated as far as they do.
+    """
+    state = postures(model, kinematics.positions, kinematics.speeds)
+    forces = suit_forces(
+        suit,
+        cord_line(suit, model, state, kinematics.interval),
+        np.array([suit.reference_rest_length]),
+        cuffs,
+        yields=any(cuff is not None for cuff in cuffs),
+    )
+    predicted = forces.tension[0]
+    differing = measured - predicted
+    offset = float(differing.mean())
+    is_constant = np.ptp(measured) == 0.0 or np.ptp(predicted) == 0.0
+    return CordCheck(
+        kinematics.time,
+        measured,
+        predicted,
+        offset,
+        float(np.sqrt(np.mean((differing - offset) ** 2))),
+        np.nan if is_constant else float(np.corrcoef(measured, predicted)[0, 1]),
+    )

@@ -1,4 +1,4 @@
-"""Results of a cost curve: the figures of the assessment's tables."""
+"""Results of a cost curve: its minimum and permissible error, and the figures of the assessment's tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import scipy
 from numpy.typing import NDArray
 
 from solver.redundancy.problem import FrameOutcome
-from solver.suit.curve_minimum import find_minimum
 from solver.suit.scenarios import CUFF_CONDITIONS, Condition, ScenarioEffort, SuitedMotion, SuitScenario
 
 Array = NDArray[np.float64]
@@ -163,3 +162,44 @@ def efforts_at(suited: SuitedMotion, solved: Solved) -> Array:
         curve = scipy.interpolate.PchipInterpolator(lengths, cost, extrapolate=False)
         efforts[wanted < lengths[-1]] = curve(wanted[wanted < lengths[-1]])
     return efforts
+
+
+KEPT_REDUCTION = 0.9  # of the best one, within the permissible error of the rest length
+NOWHERE = np.nan
+
+
+@dataclass(frozen=True)
+class CurveMinimum:
+    """The best rest length [m], the normalised cost there, and the full width [m] in which 90 % of the saving is kept.
+
+    All NaN where the best of the lengths tried is the first or the last; the width also where it goes beyond them.
+    edge is −1 where it is the first, 1 where it is the last, 0 otherwise.
+    """
+
+    rest_length: float
+    cost: float
+    width: float
+    edge: int = 0
+
+
+def find_minimum(rest_lengths: Array, cost: Array) -> CurveMinimum:
+    """The lowest point of a cubic spline through the cost (rest lengths,) at the lengths tried (rest lengths,) [m]."""
+    edge = edge_of_minimum(cost)
+    if edge or np.isnan(cost).any():
+        return CurveMinimum(NOWHERE, NOWHERE, NOWHERE, edge)
+    spline = scipy.interpolate.CubicSpline(rest_lengths, cost)
+    flat = spline.derivative().roots(extrapolate=False)
+    length = float(flat[np.argmin(spline(flat))])
+    lowest = float(spline(length))
+    edges = spline.solve(1 - KEPT_REDUCTION * (1 - lowest), extrapolate=False)
+    before, after = edges[edges < length], edges[edges > length]
+    is_kept = before.size and after.size and lowest < 1
+    return CurveMinimum(length, lowest, float(after.min() - before.max()) if is_kept else NOWHERE)
+
+
+def edge_of_minimum(cost: Array) -> int:
+    """−1 if the first cost (rest lengths,) is the least, 1 if the last is, 0 otherwise or if a cost is unknown."""
+    best = int(np.argmin(cost))
+    if np.isnan(cost[best]):
+        return 0
+    return -1 if best == 0 else int(best == len(cost) - 1)

@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
 from solver.motion import Kinematics
-from solver.suit.curve_minimum import edge_of_minimum
-from solver.suit.readouts import UNMIGRATED, CurveReadouts, Place, Solved, efforts_at, read_off_curves, stacked
+from solver.suit.readouts import (
+    UNMIGRATED,
+    CurveReadouts,
+    Place,
+    Solved,
+    edge_of_minimum,
+    efforts_at,
+    read_off_curves,
+    stacked,
+)
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
     Condition,

@@ -24,7 +24,7 @@ from solver.inverse_kinematics.marker_fit import rotation_laboratory_to_ground
 from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
-from solver.suit.curve_minimum import find_minimum
+from solver.suit.readouts import find_minimum
 from station.errors import StationError
 from station.kinematics.marker_checks import LEAST_SEEN, ensure_markers_fit
 from station.live.body import LiveBody

@@ -23,7 +23,7 @@ from solver.inverse_kinematics.solve import InverseKinematics, assemble
 from solver.model import Model
 from solver.motion import Kinematics, differentiate
 from solver.personalisation.estimate import draw_postures_of_person
-from solver.suit.cord_check import CordCheck, check_cord
+from solver.suit.cord import CordCheck, check_cord
 from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
 from solver.suit.suit import Suit
 from station.kinematics.ik import with_marker_set

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from documents.regular_file import LARGEST_SUIT, read_regular
-from solver.suit.cord_check import CordCheck
+from solver.suit.cord import CordCheck
 from station.subject.assessed_subject import DRAWS, AssessedSubject
 from station.subject.subject_document import BodyFactor, CordTension, MarkerResidual, SubjectDocument, WearerFinding
 from station.subject.subject_file import SUBJECT_FILE

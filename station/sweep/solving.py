@@ -15,7 +15,7 @@ from distributed import Client
 
 from solver.errors import MotionError, SolverError
 from solver.model import ModelError
-from solver.suit.curve_minimum import find_minimum
+from solver.suit.readouts import find_minimum
 from solver.suit.scenarios import (
     LoadedMotion,
     SuitedMotion,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from fitting.dynamic.swing import Swing
+from fitting.dynamic.errors_in_variables import Swing
 from fitting.pull.cuff_motion import CuffMotion
 from fitting.pull.pull import Pull
 from fitting.pull.rigid import MarkerQuality

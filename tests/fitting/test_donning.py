@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.diagnosis.identification import identify
-from fitting.diagnosis.notes import interval_notes, migration_interval_notes
-from fitting.dynamic.swings import fit_swings
+from fitting.diagnosis.identification import identify, interval_notes, migration_interval_notes
+from fitting.dynamic.damping import fit_swings
 from fitting.pull.pull import make_pulls
 from fitting.results.codes import NoteCode, TrialNoteCode, Verdict
 from fitting.session import fit_donning, fit_session

@@ -9,8 +9,7 @@ import pytest
 from scipy import stats
 
 from fitting.dynamic.cross_checks import Checks, check, disagreements, output_error, without_lag
-from fitting.dynamic.errors_in_variables import C, Solution, estimate
-from fitting.dynamic.swing import Swing
+from fitting.dynamic.errors_in_variables import C, Solution, Swing, estimate
 from fitting.dynamic.weak_form import complex_stiffness, fit_lines, tapered_lines
 from fitting.results.codes import TrialNoteCode
 from fitting.results.outcome import FitOutcome

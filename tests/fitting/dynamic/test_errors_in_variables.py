@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.dynamic.errors_in_variables import C, K, estimate
-from fitting.dynamic.swing import Swing
+from fitting.dynamic.errors_in_variables import C, K, Swing, estimate
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver.suit.curve_minimum import find_minimum
+from solver.suit.readouts import find_minimum
 
 LENGTHS = np.linspace(0.6, 0.9, 16)
 
