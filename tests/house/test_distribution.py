@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
+import shlex
+import shutil
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
@@ -53,6 +57,41 @@ def test_two_builds_have_the_same_bytes_and_hold_what_a_user_needs(tmp_path: Pat
         shared = {name.partition("share/cuffstation/")[2] for name in wheel.namelist()}
         assert {"station.toml", "examples/fit_a_cuff.py", "examples/leg/leg.osim"} <= shared
         assert "station/sample_session/test-bounce_run-1.mcap" in wheel.namelist()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(sys.platform == "win32", reason="the page has bin/ in its lines, Windows Scripts/")
+def test_the_quick_start_runs_line_by_line_from_a_wheel_in_a_new_environment(tmp_path: Path) -> None:
+    """Dependencies are those of this environment, which the new one sees behind its own packages."""
+    wheel = distributions(tmp_path / "built")[".whl"]
+    shutil.copy(wheel, tmp_path)
+    page = (ROOT / "docs" / "quick-start.md").read_text(encoding="utf-8")
+    lines = [shlex.split(line, comments=True) for line in re.findall(r"^    (\S.*)$", page, re.M)]
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
+    assert [line[0] for line in lines] == ["python", "cuffs/bin/pip", "cuffs/bin/station", "cuffs/bin/python"]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    environment |= {"MPLBACKEND": "agg", "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    printed = ""
+    for command, *words in lines:
+        offline = ["--no-deps", "--no-index"] if command.endswith("pip") else []
+        ran = subprocess.run(  # noqa: S603
+            [sys.executable if command == "python" else str(tmp_path / command), *words, *offline],
+            cwd=tmp_path,
+            input=code,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=scaled_timeout(300),
+            check=False,
+        )
+        assert ran.returncode == 0, ran.stderr
+        printed = ran.stdout
+        for packages in (tmp_path / "cuffs").glob("lib/python*/site-packages"):
+            (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
+    assert "8515.21 +/- 30 N/m (0.36 %), 95 %: 8301 to 8741" in printed and "visco_elastic" in printed
+    assert (tmp_path / "effort.png").is_file() and (tmp_path / "study" / "station.toml").is_file()
+    assert list(tmp_path.glob("cuffs/lib/python*/site-packages/cuffstation/__init__.py"))
 
 
 def test_the_configuration_and_the_examples_are_written_and_no_file_is_replaced(tmp_path: Path) -> None:
