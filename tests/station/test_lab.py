@@ -5,6 +5,7 @@ The folder's name has a space and letters outside ASCII, and the configuration h
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -125,6 +126,26 @@ def test_a_path_of_more_than_260_characters_is_refused_on_windows_before_anythin
 def test_the_page_is_served_without_a_bench(lab: Path) -> None:
     with ServedConsole(lab / "station.toml", "--simulated") as console:
         assert b"<html" in urllib.request.urlopen(console.address).read().lower()  # noqa: S310  (our own page)
+
+
+def test_a_task_without_standard_input_records_the_plan_into_a_file(tmp_path: Path) -> None:
+    """As docs/terminal.md starts it: by the shell, which opens the file."""
+    folder = lab_folder(tmp_path)
+    words = [sys.executable, "-m", "station", "record", "--headless", *PLAN, "--session", str(SESSION)]
+    ran = subprocess.run(  # noqa: S602  (our own words)
+        f"{subprocess.list2cmdline(words)} >> monday.jsonl",
+        shell=True,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        check=False,
+        timeout=scaled_timeout(PATIENCE_S),
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    events = [json.loads(line) for line in (folder / "monday.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert ran.returncode == 0, ran.stderr
+    assert events[-1]["event"] == "session_closed" and events[-1]["is_complete"]
+    assert all(contents_of(path).complete for path in (folder / SESSION).glob("*.mcap"))
 
 
 @pytest.mark.timeout(1200)
