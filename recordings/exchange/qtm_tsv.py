@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.sample_tables import MarkerTable, distinct_labels, millimetres, settle_times, without_origin
+from recordings.exchange.sample_tables import (
+    MarkerTable,
+    distinct_labels,
+    millimetres,
+    require_whole_positions,
+    settle_times,
+    without_origin,
+)
 from recordings.exchange.text import MISSING, read_lines, read_numbers, without_blank_end, write_row
 
 KEY = re.compile(r"[A-Z][A-Z0-9_]+$")
@@ -39,6 +46,7 @@ def read_qtm_tsv(path: Path, unit: str = "mm") -> MarkerTable:
     widest = max((row.count("\t") + 1 for row in rows), default=0)
     _require_count(header, "NO_OF_FRAMES", len(rows), "holds", path)
     extra = _leading_columns(lines[first - 1], rows, widest, len(labels), path)
+    require_whole_positions(rows, extra, extra + 3 * len(labels), path, first + 1)
     values = read_numbers(rows, "\t", range(extra + 3 * len(labels)), path, first + 1)
     positions = without_origin(millimetres(unit, str(path)) * values[:, extra:].reshape(len(rows), len(labels), 3))
     rate, time, on_rate = _time(values[:, :extra], header, str(path), first + 1)
@@ -117,8 +125,9 @@ def _leading_columns(titles: str, rows: Sequence[str], widest: int, markers: int
     if names[0] in ("frame", "time"):
         return 2 if names[1] == "time" else 1
     extra = widest - 3 * markers
-    if extra > 0 and all(row.endswith("\t") for row in rows) and not _counts_up(rows):
-        extra -= 1  # every row ends in a tab, and nothing follows it
+    empty = min((len(row) - len(row.rstrip("\t")) for row in rows), default=0)
+    if extra > 0 and empty % 3 == 1:
+        extra -= 1  # every row ends in a tab; a marker that is hidden in all of them leaves three
     if extra in (0, 1, 2):
         return extra
     raise ForeignFile(
@@ -126,11 +135,6 @@ def _leading_columns(titles: str, rows: Sequence[str], widest: int, markers: int
         f"{3 * markers + 2}; export X, Y and Z of every trajectory and nothing else",
         RecordingCode.FOREIGN_TITLES,
     )
-
-
-def _counts_up(rows: Sequence[str]) -> bool:
-    first = [row.split("\t", 1)[0] for row in rows[:3]]
-    return all(field.isdigit() for field in first) and len(set(first)) == len(first)
 
 
 def _time(

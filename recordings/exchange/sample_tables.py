@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
+from recordings.exchange.text import MISSING
 
 RATE_TOLERANCE, SLIGHT = 0.01, 1e-4
 """Relative differences of two rates: of one that is meant to be the same, and of one that is not worth a note."""
@@ -23,6 +24,9 @@ SPELLED_OUT = {
     "metre": "m",
 }
 
+PLACEHOLDERS = (0.0, *(sign * (10.0**digits - 1) for sign in (1, -1) for digits in range(3, 8)))
+TIME_UNITS = {"ms": 1e3, "µs": 1e6, "min": 1 / 60, "frames": 0.0}
+"""How many of it are a second; frames are counted."""
 FEWEST_LETTERS = 4
 """Of a spelled unit; C3D cuts it to the width of its parameter."""
 
@@ -142,12 +146,29 @@ def distinct_labels(labels: Sequence[str], where: str) -> tuple[tuple[str, ...],
     )
 
 
-def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions (frames, markers, 3) with NaN where a coordinate is missing or all three are exactly zero.
+def require_whole_positions(rows: Sequence[str], before: int, columns: int, path: Path, first_line: int) -> None:
+    """Raises ForeignFile at the first row of tabs that ends within a position: its last number may be cut as well.
 
-    Zeros are how several programs write a marker that was not seen; no real one is exactly in the origin.
+    before, columns: in front of the first marker, and in all. Fields may be missing where the last markers are hidden.
     """
-    missing = ~np.isfinite(positions).all(axis=2) | (positions == 0).all(axis=2)
+    for i, row in enumerate(rows):
+        fields = row.rstrip().split("\t")
+        found = len(fields)
+        if before < found < columns and (found - before) % 3 and fields[-1].lower() not in MISSING:
+            raise ForeignFile(
+                f"{path}, line {first_line + i}, ends within the position of a marker: it has {found} fields, expected "
+                f"{columns}; export the file again, whole",
+                RecordingCode.FOREIGN_CUT,
+            )
+
+
+def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions (frames, markers, 3) with NaN where a coordinate is missing or all three are 0, 9999 or -9999, or alike.
+
+    This is how several programs write a marker that was not seen; no real one is exactly there.
+    """
+    missing = ~np.isfinite(positions).all(axis=2)
+    missing |= np.isin(positions[..., 0], PLACEHOLDERS) & (positions == positions[..., :1]).all(axis=2)
     return np.where(missing[..., None], np.nan, positions)
 
 
@@ -172,11 +193,12 @@ def settle_times(
     if rate > 0 and abs(counted[-1] / rate - np.ptp(time)) <= last_digit(time):
         return rate, time, ()
     measured = float(f"{measured:.9g}")
-    if rate > 0 and abs(1000 * measured / rate - 1) < RATE_TOLERANCE:
-        raise ForeignFile(
-            f"{where} states {rate:g} frames a second and has its times in ms; export them in s",
-            RecordingCode.FOREIGN_CONTRADICTORY,
-        )
+    for unit, in_second in TIME_UNITS.items():
+        if rate > 0 and abs(measured * (in_second or rate) / rate - 1) < RATE_TOLERANCE and measured != rate:
+            raise ForeignFile(
+                f"{where} states {rate:g} frames a second and has its times in {unit}; export them in s",
+                RecordingCode.FOREIGN_CONTRADICTORY,
+            )
     if rate <= 0 or abs(measured / rate - 1) < SLIGHT:
         return measured, time, ()
     note = f"{where} states {rate:g} frames a second, and its times give {measured:.6g}: the times are used"

@@ -22,7 +22,7 @@ from recordings.exchange.text import (
 )
 
 SEPARATORS = (",", ";", "\t")
-ABOVE = re.compile(r"#|sep=.?$")
+ABOVE = re.compile(r'#|"?sep=.?"?\s*$', re.IGNORECASE)
 
 
 def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalTable:

@@ -24,6 +24,9 @@ PRINTED_BY_C = re.compile(r"[+-]?(?:nan\(\w+\)|1\.#(?:ind|qnan|snan|inf)0*)", re
 BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")
 """Of UTF-16, in which spreadsheets save "Unicode text"."""
 
+LONGEST_QUOTED = 40
+"""Characters of a field in a sentence."""
+
 _LINE_END = re.compile(r"\r*\n|\r")
 _BLANK = ' \t,;"'
 
@@ -41,6 +44,12 @@ def read_lines(path: Path) -> list[str]:
     if b"\0" in raw[:4096] and not is_utf16:
         raise ForeignFile(
             f"{path} is no text file, expected a table in text; was it renamed?", RecordingCode.FOREIGN_WRONG_TYPE
+        )
+    if b"\0" in raw and not is_utf16:
+        raise ForeignFile(
+            f"{path}, line {raw[: raw.index(0)].count(10) + 1}, has bytes that are zero, expected text: the file is "
+            "damaged; copy or export it again",
+            RecordingCode.FOREIGN_DAMAGED,
         )
     try:
         text = raw.decode("utf-16" if is_utf16 else "utf-8-sig")
@@ -91,7 +100,8 @@ def read_numbers(
             marks |= {",", "."}.intersection(field)
             is_decimal_comma = marks == {","} and separator != ","
             try:
-                values[i, j] = float(field.replace(",", ".") if is_decimal_comma else field)
+                number = field.replace(",", ".") if is_decimal_comma else field
+                values[i, j] = float(number.replace("_", "?"))  # Python's own mark of thousands is none of a table
             except ValueError:
                 raise _no_number(path, first_line + i, field, column) from None
     return values
@@ -117,7 +127,7 @@ def require_fields(lines: Sequence[str], separator: str, titles: Sequence[str], 
 def _no_number(path: Path, line: int, field: str, column: int) -> ForeignFile:
     remedy = "; write decimals with a point, and no mark of thousands" if re.fullmatch(r"[-+\d.,]+", field) else ""
     return ForeignFile(
-        f"{path}, line {line}, has {field!r} in column {column + 1}, expected a number{remedy}",
+        f"{path}, line {line}, has {field[:LONGEST_QUOTED]!r} in column {column + 1}, expected a number{remedy}",
         RecordingCode.FOREIGN_NOT_A_NUMBER,
     )
 

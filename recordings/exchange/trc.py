@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
-from recordings.exchange.sample_tables import MarkerTable, distinct_labels, millimetres, settle_times, without_origin
+from recordings.exchange.sample_tables import (
+    MarkerTable,
+    distinct_labels,
+    millimetres,
+    require_whole_positions,
+    settle_times,
+    without_origin,
+)
 from recordings.exchange.text import printed_by_c, read_lines, read_numbers, without_blank_end, write_row
 
 SEPARATORS = ("\t", ";", ",")
@@ -29,9 +36,9 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
             f"{path} does not begin with PathFileType and five lines of header, expected a TRC file",
             RecordingCode.FOREIGN_WRONG_TYPE,
         )
-    separator = _separator(lines[-1])
+    separator = _separator(max(lines[4:], key=len))
     lines = [lines[0], *(_tabbed(line) for line in lines[1:])]
-    header = dict(zip(_fields(lines[1]), _fields(lines[2]), strict=False))
+    header = _header(lines[1], lines[2])
     columns, names = _named_columns(lines[3])
     labels, notes = distinct_labels(names, str(path))
     first = next((i for i in range(4, len(lines)) if _is_number(lines[i].split("\t", 1)[0])), len(lines))
@@ -44,6 +51,7 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
     rows, stale = _whole_rows(header, lines[first:], path)
     notes += stale + _notes_on_missing(rows, path)
     notes += _notes_on_columns(rows, columns[-1] + 3, path, first + 1, separator)
+    require_whole_positions(rows, COLUMNS_BEFORE, columns[-1] + 3, path, first + 1)
     read = [0, 1, *(column + axis for column in columns for axis in range(3))]
     values = read_numbers(rows, "\t", read, path, first + 1)
     scale = millimetres(unit or header.get("Units", ""), str(path))
@@ -84,8 +92,8 @@ def write_trc(table: MarkerTable, name: str) -> str:
 
 
 def _separator(line: str) -> str | None:
-    """None if blanks alone separate its fields."""
-    return next((mark for mark in SEPARATORS if mark in line), None)
+    """None if blanks alone separate its fields; commas may be decimal marks then."""
+    return next((mark for mark in SEPARATORS if mark in line and len(line.split(mark)[0].split()) < 2), None)
 
 
 def _tabbed(line: str) -> str:
@@ -94,8 +102,11 @@ def _tabbed(line: str) -> str:
     return line if separator == "\t" else "\t".join(field.strip() for field in line.split(separator))
 
 
-def _fields(line: str) -> Sequence[str]:
-    return [field.strip() for field in line.split("\t") if field.strip()]
+def _header(keys: str, values: str) -> dict[str, str]:
+    """Values by key; an empty value keeps its place, and there may be more tabs between the others."""
+    columns = [[field.strip() for field in line.split("\t")] for line in (keys, values)]
+    filled = [[field for field in fields if field] for fields in columns]
+    return dict(zip(*(filled if len(filled[0]) == len(filled[1]) else columns), strict=False))
 
 
 def _is_number(field: str) -> bool:

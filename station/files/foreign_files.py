@@ -6,6 +6,7 @@ the file declares.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -37,6 +38,8 @@ SPELLINGS: Mapping[str, ForceUnit] = {
     "lb": "lbs",
     "lbf": "lbs",
 }
+NAMED_UNIT = re.compile(rf"[_ (\[]\s*({'|'.join(SPELLINGS)}|[kmcd]n|[mk]v|mv/v|k?gf?|kp|oz)\s*[)\]]?$", re.IGNORECASE)
+"""At the end of a column's title, in brackets or behind a blank or an underscore; also units that are refused."""
 SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
 SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 20_000.0
 NARROWEST_MM, WIDEST_MM = 10.0, 20_000.0
@@ -172,11 +175,12 @@ def _unit(source: ForceSource, table: SignalTable, column: str) -> ForceUnit:
     """The unit of the command line, of the file, or in the name of the column; otherwise volts, as written by a DAQ."""
     if source.unit:
         return source.unit
-    declared = table.units[column].strip()
+    named = NAMED_UNIT.search(column)
+    declared = table.units[column].strip() or (named[1] if named else "")
     if declared and declared.lower() not in SPELLINGS:
         figures = {"path": str(source.path), "column": column, "unit": repr(declared), "known": ", ".join(UNITS)}
         raise WrongImport(Message(ImportCode.FORCE_UNIT, figures))
-    return SPELLINGS.get((declared or column.rpartition("_")[2]).lower(), "V")
+    return SPELLINGS.get(declared.lower(), "V")
 
 
 def _renamed(table: MarkerTable, source: MarkerSource) -> MarkerTable:

@@ -28,7 +28,10 @@ _IMPORT: Mapping[StrEnum, str] = {
     ImportCode.SEVERAL_FORCE_COLUMNS: (
         "{path} has the columns {found} among {known}, expected one; name the column by --force-column"
     ),
-    ImportCode.FORCE_UNIT: "{path} declares {column} in {unit}, expected {known}; give --force-unit",
+    ImportCode.FORCE_UNIT: (
+        "{path} declares {column} in {unit}, expected {known}; export it in one of them, or give --force-unit if the "
+        "declaration is wrong"
+    ),
     ImportCode.NO_SCALE: (
         'the configuration has load_cell.source = "{source}" and no scale for the volts of {column}; give --force-unit '
         "N or lbs, or a configuration with capacity_kg and full_scale_v of the DAQ"

@@ -155,3 +155,17 @@ def test_frames_without_a_marker_are_frames_at_either_end(tmp_path: Path, hidden
 def test_lines_of_tabs_beyond_the_announced_frames_are_no_frames(tmp_path: Path) -> None:
     read = read_qtm_tsv(export(tmp_path, HEADER, NAMES, lines([*ROWS, "\t\t", "\t\t\t\t\t"])))
     assert read.positions[:, 0, 0].tolist() == EXPECTED_A
+
+
+@pytest.mark.parametrize("last", ["4\t5\t6", "\t\t"])
+def test_a_tab_behind_every_row_is_no_column_of_frames_and_times(tmp_path: Path, last: str) -> None:
+    rows = [f"{i + 1}\t{i / 100}\t{1.5 + i / 10}\t2\t3\t{last}\t" for i in range(3)]
+    read = read_qtm_tsv(export(tmp_path, HEADER, NAMES, lines(rows)))
+    assert read.time_s == pytest.approx([0.0, 0.01, 0.02])
+    assert read.positions[:, 0, 0].tolist() == EXPECTED_A
+    assert read.missing[:, 1].all() == last.isspace()
+
+
+def test_a_row_that_ends_within_a_position_is_cut(tmp_path: Path) -> None:
+    with raises_refusal(RecordingCode.FOREIGN_CUT, "line 9, ends within"):
+        read_qtm_tsv(export(tmp_path, HEADER, NAMES, lines([ROWS[0], "1.6\t2\t3\t0.0", ROWS[2]])))

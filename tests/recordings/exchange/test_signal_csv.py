@@ -28,6 +28,7 @@ def table(tmp_path: Path, text: str) -> Path:
         "time_s,force_v,\n0.0,1.5,\n0.1,1.25,\n,,\n,,\n",
         'sep=;\ntime_s; "a; b"; force_v\n0,0; 1; 1,5\n0,1; "2; 3"; 1,25\n',
         'time_s,"a\nb",force_v\n0.0,1,1.5\n0.1,1,1.25\n',
+        '"SEP=;"\r\ntime_s;force_v\r\n0;1.5\r\n0.1;1.25\r\n',
     ],
     ids=[
         "plain",
@@ -39,6 +40,7 @@ def table(tmp_path: Path, text: str) -> Path:
         "an empty column and rows",
         "for a spreadsheet",
         "a title of two lines",
+        "with a quoted separator",
     ],
 )
 def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) -> None:
@@ -69,6 +71,8 @@ def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) ->
         ('time_s,"force_v\n0,1\n0.1,2\n', RecordingCode.FOREIGN_TITLES, "line 1, has a quote that does not end"),
         ('time_s,force_v\n"0,000","1,5"\n', RecordingCode.FOREIGN_NOT_A_NUMBER, "'0,000' in column 1"),
         ("time_s\tforce_v\n0.0\t1,250\n0.1\t1,251\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "'1,250' in column 2"),
+        ("time_s,force_v\n0,1_000\n0.1,2\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "'1_000' in column 2"),
+        ("time_s,force_v\n" + 1000 * "0.1,2\n" + "\0\0\0", RecordingCode.FOREIGN_DAMAGED, "line 1002"),
         ("time_s;force_v\n0,0;1.250,5\n0,1;1.251,5\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "mark of thousands"),
     ],
 )

@@ -42,6 +42,7 @@ def test_positions_are_in_the_unit_of_the_header_or_in_the_given_one(
         ("\n7\t0.06\t", "\n7\tsoon\t", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 13, has 'soon' in column 2"),
         ("\n7\t0.06\t", "\n7\t0.05\t", RecordingCode.FOREIGN_TIME_NOT_RISING, "line 13"),
         ("100\t100\t", "fast\t100\t", RecordingCode.FOREIGN_NO_RATE, "'fast'"),
+        ("\n7\t0.06\t", "\n6.5\t0.055\t1.5\t2\n7\t0.06\t", RecordingCode.FOREIGN_CUT, "line 13, ends within"),
     ],
 )
 def test_a_file_that_is_none_is_refused_in_a_sentence(
@@ -199,3 +200,29 @@ def test_a_stale_rate_is_a_note_and_the_times_decide(tmp_path: Path) -> None:
     read = read_trc(file(tmp_path, write_trc(walk(), "t").replace("\n100\t100\t", "\n250\t250\t", 1)))
     assert same(read, walk())
     assert "states 250 frames a second" in read.notes[0]
+
+
+@pytest.mark.parametrize(("unit", "in_second"), [("ms", 1000.0), ("µs", 1e6), ("min", 1 / 60), ("frames", 100.0)])
+def test_times_of_another_unit_are_named_by_the_rate(tmp_path: Path, unit: str, in_second: float) -> None:
+    path = file(tmp_path, write_trc(replace(walk(), time_s=in_second * walk().time_s), "t"))
+    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, f"times in {unit};"):
+        read_trc(path)
+
+
+@pytest.mark.parametrize("written", ["0", "9999", "-9999.0", "9999999.00"])
+def test_what_programs_write_for_a_hidden_marker_is_missing(tmp_path: Path, written: str) -> None:
+    header, rows = write_trc(walk(), "t").split("\n\n")
+    hidden = rows.replace("\t\t\t", f"\t{written}\t{written}\t{written}")
+    assert hidden != rows
+    assert same(read_trc(file(tmp_path, f"{header}\n\n{hidden}")), walk())
+
+
+def test_blanks_separate_columns_with_decimal_commas(tmp_path: Path) -> None:
+    table = replace(walk(), positions=np.where(walk().missing[..., None], 9999.0, walk().positions))
+    header, rows = write_trc(table, "t").split("\n\n")
+    read = read_trc(file(tmp_path, f"{header}\n\n{rows.replace('.', ',').replace(chr(9), ' ')}"))
+    assert same(read, walk())
+
+
+def test_an_empty_unit_is_millimetres(tmp_path: Path) -> None:
+    assert same(read_trc(file(tmp_path, write_trc(walk(), "t").replace("\tmm\t", "\t\t"))), walk())

@@ -327,6 +327,20 @@ def test_the_force_is_the_column_of_its_title_whatever_commas_others_hold(
     assert (note.figures["least"], note.figures["most"]) == pytest.approx((min(volts), max(volts)))
 
 
+@pytest.mark.parametrize(
+    ("title", "unit"),
+    [("Fz [N]", "N"), ("Load (lbf)", "lbs"), ("Load", "V"), ("load_on", "V"), ("Fz [kN]", None), ("load_kg", None)],
+)
+def test_the_unit_in_a_title_is_that_of_the_force(tmp_path: Path, title: str, unit: str | None) -> None:
+    (tmp_path / "daq.csv").write_text(f"time_s,{title}\n" + "".join(f"{i / 1000},1\n" for i in range(100)))
+    source = ForceSource(tmp_path / "daq.csv", title)
+    if unit is None:
+        with raises_refusal(ImportRefused, ImportCode.FORCE_UNIT):
+            read_force(source)
+    else:
+        assert read_force(source).unit == unit
+
+
 @pytest.mark.parametrize(("suffix", "nominal"), [(".trc", 30), (".tsv", 30), (".trc", 250)])
 def test_a_stale_frame_rate_invents_no_loss(
     pair: tuple[Truth, Truth], tmp_path: Path, suffix: str, nominal: float
