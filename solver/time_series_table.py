@@ -16,6 +16,8 @@ from solver.errors import MotionError, SolverCode
 Array = NDArray[np.float64]
 FEWEST_SAMPLED, LONGEST_STEP_S = 20, 0.5
 """Rows and median step [s] of a table that was sampled, not written by hand; a longer step is one in ms."""
+SMALLER_UNITS = (("ms", 1e3), ("µs", 1e6), ("ns", 1e9))
+"""And how many of it are a second."""
 _FILLING = " \t,;"
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
@@ -123,7 +125,7 @@ def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], A
 
 
 def ensure_seconds(path: Path, time: Array, motion: Array | None = None) -> None:
-    """Raise MotionError for times (frames,) whose steps are those of milliseconds.
+    """Raise MotionError for times (frames,) whose steps are those of milliseconds, smaller units or frame numbers.
 
     motion: times [s] that the table is for. A table of few rows has milliseconds if it begins and ends with the motion,
     within a step, a thousand times later, and the motion lies within one step of it.
@@ -133,8 +135,10 @@ def ensure_seconds(path: Path, time: Array, motion: Array | None = None) -> None
     if motion is not None and len(time) > 2 and step >= motion[-1] - motion[0]:
         is_in_ms |= bool((np.abs(time[[0, -1]] - 1e3 * motion[[0, -1]]) <= step).all())
     if is_in_ms:
+        unit, in_second = next((unit for unit in SMALLER_UNITS if step / unit[1] < LONGEST_STEP_S), SMALLER_UNITS[-1])
+        remedy = f"divide them by {in_second:.0f}" + ", or frame numbers by the rate" * (step == 1.0)
         raise MotionError(
-            f"{path.name} should have times in s and has steps of {step:g}, as of times in ms; divide them by 1000",
+            f"{path.name} should have times in s and has steps of {step:g}, as of times in {unit}; {remedy}",
             SolverCode.TIME_UNIT,
         )
 

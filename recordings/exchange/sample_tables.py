@@ -24,7 +24,6 @@ SPELLED_OUT = {
     "metre": "m",
 }
 
-PLACEHOLDERS = (0.0, *(sign * (10.0**digits - 1) for sign in (1, -1) for digits in range(3, 8)))
 TIME_UNITS = {"ms": 1e3, "µs": 1e6, "min": 1 / 60, "frames": 0.0}
 """How many of it are a second; frames are counted."""
 FEWEST_LETTERS = 4
@@ -163,12 +162,11 @@ def require_whole_positions(rows: Sequence[str], before: int, columns: int, path
 
 
 def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions (frames, markers, 3) with NaN where a coordinate is missing or all three are 0, 9999 or -9999, or alike.
+    """Positions (frames, markers, 3) with NaN where a coordinate is missing or all three are exactly zero.
 
-    This is how several programs write a marker that was not seen; no real one is exactly there.
+    Zeros are how several programs write a marker that was not seen; no real one is exactly in the origin.
     """
-    missing = ~np.isfinite(positions).all(axis=2)
-    missing |= np.isin(positions[..., 0], PLACEHOLDERS) & (positions == positions[..., :1]).all(axis=2)
+    missing = ~np.isfinite(positions).all(axis=2) | (positions == 0).all(axis=2)
     return np.where(missing[..., None], np.nan, positions)
 
 

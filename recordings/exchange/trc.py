@@ -93,7 +93,7 @@ def write_trc(table: MarkerTable, name: str) -> str:
 
 def _separator(line: str) -> str | None:
     """None if blanks alone separate its fields; commas may be decimal marks then."""
-    return next((mark for mark in SEPARATORS if mark in line and len(line.split(mark)[0].split()) < 2), None)
+    return next((mark for mark in SEPARATORS if mark in line and " " not in line.partition(mark)[0].strip()), None)
 
 
 def _tabbed(line: str) -> str:

@@ -29,8 +29,13 @@ BYTE_ORDER_MARKS = {
     codecs.BOM_UTF32_BE: "utf-32",
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
+    "<".encode("utf-32-le"): "utf-32-le",
+    "<".encode("utf-32-be"): "utf-32-be",
+    "<".encode("utf-16-le"): "utf-16-le",
+    "<".encode("utf-16-be"): "utf-16-be",
 }
-_DECLARATION = re.compile(rb"(\s*<\?xml[^>]{0,200}?encoding\s*=\s*[\"'])([^\"'<>]{1,40})")
+"""With which a file in these encodings begins; the mark may be missing."""
+_DECLARATION = re.compile(rb"(\s*<\?xml[^>]{0,200}?encoding\s*=\s*[\"'])([^\"'<>]+)")
 _AMPERSAND = re.compile(rb"&(?!#?\w{1,40};)")
 _NO_CHARACTER_SETS = ("", "idna", "punycode", "raw_unicode_escape", "undefined", "unicode_escape")
 """Codecs of Python that are not encodings of a file."""
@@ -89,18 +94,27 @@ class Element:
     def named_file(self, tag: str) -> Path | None:
         """The file that a property names; None without one. Paths start at the folder of the document.
 
-        OpenSim on Windows writes backslashes. A file that is not there is taken from the folder of the document, if it
-        is there: it was copied from another computer.
+        OpenSim on Windows writes backslashes and reads names in capitals and small letters alike. A file that is not
+        there is taken from the folder of the document, if it is there: it was copied from another computer.
         """
         text = self.word(tag, "")
         if not text or text == "Unassigned":
             return None
-        name = text.replace("\\", "/")
-        named, beside = self.file.parent / name, self.file.parent / name.rsplit("/", 1)[-1]
-        if named.exists() or not beside.exists():
+        named = self.file.parent / text.replace("\\", "/")
+        if named.exists():
             return named
+        alike = [file for file in self.file.parent.iterdir() if file.name.lower() == named.name.lower()]
+        if not alike:
+            return named
+        beside = min(alike, key=lambda file: (file.name != named.name, file.name))
         self.moved.add(f"{text} as {beside.name}")
         return beside
+
+    def line_naming(self, file: Path) -> int:
+        """Line of the first element whose text is the name of the file, with or without folders; 0 without one."""
+        if self.text.replace("\\", "/").rpartition("/")[2] == file.name:
+            return self.line
+        return next((line for child in self.children if (line := child.line_naming(file))), 0)
 
     def moved_files(self) -> list[str]:
         """`name as name beside` for the files below the element that named_file has found in the document's folder."""

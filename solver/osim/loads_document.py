@@ -262,7 +262,8 @@ def _body(element: Element, socket: str, model: Model) -> int:
     if not name and socket != "applied_to_body":
         return GROUND
     raise element.refusal(
-        f"has the {socket} {name}, and the model {model.name} has {', '.join(names)}; use one of these",
+        f"has {f'the {socket} {name}' if name else f'no {socket}'}, and the model {model.name} has {', '.join(names)}; "
+        "use one of these",
         SolverCode.UNKNOWN_NAME,
     )
 

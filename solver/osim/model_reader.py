@@ -81,7 +81,7 @@ def read_osim_model(
     left_out = _switched_off(model) + ignored
     if left_out:
         model = _without(model, left_out)
-    names = tuple(f"{element.tag} {element.name}".strip() for element in _inert(model) + left_out)
+    names = tuple(map(_named, _inert(model) + left_out))
     lacking = tuple(element.name for element in ignored if not element.tag.endswith("Controller"))
     return replace(_model(model), left_out=names, lacking=lacking)
 
@@ -170,6 +170,11 @@ def _without_followed_path(model: Element) -> list[Element]:
     """Muscles and actuators with a path that is a function of coordinates, and that are not switched off."""
     found = [force for force in model.objects("ForceSet") if force.tag in (*MUSCLES, *ACTUATORS)]
     return [force for force in found if has_function_path(force) and not force.is_off("appliesForce")]
+
+
+def _named(element: Element) -> str:
+    name = f"{element.tag} {element.name}".strip()
+    return f"{name} with a FunctionBasedPath" if has_function_path(element) else name
 
 
 def _without(element: Element, left_out: list[Element]) -> Element:

@@ -19,6 +19,7 @@ from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, 
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.model import Model, ModelError
 from solver.motion import ensure_interval, limits_outside
+from solver.osim.document import read_document
 from solver.osim.tool_setups import IkSetup, ik_setup_document, read_ik_setup
 from solver.personalisation.coverage import check_coverage
 from station.kinematics.marker_checks import (
@@ -106,9 +107,11 @@ class SolvedPostures:
 def solve_postures(inputs: IkInputs) -> SolvedPostures:
     """Raises KinematicsError, MarkerSetError, ModelError, MotionError or ForeignFile for files that do not fit."""
     setup = None if inputs.setup is None else read_ik_setup(inputs.setup)
-    name = str(inputs.model or named_file(setup.model_file if setup else None, "model", "--model"))
+    name = str(inputs.model or named_file(inputs.setup, setup.model_file if setup else None, "model", "--model"))
     model, names, findings = model_with_markers(name, inputs.marker_set)
-    file = inputs.markers or named_file(setup.marker_file if setup else None, "markers' file", "--markers")
+    file = inputs.markers or named_file(
+        inputs.setup, setup.marker_file if setup else None, "markers' file", "--markers"
+    )
     followed = [task for task, weight in setup.markers.items() if weight > 0] if setup else names
     table = read_body_markers(file, followed, inputs.prefix)
     span, on_range = _time_range(inputs, setup)
@@ -236,10 +239,18 @@ def write_xml(path: Path, root: Xml.Element) -> None:
         Xml.ElementTree(root).write(draft, encoding="utf-8", xml_declaration=True)
 
 
-def named_file(path: Path | None, what: str, option: str) -> Path:
-    if path is None:
+def named_file(setup: Path | None, path: Path | None, what: str, option: str) -> Path:
+    """The file that the set-up names. Raises ModelError where it names none, or one that is not there."""
+    if path is None or setup is None:
         raise ModelError(
             f"no {what} is given: neither the set-up nor {option} names one; add {option}", SolverCode.NOT_NAMED
+        )
+    if not path.exists():
+        line = read_document(setup).line_naming(path)
+        raise ModelError(
+            f"{setup.name}, line {line}, names the {what} {path}, which is not there; correct the path, put the file "
+            f"into the set-up's folder, or give {option}",
+            SolverCode.UNREADABLE_FILE,
         )
     return path
 

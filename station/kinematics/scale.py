@@ -79,13 +79,13 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     a pose or a mass that cannot be right.
     """
     setup = read_scale_setup(inputs.setup)
-    name = str(inputs.model or named_file(setup.model_file, "model", "--model"))
+    name = str(inputs.model or named_file(inputs.setup, setup.model_file, "model", "--model"))
     generic, _, odd = model_with_markers(name, inputs.marker_set)
     if setup.marker_set_file is not None:
         added, unattached = read_marker_set(setup.marker_set_file, generic)
         generic = with_markers(generic, added)
         odd += unattached_findings(setup.marker_set_file.name, unattached)
-    file = inputs.markers or named_file(setup.marker_file, "markers' file", "--markers")
+    file = inputs.markers or named_file(inputs.setup, setup.marker_file, "markers' file", "--markers")
     table = read_body_markers(file, [marker.name for marker in generic.markers], inputs.prefix)
     observed = _in_range(file, table, setup.time_range)
     setup, unknown = setup.of_model(generic, table.labels, observed)

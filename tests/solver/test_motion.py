@@ -282,9 +282,10 @@ def test_a_row_that_repeats_the_one_before_is_left_out(tmp_path):
 
 
 @pytest.mark.parametrize("rate", [1000, 500, 100, 60])
-def test_a_motion_in_milliseconds_is_refused(tmp_path, rate):
-    with raises_refusal(SolverCode.TIME_UNIT, naming="in ms"):
-        read_motion(printed(tmp_path / "m.mot", 1000 * np.arange(60) / rate, 6), ONE)
+@pytest.mark.parametrize(("in_second", "naming"), [(1e3, "in ms"), (1e6, "in µs"), (1e9, "in ns")])
+def test_a_motion_in_smaller_units_of_time_is_refused(tmp_path, rate, in_second, naming):
+    with raises_refusal(SolverCode.TIME_UNIT, naming=naming):
+        read_motion(printed(tmp_path / "m.mot", in_second * np.arange(60) / rate, 6), ONE)
 
 
 @pytest.mark.parametrize("differentiate_it", [differentiate, differentiate_by_splines])

@@ -175,7 +175,8 @@ MOVED = XML.replace(">handle.mot<", ">{}<")
 
 
 @pytest.mark.parametrize(
-    "named", ["C:\\lab\\P01\\handle.mot", "\\\\server\\x\\handle.mot", "/Users/a/handle.mot", "data\\handle.mot"]
+    "named",
+    ["C:\\lab\\P01\\handle.mot", "\\\\server\\x\\handle.mot", "/Users/a/handle.mot", "data\\handle.mot", "Handle.MOT"],
 )
 def test_a_data_file_of_another_computer_is_taken_from_beside_the_document(files: Path, named: str) -> None:
     assert read_loads_document(files) == LoadsDocument((), (), ())
