@@ -137,8 +137,6 @@ for stage, verbs in STAGES.items():
 
 def main() -> NoReturn:
     """Run the verb. An exception below one of ROOTS is a sentence for the user; any other is a bug and is shown."""
-    # The last digits of a matrix product depend on the number of threads; the same input must give the same bytes.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _ready_streams()
     try:
         app(prog_name="station")  # also if it is started by `python -m`
@@ -146,9 +144,6 @@ def main() -> NoReturn:
         if ended.code == INTERRUPTED:
             print_message(ENDED_BY_CTRL_C)
         raise
-    except MemoryError:
-        print_message("station: the memory of this computer, or its limit for this command, is not sufficient")
-        sys.exit(FAILED)
     except Exception as error:
         if not isinstance(error, (*ROOTS, OSError)):
             raise

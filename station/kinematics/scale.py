@@ -101,7 +101,8 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     notes = table.notes
     if setup.placement is not None:
         unknown += setup.placement.without_place(generic)
-        pose_file = inputs.markers or setup.placement.marker_file or file
+        named = setup.placement.marker_file or file
+        pose_file = inputs.markers or named_file(inputs.setup, named, "markers' file", "--markers")
         pose = table if pose_file == file else read_body_markers(pose_file, setup.placement.markers, inputs.prefix)
         static = _in_range(pose_file, pose, setup.placement.time_range)
         findings += pose_findings(pose.labels, static)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from station.__main__ import SPARE, main
+
 HEAVY = (
     *("numpy", "pydantic", "scipy.signal", "scipy.special", "scipy.optimize", "scipy.spatial", "scipy.stats", "numba"),
     *("clarabel", "pandas", "matplotlib", "jinja2", "PIL", "pyarrow", "duckdb", "grpc", "nidaqmx", "nicegui", "rerun"),
@@ -61,3 +63,36 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
 @pytest.mark.parametrize("command", ["import cuffstation", *COMMANDS])
 def test_a_command_imports_no_package_that_it_does_not_use(loaded: dict[str, set[str]], command: str) -> None:
     assert loaded[command] <= COMMANDS.get(command, set())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such limit")
+@pytest.mark.parametrize("megabytes", [60, 200, 350])
+def test_a_limit_of_memory_below_what_the_libraries_need_is_a_sentence(megabytes: int) -> None:
+    # in 200 MB, a report waited for ever: OpenBLAS tries again until it gets its memory
+    program = (
+        f"import resource; resource.setrlimit(resource.RLIMIT_AS, 2 * ({megabytes * 2**20},)); "
+        "from station.__main__ import main; main()"
+    )
+    ran = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", program, "--help"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (ran.returncode, ran.stdout, ran.stderr.count("\n")) == (1, "", 1)
+    assert ran.stderr.startswith("station: the memory")
+
+
+def test_what_fails_for_lack_of_memory_is_a_sentence_and_any_other_failure_is_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run() -> None:
+        raise ImportError("libx.so: failed to map segment from shared object")
+
+    monkeypatch.setattr("station.cli.main", run)
+    monkeypatch.setattr("station.__main__._has_limit", lambda: True)
+    monkeypatch.setattr("station.__main__._is_free", lambda size: True)
+    with pytest.raises(ImportError):
+        main()
+    monkeypatch.setattr("station.__main__._is_free", lambda size: size > SPARE)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    assert "memory" in capsys.readouterr().err

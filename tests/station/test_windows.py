@@ -43,6 +43,7 @@ COARSE_CLOCKS = {"monotonic", "monotonic_ns"}
 """They advance in steps of 16 ms on Windows before Python 3.13, perf_counter does not."""
 OWNERS = ("os", "signal", "socket", "select", "loop", "time")
 GUARDED = {
+    "station/__main__.py": {"resource"},
     "station/terminal/keyboard.py": {"termios", "tty", "getpgrp", "tcgetpgrp"},
     "station/live/process.py": {"nice"},
     "station/session/worker.py": {"nice"},

@@ -11,6 +11,7 @@ import pytest
 
 from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
+from solver.errors import SolverCode
 from solver.forces.passive_forces import PathSpring
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
@@ -22,6 +23,7 @@ from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode
 from station.messages.person_messages import PersonCode
 from tests.solver.references import SHARED
+from tests.solver.refusals import raises_refusal
 from tests.station.kinematics.test_ik import SETUP as IK_SETUP
 from tests.station.kinematics.test_ik import TASK, trial
 from tests.station.kinematics.test_ik import run as run_verb
@@ -185,6 +187,8 @@ def test_what_the_set_up_has_and_is_not_used_is_a_finding(tmp_path: Path) -> Non
     found = placed(tmp_path, "0 0.05", "C:\\lab\\trial.trc", more.format(-1).replace("<sort>fast</sort>", "")).findings
     codes = [finding.code for finding in found]
     assert KinematicsCode.UNUSED_ELEMENTS not in codes and KinematicsCode.FILE_ELSEWHERE in codes
+    with raises_refusal(SolverCode.UNREADABLE_FILE, naming="scale.xml, line 9, names the markers' file"):
+        placed(tmp_path, "0 0.05", "C:\\lab\\gone.trc")
 
 
 @pytest.mark.parametrize(
