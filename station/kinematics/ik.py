@@ -248,8 +248,8 @@ def named_file(setup: Path | None, path: Path | None, what: str, option: str) ->
     if not path.exists():
         line = read_document(setup).line_naming(path)
         raise ModelError(
-            f"{setup.name}, line {line}, names the {what} {path.name}, which is not there; correct the path, put the file "
-            f"into the set-up's folder, or give {option}",
+            f"{setup.name}, line {line}, names the {what} {path.name}, which is not there; correct the path, put the "
+            f"file into the set-up's folder, or give {option}",
             SolverCode.UNREADABLE_FILE,
         )
     return path
