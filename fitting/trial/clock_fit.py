@@ -119,8 +119,8 @@ def fit_clock(edges: SyncEdges, capture: float | None, stop: StopWindow) -> Cloc
     interval = _interval(record, stop, 0)
     if interval[0] >= LARGEST_DRIFT or interval[1] <= -LARGEST_DRIFT:
         return _one_edge(edges)
-    missing = _missing_frames(record, stop)
-    interval = _interval(record, stop, missing)
+    if missing := _missing_frames(record, stop):
+        interval = _interval(record, stop, missing)
     is_cut = interval[0] < -LARGEST_DRIFT or interval[1] > LARGEST_DRIFT
     interval = max(interval[0], -LARGEST_DRIFT), min(interval[1], LARGEST_DRIFT)
     window = replace(stop, latest=stop.shifted(missing).latest)
@@ -205,12 +205,12 @@ class _Record:
         covariance = np.array([[variances[0], shared], [shared, variances[1] + cells[0] ** 2 / 12]])
         return ClockFit(self.edges.rising + start, 1 + drift, covariance, has_both_edges=True)
 
-    def quantile(self, stop: StopWindow, part: float) -> float:
-        """Quantile of the posterior of the drift."""
+    def quantiles(self, stop: StopWindow, *parts: float) -> tuple[float, ...]:
+        """Quantiles of the posterior of the drift."""
         low, high = self.support(stop)
         _, _, density = self._posterior(stop, low, high)
         cumulated = np.append(0.0, np.cumsum(density.sum(axis=1)))
-        return float(np.interp(part, cumulated, np.linspace(low, high, DRIFT_CELLS + 1)))
+        return tuple(np.interp(parts, cumulated, np.linspace(low, high, DRIFT_CELLS + 1)).tolist())
 
     def _posterior(
         self, stop: StopWindow, low: float, high: float
@@ -242,8 +242,10 @@ def _interval(record: _Record, stop: StopWindow, missing: int) -> tuple[float, f
     if not stop.is_declared:
         early, late = replace(early, latest=early.earliest), replace(late, earliest=late.latest)
     if early == late:
-        return record.quantile(stop, 0.025), record.quantile(stop, 0.975)
-    return record.quantile(late, 0.05), record.quantile(early, 0.95)
+        low, high = record.quantiles(stop, 0.025, 0.975)
+    else:
+        (low,), (high,) = record.quantiles(late, 0.05), record.quantiles(early, 0.95)
+    return low, high
 
 
 def early_notes(early: float) -> tuple[Note, ...]:
