@@ -234,7 +234,10 @@ def _agree(pairs: Sequence[tuple[np.floating, np.floating]]) -> Agreement:
 
 @dataclass(frozen=True)
 class FixedEffect:
-    """l'β, its standard error, degrees of freedom and 95 % interval, in the unit of the values."""
+    """A mean, difference or prediction l'β in the unit of the values; ci95 of a prediction is its 95 % interval.
+
+    dof  degrees of freedom, of Kenward and Roger; of a prediction, of Satterthwaite
+    """
 
     value: float
     standard_error: float

@@ -31,6 +31,7 @@ from fitting.study.cuff_study import (
     Reliability,
     ReliabilityOutcome,
     StudyOutcome,
+    VolunteerMean,
     analyse,
     compare,
 )
@@ -61,15 +62,6 @@ class StudyFigure(_Entry):
     ci95: tuple[float | None, float | None] | None = None
 
 
-class EffectEntry(_Entry):
-    """A mean, difference or prediction; ci95 of a prediction is the 95 % prediction interval."""
-
-    value: float
-    standard_error: float
-    dof: float = Field(description="of Kenward and Roger; of a prediction, of Satterthwaite")
-    ci95: tuple[float, float]
-
-
 class ComponentEntry(_Entry):
     """A variance component as standard deviation."""
 
@@ -86,15 +78,6 @@ class ReliabilityEntry(_Entry):
     icc: StudyFigure
     sem: StudyFigure
     mdc: StudyFigure
-
-
-class VolunteerEntry(_Entry):
-    """Mean over the donnings of a volunteer."""
-
-    volunteer: str
-    value: float
-    ci95: tuple[float, float]
-    donnings: int
 
 
 class AgreementEntry(_Entry):
@@ -118,11 +101,11 @@ class QuantityEntry(_Entry):
     measurements: int
     repeats: int
     noise_sd: float | None = None
-    mean: EffectEntry | None = None
-    prediction: EffectEntry | None = None
+    mean: FixedEffect | None = None
+    prediction: FixedEffect | None = None
     components: dict[str, ComponentEntry] = Field(default_factory=dict)
     reliability: ReliabilityEntry | None = None
-    volunteers: list[VolunteerEntry] = Field(default_factory=list)
+    volunteers: list[VolunteerMean] = Field(default_factory=list)
     agreements: dict[str, AgreementEntry] = Field(default_factory=dict)
 
 
@@ -134,7 +117,7 @@ class ComparisonEntry(_Entry):
     second: str
     volunteers: int
     outcome: ComparisonOutcome
-    difference: EffectEntry | None = None
+    difference: FixedEffect | None = None
 
 
 class StudySessionEntry(_Entry):
@@ -171,7 +154,7 @@ SHOWN = {"stiffness": (1.0, "N/m"), "damping": (1.0, "N s/m"), "migration": (1e3
 OPEN = "not estimated"
 
 
-def shown_effect(effect: EffectEntry | None, quantity: str) -> str:
+def shown_effect(effect: FixedEffect | None, quantity: str) -> str:
     """Value and 95 % interval in the shown unit."""
     return OPEN if effect is None else bracketed(effect.value, effect.ci95, SHOWN[quantity][0])
 
@@ -223,7 +206,7 @@ def study_document(study: Study) -> StudyDocument:
                 second=found.second,
                 volunteers=found.volunteers,
                 outcome=found.outcome,
-                difference=_effect(found.difference),
+                difference=found.difference,
             )
             for quantity, comparisons in study.comparisons.items()
             for found in comparisons
@@ -261,20 +244,13 @@ def _quantity(found: CuffStudy) -> QuantityEntry:
         measurements=len(found.measurements),
         repeats=found.repeats,
         noise_sd=math.sqrt(model.noise) if model else None,
-        mean=_effect(found.mean),
-        prediction=_effect(found.prediction),
+        mean=found.mean,
+        prediction=found.prediction,
         components={name: _component(component) for name, component in model.components.items()} if model else {},
         reliability=_reliability(found.reliability) if found.reliability else None,
-        volunteers=[
-            VolunteerEntry(volunteer=mean.volunteer, value=mean.value, ci95=mean.ci95, donnings=mean.donnings)
-            for mean in found.volunteers
-        ],
+        volunteers=list(found.volunteers),
         agreements={name: _agreement(agreement) for name, agreement in found.agreements.items()},
     )
-
-
-def _effect(found: FixedEffect | None) -> EffectEntry | None:
-    return EffectEntry(**vars(found)) if found else None
 
 
 def _component(component: Component) -> ComponentEntry:
