@@ -144,7 +144,7 @@ def draw_report(session: Path) -> None:
         browser = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1100, "height": 1000})
         page.goto((session / "report.html").resolve().as_uri())
-        end = page.locator("details").first.evaluate("details => details.getBoundingClientRect().top")
+        end = page.locator("details.section").first.evaluate("details => details.getBoundingClientRect().top")
         drawn = page.screenshot(clip={"x": 0, "y": 0, "width": 1100, "height": end}, full_page=True)
         browser.close()
     Image.open(io.BytesIO(drawn)).convert("RGB").quantize(COLOURS).save(HERE / "report.png", optimize=True)

@@ -81,7 +81,7 @@ class _SetupForm:
             self._repeats = ui.number("Repeats of each test", value=suggested.repeats, min=1, precision=0)
             self._repeats.mark("repeats")
             masses = _format_masses(suggested.step_masses_kg)
-            self._masses = ui.input("Load steps [kg], in order", value=masses).mark("load-steps")
+            self._masses = ui.input("Load steps [kg]", value=masses).mark("load-steps")
         self._conditions = _conditions(controller, suggested.conditions)
         self._wearer = None if config.body is None else WearerForm(tuple(config.cuffs), published_sets())
         self._bounce = ui.switch("Bounce calibration first", value=suggested.has_bounce)
@@ -161,7 +161,7 @@ def _conditions(controller: SessionController, suggested: tuple[TrialCondition, 
     """Conditions of the wearer's motions; None without markers of the wearer."""
     if controller.session.config.body is None:
         return None
-    label = "Pose of the wearer, and motions in these conditions"
+    label = "Pose and motions of the wearer"
     choice = ui.select(dict(CONDITION_NAMES), label=label, value=list(suggested), multiple=True)
     return choice.props("use-chips").classes("w-full").mark("conditions")
 

@@ -13,6 +13,7 @@ from station.console.wearer_form import offer_wearer
 from station.progress import time_left
 from station.session.controller import SessionController
 from station.session.plan_status import PlanStatus
+from station.session.summary import Summary
 
 PROGRESS_S = 0.5
 
@@ -30,19 +31,32 @@ def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> N
         button = actions.add("Fit, assess and report", "f", controller.reviewer.finish, kind="main", mark="finish")
         button.set_enabled(not controller.reviewer.progress)
     else:
-        if summary.rows:
-            columns = [{"name": key, "label": key, "field": key, "align": "left"} for key in summary.rows[0]]
-            ui.table(
-                columns=columns,
-                rows=[{key: text.replace(UNBROKEN, " ") for key, text in row.items()} for row in summary.rows],
-            ).props("flat wrap-cells").classes("text-xl").mark("cuffs-table")
-        for sentence in summary.findings:
-            ui.label(sentence).classes("text-xl").mark("finding")
-        ui.link("Open the report", "/report", new_tab=True).classes("text-2xl").mark("report")
+        _show_summary(summary)
     offer_wearer(controller, actions)
     actions.add("Session list", "l", controller.session.leave, mark="leave", is_apart=True)
     if controller.session.is_ending:
         actions.add("Back to the plan", "b", controller.session.resume_plan, mark="back")
+
+
+def _show_summary(summary: Summary) -> None:
+    """The answer and the report first, then the table of the cuffs; the other findings are folded."""
+    answer, *others = summary.findings or ("",)
+    if answer:
+        ui.label(answer).classes("text-2xl font-bold").mark("finding")
+    ui.link("Open the report", "/report", new_tab=True).classes("text-2xl").mark("report")
+    rows = [{key: text.replace(UNBROKEN, " ") for key, text in row.items()} for row in summary.rows]
+    if rows:
+        columns = [
+            {"name": key, "label": key, "field": key, "align": "left"} for key in summary.rows[0] if key != "verdict"
+        ]
+        ui.table(columns=columns, rows=rows).props("flat wrap-cells").classes("text-xl").mark("cuffs-table")
+    for row in rows:
+        if "verdict" in row:
+            ui.label(f"{row['cuff']}: {row['verdict']}").classes("text-xl doubtful").mark("doubt")
+    if others:
+        with ui.expansion("Details").classes("w-full text-lg").mark("details"):
+            for sentence in others:
+                ui.label(sentence).classes("text-lg break-words").mark("finding")
 
 
 def _show_progress(controller: SessionController) -> None:

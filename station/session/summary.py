@@ -32,7 +32,9 @@ class SummaryError(StationError):
 
 @dataclass(frozen=True)
 class Summary:
-    """rows: one per cuff, heading → text; findings: the answer and the findings of the assessment, in sentences."""
+    """rows: one per cuff, heading → text, with a verdict if not all is identified; findings: the answer first, then the
+    findings of the assessment, in sentences.
+    """
 
     rows: tuple[dict[str, str], ...]
     findings: tuple[str, ...]
@@ -54,6 +56,7 @@ class EndedSession:
 
 def summarise(folder: Path, progress: Progress = silent) -> Summary:
     """End the session and return what its page shows. Raises SummaryError if no trial can be fitted."""
+    from fitting.results.codes import Verdict
     from station.assessment.assessment_file import read_assessment
     from station.assessment.assessment_json import ASSESSMENT_FILE
     from station.fit import SessionError
@@ -70,8 +73,8 @@ def summarise(folder: Path, progress: Progress = silent) -> Summary:
             "k [N/m]": of_cuff(cuff, "stiffness", _text(cuff.stiffness, 1.0, 0)),
             "c [N s/m]": of_cuff(cuff, "damping", _text(cuff.damping, 1.0, 1)),
             "migration [mm]": of_cuff(cuff, "migration", _text(cuff.migration, 1e3, 1)),
-            "verdict": cuff.verdict,
         }
+        | ({} if cuff.verdicts == (Verdict.IDENTIFIED,) else {"verdict": cuff.verdict})
         for name, cuff in ended.fitted.cuffs.items()
     )
     if ended.assessed is None:
