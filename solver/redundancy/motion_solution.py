@@ -37,7 +37,7 @@ from solver.redundancy.glenoid import contact_points, glenoid_cone
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
 from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, FrameSequence, Outcomes, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions, tracked_coordinates
-from solver.redundancy.sequence import BlockSolver, Progress, RunSolver, solve_redundancy
+from solver.redundancy.sequence import BlockSolver, RunSolver, solve_redundancy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -113,7 +113,7 @@ def _solve_in_blocks(motion: _Motion, progress: Callable[[int, int], None]) -> M
         for block in blocks:
             part = motion.cut(block)
             mechanics = _evaluate(part)
-            parts.append(_solve(part, mechanics, solve_run=run.solve))
+            parts.append(_solve(part, mechanics, solve_run=lambda sequence, *_: run.solve(sequence)))
             ensure_regular(mechanics.equations, parts[-1])
             progress(block.stop, frames)
     except SolverError:  # an irregular motion, or an error of this block alone
@@ -326,12 +326,7 @@ class BlockRun:
     def __init__(self) -> None:
         self._solver = BlockSolver()
 
-    def solve(
-        self,
-        block: FrameSequence,
-        progress: Progress,  # noqa: ARG002 (the caller counts blocks)
-        workers: int | None,  # noqa: ARG002 (one scenario)
-    ) -> tuple[Array, Outcomes]:
+    def solve(self, block: FrameSequence) -> tuple[Array, Outcomes]:
         """As solve_sequence. Raises IrregularMotion where the compiled solver cannot solve the block, or not as those
         before.
         """

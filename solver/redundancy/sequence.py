@@ -103,24 +103,24 @@ class FrameByFrame:
     def solve(self, problem: RedundancyProblem, loads: LoadResponse | None = None) -> ScenarioSolutions:
         """Solve a problem of one frame, at its time [s], later than that of the frame before, for all scenarios."""
         self._now = float(problem.time[0])
-        solve_run = self._solve_with_clarabel if problem.solver == "clarabel" else self._solve
+        solve = self._solve_with_clarabel if problem.solver == "clarabel" else self._solve
         if problem.cost is not None:
-            solve_run = self._solve_convex
+            solve = self._solve_convex
         self._time_constants = problem.time_constants
-        return solve_redundancy(problem, loads, workers=1, solve_run=solve_run)
+        return solve_redundancy(problem, loads, workers=1, solve_run=lambda sequence, *_: solve(sequence))
 
     def forget(self, scenario: int) -> None:
         """Start a scenario anew: its activations may be anything in the next frame."""
         self._time[scenario] = -np.inf
 
-    def _solve(self, sequence: FrameSequence, progress: Progress, workers: int | None) -> tuple[Array, Outcomes]:
+    def _solve(self, sequence: FrameSequence) -> tuple[Array, Outcomes]:
         from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
         from solver.redundancy.reduction import reduce_frames
 
         reducible = sequence.reducible()
         reduction = None if reducible is None else reduce_frames(reducible)
         if reducible is None or reduction is None:
-            return self._solve_with_clarabel(sequence, progress, workers)
+            return self._solve_with_clarabel(sequence)
         muscles, rates, rows = len(sequence.rise), reducible.rates, reduction.rows.shape[1]
         start = first_start(rates.widest, len(sequence.target), rows)
         if self._multipliers.shape[1] == rows:
@@ -132,12 +132,7 @@ class FrameByFrame:
         outcomes: Outcomes = OUTCOME_OF_CODE[solution.codes]
         return reduction.x(solution.a, solution.v, sequence.target), outcomes
 
-    def _solve_convex(
-        self,
-        sequence: FrameSequence,
-        progress: Progress,  # noqa: ARG002 (one frame)
-        workers: int | None,  # noqa: ARG002 (it uses one thread)
-    ) -> tuple[Array, Outcomes]:
+    def _solve_convex(self, sequence: FrameSequence) -> tuple[Array, Outcomes]:
         """With an ActivationCost."""
         from solver.redundancy.convex_frames import ConvexFrames  # the compiler behind it takes long to import
 
@@ -150,12 +145,7 @@ class FrameByFrame:
         self._keep_solved(controls, outcomes, len(sequence.rise))
         return controls[:, None], outcomes[:, None]
 
-    def _solve_with_clarabel(
-        self,
-        sequence: FrameSequence,
-        progress: Progress,  # noqa: ARG002 (one frame)
-        workers: int | None,  # noqa: ARG002 (it uses one thread)
-    ) -> tuple[Array, Outcomes]:
+    def _solve_with_clarabel(self, sequence: FrameSequence) -> tuple[Array, Outcomes]:
         lower, upper = sequence.widest_bounds()
         muscles = len(sequence.rise)
         lower[:, :muscles], upper[:, :muscles] = self._bounds()
