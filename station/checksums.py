@@ -1,8 +1,8 @@
 """SHA256SUMS: the hash of every file in a session folder and its subfolders at the time the station wrote it.
 
 The format is that of sha256sum, so that `sha256sum -c SHA256SUMS` checks a folder without the station. Hidden files are
-not listed: no command reads them. Lines of a journal (.jsonl) contain the hash of the lines before them, so that a
-journal may grow after its hash was recorded.
+not listed: no command reads them. Lines of JOURNALS contain the hash of the lines before them, so that these files may
+grow after their hash was recorded.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from pathlib import Path, PurePath, PurePosixPath
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import locked, once_released, read_regular, replaced
 from fitting.results.outcome import Standing
+from fitting.trial.mass_checks import CHECKS_FILE
 from station.journal_lines import JOURNAL_FILE, LARGEST_JOURNAL
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import RECORDINGS
 
 CHECKSUMS_FILE = "SHA256SUMS"
+JOURNALS = (JOURNAL_FILE, CHECKS_FILE)
 SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"
 LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)", re.DOTALL)
 LARGEST = 1 << 24
@@ -112,7 +114,7 @@ def standing_of(path: Path, sha256: str | None = None) -> Standing:
         return Standing.ADDED if is_listed else Standing.UNRECORDED
     if (sha256 or sha256_of(path)) == recorded:
         return Standing.AS_RECORDED
-    return Standing.CHANGED if path.suffix != ".jsonl" or journal_fault(path, recorded) else Standing.AS_RECORDED
+    return Standing.CHANGED if path.name not in JOURNALS or journal_fault(path, recorded) else Standing.AS_RECORDED
 
 
 def changed_files(paths: Iterable[Path]) -> list[Message[ChainCode]]:
@@ -129,19 +131,17 @@ def changed_files(paths: Iterable[Path]) -> list[Message[ChainCode]]:
 def journal_fault(path: Path, recorded: str | None) -> Message[ChainCode] | None:
     """Why the lines of a journal are not those that were written; None for whole lines that continue them.
 
-    recorded: hash in the list, of the journal or of its first lines. Lines of older stations have no hash.
+    recorded: hash in the list, of the journal or of its first lines
     """
     content = read_regular(path, LARGEST_JOURNAL)
     lines = content[: content.rfind(b"\n") + 1].splitlines(keepends=True)
-    above, known, is_chained = hashlib.sha256(), set(), False
+    above, known = hashlib.sha256(), set()
     for number, line in enumerate(lines, 1):
         known.add(above.hexdigest())
-        previous = _previous(line)
-        if previous != (above.hexdigest() if previous or is_chained else None):
+        if _previous(line) != above.hexdigest():
             return Message(ChainCode.JOURNAL_ORDER, {"line": number, "above": number - 1})
-        is_chained = previous is not None
         above.update(line)
-    if recorded in (None, above.hexdigest()) or (is_chained and recorded in known):
+    if recorded is None or recorded in known | {above.hexdigest()}:
         return None
     return Message(ChainCode.JOURNAL_CHANGED, {"lines": len(lines), "sums": CHECKSUMS_FILE})
 
@@ -174,22 +174,13 @@ def _is_listed(name: str) -> bool:
     return not is_hidden and name not in (CHECKSUMS_FILE, SIGNATURE_FILE)
 
 
-def has_chained_lines(path: Path) -> bool:
-    """Whether the last line of a journal contains the hash of those above it."""
-    if not path.is_file():
-        return False
-    lines = read_regular(path, LARGEST_JOURNAL).splitlines()
-    return bool(lines) and _previous(lines[-1]) is not None
-
-
 def _previous(line: bytes) -> str | None:
     """The hash of the lines before it that a line contains; None without one."""
     try:
         entry = parse_json(line)
     except PlainDataError:
         return None
-    found = entry.get("previous") if isinstance(entry, dict) else None
-    return None if found is None else str(found)
+    return str(entry.get("previous")) if isinstance(entry, dict) else None
 
 
 def _line(name: str, sha256: str) -> bytes:

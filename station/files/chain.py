@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,9 +23,9 @@ from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import (
     CHECKSUMS_FILE,
+    JOURNALS,
     SIGNATURE_FILE,
     files_below,
-    has_chained_lines,
     is_below,
     is_session,
     journal_fault,
@@ -166,7 +166,7 @@ def _file_links(files: _Files, left_out: Collection[str]) -> Iterator[Link]:
     """
     for line in malformed_lines(files.folder):
         yield _broken(f"{CHECKSUMS_FILE}, line {line}", Standing.CHANGED, ChainCode.LIST_LINE, line=line)
-    if not files.is_listed and has_chained_lines(files.folder / JOURNAL_FILE):
+    if not files.is_listed and (files.folder / JOURNAL_FILE).is_file():
         yield _broken(CHECKSUMS_FILE, Standing.MISSING, ChainCode.LIST_MISSING, file=JOURNAL_FILE)
     of_session = is_session(files.folder)
     present = set(files_below(files.folder) if of_session else _RESULTS)
@@ -175,7 +175,7 @@ def _file_links(files: _Files, left_out: Collection[str]) -> Iterator[Link]:
         if name in left_out:
             continue
         recorded = files.recorded.get(name)
-        if name.endswith(".jsonl") and (files.folder / name).is_file():
+        if name in JOURNALS and (files.folder / name).is_file():
             yield _journal_link(files, name, recorded)
         elif recorded is not None:
             yield Link(name, files.compare(name, recorded))
@@ -242,17 +242,9 @@ def _cuffs_links(files: _Files) -> Iterator[Link]:
     for name, fit in fits.items():
         if fit.given:
             yield Link(f"{CUFFS_FILE}, cuff {name}", Standing.BY_HAND, ", ".join(fit.remarks))
-    yield from (files.link(CUFFS_FILE, name, sha256) for name, sha256 in _recordings(files.json(CUFFS_FILE)).items())
-
-
-def _recordings(plain: Mapping[str, Any]) -> dict[str, str]:
-    """File → SHA-256 of every recording that the fit read; files of older stations name only the trials it used."""
-    recordings = plain.get("recordings")
-    if isinstance(recordings, dict):
-        return {name: str(entry.get("sha256")) for name, entry in recordings.items() if isinstance(entry, dict)}
-    cuffs = plain.get("cuffs")
-    used = [cuff.get("sources") for cuff in cuffs.values() if isinstance(cuff, dict)] if isinstance(cuffs, dict) else []
-    return {name: sha256 for sources in used for name, sha256 in _texts(sources)}
+    recordings = files.json(CUFFS_FILE).get("recordings")
+    for name, entry in recordings.items() if isinstance(recordings, dict) else ():
+        yield files.link(CUFFS_FILE, name, str(entry.get("sha256")) if isinstance(entry, dict) else "")
 
 
 def _texts(entries: Any) -> Iterator[tuple[str, str]]:

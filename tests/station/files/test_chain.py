@@ -306,10 +306,10 @@ def test_an_unsigned_folder_is_a_missing_signature_if_signers_are_given(
 def test_a_file_that_another_program_added_is_signed_after_it_was_listed(
     session: Path, key: Path, station: Station
 ) -> None:
-    (session / "notes.txt").write_text("the strap was loose")
+    (session / "notes.jsonl").write_text('{"note": "the strap was loose"}\n')  # lines of another program
     assert_refused(station("verify", session, "--sign", key), 1, ChainCode.BROKEN)
-    assert station("verify", session, "--add", session / "notes.txt", "--sign", key).code == 0
-    assert_refused(station("verify", session, "--add", session / "notes.txt"), 1, ChainCode.NOT_ADDED)
+    assert station("verify", session, "--add", session / "notes.jsonl", "--sign", key).code == 0
+    assert_refused(station("verify", session, "--add", session / "notes.jsonl"), 1, ChainCode.NOT_ADDED)
 
 
 @pytest.fixture
