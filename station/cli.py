@@ -30,7 +30,6 @@ from station.extras import with_extras
 from station.verbs import (
     bench,
     cuffs,
-    emg,
     files,
     kinematics,
     live,
@@ -57,7 +56,7 @@ STAGES = {
         muscles.id_,
         muscles.rmr,
         muscles.validate,
-        emg.emg,
+        muscles.emg,
         suits.assess,
         suits.optimise,
         suits.sweep,

@@ -13,7 +13,7 @@ from distributed import Client, Future, LocalCluster, as_completed
 
 from station.errors import StationError
 from station.messages.message import Message
-from station.messages.sweep_messages import SweepCode
+from station.messages.study_messages import SweepCode
 
 MOST_SUBMITTED = 64
 """Tasks submitted at a time, which limits the memory of the scheduler."""

@@ -34,14 +34,13 @@ from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.assessment_inputs import cuff_findings, worn_cuffs
 from station.assessment.budget_file import read_budget
 from station.assessment.case import AssessedCase
-from station.assessment.draws import LEAST_DRAWS
 from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, SourceChoice, assess_people
 from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
 from station.assessment.rmr import effect_of, ensure_distinct_controls, left_out_findings, slack_findings, slack_muscles
-from station.motion_filter import CUTOFF_HZ
+from station.defaults import CUTOFF_HZ, LEAST_DRAWS
 from station.sources import BUNDLED, kinematics_of, loads_of, model_of
 
 if TYPE_CHECKING:

@@ -21,10 +21,9 @@ from solver.multibody.loads import ExternalForce
 from solver.osim.document import read_document
 from solver.osim.loads_document import data_file, read_external_loads
 from solver.osim.model_reader import read_osim, read_osim_model
-from solver.osim.suited import read_suited
+from solver.osim.suited import CORD, CUFFS_AT_ENDS, SuitedModel, read_suited
 from solver.raise_arm import simulate_arm_raise
-from solver.suit.suited_model import CORD, CUFFS_AT_ENDS, SuitedModel
-from station.motion_filter import CUTOFF_HZ
+from station.defaults import CUTOFF_HZ
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,8 +1,8 @@
 """The suit in an OpenSim document: cuffs as bodies, the cord as a PathSpring, compliance as BushingForce.
 
-It is read again as the suit, and the model without it. A compliant cuff is a body on a bushing, with three coordinates
-that a motion from markers does not have. Therefore it is not solved as a body: its quasi-static equilibrium gives its
-force, as in an assessment.
+It is read again as the suit, and the model without it, at one rest length. A compliant cuff is a body on a bushing,
+with three coordinates that a motion from markers does not have. Therefore it is not solved as a body: its quasi-static
+equilibrium gives its force, as in an assessment.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import posixpath
 import re
 import xml.etree.ElementTree as Xml
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -21,16 +21,18 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
-from solver.model import Coordinate, Model, Placement
+from solver.model import GROUND, Coordinate, Model, Placement
+from solver.motion import Kinematics
+from solver.multibody.loads import ExternalForce
+from solver.multibody.postures import postures
 from solver.osim.document import Element
 from solver.osim.earlier_versions import PRESENT_LAYOUT
 from solver.osim.elements import add, add_path, add_path_point, add_values, objects_of
 from solver.osim.model_reader import read_osim_model
 from solver.osim.model_writer import add_axes, add_body, add_joint
-from solver.suit.cord import direction_to_joint, ensure_possible
+from solver.suit.cord import cord_line, direction_to_joint, ensure_possible, suit_forces
 from solver.suit.scenarios import SuitScenario
-from solver.suit.suit import PARTS, Suit, SuitError, SuitMass, SuitPoint, ensure_fits
-from solver.suit.suited_model import CORD, CUFF_NAMES, CUFFS_AT_ENDS, SuitedModel
+from solver.suit.suit import PARTS, Suit, SuitError, SuitMass, SuitPoint, ensure_fits, with_suit_masses
 
 Array = NDArray[np.float64]
 
@@ -263,3 +265,53 @@ def _bare(element: Element) -> Element:
             child = replace(child, children=[holder if kept.tag == "objects" else kept for kept in child.children])  # noqa: PLW2901
         children.append(child)
     return replace(element, children=children)
+
+
+CORD = "exotendon"
+CUFF_NAMES = tuple(f"{part}_cuff" for part in PARTS)
+CUFFS_AT_ENDS = (CUFF_NAMES[0], CUFF_NAMES[2])
+"""Names in a file; the cuff between is not there where the cord is straight."""
+
+
+@dataclass(frozen=True, eq=False)
+class SuitedModel:
+    """The bare model and its suit at the reference rest length; a cuff at waist or arm that is None is rigid."""
+
+    bare: Model
+    suit: Suit
+    waist: CuffParameters | None
+    arm: CuffParameters | None
+
+    @property
+    def model(self) -> Model:
+        """With the suit's masses on its bodies."""
+        return with_suit_masses(self.bare, self.suit)
+
+    def loads(self, kinematics: Kinematics, every: int = 1) -> tuple[ExternalForce, ...]:
+        """Forces on the bodies of the suit's parts in every N-th frame; the cuffs follow all frames.
+
+        Raises SuitError where a cuff has no equilibrium.
+        """
+        suit, bodies = self.suit, [body.name for body in self.bare.bodies]
+        state = postures(self.bare, kinematics.positions, kinematics.speeds)
+        forces = suit_forces(
+            suit,
+            cord_line(suit, self.bare, state, kinematics.interval),
+            np.array([suit.reference_rest_length]),
+            (self.waist, self.arm),
+            yields=self.waist is not None or self.arm is not None,
+            every=every,
+        )
+        return tuple(
+            ExternalForce(
+                name=f"{part}_cuff",
+                body=bodies.index(getattr(suit, part).body),
+                axes=GROUND,
+                force=forces.forces[0, :, place],
+                torque=np.zeros_like(forces.forces[0, :, place]),
+                origin=GROUND,
+                point=forces.points[0, :, place],
+            )
+            for place, part in enumerate(("waist", "arm", "shoulder"))
+            if part in suit.parts
+        )

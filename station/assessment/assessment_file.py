@@ -16,7 +16,7 @@ from station.assessment.number_entry import KnownNumberEntry, NumberEntry, Stric
 from station.assessment.study_comparison import StudyComparisonEntry
 from station.assessment.uncertainty_json import UncertaintyEntry
 from station.errors import StationError
-from station.messages.assessment_file_messages import AssessmentFileCode
+from station.messages.assessment_messages import AssessmentFileCode
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.subject.subject_document import SubjectDocument

@@ -21,7 +21,7 @@ from solver.uncertainty.sources import (
     MuscleSpread,
     UncertaintySources,
 )
-from station.assessment.draws import LEAST_DRAWS
+from station.defaults import LEAST_DRAWS
 from station.errors import StationError
 from station.messages.codes import InputCode
 from station.messages.message import Message

@@ -19,10 +19,10 @@ from solver.motion_splines import Accelerations, differentiate_by_splines, held_
 from solver.multibody.dynamics import inverse_dynamics
 from solver.multibody.loads import ExternalForce
 from solver.osim.loads_document import data_file
-from solver.suit.suited_model import SuitedModel
+from solver.osim.suited import SuitedModel
 from solver.time_series_table import write_table
 from station.assessment.motion_checks import load_checks, motion_checks, range_checks
-from station.motion_filter import CUTOFF_HZ
+from station.defaults import CUTOFF_HZ
 from station.sources import loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
 from station.versions import solving_versions
 from station.whole_file import drafted

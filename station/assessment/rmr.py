@@ -24,7 +24,7 @@ from solver.redundancy.mechanics import forces_of, without_forces
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import RedundancyOptions, options_for
-from station.assessment.effort import read_effort
+from station.assessment.assessment_inputs import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.assessment.outcomes import describe_tendons, note_unconverged
 from station.assessment.reserves import (

@@ -37,10 +37,10 @@ from station.checksums import write_checksums
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig
 from station.errors import StationError
-from station.manifest import make_manifest
 from station.messages.codes import RefusalCode, TrialCode
 from station.messages.message import Message, join_sentences
 from station.protocol import TrialSpec, check_path_length
+from station.trial_manifest import make_manifest
 
 OPEN_TIMEOUT_S = 60.0
 """Wall seconds for all devices to open; usually less than 4, more than 15 on a busy computer that reads the vendors'

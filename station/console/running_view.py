@@ -1,13 +1,17 @@
-"""The running trial: current instruction, measured values and their age, state of all streams."""
+"""The running trial: current instruction, measured values and their age, state of all streams, confirmation of a mark.
+
+Flow control keeps a browser close to the trial, however slowly it draws.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Awaitable, Callable, Collection, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
 from station.config import StationConfig
 from station.console.actions import Actions
@@ -25,8 +29,6 @@ from station.console.charts import (
     marks_at,
     zoomed_by_wheel,
 )
-from station.console.mark_receipt import MarkReceipt
-from station.console.update_sender import UpdateSender
 from station.protocol import BODY_TESTS, TrialSpec
 from station.session.controller import SessionController
 from station.session.guide import RestState
@@ -326,3 +328,70 @@ def _motion_over_time(motion: str) -> dict[str, Any]:
     chart = _over_time(motion)
     zoom = [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=0, zoomOnMouseWheel="shift")]
     return {**chart, "yAxis": [axis(motion, DISPLACEMENT)], "dataZoom": zoom, "series": [line(DISPLACEMENT)]}
+
+
+class MarkReceipt:
+    """One line under the curves, with a field to name this page's last mark. Enter stores the name, Escape leaves the
+    field. The browser clears the field and moves the focus to it (freshness.js): after a round trip to the console,
+    keys typed in between would act as commands, and the beginning of the name would be lost.
+    """
+
+    def __init__(self, controller: SessionController, live: LiveTrial, actions: Actions) -> None:
+        self._controller, self._live, self._run = controller, live, actions.run
+        self._number = 0
+        with ui.element("div").classes("receipt"):
+            self._text = ui.label("no mark yet").classes("quiet").mark("receipt")
+            self._note = ui.input(placeholder="name, then Enter").props("dense outlined")
+            self._note.classes("grow note").mark("note")
+            self._note.on("keydown.enter", self._store_name)
+
+    async def mark(self) -> None:
+        """Mark this moment. An alarm or another page may add marks before this one is named."""
+        self._number = 0
+        self._number = await self._controller.runner.mark()
+
+    async def _store_name(self) -> None:
+        name = str(self._note.value or "")
+        await self._run(lambda: self._controller.runner.name_mark(self._number, name))
+        self._note.value = ""
+        self._note.run_method("blur")
+
+    def tick(self) -> None:
+        marks = self._live.marks
+        if not marks:
+            return
+        number = max(marks)
+        is_recorded = self._live.latest.get("marks", 0) >= number
+        name = self._live.mark_names.get(number, "")
+        stored = "in the recording" if is_recorded else "sent to the recorder"
+        self._text.text = f"mark {number} at {marks[number]:.1f} s is {stored}" + (f": {name}" if name else "")
+
+
+UNDRAWN_UPDATES = 2
+"""Updates sent to a browser and not drawn yet; more are sent only when one is drawn."""
+
+
+class UpdateSender:
+    """Sends the newest data to one browser.
+
+    draw sends an update and returns when the browser has drawn it; TimeoutError: it has not, frozen or closed.
+    """
+
+    def __init__(self, draw: Callable[[], Awaitable[object]]) -> None:
+        self._draw = draw
+        self._undrawn = 0
+        self._sent_at: float | None = None
+
+    def tick(self, at: float | None) -> None:
+        """Send the data of time `at` unless they are sent already or the browser is behind; None without data."""
+        if at is not None and at != self._sent_at and self._undrawn < UNDRAWN_UPDATES:
+            self._sent_at = at
+            self._undrawn += 1
+            background_tasks.create(self._send())
+
+    async def _send(self) -> None:
+        try:
+            with suppress(TimeoutError):  # the page itself shows the age of its data
+                await self._draw()
+        finally:
+            self._undrawn -= 1

@@ -39,10 +39,10 @@ from station.files.foreign_files import (
     read_force,
     read_markers,
 )
-from station.manifest import make_manifest
 from station.messages.file_codes import ImportCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
+from station.trial_manifest import make_manifest
 
 LEAST_OVERLAP = 0.5
 """Fraction of the longer file, or with a sync line of the markers, that both files must have in common."""

@@ -23,7 +23,7 @@ from solver.personalisation.segment_masses import segment_masses
 from station.kinematics.marker_checks import finding_lines
 from station.kinematics.person import PersonBody, PersonInputs, TrialCheck
 from station.messages.codes import KinematicsCode
-from station.messages.person_messages import PersonCode
+from station.messages.kinematics_messages import PersonCode
 from station.sources import BUNDLED, named_hash
 from station.versions import solving_versions
 from station.whole_file import write_whole

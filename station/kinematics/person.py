@@ -48,8 +48,8 @@ from station.kinematics.person_findings import (
 )
 from station.kinematics.scale import left_out_notes
 from station.messages.codes import KinematicsCode
+from station.messages.kinematics_messages import PersonCode
 from station.messages.message import Message
-from station.messages.person_messages import PersonCode
 from station.progress import Progress, silent
 from station.sources import repeated_name
 

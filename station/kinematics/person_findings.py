@@ -26,8 +26,8 @@ from solver.scaling_findings import ScalingFinding, largest_motion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.kinematics.marker_checks import Finding
+from station.messages.kinematics_messages import PersonCode
 from station.messages.message import Figures, Message
-from station.messages.person_messages import PersonCode
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Codes of the station's messages: stable names for programs. The sentences are in station/messages/sentences.py.
+"""Codes of the station's messages: stable names for programs. The sentences are in station/messages/message.py.
 
 A code keeps its meaning for ever. A new one may be added; one that is no longer used stays, so that old files open.
 The part of a code before its dot is the kind of the event in the recording, the part after it is the reason.

@@ -1,4 +1,8 @@
-"""A message to the operator: a code for programs, rendered as a sentence for people at the very end."""
+"""A message to the operator: a code for programs, rendered as a sentence for people at the very end.
+
+A message states what happened, what it means and what to do, in the terms of the bench. Its template is found here by
+its code; the templates of a subject are in one file of this folder.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,15 @@ from enum import StrEnum
 from string import Formatter
 from typing import Any, Generic, TypeVar
 
-from station.messages.sentences import SENTENCES
+from station.messages.assessment_messages import ASSESSMENT, ASSESSMENT_FILE, DECISIONS
+from station.messages.bench_sentences import BENCH
+from station.messages.emg_messages import EMG
+from station.messages.file_sentences import FILES
+from station.messages.kinematics_messages import KINEMATICS, PERSON_SENTENCES, SUBJECT, WEARER_SENTENCES
+from station.messages.live_messages import LIVE
+from station.messages.session_sentences import SESSION
+from station.messages.setup_messages import SETUP
+from station.messages.study_messages import STUDY, SWEEPS, VALIDATION
 
 Code_co = TypeVar("Code_co", bound=StrEnum, covariant=True)
 Figures = Mapping[str, float | str]
@@ -50,3 +62,24 @@ _FORMATTER = _WithMinusSigns()
 def join_sentences(messages: Iterable[Message[StrEnum]]) -> str:
     """The sentences of several messages as one text."""
     return "; ".join(map(str, messages))
+
+
+SENTENCES: Mapping[StrEnum, str] = {
+    **BENCH,
+    **SESSION,
+    **KINEMATICS,
+    **PERSON_SENTENCES,
+    **ASSESSMENT,
+    **ASSESSMENT_FILE,
+    **DECISIONS,
+    **EMG,
+    **FILES,
+    **LIVE,
+    **SETUP,
+    **STUDY,
+    **SUBJECT,
+    **SWEEPS,
+    **VALIDATION,
+    **WEARER_SENTENCES,
+}
+"""Code → template, filled with the figures of the message."""

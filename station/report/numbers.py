@@ -2,23 +2,25 @@
 
 `located` copies plain data; the copies behave as the values they replace and know their place. The functions below it
 make a text of such a number, and `NumberRegister` gives each one that the templates print an id and an entry. A number
-that is computed from a located one is a plain number again.
+that is computed from a located one is a plain number again. The provenance of a number is the recordings, and the
+random draws with their seed, from which it was computed.
 """
 
 from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from markupsafe import Markup
 
 from documents.interval import UNBROKEN, between, bracketed, plus_minus, rounded
+from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.results.outcome import Standing
+from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.report.pictures import Picture
-from station.report.provenance import Provenance
 from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source
 
 UNKNOWN, NOT_IDENTIFIED = "–", "not identified"
@@ -331,3 +333,70 @@ def _unit(source: Source) -> str:
             if key.endswith(f"_{suffix}"):
                 return UNITS[suffix]
     return ""
+
+
+Plain = Mapping[str, Any]
+
+WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "reference_rest_length_m", "emg"})
+"""Keys of assessment.json whose numbers do not depend on the cuffs."""
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Number of random draws, and the seed of their generator."""
+
+    count: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Provenance of the numbers in cuffs.json and assessment.json, given as plain data; None without the file."""
+
+    cuffs: Plain | None
+    assessment: Plain | None
+
+    def recordings(self, source: Source) -> tuple[str, ...]:
+        """Recordings from whose samples the value at this place was computed, including those of the calibration."""
+        keys = source.keys
+        if source.file.endswith(".mcap"):
+            return (source.file,)
+        if source.file == CUFFS_FILE:
+            return tuple(dict.fromkeys(self._behind_cuffs_file(keys)))
+        if source.file == ASSESSMENT_FILE and self.assessment is not None:
+            return tuple(dict.fromkeys(self._behind_assessment(keys, self.assessment)))
+        return ()
+
+    def draws(self, source: Source) -> Draws | None:
+        """Draws behind the interval of an assessed number; None for other numbers."""
+        if source.file != ASSESSMENT_FILE or self.assessment is None or source.keys[:1] in (["cuffs"], ["subject"]):
+            return None
+        settings = self.assessment.get("uncertainty")
+        return Draws(int(settings["people"]["value"]), int(settings["seed"]["value"])) if settings else None
+
+    def _behind_cuffs_file(self, keys: list[str]) -> Iterable[str]:
+        plain = self.cuffs or {}
+        calibration = list((plain.get("calibration") or {}).get("sources", {}))
+        if keys[:1] == ["calibration"]:
+            return calibration
+        if keys[:1] == ["rejected"]:
+            return [plain["rejected"][int(keys[1])]["file"]]
+        cuff = plain.get("cuffs", {}).get(keys[1] if len(keys) > 1 else "", {})
+        if keys[2:3] == ["trials"]:
+            return [cuff["trials"][int(keys[3])]["file"], *calibration]
+        return [*cuff.get("sources", ()), *calibration]
+
+    def _behind_assessment(self, keys: list[str], assessment: Plain) -> Iterable[str]:
+        wearer = [trial["file"] for trial in (assessment.get("subject") or {}).get("trials", ()) if "file" in trial]
+        if keys[:1] == ["subject"]:
+            return wearer
+        worn = assessment.get("cuffs") or {}
+        named = [name for name in keys if name in worn]
+        if not named and not WITHOUT_CUFFS & set(keys):
+            named = list(worn)
+        waist = assessment.get("waist_cuff")
+        behind = [file for name in dict.fromkeys([waist, *named]) if named and name for file in self._fitted_from(name)]
+        return [*behind, *wearer]
+
+    def _fitted_from(self, cuff: str) -> Iterable[str]:
+        return self._behind_cuffs_file(["cuffs", cuff])

@@ -44,9 +44,18 @@ from station.report.cuff_section import TrueCuff, cuff_figures, reported_cuffs
 from station.report.emg_section import emg_figures, emg_section
 from station.report.first_page import first_page
 from station.report.normative_section import normative_section
-from station.report.numbers import LocatedObject, NumberRegister, figure, fixed, interval, length, located, worn
+from station.report.numbers import (
+    LocatedObject,
+    NumberRegister,
+    Provenance,
+    figure,
+    fixed,
+    interval,
+    length,
+    located,
+    worn,
+)
 from station.report.pictures import Picture, PlannedFigure, draw_all
-from station.report.provenance import Provenance
 from station.report.report_file import FORMAT, PageEntry, ReportDocument, Source, numbers_text
 from station.report.session_facts import recording_rows, session_facts
 from station.report.wearer_section import wearer_figures

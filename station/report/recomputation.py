@@ -22,11 +22,11 @@ from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.assessment.budget_file import read_budget
 from station.assessment.people_run import PeopleRun, SourceChoice
 from station.checksums import sha256_of
+from station.defaults import CUTOFF_HZ
 from station.files.chain import NUMBERS_FILE, Link
 from station.fit import fit_session_folder
 from station.messages.file_codes import NumberCode
 from station.messages.message import Message
-from station.motion_filter import CUTOFF_HZ
 from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in
 from station.report.page import Results, located_assessment, read_results, render

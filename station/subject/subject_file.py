@@ -14,8 +14,8 @@ from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
 from documents.validation import NonNegative, Positive, Section, describe_error
 from station.errors import StationError
+from station.messages.kinematics_messages import SubjectCode
 from station.messages.message import Message
-from station.messages.subject_messages import SubjectCode
 from station.whole_file import write_whole
 
 SUBJECT_FILE = "subject.toml"

@@ -32,7 +32,7 @@ from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
 from station.assessment.assessment_inputs import cuff_findings, cuff_remarks, read_cuffs_to_wear, worn_cuffs
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.messages.message import Message
-from station.messages.sweep_messages import SweepCode
+from station.messages.study_messages import SweepCode
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.sources import BUNDLED, kinematics_of, loads_of, model_of

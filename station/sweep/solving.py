@@ -27,7 +27,7 @@ from solver.suit.scenarios import (
 from solver.suit.suit import Suit, SuitError
 from station.dask_cluster import completed_tasks
 from station.messages.message import Message
-from station.messages.sweep_messages import SweepCode
+from station.messages.study_messages import SweepCode
 
 Outcome = dict[str, float | str | None]
 """Column → value: the columns of RESULTS, and of ERRORS where the case failed."""

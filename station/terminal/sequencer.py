@@ -21,7 +21,7 @@ from station.session.judgement import Judgement
 from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
 from station.session.plan_status import PlanStatus, kept_recordings, preparation, redo_loses_migration
-from station.session.trial_process import TrialProcess
+from station.session.trial_runner import TrialProcess
 from station.terminal.commands import Action, Command, CommandQueue, Request, SessionOutput
 from station.terminal.events import (
     Decided,

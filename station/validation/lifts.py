@@ -43,7 +43,7 @@ from station.assessment.motion_checks import motion_checks, motion_findings
 from station.errors import StationError
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
-from station.messages.validation_messages import ValidationCode
+from station.messages.study_messages import ValidationCode
 from station.progress import Progress, silent
 
 Array = NDArray[np.float64]

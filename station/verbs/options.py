@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from station.motion_filter import CUTOFF_HZ, OPENSIM_CUTOFF_HZ
+from station.defaults import CUTOFF_HZ, OPENSIM_CUTOFF_HZ
 from station.output_folder import ensure_folder
 
 if TYPE_CHECKING:

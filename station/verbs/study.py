@@ -108,8 +108,7 @@ def study(
     from station.study.normative_file import write_normative
     from station.study.sessions import read_sessions
     from station.study.study_document import make_study, study_document, write_study
-    from station.study.study_page import write_study_page
-    from station.study.study_table import print_study
+    from station.study.study_page import print_study, write_study_page
 
     with progress_bars(Console(stderr=True)) as progress:
         made = make_study(read_sessions(folders, progress), progress)

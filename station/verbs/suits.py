@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from station.assessment.draws import LEAST_DRAWS
+from station.defaults import CUTOFF_HZ, LEAST_DRAWS
 from station.exit_code import DONE, LOSSY
-from station.motion_filter import CUTOFF_HZ
 from station.verbs.options import (
     BundledOrMotion,
     BundledOrOsim,

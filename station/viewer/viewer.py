@@ -25,7 +25,7 @@ from solver.multibody.postures import points_in_ground, postures
 from solver.suit.suit import Suit
 from station.errors import StationError
 from station.messages.message import Message
-from station.messages.sweep_messages import SweepCode
+from station.messages.study_messages import SweepCode
 
 WAIT_S = 20.0
 

@@ -22,11 +22,10 @@ from solver.multibody.rotations import rotate
 from solver.osim.document import read_document
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
-from solver.osim.suited import add_suit, read_suited
+from solver.osim.suited import SuitedModel, add_suit, read_suited
 from solver.suit.cord import SuitForces, cord_line, suit_forces, with_migration
 from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import Suit, SuitMass, SuitPoint, read_suit, with_suit_masses
-from solver.suit.suited_model import SuitedModel
 from tests.solver.legs import leg
 from tests.solver.oracle.two_bodies import given, opensim, vec3
 from tests.solver.refusals import raises_refusal

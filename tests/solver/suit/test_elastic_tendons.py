@@ -11,6 +11,7 @@ from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import differentiate
+from solver.osim.suited import SuitedModel
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.redundancy_options import RedundancyOptions
@@ -18,7 +19,6 @@ from solver.suit.assessment import assess
 from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
-from solver.suit.suited_model import SuitedModel
 from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()

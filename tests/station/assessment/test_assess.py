@@ -27,7 +27,7 @@ from station.assessment.assessment_inputs import (
     worn_cuffs,
 )
 from station.assessment.emg import EmgError, read_emg
-from station.messages.assessment_file_messages import AssessmentFileCode
+from station.messages.assessment_messages import AssessmentFileCode
 from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
 from station.report.first_page import IN_TABLES

@@ -30,7 +30,7 @@ from station.assessment.people_run import (
     solve_here,
 )
 from station.errors import UnusedOption
-from station.messages.assessment_file_messages import AssessmentFileCode
+from station.messages.assessment_messages import AssessmentFileCode
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 from station.messages.message import Message
 from station.report.page import write_report

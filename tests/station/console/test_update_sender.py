@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from station.console.update_sender import UNDRAWN_UPDATES, UpdateSender
+from station.console.running_view import UNDRAWN_UPDATES, UpdateSender
 
 Run = Callable[[Callable[[], Awaitable[None]]], None]
 

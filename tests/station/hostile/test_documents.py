@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
-from station.messages.assessment_file_messages import AssessmentFileCode
+from station.messages.assessment_messages import AssessmentFileCode
 from tests.recordings.bombs import BOMBS
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 from tests.station.hostile.bounded import assert_ends_within_limits

@@ -28,7 +28,7 @@ from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.person import PersonInputs, measure_person
 from station.kinematics.person_findings import PersonError
 from station.messages.codes import KinematicsCode
-from station.messages.person_messages import PersonCode
+from station.messages.kinematics_messages import PersonCode
 from station.validation.lifts import CUTOFF_HZ, PUBLISHED_VARIANTS
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
 from tests.solver.references import SHARED

@@ -21,7 +21,7 @@ from station.kinematics.marker_checks import KinematicsError
 from station.kinematics.person_findings import mass_findings
 from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode
-from station.messages.person_messages import PersonCode
+from station.messages.kinematics_messages import PersonCode
 from tests.solver.references import SHARED
 from tests.solver.refusals import raises_refusal
 from tests.station.kinematics.test_ik import SETUP as IK_SETUP

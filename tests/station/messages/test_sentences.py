@@ -13,8 +13,7 @@ import pytest
 from solver.coded_findings import ScalingCode
 from solver.personalisation.coverage import CoverageCode
 from station import messages
-from station.messages.message import Message
-from station.messages.sentences import SENTENCES
+from station.messages.message import SENTENCES, Message
 
 MODULES = [
     importlib.import_module(f"station.messages.{module.name}") for module in pkgutil.iter_modules(messages.__path__)

@@ -10,10 +10,10 @@ from typing import Any
 from fitting.trial.mass_checks import MassCheck, read_checks
 from station.bench.check import CheckResult, inspect_bench_and_zero
 from station.config import StationConfig
-from station.console.bench_card import verdict_of
+from station.console.setup_view import verdict_of
 from station.messages.codes import CheckCode, CommandCode
 from station.messages.message import Message
-from station.session.bench_checker import BenchChecker
+from station.session.controller import BenchChecker
 from station.session.open_session import CommandRefused, OpenSession
 from tests.station.refusals import raises_refusal
 

@@ -21,7 +21,7 @@ from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.session.controller import SessionController
 from station.session.fitted_judgement import unfinished_step
-from station.session.trial_process import TrialProcess
+from station.session.trial_runner import TrialProcess
 from tests.station.console.served import write_config
 from tests.station.session.test_controller import SETUP, SPEED, until, with_folder
 

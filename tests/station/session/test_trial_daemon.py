@@ -20,7 +20,7 @@ from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.journal import read_journal
 from station.messages.codes import RefusalCode, TrialCode
-from station.session.adoption import adopt_recordings, is_being_recorded
+from station.session.reviewer import adopt_recordings, is_being_recorded
 from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 from tests.timeout import scaled_timeout
 

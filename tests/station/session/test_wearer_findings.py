@@ -14,9 +14,9 @@ from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from station.journal import read_journal, write_recorded
 from station.messages.codes import ReasonCode
 from station.protocol import TrialSpec
-from station.session.adoption import adopt_recordings
 from station.session.fitted_judgement import judge_recording
 from station.session.judgement import Judgement
+from station.session.reviewer import adopt_recordings
 from tests.station.wearer import CYCLES, SPECS, WearerSession
 
 POSE, UNSUITED, TIGHT = SPECS

@@ -24,7 +24,7 @@ from solver.time_series_table import write_table
 from station import sources
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.messages.codes import InputCode
-from station.messages.sweep_messages import SweepCode
+from station.messages.study_messages import SweepCode
 from station.sweep.dataset import SweepResult, run_sweep
 from station.sweep.solving import Outcome, Task, solve_task
 from station.sweep.sweep_plan import PlanError, read_plan

@@ -22,7 +22,7 @@ from station.assessment.budget_file import read_budget
 from station.assessment.people_run import PeopleError, PeopleRun, run_people, solve_people_on
 from station.dask_cluster import ClusterError, connected
 from station.messages.codes import InputCode
-from station.messages.sweep_messages import SweepCode
+from station.messages.study_messages import SweepCode
 from station.sweep.dataset import SweepResult, run_sweep
 from station.sweep.solving import solve_on, solve_task
 from station.sweep.sweep_plan import SweepPlan, read_plan

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from station.messages.sweep_messages import SweepCode
+from station.messages.study_messages import SweepCode
 from station.sweep.sweep_plan import PlanError, read_plan
 from tests.station.command import assert_refused
 from tests.station.refusals import raises_refusal

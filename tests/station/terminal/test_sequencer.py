@@ -18,7 +18,7 @@ from station.bench.simulation import SimulatedBench
 from station.config import StationConfig, load_config
 from station.journal import Recorded, read_journal, write_recorded, write_verdict
 from station.messages.codes import CommandCode, RefusalCode, TrialCode
-from station.session.trial_process import TrialProcess
+from station.session.trial_runner import TrialProcess
 from station.terminal.events import (
     CommandAnswered,
     Decided,

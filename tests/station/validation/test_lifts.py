@@ -19,7 +19,7 @@ from recordings.errors import RecordingCode
 from solver.redundancy.glenoid import force_agreement
 from station.exit_code import DONE, FAILED, LOSSY, WRONG_USAGE
 from station.messages.codes import AssessmentCode
-from station.messages.validation_messages import ValidationCode
+from station.messages.study_messages import ValidationCode
 from station.validation.lifts import (
     GLENOID,
     PUBLISHED_VARIANTS,

@@ -1,11 +1,11 @@
-"""Sentences on the findings of an assessment."""
+"""Messages on the findings of an assessment, the choice of a cuff, and an assessment.json that cannot be used."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
 
-from station.messages.codes import AssessmentCode, InputCode
+from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 
 _CHOICE = "Least effort at {at_m:.3f} m: {cuff}, with migration and compliance {effort:.3f} of that with a slack cord"
 _DIFFERENCE = "{first} − {second}: {difference_percent} % effort at {at_m:.3f} m"
@@ -228,4 +228,88 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "are {known}"
     ),
     InputCode.EMG_NUMBER: "{path}, line {line}, has {reduction} and {sd}, expected two numbers in percent",
+}
+
+
+_EQUIVALENT = "{at}, {leading}: equivalent within {relevant_points:g} points of effort (probability {percent} %)"
+_SETTLE = "{group} explains {percent} % of the variance of {first} − {second}, the largest share; to reduce it, "
+DECISIONS: Mapping[StrEnum, str] = {
+    DecisionCode.CHOOSE: (
+        "{at}, choose {leading}: it saves at least {relevant_points:g} points of effort more than {worse} "
+        "(probability {percent} %)."
+    ),
+    DecisionCode.EQUIVALENT: _EQUIVALENT + "; choose by comfort or migration.",
+    DecisionCode.EQUIVALENT_AND_WORSE: (
+        _EQUIVALENT + ", and each saves at least {relevant_points:g} points more than {worse}; choose by comfort "
+        "or migration."
+    ),
+    DecisionCode.UNDECIDED: (
+        "{at}, undecided: {leading} has the least mean effort. It saves at least {relevant_points:g} points more than "
+        "{rival} with a probability of {first_percent} %, is equivalent to it with {equivalent_percent} %, and saves "
+        "at least {relevant_points:g} points less with {second_percent} %."
+    ),
+    DecisionCode.ONLY_CUFF: "{at}, {leading} is the only cuff; there is no other to compare it with.",
+    DecisionCode.UNKNOWN: (
+        "{at}, no decision: only {people:.0f} of {drawn:.0f} drawn people have a solution for every cuff."
+    ),
+    DecisionCode.SETTLE_FIT: _SETTLE + "repeat the trials of the cuffs.",
+    DecisionCode.SETTLE_DONNING: _SETTLE + "measure more donnings of each cuff.",
+    DecisionCode.SETTLE_BODY: _SETTLE + "measure the wearer's body and the points of the cord (--subject).",
+    DecisionCode.SETTLE_MUSCLES: _SETTLE + "measure the wearer's strength, or compare with EMG.",
+    DecisionCode.SETTLE_MOTION: _SETTLE + "record more cycles of the wearer's own motion (--subject).",
+    DecisionCode.SETTLE_UNKNOWN: (
+        "Which measurement would settle {first} − {second} is not known: no group of sources has a share of its "
+        "variance that differs from zero. Run `station assess` with --indices 128 or more."
+    ),
+    DecisionCode.FIT_ONLY: (
+        "No decision: the intervals do not contain the variation of donnings, bodies, muscles and motions. Assess "
+        "again without `--people 0` and `--sources cuffs`."
+    ),
+    DecisionCode.NO_PEOPLE: (
+        "No decision: people are not drawn with elastic tendons. Assess again without `--tendons elastic`, and compare "
+        "how much effort the cuffs save with both."
+    ),
+}
+
+
+class AssessmentFileCode(StrEnum):
+    """What is wrong with the file."""
+
+    UNREADABLE = "assessment_file.unreadable"
+    NOT_JSON = "assessment_file.not_json"
+    NOT_AN_OBJECT = "assessment_file.not_an_object"
+    INVALID_ENTRY = "assessment_file.invalid_entry"
+    NO_RIGID_CUFFS = "assessment_file.no_rigid_cuffs"
+    OTHER_CUFFS = "assessment_file.other_cuffs"
+    OTHER_CONDITIONS = "assessment_file.other_conditions"
+    COST_MISSING = "assessment_file.cost_missing"
+    INTERVAL_MISSING = "assessment_file.interval_missing"
+    WRONG_POSTURES = "assessment_file.wrong_postures"
+    MUSCLE_MISSING = "assessment_file.muscle_missing"
+
+    ACTIVATIONS_UNREADABLE = "activations_file.unreadable"
+    ACTIVATIONS_COLUMNS = "activations_file.wrong_columns"
+    ACTIVATIONS_NOT_NUMBERS = "activations_file.not_numbers"
+
+
+_REMEDY = "; make it again with `station assess`"
+_FOUND = "{path}: {where} is {found}, expected "
+
+ASSESSMENT_FILE: Mapping[StrEnum, str] = {
+    AssessmentFileCode.UNREADABLE: "{path} cannot be read: {reason}",
+    AssessmentFileCode.NOT_JSON: "{path} {reason}" + _REMEDY,
+    AssessmentFileCode.NOT_AN_OBJECT: "{path}: the document is {found}, expected an object" + _REMEDY,
+    AssessmentFileCode.INVALID_ENTRY: "{path}: {reason}" + _REMEDY,
+    AssessmentFileCode.NO_RIGID_CUFFS: _FOUND + "rigid cuffs among it" + _REMEDY,
+    AssessmentFileCode.OTHER_CUFFS: _FOUND + "the cuffs {cuffs}" + _REMEDY,
+    AssessmentFileCode.OTHER_CONDITIONS: _FOUND + "{conditions}" + _REMEDY,
+    AssessmentFileCode.COST_MISSING: _FOUND + "a cost for every rest length" + _REMEDY,
+    AssessmentFileCode.INTERVAL_MISSING: _FOUND + "an interval or null for every rest length" + _REMEDY,
+    AssessmentFileCode.WRONG_POSTURES: "{path}: postures is a list of {count:.0f}, expected three" + _REMEDY,
+    AssessmentFileCode.MUSCLE_MISSING: _FOUND + "{muscle} among them" + _REMEDY,
+    AssessmentFileCode.ACTIVATIONS_UNREADABLE: "{path} cannot be read as a table: {reason}" + _REMEDY,
+    AssessmentFileCode.ACTIVATIONS_COLUMNS: (
+        "{path} has the columns {found}, expected condition, cuff, time_s and muscles" + _REMEDY
+    ),
+    AssessmentFileCode.ACTIVATIONS_NOT_NUMBERS: "{path}, column {column}, holds values that are not numbers" + _REMEDY,
 }
