@@ -41,7 +41,7 @@ ROOT = Path(__file__).parents[1]
 HARMLESS_FILE = Path(__file__).with_name("harmless_mutations.toml")
 FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents", "tests", "benchmarks")
 MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/FOLDER/test_MODULE.py
-    "fitting.static.migration": (),
+    "fitting.static.migration": ("tests/fitting/static/test_held_loads.py",),
     "fitting.static.stiffness": ("tests/fitting/static/test_slip_decisions.py",),
     "fitting.study.power": (),
     "fitting.study.reml": (),
