@@ -30,7 +30,7 @@ from station.kinematics.ik import with_marker_set
 from station.kinematics.marker_checks import Finding
 from station.kinematics.person import PersonBody, PersonInputs, person_of_trials
 from station.kinematics.person_findings import pose_findings
-from station.messages.subject_messages import SubjectCode
+from station.messages.kinematics_messages import SubjectCode
 from station.progress import Progress, silent
 from station.subject.subject_file import Subject, read_subject, refuse_subject
 

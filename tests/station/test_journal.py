@@ -37,6 +37,7 @@ from station.journal_lines import JOURNAL_FILE
 from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
+from station.whole_file import drafted, write_whole
 from tests.links import symlink
 from tests.station.refusals import raises_refusal
 from tests.timeout import scaled_timeout
@@ -282,3 +283,19 @@ def test_a_journal_that_is_a_link_is_not_written_to(tmp_path: Path, link: Callab
     with raises_refusal(JournalError, JournalCode.NOT_WRITTEN):
         write_verdict(tmp_path, "a.mcap", "accept", "")
     assert other.read_text() == "first line\nlast line"
+
+
+def test_a_text_with_a_name_that_is_not_utf_8_is_written_as_utf_8(tmp_path: Path) -> None:
+    write_whole(tmp_path / "report.html", "session \udcff \u00b1")
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "session ? \u00b1"
+
+
+def test_a_failed_write_keeps_the_previous_file_and_names_it(tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    write_whole(path, "before")
+    with pytest.raises(OSError, match="No space left") as caught, drafted(path) as draft:
+        draft.write_text("half")
+        raise OSError(28, "No space left on device")
+    assert caught.value.filename == str(path)
+    assert path.read_text() == "before"
+    assert [each.name for each in tmp_path.iterdir()] == ["cuffs.json"]

@@ -13,17 +13,18 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.smoother import SmootherOutcome, smooth_motion
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.motion import Motion, differentiate
-from tests.solver.inverse_kinematics.known_motions import (
+from tests.solver.inverse_kinematics.marked import (
     INTERVAL,
     MODEL,
     TASKS,
     Draw,
     arm_raise,
+    gaps_of,
     minimum_jerk,
+    seen_from,
     sines,
     white_jerk,
 )
-from tests.solver.inverse_kinematics.marked import gaps_of, seen_from
 from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]

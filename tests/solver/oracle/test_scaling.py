@@ -35,8 +35,8 @@ from solver.scaling import Scaling, scale_model, scale_skeleton
 from solver.time_series_table import read_table
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from
 from tests.solver.oracle.test_actuators import ADDED
-from tests.solver.oracle.test_constraints import coupler
 from tests.solver.oracle.test_force_elements import between_tilted_frames, lay
+from tests.solver.oracle.test_joints import coupler
 from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, read_back, vec3
 from tests.solver.refusals import raises_refusal
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.station.console.accessible import needs_axe, serious_faults
-from tests.station.console.browsing import CHROMIUM, begin, open_page, runs, seen
+from tests.station.console.browsing import CHROMIUM, begin, needs_axe, open_page, runs, seen, serious_faults
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.reported import report_session
 

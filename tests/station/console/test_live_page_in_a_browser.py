@@ -12,9 +12,8 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from station.live.published import LiveFinding, LiveSubject
-from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, seen, until
+from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, seen, unreadable, until
 from tests.station.console.live_source import LiveSource, live_setup
-from tests.station.console.readable import unreadable
 from tests.station.console.served_live import served_live_page
 
 pytestmark = [

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import math
 from typing import Any
 
+import pytest
 from nicegui import Client, ui
 from nicegui.page import page
 
+from station.bench.check import CheckResult
+from station.console.charts import ELEVATION_AXIS, force_over_motion
+from station.console.live_view import best_text, delivery_text, most_active, rest_length_text, share_text
 from station.console.page import _Page
+from station.console.running_view import _over_time
+from station.console.setup_view import _parse_masses
+from station.live.published import LiveBest, LiveDelivery, LiveUpdate
+from station.messages.codes import CheckCode, CommandCode
+from station.messages.message import Message
+from station.session.open_session import CommandRefused
+from tests.station.console.live_source import live_setup
+from tests.station.refusals import raises_refusal
 
 
 def test_a_view_that_is_replaced_during_an_action_does_not_stop_the_page(monkeypatch) -> None:
@@ -36,3 +49,81 @@ def test_a_view_that_is_replaced_during_an_action_does_not_stop_the_page(monkeyp
 
     asyncio.run(press())
     assert scripts == [client]
+
+
+CHARTS = pytest.mark.parametrize(
+    "chart", [force_over_motion([]), _over_time(), _over_time(ELEVATION_AXIS)], ids=["path", "over time", "wearer"]
+)
+
+
+@CHARTS
+def test_labels_of_the_horizontal_axis_never_run_into_each_other(chart: dict[str, Any]) -> None:
+    assert chart["xAxis"]["axisLabel"]["hideOverlap"]
+
+
+@CHARTS
+def test_every_axis_of_a_chart_has_a_name_with_its_unit(chart: dict[str, Any]) -> None:
+    beside = chart["yAxis"] if isinstance(chart["yAxis"], list) else [chart["yAxis"]]
+    for axis in (chart["xAxis"], *beside):
+        assert axis["name"].endswith(("[s]", "[N]", "[mm]", "[deg]"))
+
+
+@pytest.mark.parametrize(
+    "typed", ["1.53 2 0.5", "1,53 2 0,5", "1.53, 2, 0.5", "1,53; 2; 0,5", "1,53;2;0,5", "1,53, 2, 0,5,"]
+)
+def test_load_steps_are_taken_with_a_decimal_point_or_comma(typed: str) -> None:
+    assert _parse_masses(typed) == (1.53, 2.0, 0.5)
+
+
+@pytest.mark.parametrize("typed", ["1,53,2", "1.5 kg", "1.5.3"])
+def test_an_ambiguous_number_is_refused(typed: str) -> None:
+    with raises_refusal(CommandRefused, CommandCode.MASSES_NOT_NUMBERS):
+        _parse_masses(typed)
+
+
+@pytest.mark.parametrize(
+    ("result", "grade"),
+    [
+        (CheckResult("disk", Message(CheckCode.DISK), is_good=True), "good"),
+        (CheckResult("/markers", Message(CheckCode.NO_CAPTURE), is_good=True, is_doubtful=True), "doubtful"),
+        (CheckResult("NI Dev1", Message(CheckCode.NO_ANSWER), is_good=False), "bad"),
+    ],
+)
+def test_only_a_checked_subject_without_a_fault_is_green(result: CheckResult, grade: str) -> None:
+    assert result.grade == grade
+
+
+# Figures in the sentences of the live page.
+
+
+@pytest.mark.parametrize(("share", "figure"), [(1.0, "100 %"), (0.914, "91 %"), (0.0, "0 %"), (math.nan, "–")])
+def test_an_effort_is_a_share_of_that_with_a_slack_cord(share: float, figure: str) -> None:
+    assert share_text(share) == figure
+
+
+@pytest.mark.parametrize(
+    ("best", "figures"),
+    [
+        (LiveBest(0.708, 0.012, 0.912, 4), ("0.71 m ± 0.01", "9 % less")),
+        (LiveBest(0.708, math.nan, 1.03, 1), ("0.71 m,", "3 % more")),
+    ],
+)
+def test_the_best_rest_length_has_its_spread_and_its_effort(best: LiveBest, figures: tuple[str, ...]) -> None:
+    assert all(figure in best_text(best) for figure in figures)
+
+
+def test_the_largest_activations_come_first_and_unsolved_ones_are_left_out() -> None:
+    text = most_active(("a", "b_c", "d"), (0.12, 0.5, math.nan))
+    assert text.endswith("b c 50 %, a 12 %")
+    assert "%" not in most_active(("a",), (math.nan,))
+
+
+def test_frames_left_out_and_updates_not_shown_are_counted() -> None:
+    delivery = LiveDelivery(0.0, 0.17, 0.021, 50, 7, 1, 98.6, not_shown=3)
+    text = delivery_text(live_setup(), LiveUpdate(None, delivery), is_over=False)
+    for figures in ("99 of 100 frames", "7 frames left out", "21 ms", "3 updates"):
+        assert figures in text
+
+
+def test_a_rest_length_has_millimetres() -> None:
+    assert "0.705 m" in rest_length_text(0.705) and not rest_length_text(math.nan)

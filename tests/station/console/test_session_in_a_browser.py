@@ -24,9 +24,9 @@ from tests.station.console.browsing import (
     says_simulated,
     seen,
     stop,
+    unreadable,
     until,
 )
-from tests.station.console.readable import unreadable
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.session.benched import simulated_bench
 

@@ -10,8 +10,15 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from fitting.wearer.wearer_trial import read_wearer_trial
-from tests.station.console.browsing import CHROMIUM, buttons_are_in_view, fits_on_the_screen, open_page, runs, seen
-from tests.station.console.readable import unreadable
+from tests.station.console.browsing import (
+    CHROMIUM,
+    buttons_are_in_view,
+    fits_on_the_screen,
+    open_page,
+    runs,
+    seen,
+    unreadable,
+)
 from tests.station.console.served import ServedConsole, write_config
 
 pytestmark = [

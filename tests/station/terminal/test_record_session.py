@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import select
@@ -16,12 +17,18 @@ from pathlib import Path
 import pytest
 
 from recordings.reader import open_recording
+from station.bench.simulation import SimulatedBench, clock_port, practice_settings
+from station.config import StationConfig, load_config, parse_config
 from station.journal import Setup, read_journal, write_setup
-from station.messages.codes import CommandCode, RefusalCode
+from station.messages.codes import CommandCode, CueCode, RefusalCode
+from station.session.controller import SessionController
 from station.terminal import run
+from station.terminal.events import CueChanged, Event, NextTrial, TrialSkipped, VerdictGiven, Waiting, WarningRaised
 from tests.station.command import Ran, assert_refused
 from tests.station.console.served import write_config
-from tests.station.terminal.practice import PATIENCE_S, Headless
+from tests.station.session.benched import simulated_bench
+from tests.station.terminal.practice import PATIENCE_S, Headless, lead
+from tests.station.wearer import CYCLES, wearer_config
 from tests.timeout import scaled_timeout
 
 PRACTICE = ("--config", "station.toml", "--session", "monday", "--simulated", "--speed", "3", "--subject", "P01")
@@ -185,3 +192,97 @@ def test_an_option_of_one_trial_needs_a_test(
 ) -> None:
     ran = station("record", "--config", write_config(tmp_path), "--session", tmp_path / "monday", *options)
     assert ran.code == 2 and "--test" in ran.err
+
+
+# Console and terminal run the same session in turn, and each resumes it where the other was killed.
+
+
+SPEED = 30.0
+
+
+@pytest.mark.slow
+def test_terminal_and_console_resume_each_other_s_session_during_a_trial_and_before_a_decision(tmp_path: Path) -> None:
+    """The terminal is killed while it records; its recorder goes on, and the console keeps that trial and records the
+    next. It is closed before it decides, and the terminal does."""
+    with simulated_bench(tmp_path / "bench", speed=SPEED) as (bench, _):
+        ports = bench.ready["ports"]
+        path = write_config(tmp_path, swing_s=5.0, ni=ports["ni"], qtm=ports["qtm"])
+        with path.open("a") as file:
+            file.write(f"\n[simulation.ports]\nclock = {ports['clock']}\n")
+        options = ("--config", "station.toml", "--session", "simulated/monday", "--speed", str(SPEED))
+        bench.request({"trial": {"cuff": "hand", "test": "static"}})
+        with Headless(tmp_path, *options, "--subject", "P01") as terminal:
+            assert terminal.until("session_opened")["trials"] == 2
+            terminal.until("waiting", what="start")
+            terminal.send("arm")
+            terminal.until("state_changed", state="recording")
+            terminal.child.kill()
+        asyncio.run(_go_on_at_the_console(path, tmp_path / "simulated" / "monday", bench))
+        with Headless(tmp_path, *options) as terminal:
+            assert terminal.until("session_opened")["done"] == 1
+            verdict = terminal.until("verdict")
+            assert {"damping_n_s_per_m"} <= {figure["quantity"] for figure in verdict["figures"]}
+            terminal.until("decided")
+            terminal.until("summing_up")
+            terminal.send("end")
+            assert terminal.until("session_closed")["done"] == 2
+            assert terminal.child.wait(scaled_timeout(PATIENCE_S)) == 0
+    journal = read_journal(tmp_path / "simulated" / "monday")
+    assert [(one.test, one.accepted) for one in journal.recorded] == [("static", True), ("dynamic", True)]
+    assert [verdict.choice for verdict in journal.verdicts.values()] == ["accept", "accept"]
+
+
+async def _go_on_at_the_console(path: Path, folder: Path, bench: object) -> None:
+    config = load_config(path)
+    controller = SessionController(config, SPEED, None, clock_port(config))
+    try:
+        controller.session.resume(folder)
+        async with asyncio.timeout(scaled_timeout(PATIENCE_S)):
+            while controller.session.judgement is None:  # as the page's heartbeat: the recorder's trial is waited for
+                await controller.reviewer.process_recordings()
+                await asyncio.sleep(0.2)
+            controller.reviewer.decide("accept", "")
+            bench.request({"trial": {"cuff": "hand", "test": "dynamic"}})  # type: ignore[attr-defined]
+            await controller.runner.arm()
+            while controller.runner.live is not None:
+                await asyncio.sleep(0.05)
+    finally:
+        controller.close()
+    assert controller.session.plan is not None and controller.session.plan.undecided is not None, (
+        controller.session.message
+    )
+
+
+# Trials of the simulated wearer, guided, judged and kept without a page.
+
+
+SETUP = Setup("P01", "ab", (), 1, has_bounce=False, conditions=("unsuited",))
+
+
+def wearer_practice() -> StationConfig:
+    data = wearer_config().model_dump(mode="json")
+    data["mocap"]["control"] = "start"
+    return parse_config(data, "test")
+
+
+@pytest.mark.slow
+def test_the_pose_is_skipped_and_the_motion_recorded_judged_and_kept(tmp_path: Path) -> None:
+    config, folder = wearer_practice(), tmp_path / "simulated" / "session"
+    commands = iter(("skip", "arm"))
+
+    def answer(event: Event) -> str | None:
+        return next(commands) if isinstance(event, Waiting) else None
+
+    with SimulatedBench(practice_settings(config), None, 3) as bench:
+        output = lead(bench, bench.configure(config), folder, answer, SETUP)
+    assert [(trial.test, trial.condition) for trial in output.of(NextTrial)] == [("pose", None), ("motion", "unsuited")]
+    assert [skipped.test for skipped in output.of(TrialSkipped)] == ["pose"]
+    cues = {cue.code for cue in output.of(CueChanged)}
+    # A busy computer may poll past a phase of a fast simulation; tests of the guide itself check the sequence of cues.
+    assert cues and cues <= {CueCode.RAISE_ARM, CueCode.LOWER_ARM, CueCode.MOTION_DONE}
+    (verdict,) = output.of(VerdictGiven)
+    assert (verdict.title, verdict.advice) == ("motion, without the suit", "accept")
+    assert {row.quantity: row.this for row in verdict.rows}["cycles"] == f"{CYCLES} of {CYCLES}"
+    (warning,) = output.of(WarningRaised)
+    assert warning.code == "not_summed_up" and "no recording of a cuff" in warning.sentence
+    assert [trial.condition for trial in read_journal(folder).recorded] == ["unsuited"]

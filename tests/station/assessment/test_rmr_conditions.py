@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import xml.etree.ElementTree as Xml
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,17 +12,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cuffstation as cs
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
+from solver.forces.passive_forces import PathSpring
+from solver.model import Model
+from solver.motion import decimate, differentiate
+from solver.multibody.postures import postures
 from solver.osim.model_writer import osim_document
+from solver.paths import evaluate_paths
+from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import RedundancyOptions
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
-from station.assessment.rmr import solve_muscles
-from station.messages.codes import InputCode
+from station.assessment.rmr import SolvedMotion, left_out_findings, slack_muscles, solve_muscles
+from station.messages.codes import AssessmentCode, InputCode
 from tests.links import symlink
-from tests.solver.legs import step_in
+from tests.solver.legs import Step, step_in
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 
 Station = Callable[..., Ran]
@@ -162,3 +171,113 @@ def test_an_output_that_is_a_folder_without_a_name_is_named(station: Station) ->
     ran = station("rmr", "--output", ".")
     assert_refused(ran, 2, InputCode.TABLE_FORMAT)
     assert "the output is ., expected" in ran.err
+
+
+# `station rmr` without some forces of its model: the results and a sentence have what that changes.
+
+
+MODEL = bundled_model()
+CUT = MotionCut(every=60)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The bundled model with a spring, and with contact that the solver does not have."""
+    path = MODEL.muscles[MODEL.muscle_names.index("DeltoideusScapula_M")].path
+    spring = PathSpring("band", path, 0.05, 300.0, 0.0)
+    text = Xml.tostring(osim_document(replace(MODEL, forces=(spring,))), encoding="unicode")
+    written = tmp_path_factory.mktemp("model") / "own.osim"
+    lost = "<ElasticFoundationForce name='sole'/></objects></ForceSet>"
+    written.write_text(text.replace("</objects></ForceSet>", lost), encoding="utf-8")
+    return written
+
+
+def solved(file: Path, *left_out: str) -> SolvedMotion:
+    return solve_muscles(MuscleInputs(None, str(file), None, None, True, left_out), CUT, RedundancyOptions())
+
+
+def test_a_force_left_out_by_name_does_not_act_and_its_load_is_reported(file: Path) -> None:
+    found, bare = solved(file, "band"), solve_muscles(MuscleInputs(), CUT, RedundancyOptions())
+    np.testing.assert_allclose(found.solution.activations, bare.solution.activations, atol=1e-9)
+    assert np.abs(solved(file).solution.activations - bare.solution.activations).max() > 0.01
+    load = json.loads(found.notes["left_out_effect"])["loads"]["band"]
+    assert next(iter(load)) in ("shoulder_elv", "scapula_upward_rot", "plane_elv")
+    (sentence,) = map(str, left_out_findings(found.model, found.left_out))
+    assert f"band would give {next(iter(load.values())):.3g} N m at {next(iter(load))}" in sentence
+
+
+def test_the_share_of_reserves_is_reported_where_the_solver_lacks_a_force(file: Path) -> None:
+    found = solved(file)
+    assert found.model.lacking == ("sole",)
+    given, needed = json.loads(found.notes["left_out_effect"])["reserve_and_needed"]["ground_thorax_ty"]
+    vertical = MODEL.coordinate_index("ground_thorax_ty")
+    assert needed == pytest.approx(9.80665 * sum(body.mass for body in MODEL.bodies), rel=0.02)
+    assert given == pytest.approx(np.sqrt((found.solution.reserves[:, 4] ** 2).mean()), rel=1e-12)
+    assert MODEL.actuators[4].coordinate == vertical
+    (sentence,) = map(str, left_out_findings(found.model, found.left_out))
+    assert f"carry the loads of sole; reserves give {given:.3g} of {needed:.3g} N at ground_thorax_ty" in sentence
+
+
+def test_the_options_reach_the_table(file: Path, station, tmp_path: Path) -> None:
+    table = tmp_path / "a.csv"
+    ran: Ran = station(
+        "rmr", "--model", file, "--ignore-forces", "--leave-out", "band", "--to", "0.02", "--output", table
+    )
+    assert ran.code == 0, ran.err
+    assert "Left out of the model: ElasticFoundationForce sole, band. band would give" in ran.err
+    assert "left_out_effect" in table.read_text(encoding="utf-8")
+
+
+def test_an_unknown_force_to_leave_out_is_refused_with_those_there(file: Path, station, tmp_path: Path) -> None:
+    ran: Ran = station("rmr", "--model", file, "--ignore-forces", "--leave-out", "rope", "--output", tmp_path / "a.csv")
+    assert ran.code == 1
+    assert "rope to leave out; it has band" in ran.err
+
+
+# Muscles whose tendon is longer than their path throughout a motion are named, in the results and as a finding.
+
+
+RAISE = decimate(differentiate(simulate_arm_raise(MODEL)), 60)
+
+
+@pytest.fixture
+def step(tmp_path: Path) -> Step:
+    """Its first muscle has a tendon of 5 m."""
+    step = step_in(tmp_path)
+    text = step.model.read_text(encoding="utf-8")
+    step.model.write_text(re.sub("<tendon_slack_length>[^<]*", "<tendon_slack_length>5", text, count=1), "utf-8")
+    return step
+
+
+def with_tendon(muscle: int, length: float) -> Model:
+    changed = replace(MODEL.muscles[muscle], tendon_slack_length=length)
+    return replace(MODEL, muscles=(*MODEL.muscles[:muscle], changed, *MODEL.muscles[muscle + 1 :]))
+
+
+def test_a_muscle_is_slack_if_its_tendon_is_longer_than_its_path_in_every_frame() -> None:
+    assert slack_muscles(MODEL, RAISE, "opensim") == ()
+    assert slack_muscles(with_tendon(3, 5.0), RAISE, "opensim") == (MODEL.muscle_names[3],)
+    assert slack_muscles(replace(MODEL, muscles=()), RAISE, "opensim") == ()
+
+
+def test_a_muscle_that_is_slack_in_the_first_frame_alone_is_not_named() -> None:
+    lengths = evaluate_paths(MODEL, postures(MODEL, RAISE.positions, RAISE.speeds, RAISE.time)).lengths
+    muscle = int(np.argmax(lengths.max(axis=0) - lengths[0]))
+    model = with_tendon(muscle, 0.5 * (lengths[0, muscle] + lengths[:, muscle].max()))
+    assert slack_muscles(model, RAISE.cut(slice(1)), "opensim") == (MODEL.muscle_names[muscle],)
+    assert slack_muscles(model, RAISE, "opensim") == ()
+
+
+def test_the_verb_and_the_library_name_a_muscle_that_cannot_pull(
+    station: Callable[..., Ran], step: Step, tmp_path: Path
+) -> None:
+    model = cs.load_model(step.model, actuators=[step.actuators])
+    name, *_ = model.muscle_names
+    files = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)
+    cut = ("--actuators", step.actuators, "--static-optimisation", "--from", 0.2, "--to", 0.22)
+    ran = station("rmr", *files, *cut, "--output", tmp_path / "a.sto")
+    assert f": {name}. " in ran.err and AssessmentCode.MUSCLES_SLACK in ran.err
+    assert f"slack_muscles={name}\n" in (tmp_path / "a.sto").read_text(encoding="utf-8")
+    motion = cs.load_motion(model, step.motion, cutoff_hz=6.0).cut(slice(20, 22))
+    solution = cs.solve_motion(model, motion)
+    assert {AssessmentCode.MUSCLES_SLACK} <= {finding.code for finding in solution.findings}

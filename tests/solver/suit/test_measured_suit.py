@@ -1,5 +1,7 @@
 """A suit fitted to a person by markers on its cuffs."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
