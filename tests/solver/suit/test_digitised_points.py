@@ -12,7 +12,7 @@ from solver.errors import SolverCode
 from solver.multibody.postures import points_in_ground, postures
 from solver.raise_arm import simulate_arm_raise
 from solver.scaling import Scaling, scale_model
-from solver.suit.measured_suit import fitted_to, suit_from_markers
+from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.suit import PARTS, SuitPoint, read_suit
 from tests.solver.refusals import raises_refusal
 
