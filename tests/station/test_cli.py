@@ -18,8 +18,7 @@ from station.exit_code import ENDED_BY_CTRL_C
 from station.journal import read_journal
 from station.messages.file_codes import ExportCode
 from station.messages.setup_messages import ConfigCode, FolderCode
-from station.messages.study_messages import PlanCode, StudyCode
-from station.messages.study_messages import SweepCode
+from station.messages.study_messages import PlanCode, StudyCode, SweepCode
 from tests.station.bench.test_trial_recorder import Rig
 from tests.station.command import assert_one_sentence, assert_refused
 
