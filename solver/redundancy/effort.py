@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from math import sqrt
 from typing import Literal, TypeVar
 
@@ -25,7 +26,7 @@ Exponent = Literal[2, 3]
 Number = TypeVar("Number", float, Array)
 SAMPLES = 21  # activations from 0 to 1 at which a cost is checked
 SLOPE_TOLERANCE = 0.1  # of the greatest slope, between it and differences of the value
-LEAST_CURVATURE = 0.01  # of the greatest slope: where a cost is straighter, steps are those of a proximal method
+PROXIMAL_SHARE = 0.01  # of the greatest slope: where a cost is straighter, steps are those of a proximal method
 ROUND_OFF = 1e-9  # of the greatest slope of all activations
 
 
@@ -84,12 +85,13 @@ class Effort:
         if self.cost is not None:
             ends = np.repeat([[0.0], [1.0]], self.muscles, axis=1)  # at one of them a convex function is steepest
             here, anywhere = np.abs(self.slopes(activations)).max(), np.abs(self.slopes(ends)).max()
-            least = max(LEAST_CURVATURE * here, ROUND_OFF * anywhere)
+            least = max(PROXIMAL_SHARE * here, ROUND_OFF * anywhere)
             curvatures: Array = np.maximum(weights * self.cost.curvature(activations), least)
             return curvatures
         return curvature(self.exponent * weights, activations, self.exponent)
 
 
+@lru_cache(maxsize=8)  # a stream builds a problem in every frame
 def ensure_convex(cost: ActivationCost, muscles: int) -> None:
     """Raise ModelError for a cost with values that are not finite or of another shape, a negative curvature, or a slope
     that is not the derivative of the value.

@@ -89,6 +89,8 @@ class RedundancyOptions:
             ensure_known(name, getattr(self, name), known)
         for name in ("free_coordinates", "unweighted_coordinates"):
             ensure_names(name, getattr(self, name))
+        if self.cost is not None:
+            ensure_type("cost", self.cost, ActivationCost, "an ActivationCost of value, slope and curvature")
         if self.cost is not None and (self.exponent != 2 or self.solver == "clarabel"):
             raise ModelError(
                 f"a cost of activations stands in place of an exponent and has a solver of its own, and exponent is "

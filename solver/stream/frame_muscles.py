@@ -19,6 +19,7 @@ from solver.motion import Kinematics
 from solver.multibody.postures import postures
 from solver.multibody.rotations import wrench_about_origin
 from solver.paths import PathState
+from solver.redundancy.effort import ensure_convex
 from solver.redundancy.glenoid import glenoid_cone
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
 from solver.redundancy.problem import LoadResponse, build_redundancy
@@ -199,6 +200,8 @@ def _ensure_solvable(model: Model, options: RedundancyOptions) -> None:
             "solve the recorded motion with them",
             SolverCode.UNSUPPORTED,
         )
+    if options.cost is not None:
+        ensure_convex(options.cost, len(model.muscles))
     for name in options.free_coordinates:
         model.coordinate_index(name)
     effort_weights(model, options)

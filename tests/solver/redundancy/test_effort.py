@@ -18,11 +18,13 @@ from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy, no_loads
 from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, with_reserves
 from solver.redundancy.sequence import FrameByFrame, solve_redundancy
+from solver.stream.stream_solver import StreamSolver
 from tests.solver.redundancy.test_cubes import only
 from tests.solver.redundancy.test_elastic import ELASTIC
 from tests.solver.redundancy.test_elastic import MODEL as ELASTIC_MODEL
 from tests.solver.redundancy.test_motion_solution import two_muscles
 from tests.solver.refusals import raises_refusal
+from tests.solver.stream.streams import TASKS
 
 MODEL = bundled_model()
 SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 25)
@@ -167,6 +169,17 @@ def test_a_cost_that_is_not_convex_or_contradicts_itself_is_refused(cost: Activa
 def test_a_cost_beside_an_exponent_or_clarabel_is_refused(options) -> None:
     with raises_refusal(SolverCode.WRONG_OPTION, "exponent is"):
         RedundancyOptions(cost=power(2), **options)
+
+
+def test_a_function_alone_is_no_cost() -> None:
+    with pytest.raises(TypeError, match="ActivationCost"):
+        RedundancyOptions(cost=lambda a: a**2)  # type: ignore[arg-type]
+
+
+def test_a_stream_refuses_a_wrong_cost_before_its_first_frame() -> None:
+    cost = ActivationCost(lambda a: -(a**2), lambda a: -2 * a, lambda a: -2 + 0 * a)
+    with raises_refusal(SolverCode.WRONG_OPTION, "curvature should"):
+        StreamSolver(MODEL, TASKS, {"bare": None}, options=RedundancyOptions(cost=cost))
 
 
 def test_a_cost_with_what_only_clarabel_solves_is_refused() -> None:
