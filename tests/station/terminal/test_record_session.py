@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import os
 import re
 import select
@@ -13,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,6 +34,9 @@ from tests.station.wearer import CYCLES, wearer_config
 from tests.timeout import scaled_timeout
 
 PRACTICE = ("--config", "station.toml", "--session", "monday", "--simulated", "--speed", "3", "--subject", "P01")
+
+SHOWN = 80 * 100  # characters of a console's buffer, of 80 columns
+CREATE_NO_WINDOW = 0x0800_0000  # a console of its own, which no window shows
 
 
 @pytest.fixture
@@ -69,15 +74,25 @@ def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) ->
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="Python opens no pseudo-terminal on Windows")
 def test_a_terminal_reads_keys_and_no_line_is_wider_than_it(bench: Path) -> None:
-    screen = lead_by_keys(bench, sys.executable)
-    assert max(len(line) for line in screen.lines()) <= 80
+    if sys.platform == "win32":
+        ran = subprocess.run(  # noqa: S603  (our own words)
+            [sys.executable, "-m", __name__, bench],
+            creationflags=CREATE_NO_WINDOW,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=4 * scaled_timeout(PATIENCE_S),
+        )
+        assert ran.returncode == 0, ran.stderr
+    else:
+        lead_by_keys(bench)
 
 
-def lead_by_keys(bench: Path, *python: str) -> Screen:
+def lead_by_keys(bench: Path) -> None:
     """Record a trial on a terminal of 80 columns, mark it, ask for another and end."""
-    with on_a_terminal(bench, *python, "-c", "from station.cli import main; main()", "record", *PRACTICE) as screen:
+    command = (sys.executable, "-c", "from station.cli import main; main()", "record", *PRACTICE)
+    with (on_this_console if sys.platform == "win32" else on_a_terminal)(bench, *command) as screen:
         screen.until("REC")
         screen.press("m")
         screen.until("mark 1")
@@ -88,7 +103,7 @@ def lead_by_keys(bench: Path, *python: str) -> Screen:
         screen.read_to_end()
         assert screen.child.wait(scaled_timeout(PATIENCE_S)) == 0
     assert list(read_journal(bench / "simulated" / "monday").redone.values()) == ["the rope hunng"]
-    return screen
+    assert max(len(line) for line in screen.lines()) <= 80
 
 
 @contextmanager
@@ -157,6 +172,62 @@ class Screen:
     def lines(self, first: int = 0) -> list[str]:
         """Without the sequences that move the cursor and set colours."""
         return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self._text[first:]).replace("\r", "\n").split("\n")
+
+
+@contextmanager
+def on_this_console(folder: Path, *command: str) -> Iterator[Screen]:
+    """On Windows, a program on the console of this process."""
+    with open("CONIN$", "rb", 0) as keys, open("CONOUT$", "wb", 0) as text:  # noqa: PTH123  (no files)
+        child = subprocess.Popen(command, stdin=keys, stdout=text, stderr=text, cwd=folder)  # noqa: S603  (our own words)
+        try:
+            yield ConsoleScreen(child, keys.fileno(), text.fileno())
+        finally:
+            child.kill()
+            child.wait()
+
+
+class ConsoleScreen(Screen):
+    """What a console of Windows shows. Its keys are pressed as its window presses them."""
+
+    def __init__(self, child: subprocess.Popen[bytes], keys: int, text: int) -> None:
+        import msvcrt
+
+        super().__init__(-1, child)
+        self._has_ended = False
+        self._kernel: Any = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined, unused-ignore]
+        get_handle: Any = msvcrt.get_osfhandle  # type: ignore[attr-defined, unused-ignore]
+        self._keys, self._shown = (ctypes.c_void_p(get_handle(number)) for number in (keys, text))
+
+    def press(self, keys: str) -> None:
+        for key in keys:
+            record = KeyEvent(type=1, is_down=1, count=1, character=key)
+            assert self._kernel.WriteConsoleInputW(self._keys, ctypes.byref(record), 1, ctypes.byref(ctypes.c_ulong()))
+
+    def read_to_end(self) -> None:
+        """A console takes all that is written."""
+
+    def _read(self, end_s: float, words: str) -> None:
+        assert time.perf_counter() < end_s and not self._has_ended, f"no {words!r} in {self._text[-2000:]}"
+        self._has_ended = self.child.poll() is not None
+        time.sleep(0.2)
+        shown = ctypes.create_unicode_buffer(SHOWN)
+        read = ctypes.byref(ctypes.c_ulong())
+        assert self._kernel.ReadConsoleOutputCharacterW(self._shown, shown, SHOWN, 0, read)
+        self._text += "".join("\n" + shown[start : start + 80] for start in range(0, SHOWN, 80))
+
+
+class KeyEvent(ctypes.Structure):
+    """INPUT_RECORD of a key, of Windows' header wincon.h."""
+
+    _fields_ = (
+        ("type", ctypes.c_ushort),
+        ("is_down", ctypes.c_int),
+        ("count", ctypes.c_ushort),
+        ("key_code", ctypes.c_ushort),
+        ("scan_code", ctypes.c_ushort),
+        ("character", ctypes.c_wchar),
+        ("state", ctypes.c_ulong),
+    )
 
 
 def test_a_new_session_needs_a_subject_and_an_old_one_its_own_plan(station: Callable[..., Ran], tmp_path: Path) -> None:
@@ -286,3 +357,7 @@ def test_the_pose_is_skipped_and_the_motion_recorded_judged_and_kept(tmp_path: P
     (warning,) = output.of(WarningRaised)
     assert warning.code == "not_summed_up" and "no recording of a cuff" in warning.sentence
     assert [trial.condition for trial in read_journal(folder).recorded] == ["unsuited"]
+
+
+if __name__ == "__main__":
+    lead_by_keys(Path(sys.argv[1]))
