@@ -79,8 +79,10 @@ def append_to_regular(path: Path) -> BinaryIO:
 def replaced(path: Path, *, with_folder: bool = True) -> Iterator[Path]:
     """A temporary path of the same name; its file replaces `path` when the block ends without an error.
 
-    An OSError names the path, not the temporary one. with_folder: create the folder if it does not exist.
+    An OSError names the path, not the temporary one, unless the block failed at another file. with_folder: create the
+    folder if it does not exist.
     """
+    draft = None
     try:
         if with_folder:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -90,7 +92,8 @@ def replaced(path: Path, *, with_folder: bool = True) -> Iterator[Path]:
             yield draft
             replace_file(draft, path)
     except OSError as error:
-        if error.errno is None:
+        named = str(error.filename or draft)
+        if error.errno is None or (draft is not None and str(draft.parent) not in named):
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error
 

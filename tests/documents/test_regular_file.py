@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ import filelock
 import pytest
 
 from documents import regular_file
-from documents.regular_file import REPLACE_PAUSE_S, REPLACE_TIMEOUT_S, locked, replace_file
+from documents.regular_file import REPLACE_PAUSE_S, REPLACE_TIMEOUT_S, locked, replace_file, replaced
 from tests.links import symlink
 from tests.windows_files import behave_as_windows
 
@@ -56,6 +57,13 @@ def test_an_open_file_is_replaced_once_it_is_closed_within_the_time_out(
             assert caught.value.filename == str(path)
             assert REPLACE_TIMEOUT_S < wall.perf_counter() <= REPLACE_TIMEOUT_S + 2 * REPLACE_PAUSE_S
             assert draft.read_text() == "new" and path.read_text() == "old"
+
+
+def test_of_two_files_that_are_replaced_together_the_one_that_failed_is_named(tmp_path: Path) -> None:
+    numbers, page = tmp_path / "report.json", tmp_path / "report.html"
+    with pytest.raises(OSError, match="full") as failed, replaced(numbers), replaced(page):
+        raise OSError(errno.ENOSPC, "the disk is full")
+    assert failed.value.filename == str(page)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file is replaced there only after it is closed")
