@@ -1,6 +1,6 @@
 """The law of a cuff, in one place: force, equilibrium and stiffness; and a fitted cuff with its covariance by name.
 
-Forces of the suit, exported bushings, draws and fits ask these objects. Another law is a class of its own
+Forces of the suit, exported bushings, draws and fits use these objects. Another law is another class
 (docs/how-to/law.md).
 """
 
@@ -18,7 +18,7 @@ from solver.errors import SolverCode, SolverError
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
-STEPS = 60  # of Newton's method; each falls to the root of a convex spring, or rises to that of a concave one
+STEPS = 60  # of Newton's method, which approaches the root of a convex or concave spring from one side
 CLOSE = 1e-13  # relative
 
 

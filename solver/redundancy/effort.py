@@ -1,4 +1,4 @@
-"""The muscle effort, (10) of the source study: exponent, weights, and a convex cost of the user's own, in one place.
+"""The muscle effort, (10) of the source study: exponent, weights, and a user's own convex cost, in one place.
 
     Σ w φ(a) + Σ w r²,   φ(a) = aᵖ with p = 2 or 3, or an ActivationCost
 
