@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from documents.plain_data import parse_json
+from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import append_to_regular, describe_failure, locked, read_regular, sync_file
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition
 from station.checksums import write_checksums
@@ -304,8 +304,14 @@ def _as_assigned(trial: Recorded, assignment: Assignment) -> Recorded:
 
 
 def _append(folder: Path, kind: type[JournalEntry], **values: Any) -> None:
-    entry = kind(at=utc_now(), format=FORMAT, **values)
+    readable = {name: _readable(value) if isinstance(value, str) else value for name, value in values.items()}
+    entry = kind(at=utc_now(), format=FORMAT, **readable)
     _append_line(folder / JOURNAL_FILE, entry.model_dump(mode="json"))
+
+
+def _readable(text: str) -> str:
+    """Typed or pasted text without NUL and halves of surrogate pairs, for which a reader refuses the whole journal."""
+    return text.replace("\0", "").encode(errors="replace").decode()
 
 
 def append_line(path: Path, kind: str, **values: Any) -> None:
@@ -325,13 +331,17 @@ def _append_line(path: Path, entry: dict[str, Any]) -> None:
             above = file.read()
             above = above[: above.rfind(b"\n") + 1]
             file.truncate(len(above))
-            file.write(json.dumps(entry | {"previous": hashlib.sha256(above).hexdigest()}).encode() + b"\n")
+            line = json.dumps(entry | {"previous": hashlib.sha256(above).hexdigest()}).encode()
+            parse_json(line)  # a line that no reader accepts would hide all others
+            file.write(line + b"\n")
             file.flush()
             sync_file(file.fileno())
             with suppress(OSError):  # the line itself contains the hash of those above
                 write_checksums(path)
     except OSError as error:
         raise _error(JournalCode.NOT_WRITTEN, path, reason=describe_failure(error)) from error
+    except PlainDataError as error:
+        raise _error(JournalCode.NOT_WRITTEN, path, reason=str(error)) from error
 
 
 def _error(code: JournalCode, path: Path, **figures: float | str) -> JournalError:

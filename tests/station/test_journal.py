@@ -159,6 +159,24 @@ def test_the_last_choice_of_a_trial_overrules(tmp_path: Path) -> None:
     assert (read_journal(tmp_path).chosen, read_journal(tmp_path).skipped) == ((other, one), set())
 
 
+@pytest.mark.parametrize("pasted", ["a\0b", "a\ud800b", "\0", "a\u2028b\x1b[31m", 5000 * "[" + "\r\n"])
+def test_a_pasted_note_leaves_the_journal_readable(tmp_path: Path, pasted: str) -> None:
+    write_note(tmp_path, "a.mcap", "before")
+    write_note(tmp_path, "", pasted)
+    write_note(tmp_path, "b.mcap", "after")
+    notes = read_journal(tmp_path).notes
+    assert (notes["a.mcap"], notes["b.mcap"]) == ("before", "after")
+    assert "\0" not in notes[""]
+
+
+def test_a_line_that_no_reader_accepts_is_not_written(tmp_path: Path) -> None:
+    append_line(tmp_path / "checks.jsonl", "mass", mass_kg=2.0)
+    before = (tmp_path / "checks.jsonl").read_bytes()
+    with raises_refusal(StationError, JournalCode.NOT_WRITTEN):
+        append_line(tmp_path / "checks.jsonl", "mass", mass_kg=[{"unit": "k\0g"}])
+    assert (tmp_path / "checks.jsonl").read_bytes() == before
+
+
 def test_a_later_note_replaces_the_earlier_one_of_the_same_recording(tmp_path: Path) -> None:
     for file, text in (
         ("", "rainy"),
