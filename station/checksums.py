@@ -18,7 +18,7 @@ from documents.regular_file import locked, once_released, read_regular, replaced
 from fitting.results.outcome import Standing
 from fitting.trial.mass_checks import CHECKS_FILE
 from station.journal_lines import JOURNAL_FILE, LARGEST_JOURNAL
-from station.messages.file_codes import ChainCode
+from station.messages.file_messages import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import RECORDINGS
 

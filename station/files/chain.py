@@ -38,7 +38,7 @@ from station.checksums import (
 )
 from station.errors import StationError
 from station.journal_lines import JOURNAL_FILE
-from station.messages.file_codes import ChainCode
+from station.messages.file_messages import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 

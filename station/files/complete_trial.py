@@ -18,7 +18,7 @@ from recordings.reader import Recording, Track, open_recording
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.files.foreign_files import ImportRefused, MarkerSource, read_markers
 from station.files.import_trial import Imported, blocks, nanoseconds, notes_of, write_recording
-from station.messages.file_codes import ImportCode
+from station.messages.file_messages import ImportCode
 from station.messages.message import Figures, Message
 
 SAME_TRIAL_MM = 5.0

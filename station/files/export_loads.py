@@ -26,7 +26,7 @@ from fitting.trial.trial_reader import read_trial
 from recordings.manifest import DataOrigin
 from solver.time_series_table import write_table
 from station.files.synchronised import ExportRefused, SynchronisedRecording
-from station.messages.file_codes import ExportCode
+from station.messages.file_messages import ExportCode
 from station.messages.message import Figures, Message
 from station.whole_file import drafted
 

@@ -30,7 +30,7 @@ from station.checksums import changed_files, standing_of
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
-from station.messages.file_codes import ChainCode, ExportCode
+from station.messages.file_messages import ChainCode, ExportCode
 from station.messages.message import Message, join_sentences
 from station.progress import Progress, silent
 from station.whole_file import drafted, write_whole

@@ -22,7 +22,7 @@ from recordings.exchange.signal_csv import read_signals
 from recordings.exchange.trc import read_trc
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.messages.file_codes import ImportCode
+from station.messages.file_messages import ImportCode
 from station.messages.message import Figures, Message
 
 ForceUnit = Literal["V", "N", "lbs"]

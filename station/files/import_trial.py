@@ -39,7 +39,7 @@ from station.files.foreign_files import (
     read_force,
     read_markers,
 )
-from station.messages.file_codes import ImportCode
+from station.messages.file_messages import ImportCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
 from station.trial_manifest import make_manifest

@@ -19,7 +19,7 @@ from recordings.manifest import Manifest
 from recordings.reader import Track, TrackCollector, open_recording
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.messages.file_codes import ExportCode
+from station.messages.file_messages import ExportCode
 from station.messages.message import Message
 
 

@@ -21,7 +21,7 @@ from station.bench.view import Snapshot
 from station.clock import ManualClock
 from station.config import parse_config
 from station.errors import StationError
-from station.messages.file_codes import ExportCode
+from station.messages.file_messages import ExportCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 

@@ -16,7 +16,7 @@ from typing import Any, Generic, TypeVar
 from station.messages.assessment_messages import ASSESSMENT, ASSESSMENT_FILE, DECISIONS
 from station.messages.bench_sentences import BENCH
 from station.messages.emg_messages import EMG
-from station.messages.file_sentences import FILES
+from station.messages.file_messages import FILES
 from station.messages.kinematics_messages import KINEMATICS, PERSON_SENTENCES, SUBJECT, WEARER_SENTENCES
 from station.messages.live_messages import LIVE
 from station.messages.session_sentences import SESSION

@@ -25,7 +25,7 @@ from station.checksums import sha256_of
 from station.defaults import CUTOFF_HZ
 from station.files.chain import NUMBERS_FILE, Link
 from station.fit import fit_session_folder
-from station.messages.file_codes import NumberCode
+from station.messages.file_messages import NumberCode
 from station.messages.message import Message
 from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in

@@ -14,7 +14,7 @@ from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
 from recordings.manifest import DataOrigin
 from station.errors import StationError
-from station.messages.file_codes import NumberCode
+from station.messages.file_messages import NumberCode
 from station.messages.message import Message
 
 FORMAT: Literal[2] = 2

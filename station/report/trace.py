@@ -13,7 +13,7 @@ from recordings.reader import TrackCollector, open_recording
 from station.checksums import standing_of
 from station.errors import StationError
 from station.files.chain import NUMBERS_FILE, REPORT_FILE
-from station.messages.file_codes import NumberCode
+from station.messages.file_messages import NumberCode
 from station.messages.message import Message
 from station.report.report_file import ReportedNumber, read_numbers
 from station.report.verification import page_faults, read_page, rendered_numbers, source_faults

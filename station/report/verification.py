@@ -18,7 +18,7 @@ from fitting.results.outcome import Standing
 from station.checksums import sha256_of
 from station.errors import StationError
 from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link, verify_folder
-from station.messages.file_codes import NumberCode
+from station.messages.file_messages import NumberCode
 from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 from station.report.page import read_results, render

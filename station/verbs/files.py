@@ -197,7 +197,7 @@ def export(
     from station.assessment.export_model import SuitToExport, write_suited_model
     from station.files.export_trial import Exported
     from station.files.synchronised import WrongExport
-    from station.messages.file_codes import ExportCode
+    from station.messages.file_messages import ExportCode
     from station.messages.message import Message
     from station.progress import busy
 
@@ -240,7 +240,7 @@ def _export_recordings(
 
     from station.files.export_trial import export_recordings
     from station.files.synchronised import ExportRefused, WrongExport
-    from station.messages.file_codes import ExportCode
+    from station.messages.file_messages import ExportCode
     from station.messages.message import Message
     from station.progress import busy, progress_bars
     from station.recordings_of_session import originals_in
@@ -266,7 +266,7 @@ def _export_recordings(
 def _wrong_import(command: Mapping[str, object], *, is_completion: bool) -> WrongImport:
     """The refusal of an import with these options: one is missing, or has no effect."""
     from station.files.foreign_files import WrongImport
-    from station.messages.file_codes import ImportCode
+    from station.messages.file_messages import ImportCode
     from station.messages.message import Message
 
     is_bounce = command["--test"] == "bounce"

@@ -16,7 +16,7 @@ from station import __main__
 from station.cli import VERBS
 from station.exit_code import ENDED_BY_CTRL_C
 from station.journal import read_journal
-from station.messages.file_codes import ExportCode
+from station.messages.file_messages import ExportCode
 from station.messages.setup_messages import ConfigCode, FolderCode
 from station.messages.study_messages import PlanCode, StudyCode, SweepCode
 from tests.station.bench.test_trial_recorder import Rig

@@ -24,7 +24,7 @@ from station.files.chain import verify_folder
 from station.fit import fit_session_folder
 from station.journal import Setup, write_mark, write_setup, write_verdict
 from station.journal_lines import JOURNAL_FILE
-from station.messages.file_codes import ChainCode
+from station.messages.file_messages import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import originals_in, recordings_in
 from tests.made_once import made_once

@@ -12,7 +12,7 @@ from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.reader import Track, open_recording
 from station.files.complete_trial import complete_trial
 from station.files.foreign_files import ImportRefused, MarkerSource
-from station.messages.file_codes import ImportCode
+from station.messages.file_messages import ImportCode
 from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 from tests.station.command import assert_refused

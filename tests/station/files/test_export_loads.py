@@ -14,7 +14,7 @@ from fitting.trial.trial import Trial
 from fitting.trial.trial_reader import read_trial
 from station.files.export_trial import Exported, export_recordings
 from station.files.synchronised import ExportRefused
-from station.messages.file_codes import ExportCode
+from station.messages.file_messages import ExportCode
 from tests.station.command import assert_refused
 from tests.station.foreign import Truth, static_and_dynamic
 from tests.station.refusals import raises_refusal

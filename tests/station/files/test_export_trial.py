@@ -28,7 +28,7 @@ from station.files.import_trial import import_trial
 from station.files.synchronised import ExportRefused
 from station.fit import fit_session_folder
 from station.messages.codes import InputCode
-from station.messages.file_codes import ExportCode
+from station.messages.file_messages import ExportCode
 from station.protocol import TrialSpec
 from tests.station.command import assert_refused
 from tests.station.foreign import Truth, config, static_and_dynamic

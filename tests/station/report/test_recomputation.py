@@ -16,7 +16,7 @@ from station.assessment.assess import assess_cuffs, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.checksums import write_checksums
 from station.files.chain import Link
-from station.messages.file_codes import NumberCode
+from station.messages.file_messages import NumberCode
 from station.report.page import write_report
 from station.report.recomputation import TOLERANCE, Difference, differences, recomputed_links
 from tests.made_once import made_once

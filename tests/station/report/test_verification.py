@@ -14,7 +14,7 @@ import pytest
 from fitting.results.outcome import Standing
 from station.checksums import read_checksums, sha256_of, write_checksums
 from station.files.chain import Link, verify_folder
-from station.messages.file_codes import NumberCode
+from station.messages.file_messages import NumberCode
 from station.report.verification import number_links
 from tests.station.report.unmarked import unmarked_numbers
 from tests.station.reported import DYNAMIC, STATIC, report_session
