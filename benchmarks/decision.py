@@ -1,6 +1,6 @@
 """Calibration of the decision between two arm cuffs: simulated labs, claimed probabilities against what happens next.
 
-    python -m benchmarks.decision [--labs 2000] [--wearers 240] [--people 100]
+    python -m benchmarks.decision [--labs 12000] [--wearers 120] [--people 100] [--only 1,4]
 
 A lab measures one donning of two cuffs and draws people as `station assess` does: a wearer, and the next donning about
 the measured one. Then another wearer dons both cuffs, and every statement is true or false: which cuff saves more, at
@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -69,32 +70,37 @@ def is_far_apart(measured: Array) -> bool:
     return is_within(WIDE)(measured) and bool(least < 6e-3 and most > 25e-3)
 
 
+POPULATIONS: tuple[tuple[str, str, Limits, Callable[[Array], bool], bool], ...] = (
+    ("measured within the published range", "bundled budget", TRUE_CUFFS, is_within(PUBLISHED), False),
+    ("measured within a wide range", "bundled budget", TRUE_CUFFS, is_within(WIDE), False),
+    ("measured within a wide range", "half of it", TRUE_CUFFS, is_within(WIDE), False),
+    ("measured far apart", "half of it", TRUE_CUFFS, is_far_apart, False),
+    ("true cuffs within the published range", "bundled budget", PUBLISHED, is_within(TRUE_CUFFS), False),
+    ("true cuffs within the published range, known", "bundled budget", PUBLISHED, is_within(TRUE_CUFFS), True),
+)
+"""Title, budget of the wearers, range of true cuffs, which measured ones are taken, whether the lab knows the range."""
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    arguments.add_argument("--labs", type=int, default=2000)
-    arguments.add_argument("--wearers", type=int, default=240)
+    arguments.add_argument("--labs", type=int, default=12000)
+    arguments.add_argument("--wearers", type=int, default=120)
     arguments.add_argument("--people", type=int, default=100)
+    arguments.add_argument("--only", default="", help="numbers of the populations")
     chosen = arguments.parse_args()
     budget = UncertaintySources()
     parts = {name: getattr(budget, name) for name in ("body", "muscles", "motion")}
     half = replace(budget, **{name: _times(part, 0.5) for name, part in parts.items()})
-    wearers = {
-        "bundled budget": solve_wearers(budget, chosen.wearers),
-        "half of it": solve_wearers(half, chosen.wearers),
-    }
-    for title, sources, limits, is_measured, knows_range in (
-        ("measured within the published range", "bundled budget", TRUE_CUFFS, is_within(PUBLISHED), False),
-        ("measured within a wide range", "bundled budget", TRUE_CUFFS, is_within(WIDE), False),
-        ("measured within a wide range", "half of it", TRUE_CUFFS, is_within(WIDE), False),
-        ("measured far apart", "half of it", TRUE_CUFFS, is_far_apart, False),
-        ("true cuffs within the published range", "bundled budget", PUBLISHED, is_within(TRUE_CUFFS), False),
-        ("true cuffs within the published range, known", "bundled budget", PUBLISHED, is_within(TRUE_CUFFS), True),
-    ):
-        generator = np.random.default_rng(1)
+    titles = {"bundled budget": budget, "half of it": half}
+    solve = cache(lambda title: solve_wearers(titles[title], chosen.wearers))
+    wanted = [int(number) for number in chosen.only.split(",")] if chosen.only else range(1, len(POPULATIONS) + 1)
+    for number in wanted:
+        title, sources, limits, is_measured, knows_range = POPULATIONS[number - 1]
+        generator = np.random.default_rng(number)
         known = limits if knows_range else None
         cuffs = [draw_cuffs(limits, is_measured, generator) for _ in range(chosen.labs)]
-        labs = [simulate(wearers[sources], pair, chosen.people, known, generator) for pair in cuffs]
-        print(f"\n{title}, {sources}; {chosen.labs} labs")
+        labs = [simulate(solve(sources), pair, chosen.people, known, generator) for pair in cuffs]
+        print(f"\n{number}. {title}, {sources}; {chosen.labs} labs", flush=True)
         print_table(labs)
 
 
