@@ -102,6 +102,8 @@ def main() -> None:
         labs = [simulate(solve(sources), pair, chosen.people, known, generator) for pair in cuffs]
         print(f"\n{number}. {title}, {sources}; {chosen.labs} labs", flush=True)
         print_table(labs)
+        share = solve(sources).choosing
+        print(f"| wearers for whom the best cuff of the wide range saves more than the worst | {share:.0%} |")
 
 
 def _times(part: Any, factor: float) -> Any:
@@ -191,6 +193,15 @@ class Wearers:
     least: Array
     best: Array
     reference: float
+
+    @property
+    def choosing(self) -> float:
+        """Part of the wearers for whom the best cuff of the wide range saves relevantly more than the worst."""
+        (soft, stiff), (least, most) = WIDE
+        everyone = np.arange(len(self.slack))
+        extremes = np.tile([[stiff, least], [soft, most]], (len(everyone), 1, 1))
+        best, worst = self.assess(everyone, extremes)["at_reference"].T
+        return float(np.mean(worst - best >= DecisionRule().relevant_difference))
 
     def assess(self, wearers: NDArray[np.int64], cuffs: Array) -> dict[str, Array]:
         """Readouts (people, cuffs) of wearers (people,) with the stiffness and migration of cuffs (people, cuffs, 2).

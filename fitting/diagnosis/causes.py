@@ -118,6 +118,8 @@ def causes_of(
         *_weight_causes(static),
         *_law_causes(classes, creeps=creeps),
     ]
+    if any(cause.code is CauseCode.PULL_DIRECTION for cause in found):  # which has a stiffness of its own
+        found = [cause for cause in found if cause.code is not CauseCode.STANDARD_LINEAR_SOLID]
     return tuple(sorted(found, key=lambda cause: -cause.severity))
 
 
@@ -141,10 +143,7 @@ def _rig_causes(
             yield from _offset_causes(start, tared=tared)
         return
     if force.is_alarm:
-        severity = abs(force.value) / ZERO_LIMIT
-        codes = (CauseCode.TARE, CauseCode.ZERO_DRIFT)
-        for code, share in zip(codes if tared else codes[::-1], (1.0, 0.1), strict=True):
-            yield Cause(code, share * severity, finding=force)
+        yield Cause(CauseCode.TARE if tared else CauseCode.ZERO_DRIFT, abs(force.value) / ZERO_LIMIT, finding=force)
     if position.is_alarm and has_other_zero:
         yield Cause(CauseCode.DISPLACEMENT_ZERO, abs(position.value) / SHIFT_LIMIT, finding=position)
 
