@@ -193,7 +193,6 @@ class ConsoleScreen(Screen):
         import msvcrt
 
         super().__init__(-1, child)
-        self._has_ended = False
         self._kernel: Any = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined, unused-ignore]
         get_handle: Any = msvcrt.get_osfhandle  # type: ignore[attr-defined, unused-ignore]
         self._keys, self._shown = (ctypes.c_void_p(get_handle(number)) for number in (keys, text))
@@ -203,17 +202,20 @@ class ConsoleScreen(Screen):
             record = KeyEvent(type=1, is_down=1, count=1, character=key)
             assert self._kernel.WriteConsoleInputW(self._keys, ctypes.byref(record), 1, ctypes.byref(ctypes.c_ulong()))
 
+    def until(self, words: str) -> None:
+        end_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
+        while words not in (shown := "\n".join(self.lines())):
+            assert time.perf_counter() < end_s, f"no {words!r} in {shown}"
+            time.sleep(0.2)
+
     def read_to_end(self) -> None:
         """A console takes all that is written."""
 
-    def _read(self, end_s: float, words: str) -> None:
-        assert time.perf_counter() < end_s and not self._has_ended, f"no {words!r} in {self._text[-2000:]}"
-        self._has_ended = self.child.poll() is not None
-        time.sleep(0.2)
+    def lines(self, first: int = 0) -> list[str]:
         shown = ctypes.create_unicode_buffer(SHOWN)
         read = ctypes.byref(ctypes.c_ulong())
         assert self._kernel.ReadConsoleOutputCharacterW(self._shown, shown, SHOWN, 0, read)
-        self._text += "".join("\n" + shown[start : start + 80] for start in range(0, SHOWN, 80))
+        return [shown[start : start + 80] for start in range(first, SHOWN, 80)]
 
 
 class KeyEvent(ctypes.Structure):
