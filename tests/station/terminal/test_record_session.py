@@ -35,7 +35,7 @@ from tests.timeout import scaled_timeout
 
 PRACTICE = ("--config", "station.toml", "--session", "monday", "--simulated", "--speed", "3", "--subject", "P01")
 
-SHOWN = 80 * 100  # characters of a console's buffer, of 80 columns
+SHOWN = 80 * 9001  # characters of the largest buffer of a console with 80 columns
 CREATE_NO_WINDOW = 0x0800_0000  # a console of its own, which no window shows
 
 
