@@ -23,7 +23,7 @@ from station.terminal.events import Event
 
 NARROWEST = 40
 GRADE_STYLES = {"good": "green", "doubtful": "yellow", "bad": "bold red"}
-KEYS_BETWEEN = "a arm  r redo last  d re-don  n skip  x other trial  t trials  p pause  e end  ?"
+KEYS_BETWEEN = "a arm  r redo last  d re-don  n skip  x other  t trials  p pause  e end  ? keys"
 KEYS_RECORDING = "s stop  m mark  r redo  d re-don  p pause after it  e end  ? all keys"
 
 

@@ -14,7 +14,7 @@ from station.messages.codes import ReasonCode
 from station.messages.message import Message
 from station.session.judgement import Figure, Judgement, Row
 from station.terminal.events import Decided, SessionOpened, VerdictGiven, WarningRaised
-from station.terminal.outputs import JsonOutput, SessionConsole, TextOutput
+from station.terminal.outputs import KEYS_BETWEEN, KEYS_RECORDING, JsonOutput, SessionConsole, TextOutput
 
 OPENED = SessionOpened("P01", "monday", "monday", 2, 0, 0, is_simulated=False)
 JUDGEMENT = Judgement(
@@ -38,6 +38,7 @@ def test_a_verdict_fits_the_terminal_and_a_missing_figure_has_no_line() -> None:
         output.show_event(event)
     lines = out.getvalue().splitlines()
     assert max(map(len, lines)) <= 90, "80 and what sets it bold"
+    assert max(map(len, (KEYS_BETWEEN, KEYS_RECORDING))) < 80
     assert any("8508 (8369 to 8651)" in line for line in lines) and not any("N s/m" in line for line in lines)
     assert paths.getvalue() == os.path.join("monday", "a.mcap") + "\n"  # noqa: PTH118
 
