@@ -55,7 +55,8 @@ def marks_at(marks: Mapping[int, float], names: Mapping[int, str]) -> dict[str, 
     lines = [
         {"xAxis": round(at, 3), "name": f"{number} {names.get(number, '')}".strip()} for number, at in marks.items()
     ]
-    label = {"formatter": "{b}", "fontSize": 16, "color": INK, "position": "insideEndTop"}
+    label = {"formatter": "{b}", "fontSize": 16, "color": INK, "position": "insideEndTop", "width": 110}
+    label |= {"overflow": "truncate"}
     return {"symbol": "none", "animation": False, "label": label, "lineStyle": {"color": INK}, "data": lines}
 
 

@@ -210,8 +210,7 @@ def titles_of(controller: SessionController) -> tuple[str, str]:
     spec = controller.runner.live.spec
     number = 1 + next((n for n, trial in enumerate(plan.trials) if trial.title == spec.title), 0)
     repeats = f" of {setup.repeats}" if spec.cuff is not None else ""
-    left = f"{controller.session.minutes_left} min left"
-    return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {session} · {left}"
+    return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {session}"
 
 
 STEP, ALARM = [880], [1760, 1320, 1760, 1320]

@@ -52,7 +52,7 @@ COLOURS = {
 
 def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Callable[[], None]:
     """Returns a function that updates the view, to be called more than ten times a second."""
-    stages = _stages(live)
+    stages = _stages(live, controller.session.minutes_left)
     with ui.element("div").classes("slot w-full") as slot:
         cue = ui.label().classes("cue").mark("cue")
     figures = _Figures(controller, live)
@@ -192,10 +192,12 @@ def marker_roles(config: StationConfig, spec: TrialSpec) -> dict[str, str]:
     return {label: role for role, labels in named.items() for label in labels}
 
 
-def _stages(live: LiveTrial) -> list[ui.label]:
-    """Steps of the trial: done, current, to come."""
+def _stages(live: LiveTrial, minutes_left: int) -> list[ui.label]:
+    """Steps of the trial: done, current, to come; at the end of their line, the time left of the session."""
     with ui.element("div").classes("stages").mark("stages"):
-        return [ui.label(name).classes("stage") for name in live.guide.stages]
+        stages = [ui.label(name).classes("stage") for name in live.guide.stages]
+        ui.label(f"about {minutes_left} min left").classes("time-left quiet")
+    return stages
 
 
 class _Figures:
