@@ -67,10 +67,11 @@ class _Segment:
 
 
 class Shoulder:
-    """Thorax, clavicle, scapula and humerus; coordinates (n, 15) are in the order of coordinate_names."""
+    """Thorax, clavicle, scapula and humerus of a table like shoulder.toml; coordinates (n, 15) are in the order of
+    coordinate_names.
+    """
 
-    def __init__(self) -> None:
-        table = tomllib.loads(Path(__file__).with_name("shoulder.toml").read_text(encoding="utf-8"))
+    def __init__(self, table: Mapping[str, Any]) -> None:
         self.coordinate_names: tuple[str, ...] = tuple(
             name for segment in SEGMENTS for kind in ("slides", "turns") for name, _ in table[segment].get(kind, ())
         )
@@ -110,7 +111,8 @@ class Shoulder:
         return _place(poses, ("scapula", scapula)) - _place(poses, ("clavicle", clavicle))
 
     def closed(self, coordinates: Floats, free: Sequence[str]) -> Floats:
-        """The coordinates (n, 15) with the acromioclavicular joint closed by three of them. Newton's method.
+        """The coordinates (n, 15) with the acromioclavicular joint closed by three or more of them, by Newton's method
+        with the shortest steps.
 
         Raises SimulatorError where it does not converge.
         """
@@ -119,7 +121,7 @@ class Shoulder:
             gap = self.gap(q)
             if np.abs(gap).max() < CLOSED_M:
                 return q
-            slope = np.empty((len(q), 3, 3))
+            slope = np.empty((len(q), 3, len(columns)))
             for k, column in enumerate(columns):
                 nudged = q.copy()
                 nudged[:, column] += STEP_RAD
@@ -147,7 +149,12 @@ class Shoulder:
 @cache
 def published_shoulder() -> Shoulder:
     """The shoulder of shoulder.toml; it has no state."""
-    return Shoulder()
+    return Shoulder(published_table())
+
+
+def published_table() -> dict[str, Any]:
+    """The content of shoulder.toml."""
+    return tomllib.loads(Path(__file__).with_name("shoulder.toml").read_text(encoding="utf-8"))
 
 
 def _gliding(segment: _Segment, coordinates: Floats) -> Floats:

@@ -34,7 +34,7 @@ from solver.inverse_kinematics.posture_uncertainty import draw_postures
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.model import Marker, Model, ModelError
 from solver.personalisation.anthropometry import BodyPriors, body_factors, population_priors
-from solver.personalisation.normal_equations import Share, normal_equations
+from solver.personalisation.normal_equations import Share, linearise_postures, normal_equations
 from solver.scaling import Scaling, scale_model, scale_skeleton
 
 Array = NDArray[np.float64]
@@ -47,6 +47,8 @@ TOLERANCE, LOOSE_TOLERANCE = 1e-3, 0.05
 inverse kinematics of a frame ends in another optimum.
 """
 MOST_HALVINGS = 6
+TURN = 2.0 * np.pi
+LEAST_ARM = 1e-9  # m/rad; of a marker about the axis of a coordinate that moves it
 LARGEST_GAP = 1e-6  # m or rad; of the constraints, in a frame that counts
 
 
@@ -291,6 +293,25 @@ def effective_frames(observed: Array, scatter: float) -> float:
     return 1.0 + max(independent - 1.0, 0.0) * variance / (variance + scatter**2)
 
 
+def within_ranges(model: Model, tasks: TrackingTasks) -> tuple[Model, TrackingTasks]:
+    """The problem of inverse kinematics with the joint ranges: as limits, and as a normal prior with the mean and the
+    variance of a uniform distribution on the range. Without it the shoulder of a hanging arm may be solved with the
+    elbow's axis reversed and a negative elevation.
+
+    Angles without a range of less than a turn, with a task of their own, or that no marker moves, have no such prior.
+    """
+    ranges = {one.name: one.range for one in model.coordinates if one.motion == "rotation" and np.ptp(one.range) < TURN}
+    clamped = tuple(replace(one, is_clamped=one.is_clamped or one.name in ranges) for one in model.coordinates)
+    jacobian = linearise_postures(model, tasks, model.default_coordinates[None]).jacobian
+    is_moved = np.asarray((np.abs(jacobian) > LEAST_ARM).any(axis=(0, 1, 2)))
+    weights, targets = dict(tasks.coordinate_weights), dict(tasks.coordinate_targets)
+    for name, (lowest, highest) in ranges.items():
+        if is_moved[model.coordinate_index(name)] and name not in weights:
+            weights[name] = 12.0 / (highest - lowest) ** 2 / float(tasks.weights.sum())
+            targets[name] = 0.5 * (lowest + highest)
+    return replace(model, coordinates=clamped), replace(tasks, coordinate_weights=weights, coordinate_targets=targets)
+
+
 def draw_postures_of_person(
     generic: Model,
     markers: Sequence[Marker],
@@ -311,7 +332,7 @@ def draw_postures_of_person(
     root = np.linalg.cholesky(estimate.covariance)
     for _ in range(count):
         parameters = estimate.parameters + root @ generator.standard_normal(len(root))
-        skeleton, tasks = body_of(generic, markers, estimate.priors, parameters)
+        skeleton, tasks = within_ranges(*body_of(generic, markers, estimate.priors, parameters))
         scatter = estimate.priors.errors.scatter
         chance = int(generator.integers(2**32))
         yield from draw_postures(skeleton, observed, tasks, solution, noise, scatter, count=1, seed=chance)

@@ -19,10 +19,10 @@ from recordings.reader import open_recording
 from solver.cuff import CuffParameters
 from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_motion, rotation_laboratory_to_ground
 from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
-from solver.inverse_kinematics.solve import InverseKinematics, assemble
+from solver.inverse_kinematics.solve import InverseKinematics, assemble, solve_inverse_kinematics
 from solver.model import Model
 from solver.motion import Kinematics, differentiate
-from solver.personalisation.estimate import draw_postures_of_person
+from solver.personalisation.estimate import draw_postures_of_person, within_ranges
 from solver.suit.cord import CordCheck, check_cord
 from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
 from solver.suit.suit import Suit
@@ -100,7 +100,8 @@ def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> 
     body = measured.body
     place = trials.index(assessed)
     estimate, observed = body.estimate, body.observed[place]
-    postures = estimate.postures[place]
+    model, tasks = within_ranges(estimate.model, estimate.tasks)
+    postures = solve_inverse_kinematics(model, observed, tasks)
     motion = longest_whole_motion(body.model, assessed.time, postures)
     interval = float(np.median(np.diff(assessed.time)))
     noise = np.nan_to_num(estimate_marker_noise(observed, interval))
@@ -112,7 +113,7 @@ def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> 
         assessed=assessed,
         motion=motion,
         kinematics=differentiate(motion.motion),
-        uncertainty=posture_uncertainty(estimate.model, observed, estimate.tasks, postures, noise),
+        uncertainty=posture_uncertainty(model, observed, tasks, postures, noise),
         drawn=_drawn(draws, body.model, motion),
     )
 

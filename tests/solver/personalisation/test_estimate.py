@@ -14,7 +14,7 @@ import pytest
 
 from solver.coded_findings import ScalingCode
 from solver.errors import SolverCode
-from solver.inverse_kinematics.solve import assemble
+from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
 from solver.model import Marker
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_reader import read_osim
@@ -27,7 +27,7 @@ from solver.personalisation.anthropometry import (
     population_priors,
     size_factors,
 )
-from solver.personalisation.estimate import EstimateOutcome, _Problem, effective_frames, estimate_body
+from solver.personalisation.estimate import EstimateOutcome, _Problem, effective_frames, estimate_body, within_ranges
 from solver.personalisation.normal_equations import linearise_postures
 from solver.personalisation.segment_masses import (
     fit_tendons,
@@ -38,7 +38,10 @@ from solver.personalisation.segment_masses import (
     upper_arm_length,
     usual_masses,
 )
+from solver.scaling import Scaling, scale_skeleton
 from solver.scaling_findings import FIBRE_RANGE, LARGEST_JUMP, muscle_ranges
+from tests.solver.personalisation.measured_person import MARKERS as MEASURED
+from tests.solver.personalisation.measured_person import measure_person, scaled_shoulder
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
 from tests.solver.references import SHARED
 from tests.solver.refusals import raises_refusal
@@ -73,6 +76,37 @@ def test_standard_errors_hold_for_twenty_persons() -> None:
         places.append(((body.offsets - person.offsets) / body.offset_errors).ravel())
     assert 0.6 < np.mean(np.square(sizes)) < 1.5
     assert 0.6 < np.mean(np.square(places)) < 1.5
+
+
+@pytest.mark.parametrize("seed", [5, 7])
+def test_a_hanging_arm_is_solved_within_the_ranges_of_its_joints(seed: int) -> None:
+    """The simulation of the person shares no code with the estimate. At a small elevation the elbow's axis reversed
+    fits the markers as well; without the ranges the elevation is wrong by 100 degrees.
+    """
+    person = measure_person(seed, hanging_deg=8.0)
+    estimate = estimate_body(MODEL, [MODEL.marker(name) for name in MEASURED], person.trials)
+    elevation = MODEL.coordinate_index("shoulder_elv")
+    truth = person.coordinates[-1][:, person.shoulder.index("shoulder_elv")]
+    assert estimate.postures[-1].coordinates[:, elevation].min() < np.radians(-80.0)
+    model, tasks = within_ranges(estimate.model, estimate.tasks)
+    found = solve_inverse_kinematics(model, person.trials[-1], tasks)
+    assert found.unsolved == 0
+    assert np.degrees(np.sqrt(np.mean((found.coordinates[:, elevation] - truth) ** 2))) < 6.0
+    assert "elbow_flexion" not in tasks.coordinate_weights, "no marker moves it: it keeps its value"
+
+
+def test_the_bones_of_the_independent_person_are_those_of_the_scaled_model() -> None:
+    """Two derivations of the published bones, scaled to another size, in one posture."""
+    sizes = {"thorax": [1.1, 0.95, 1.05], "clavicle": [1.08] * 3, "scapula": [0.93] * 3, "humerus": [1.06] * 3}
+    factors = {segment: np.array(size) for segment, size in sizes.items()}
+    shoulder, model = scaled_shoulder(factors), scale_skeleton(MODEL, Scaling(factors))
+    at = MODEL.default_coordinates[None]
+    own = at[:, [MODEL.coordinate_index(name) for name in shoulder.coordinate_names]]
+    state = postures(model, at, np.zeros_like(at))
+    for name in MEASURED:
+        marker = model.marker(name)
+        expected = points_in_ground(state, marker.body, marker.location)
+        np.testing.assert_allclose(shoulder.places(own, [shoulder.markers[name]])[:, 0], expected, atol=1e-6)
 
 
 def test_the_reduced_gradient_is_that_of_the_cost_with_postures_solved_again() -> None:
