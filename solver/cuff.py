@@ -18,7 +18,7 @@ from solver.errors import SolverCode, SolverError
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
-STEPS = 60  # of Newton's method, which approaches the root of a convex or concave spring from one side
+MOST_STEPS = 60  # of Newton's method, which approaches the root of a convex or concave spring from one side
 CLOSE = 1e-13  # relative
 
 
@@ -49,16 +49,21 @@ class CuffLaw(ABC):
         return force
 
     def equilibrium(self, force: Number) -> Number:
-        """Displacement [m] at rest under a constant force [N]; k q = T, (8)."""
+        """Displacement [m] at rest under a constant force [N]; k q = T, (8). Raises SolverError if none is found."""
         load: Any = np.abs(force)
-        distance = load / self.secant(0.0 * load)
-        for _ in range(STEPS):
-            step = (self.secant(distance) * distance - load) / self.tangent(distance)
-            distance = distance - step
-            if np.all(np.abs(step) <= CLOSE * np.abs(distance)):
-                break
-        found: Number = np.copysign(distance, force)
-        return found
+        with np.errstate(all="ignore"):  # steps of a law without an equilibrium grow without limit
+            distance = load / self.secant(0.0 * load)
+            for _ in range(MOST_STEPS):
+                step = (self.secant(distance) * distance - load) / self.tangent(distance)
+                distance = distance - step
+                if np.all(np.abs(step) <= CLOSE * np.abs(distance)):
+                    found: Number = np.copysign(distance, force)
+                    return found
+        raise SolverError(
+            f"the law of the cuff, {type(self).__name__}, should have an equilibrium under {np.max(load):g} N, and "
+            f"none is found in {MOST_STEPS} steps; check that its force rises with the displacement",
+            SolverCode.CUFFS_NOT_AT_REST,
+        )
 
     def bushing(self) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] of a linear bushing in a file. Raises SolverError for another law."""

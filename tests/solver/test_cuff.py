@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from solver.cuff import CuffLaw, CuffParameters, KelvinVoigt
+from solver.cuff import CuffLaw, CuffParameters, KelvinVoigt, Number
 from solver.errors import SolverCode
 from solver.suit.cord import CordLine, SuitForces, line_between, suit_forces
 from solver.suit.suit import Suit, read_suit
@@ -119,3 +119,21 @@ def test_a_law_that_no_bushing_has_is_not_written(page: Page) -> None:
     law: CuffLaw = page.cuff(2000.0, 4e6).law
     with raises_refusal(SolverCode.SUIT_NOT_WRITABLE, "BushingForce"):
         law.bushing()
+
+
+class Yielding(CuffLaw):
+    """A spring whose force rises to 10 N and no further."""
+
+    damping = 0.0
+
+    def secant(self, distance: Number) -> Number:
+        return 1000.0 / (1 + 100 * distance)
+
+    def tangent(self, distance: Number) -> Number:
+        return 1000.0 / (1 + 100 * distance) ** 2
+
+
+def test_a_load_without_an_equilibrium_is_refused() -> None:
+    assert Yielding().equilibrium(np.array([5.0])) == pytest.approx(0.01)
+    with raises_refusal(SolverCode.CUFFS_NOT_AT_REST):
+        Yielding().equilibrium(np.array([5.0, 20.0]))
