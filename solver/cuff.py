@@ -56,7 +56,7 @@ class CuffLaw(ABC):
             for _ in range(MOST_STEPS):
                 step = (self.secant(distance) * distance - load) / self.tangent(distance)
                 distance = distance - step
-                if np.all(np.abs(step) <= CLOSE * np.abs(distance)):
+                if np.all(np.isfinite(distance) & (np.abs(step) <= CLOSE * distance)):
                     found: Number = np.copysign(distance, force)
                     return found
         raise SolverError(
