@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,10 @@ from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, NoteCode
 from fitting.results.rendering import Figures, Note
 from fitting.trial.calibration import code_width, level_bias
-from fitting.trial.trial import Trial
 from recordings.standard_gravity import g
+
+if TYPE_CHECKING:  # the recorder starts without the modules of a trial
+    from fitting.trial.trial import Trial
 
 CHECKS_FILE = "calibration.jsonl"
 LARGEST_FILE = 16 << 20

@@ -12,7 +12,7 @@ import sys
 import threading
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -158,8 +158,7 @@ def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments
             until_recording(terminal)
             threading.Event().wait(random.uniform(0.0, 0.3))
             program = psutil.Process(terminal.child.pid)
-            children = program.children(recursive=True)  # on Windows, a venv's python.exe is a parent of the program
-            recorders = [child for child in children if "station.session.trial_daemon" in child.cmdline()]
+            recorders = children_that_run("station.session.trial_daemon", program)
             if number % 2 == 0:
                 for recorder in recorders:  # none if the trial has just ended
                     recorder.kill()
@@ -181,10 +180,9 @@ def test_motions_are_recorded_whole_although_their_live_process_is_killed_at_ran
         for _ in range(LIVE_KILLS):
             until_recording(terminal)
             threading.Event().wait(random.uniform(0.0, 0.5))
-            for child in psutil.Process(terminal.child.pid).children(recursive=True):
-                if "station.live.process" in child.cmdline():
-                    child.kill()
-                    killed += 1
+            for child in children_that_run("station.live.process", psutil.Process(terminal.child.pid)):
+                child.kill()
+                killed += 1
             assert terminal.until("trial_ended")["accepted"]
             terminal.send("redo again")
     assert killed > LIVE_KILLS / 2, "a trial may end before"
@@ -193,6 +191,16 @@ def test_motions_are_recorded_whole_although_their_live_process_is_killed_at_ran
     for one in recorded:
         contents = contents_of(folder / SESSION / one.file)
         assert one.accepted and contents.complete and not contents.gaps
+
+
+def children_that_run(module: str, program: psutil.Process) -> list[psutil.Process]:
+    """On Windows, the python.exe of a virtual environment is a parent of the program. One may end meanwhile."""
+    found = []
+    for child in program.children(recursive=True):
+        with suppress(psutil.NoSuchProcess):  # of which ZombieProcess is one
+            if module in child.cmdline():
+                found.append(child)
+    return found
 
 
 def until_recording(terminal: Headless) -> None:

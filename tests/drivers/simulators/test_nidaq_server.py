@@ -253,7 +253,8 @@ def test_a_client_with_the_name_of_a_session_can_attach_to_its_task_and_clear_it
         left = open_task(channel, NAME, SessionInitializationBehavior.ATTACH_TO_SERVER_SESSION)
         assert not left.is_task_done()
         assert len(left.read(60)) == 60
-        assert (left.in_stream.curr_read_pos, left.in_stream.total_samp_per_chan_acquired) == (60, 101)
+        assert left.in_stream.curr_read_pos == 60
+        assert left.in_stream.total_samp_per_chan_acquired >= 101  # the world goes on
         left.close()
         assert not server.is_streaming
         start_acquisition(open_task(channel, NAME, SessionInitializationBehavior.INITIALIZE_SERVER_SESSION))
