@@ -94,12 +94,6 @@ def test_a_trial_too_short_has_a_code_and_one_of_another_time_is_refused() -> No
         compare_shapes((TIME + 100, MODEL), (TIME, MODEL), 6.0)
 
 
-def test_intervals_cover_the_truth() -> None:
-    lag, correlation = coverage(6.0, 0.1, 0.2, 150)
-    assert lag >= 0.91
-    assert correlation >= 0.91
-
-
 def test_noise_proportional_to_the_level_is_in_the_interval_of_the_lag() -> None:
     """Raw EMG of a burst of 0.35 s: 68 % were covered with noise of one size throughout."""
     random, time = np.random.default_rng(6), np.arange(8000) / RATE

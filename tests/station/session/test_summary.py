@@ -49,6 +49,7 @@ def codes_of(folder: Path) -> dict[str, dict[str, Any]]:
     return {finding["code"]: finding["figures"] for finding in assessed["finding_codes"]}
 
 
+@pytest.mark.slow
 def test_a_session_is_assessed_on_the_wearer_who_was_recorded_with_emg(tmp_path: Path, wearer: WearerSession) -> None:
     subject = f"mass_kg = 75.0\n[cord]\nrest_length_m = {PersonSettings().cord_rest_length_m}\n"
     ended = end_wearer_session(tmp_path, wearer, subject, POSE, FREE, TIGHT)
