@@ -101,7 +101,7 @@ def read_numbers(
             is_decimal_comma = marks == {","} and separator != ","
             try:
                 number = field.replace(",", ".") if is_decimal_comma else field
-                values[i, j] = float(number.replace("_", "?"))  # Python's own mark of thousands is none of a table
+                values[i, j] = float(number.replace("_", "?"))  # float() accepts 1_000, which is no number of a table
             except ValueError:
                 raise _no_number(path, first_line + i, field, column) from None
     return values

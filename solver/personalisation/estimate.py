@@ -298,9 +298,11 @@ def within_ranges(model: Model, tasks: TrackingTasks) -> tuple[Model, TrackingTa
     variance of a uniform distribution on the range. Without it the shoulder of a hanging arm may be solved with the
     elbow's axis reversed and a negative elevation.
 
-    Angles without a range of less than a turn, with a task of their own, or that no marker moves, have no such prior.
+    Angles whose range is empty or a turn and more, with a task of their own, or that no marker moves, have no such
+    prior.
     """
-    ranges = {one.name: one.range for one in model.coordinates if one.motion == "rotation" and np.ptp(one.range) < TURN}
+    rotations = [one for one in model.coordinates if one.motion == "rotation"]
+    ranges = {one.name: one.range for one in rotations if 0.0 < np.ptp(one.range) < TURN}
     clamped = tuple(replace(one, is_clamped=one.is_clamped or one.name in ranges) for one in model.coordinates)
     jacobian = linearise_postures(model, tasks, model.default_coordinates[None]).jacobian
     is_moved = np.asarray((np.abs(jacobian) > LEAST_ARM).any(axis=(0, 1, 2)))

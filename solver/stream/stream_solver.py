@@ -57,7 +57,7 @@ class StreamSolver:
     suit       cord and masses of all scenarios
     lag_s      how far behind the markers results are [s], 0 to 0.5
     soft_tissue_m  standard deviation along each axis [m] of the skin under the markers, one for all or (markers,);
-               0 for markers on bone; None: 10 to 16 mm (solver/personalisation.anthropometry.py)
+               0 for markers on bone; None: 10 to 16 mm (solver/personalisation/anthropometry.py)
     """
 
     def __init__(

@@ -206,12 +206,15 @@ def _with_optima(suited: SuitedMotion, solved: list[Solved], workers: int | None
 
 
 def _as_curve(suited: SuitedMotion, solved: Solved) -> Solved:
-    """With the effort of a slack cord, which is 1, and without the rest lengths below one that has no solution."""
+    """With the effort of a slack cord, which is 1, and without the rest lengths below one that has no solution.
+
+    A curve whose longest rest length has none is not known.
+    """
     scenario, effort = solved
     lengths, unknown = scenario.rest_lengths[:-1], np.flatnonzero(np.isnan(effort.muscles[:-1]))
     if not len(lengths):
         return solved
-    if 0 < len(unknown) < len(lengths):
+    if len(unknown) and unknown[-1] < len(lengths) - 1:
         used = np.append(np.arange(unknown[-1] + 1, len(lengths)), -1)
         scenario = replace(scenario, rest_lengths=scenario.rest_lengths[used])
         effort = replace(effort, muscles=effort.muscles[used])

@@ -8,9 +8,9 @@ from station.console.actions import Action, Actions
 from station.console.wearer_form import offer_wearer
 from station.protocol import BODY_TESTS, CONDITION_NAMES, TrialSpec
 from station.session.controller import SessionController
-from station.session.plan_status import PlanStatus, TrialState, preparation
+from station.session.plan_status import PlanState, PlanStatus, preparation
 
-STAGES: dict[TrialState, str] = {"kept": "done", "skipped": "skipped", "next": "current", "to come": ""}
+STAGES: dict[PlanState, str] = {"kept": "done", "skipped": "skipped", "next": "current", "to come": ""}
 """State of a trial → class of its place in the plan."""
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import Cuff
 from fitting.errors import FitError
 from recordings.errors import RecordingError
@@ -32,7 +33,6 @@ from station.sources import BUNDLED, model_of
 from station.subject.assessed_subject import fit_suit, measure_subject, read_wearer_trials, worn_arm_cuff
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, read_subject
 
-CUFFS_FILE = "cuffs.json"
 UNUSABLE = (StationError, FitError, SolverError, RecordingError, OSError)
 """A session that gives no body must not keep the wearer from seeing something: the generic body is solved instead."""
 

@@ -27,7 +27,7 @@ ASSUMED_S = 300.0
 """The assumed durations count as much as this time of the session itself."""
 INTERRUPTION = 4.0
 """A trial that takes this multiple of its expected time, or longer, was interrupted and shows no pace."""
-TrialState = Literal["kept", "skipped", "next", "to come"]
+PlanState = Literal["kept", "skipped", "next", "to come"]
 """Of a trial of the plan."""
 PREPARATIONS: dict[TrialCondition, str] = {
     "unsuited": "Wearer without the suit, all markers on",
@@ -61,7 +61,7 @@ class PlanStatus:
         """The next trial; None at the end of the plan."""
         return self.left[0] if self.left else None
 
-    def state_of(self, trial: TrialSpec) -> TrialState:
+    def state_of(self, trial: TrialSpec) -> PlanState:
         if trial in self.done:
             return "kept"
         if trial in self.skipped:

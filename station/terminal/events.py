@@ -12,7 +12,7 @@ from fitting.results.codes import Verdict
 from recordings.manifest import TrialCondition
 from station.journal_lines import Choice
 from station.session.judgement import Figure, Grade, Judgement, Reason, Row
-from station.session.plan_status import PlanStatus, TrialState
+from station.session.plan_status import PlanState, PlanStatus
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ class PlannedTrial:
 
     number: int
     title: str
-    state: TrialState
+    state: PlanState
 
 
 @dataclass(frozen=True)

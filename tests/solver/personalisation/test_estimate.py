@@ -14,7 +14,7 @@ import pytest
 
 from solver.coded_findings import ScalingCode
 from solver.errors import SolverCode
-from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import Marker
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_reader import read_osim
@@ -93,6 +93,14 @@ def test_a_hanging_arm_is_solved_within_the_ranges_of_its_joints(seed: int) -> N
     assert found.unsolved == 0
     assert np.degrees(np.sqrt(np.mean((found.coordinates[:, elevation] - truth) ** 2))) < 6.0
     assert "elbow_flexion" not in tasks.coordinate_weights, "no marker moves it: it keeps its value"
+
+
+def test_an_angle_whose_range_is_a_single_value_has_no_prior() -> None:
+    fixed = [replace(one, range=(0.3, 0.3)) if one.name == "axial_rot" else one for one in MODEL.coordinates]
+    given = TrackingTasks(tuple(MODEL.marker(name) for name in MEASURED), np.full(len(MEASURED), 1e4), {}, {})
+    model, tasks = within_ranges(replace(MODEL, coordinates=tuple(fixed)), given)
+    assert "axial_rot" not in tasks.coordinate_weights and "shoulder_elv" in tasks.coordinate_weights
+    assert not model.coordinates[model.coordinate_index("axial_rot")].is_clamped
 
 
 def test_the_bones_of_the_independent_person_are_those_of_the_scaled_model() -> None:

@@ -15,7 +15,7 @@ from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import assess
-from solver.suit.scenarios import LoadedMotion, prepare_suited_motion
+from solver.suit.scenarios import LoadedMotion, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import read_suit
 from solver.uncertainty.factors import columns_of, normal_scores, unit_sample
 from solver.uncertainty.people import PeopleCase, solve_people
@@ -127,6 +127,24 @@ def test_curves_of_migrated_cuffs_are_those_of_solving_their_own_rest_lengths(di
         reading = found[curve.condition, curve.cuff]
         assert reading.rest_length[0] == pytest.approx(curve.figures["rest_length"].value, abs=1.5e-3)
         assert reading.lowest_cost[0] == pytest.approx(curve.figures["lowest_cost"].value, abs=5e-4)
+
+
+@pytest.mark.parametrize(("unknown", "is_known"), [([2], True), ([2, 11], False)])
+def test_a_curve_begins_above_its_longest_rest_length_without_a_solution(monkeypatch, unknown, is_known):
+    """If that is the longest of all, the curve is unknown, but not at the reference and with a slack cord."""
+
+    def solve(suited, scenarios, **options):
+        slack, efforts = solve_scenarios(suited, scenarios, **options)
+        for effort in efforts:
+            if len(effort.muscles) > max(unknown):
+                effort.muscles[unknown] = np.nan
+        return slack, efforts
+
+    monkeypatch.setattr(solver.uncertainty.people, "solve_scenarios", solve)
+    found = solve_people(CASE, np.zeros((1, SCORES.shape[1])), workers=1)["both", "hand"]
+    assert np.isfinite([found.rest_length[0], found.lowest_cost[0]]).tolist() == [is_known, is_known]
+    assert np.isfinite(found.at_reference[0]) and found.bounds[0, 0] == 0
+    assert np.isnan(found.efforts[0, 0]) and found.efforts[0, -1] == 1
 
 
 def test_a_person_without_a_solution_is_unknown_and_the_others_are_not(people):
