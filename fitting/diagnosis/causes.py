@@ -25,7 +25,7 @@ from fitting.uncertainty import Estimate, Repeat, combine
 TARED_BELOW = 0.5
 """Share of the swing's amplitude: a smaller mean force was removed by a tare."""
 ALIKE = 0.15
-"""Least relative decrease of the mean square from a law to the chosen one with which it is no explanation."""
+"""A law is an explanation, too, unless the mean square of the chosen one is lower by more than this part."""
 LEAVES_DISPLACEMENT = {SLIP, FRICTION, "creep"}
 """Laws with which an unloaded cuff is not where it was before the load."""
 LAW_CAUSES = {
@@ -214,7 +214,7 @@ def _weight_causes(static: Sequence[FittedPull]) -> Iterator[Cause]:
 
 
 def _law_causes(classes: ModelComparison | None, *, creeps: bool) -> Iterator[Cause]:
-    """The chosen extensions, and those that would not be worse by more than another extension has to be better.
+    """The chosen extensions, and those that explain nearly as much (ALIKE).
 
     Creep also explains part of friction. If no hold shows creep, friction is ranked before it; if holds do, friction
     and slip are no explanation, because they do not move a cuff under a constant load.
