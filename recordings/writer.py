@@ -1,4 +1,4 @@
-"""Items → one MCAP file: with the disk before a fifth of a second is over, honest from the first failed write on.
+"""Write items into one MCAP file: on the disk within 0.2 s; after a failed write nothing more is claimed as stored.
 
 BackgroundSync flushes from the operating system to the disk, which a power cut cannot take back. The index of the
 chunks, which MCAP puts at the end of a file, is kept encoded while the file is written: the package keeps an object for
@@ -34,7 +34,7 @@ from recordings.samples import Item, Samples, Stream
 
 
 def in_a_thread(work: Callable[[], None]) -> None:
-    """A thread that a disk holds for ever is left behind when the process ends."""
+    """A daemon thread: a disk that never answers does not keep the process from ending."""
     threading.Thread(target=work, name="fsync", daemon=True).start()
 
 
@@ -319,13 +319,13 @@ class _ContentLost(OSError):
 
 
 LONGEST_FINISH_S = 60.0
-"""Wall seconds that the end of a recording waits for its disk: far longer than a slow one takes, and not for ever."""
+"""Wall seconds that the end of a recording waits for its disk: far longer than a slow one takes."""
 
 
 class BackgroundSync:
-    """Has the disk take what was written, without holding up who writes: an fsync can take longer than a kill may cost.
+    """Flush what was written to the disk without delaying the writer: an fsync can take longer than a kill may cost.
 
-    One at a time. failure is what one failed with, for good.
+    One flush at a time. failure is the error of the last one that failed; it stays.
     """
 
     def __init__(self, sync: Callable[[], None], start: Callable[[Callable[[], None]], None] = in_a_thread) -> None:
@@ -336,16 +336,16 @@ class BackgroundSync:
 
     @property
     def is_busy(self) -> bool:
-        """Whether one is under way."""
+        """Whether a flush is under way."""
         return not self._idle.is_set()
 
     def begin(self) -> None:
-        """Starts one, of all that is written by now, and returns at once."""
+        """Start a flush of all that is written by now, and return at once."""
         self._idle.clear()
         self._start(self._run)
 
     def finish(self) -> None:
-        """Does one and returns when it is done; first waits for the one under way. A disk that hangs has failed."""
+        """Wait for the flush under way, then flush once more and wait for it. A disk that hangs has failed."""
         if self._idle.wait(LONGEST_FINISH_S):
             self.begin()
         if not self._idle.wait(LONGEST_FINISH_S):
@@ -362,7 +362,7 @@ class BackgroundSync:
 
 
 def sync_folder(folder: Path) -> None:
-    """Has the disk take the folder's list of files: the name of a new file is not in the file itself.
+    """Flush the folder's list of files to the disk: the name of a new file is not in the file itself.
 
     Windows cannot open a folder, and journals its entries itself; fsync of the file reports a failing disk.
     """
@@ -375,16 +375,15 @@ def sync_folder(folder: Path) -> None:
 
 
 def keep_index_encoded(writer: Writer) -> None:
-    """To be called before the first chunk.
+    """Call before the first chunk.
 
-    The package offers no door for this. Should it rename its list, nothing breaks and memory grows as it used to;
-    a test sees it.
+    The package has no interface for this. If it renames its list, nothing breaks, but memory grows; a test detects it.
     """
     writer._Writer__chunk_indices = _EncodedIndex()  # type: ignore[attr-defined]
 
 
 class _EncodedIndex:
-    """What the package needs of its list: entries are appended, and at the end written one after the other."""
+    """The list of chunk indices as the package uses it: entries are appended, and written in their order at the end."""
 
     def __init__(self) -> None:
         self._deflate = zlib.compressobj(level=1)

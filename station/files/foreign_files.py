@@ -38,8 +38,10 @@ SPELLINGS: Mapping[str, ForceUnit] = {
     "lb": "lbs",
     "lbf": "lbs",
 }
-NAMED_UNIT = re.compile(rf"[_ (\[]\s*({'|'.join(SPELLINGS)}|[kmcd]n|[mk]v|mv/v|k?gf?|kp|oz)\s*[)\]]?$", re.IGNORECASE)
-"""At the end of a column's title, in brackets or behind a blank or an underscore; also units that are refused."""
+NAMED_UNIT = re.compile(
+    rf"(?:^|[_ (\[])\s*({'|'.join(SPELLINGS)}|[kmcd]n|[mk]v|mv/v|k?gf?|kp|oz)\s*[)\]]?$", re.IGNORECASE
+)
+"""At the end of a column's title, in brackets or behind a blank or an underscore, or alone; also refused units."""
 SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
 SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 20_000.0
 NARROWEST_MM, WIDEST_MM = 10.0, 20_000.0

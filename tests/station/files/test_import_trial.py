@@ -329,7 +329,15 @@ def test_the_force_is_the_column_of_its_title_whatever_commas_others_hold(
 
 @pytest.mark.parametrize(
     ("title", "unit"),
-    [("Fz [N]", "N"), ("Load (lbf)", "lbs"), ("Load", "V"), ("load_on", "V"), ("Fz [kN]", None), ("load_kg", None)],
+    [
+        ("Fz [N]", "N"),
+        ("N", "N"),
+        ("Load (lbf)", "lbs"),
+        ("Load", "V"),
+        ("load_on", "V"),
+        ("Fz [kN]", None),
+        ("load_kg", None),
+    ],
 )
 def test_the_unit_in_a_title_is_that_of_the_force(tmp_path: Path, title: str, unit: str | None) -> None:
     (tmp_path / "daq.csv").write_text(f"time_s,{title}\n" + "".join(f"{i / 1000},1\n" for i in range(100)))
