@@ -1,8 +1,8 @@
 """One thread per device: opens it, reads it, passes on its samples and events, and closes it.
 
 On a stepped clock, devices are read in rounds: the clock advances one step, every device is read to its end, then the
-station continues. Items of a step carry the time of its end, independent of the scheduling of
-threads on a busy machine.
+station continues. Items of a step carry the time of its end, independent of the scheduling of threads on a busy
+machine.
 """
 
 from __future__ import annotations

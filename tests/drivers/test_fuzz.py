@@ -1,4 +1,4 @@
-"""What is thrown at the wires, and what must hold whatever it is: a short run; benchmarks/fuzz.py runs longer."""
+"""Random bytes on the wires, and what must hold for all of them: a short run; benchmarks/fuzz.py runs longer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is thrown at the reading and recovering of recordings, and what must hold whatever it is.
+"""Random files for reading and recovery of recordings, and what must hold for all of them.
 
 This is a short run; benchmarks/fuzz.py runs longer.
 """

@@ -217,7 +217,7 @@ def test_cuffs_json_gets_all_of_it_in_units() -> None:
     np.testing.assert_allclose(steps, 8.0 * np.arange(1, 11), atol=1.0)
 
 
-# What did not come back.
+# Migration: the displacement that remains after unloading.
 
 
 def _trial(*held: tuple[float, float]) -> list[Plateau]:

@@ -1,4 +1,4 @@
-"""What is thrown at the configuration and at `station info`, and what must hold whatever it is.
+"""Random input of the configuration and of `station info`, and what must hold for all of it.
 
 This is a short run; benchmarks/fuzz.py runs longer.
 """

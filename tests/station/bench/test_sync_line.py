@@ -103,7 +103,7 @@ def test_a_falling_edge_in_place_of_a_rising_one_is_reported_with_its_levels() -
     assert wrong_polarity(FELL) == Message(TrialCode.WRONG_POLARITY, {"from_v": 4.9, "to_v": 0.1})
 
 
-# Every fault of the sync line, through the real wires: who tells it, and what becomes of the trial.
+# Every fault of the sync line, through the real wires: its message, and the outcome of the trial.
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)

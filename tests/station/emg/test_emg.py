@@ -259,7 +259,7 @@ def test_a_channel_s_name_of_any_kind_reaches_table_and_figure(station: Station,
     assert station("report", tmp_path / "out").code == 0
 
 
-# station emg writes beside its inputs, and over none of them.
+# station emg writes next to its inputs and overwrites none of them.
 
 
 @pytest.fixture
