@@ -295,8 +295,8 @@ def effective_frames(observed: Array, scatter: float) -> float:
 
 def within_ranges(model: Model, tasks: TrackingTasks) -> tuple[Model, TrackingTasks]:
     """The problem of inverse kinematics with the joint ranges: as limits, and as a normal prior with the mean and the
-    variance of a uniform distribution on the range. Without it the shoulder of a hanging arm may be solved with the
-    elbow's axis reversed and a negative elevation.
+    variance of a uniform distribution on the range. Without it, the angles of a hanging arm may be those of nearly
+    the same posture with a negative elevation and the plane of elevation turned by half a turn.
 
     Angles whose range is empty or a turn and more, with a task of their own, or that no marker moves, have no such
     prior.

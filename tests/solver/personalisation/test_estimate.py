@@ -80,8 +80,8 @@ def test_standard_errors_hold_for_twenty_persons() -> None:
 
 @pytest.mark.parametrize("seed", [5, 7])
 def test_a_hanging_arm_is_solved_within_the_ranges_of_its_joints(seed: int) -> None:
-    """The simulation of the person shares no code with the estimate. At a small elevation the elbow's axis reversed
-    fits the markers as well; without the ranges the elevation is wrong by 100 degrees.
+    """The simulation of the person shares no code with the estimate. At a small elevation, a negative one with the
+    plane turned by 180 degrees is nearly the same posture; without the ranges the elevation is wrong by 100 degrees.
     """
     person = measure_person(seed, hanging_deg=8.0)
     estimate = estimate_body(MODEL, [MODEL.marker(name) for name in MEASURED], person.trials)
