@@ -51,7 +51,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "fitting.uncertainty": (),
     "recordings.recovery": (),
     "recordings.writer": (),
-    "solver.suit.cord": (),
+    "solver.suit.cord": ("tests/solver/test_cuff.py",),
     "solver.suit.decision": (),
     "solver.suit.quantity": (),
     "station.bench.sync_line": (),

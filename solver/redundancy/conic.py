@@ -25,10 +25,8 @@ OPTIMALITY_LIMIT = 1e-5
 RANK_TOLERANCE = 1e-9
 LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is sought
 EFFORT_SHARE = 1e-6  # of effort against violation, in least_violation
-FAR, LARGEST_SIZE = (
-    100.0,
-    100.0,
-)  # a target, in rows of the size of x, and its size up to which efforts keep their share
+FAR = 100.0  # a target, in rows of the size of x
+LARGEST_SIZE = 100.0  # of such a target, up to which efforts keep their share
 CUBE_TOLERANCE = 1e-11  # of Clarabel for cubes, whose slope is small where the unknown is
 
 

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Exponent = Literal[2, 3]
 Number = TypeVar("Number", float, Array)
 SAMPLES = 21  # activations from 0 to 1 at which a cost is checked
-SLOPE_TOLERANCE = 0.1  # of the greatest slope, between it and differences of the value
+DERIVATIVE_TOLERANCE = 0.1  # of the largest change between samples, for the integral of the derivative
 PROXIMAL_SHARE = 0.01  # of the greatest slope: where a cost is straighter, steps are those of a proximal method
 ROUND_OFF = 1e-9  # of the greatest slope of all activations
 
@@ -109,7 +109,7 @@ def ensure_convex(cost: ActivationCost, muscles: int) -> None:
     for name, lower in (("slope", "value"), ("curvature", "slope")):
         change, expected = np.diff(found[lower], axis=0), _integrals(getattr(cost, name), a)
         missed = np.abs(change - expected).max()
-        if missed > SLOPE_TOLERANCE * np.abs(expected).max():
+        if missed > DERIVATIVE_TOLERANCE * np.abs(expected).max():
             raise _wrong_cost(
                 f"{name} should be the derivative of {lower}, and its integral differs from the change of {lower} by "
                 f"{missed:.2g}"
