@@ -286,7 +286,7 @@ TRIAL_NOTES: Templates = {
         "the load falls by {fall_n:.1f} N where {mass_kg:g} kg ({weight_n:.1f} N) and more are to be added; set "
         "load_cell.polarity to the other sign, or begin with the bare hook"
     ),
-    TrialNoteCode.NO_WEIGHT: ("no load step of the plan was added, the first being {weight_n:.1f} N"),
+    TrialNoteCode.NO_WEIGHT: "no load step of the plan was added; the first is {weight_n:.1f} N",
     TrialNoteCode.WEIGHT_GAIN: (
         "the load rises by {rise_n:.1f} N where {mass_kg:g} kg ({weight_n:.1f} N) are added, {gain:.4f} ± "
         "{standard_error:.4f} times as much, {mistake}; correct the configuration or protocol.step_masses_kg"
