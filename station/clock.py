@@ -55,9 +55,8 @@ class RealClock:
     On Windows, time.monotonic advances in steps of 16 ms before Python 3.13.
     """
 
-    timeout_scale = 1.0
-
-    def __init__(self) -> None:
+    def __init__(self, timeout_scale: float = 1.0) -> None:
+        self.timeout_scale = timeout_scale
         self._start_utc_ns = time.time_ns()
         self._start_ns = time.perf_counter_ns()
 

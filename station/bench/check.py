@@ -201,7 +201,8 @@ def survey_devices(
     for feed in feeds:
         feed.start()
     answered: set[str] = set()
-    open_until, listen_until = clock.wall_s() + OPEN_S, float("inf")
+    open_timeout_s = OPEN_S * clock.timeout_scale
+    open_until, listen_until = clock.wall_s() + open_timeout_s, float("inf")
     while clock.wall_s() < min(open_until, listen_until):
         try:
             message = inbox.get(timeout=0.05)
@@ -217,7 +218,7 @@ def survey_devices(
     for feed in feeds:
         feed.has_ended(1.0)
         if feed.device.name not in answered:
-            figures: Figures = {"device": feed.device.name, "timeout_s": OPEN_S}
+            figures: Figures = {"device": feed.device.name, "timeout_s": open_timeout_s}
             survey.errors[feed.device.name] = Message(CheckCode.NO_ANSWER, figures)
     return survey, [feed.device.name for feed in feeds]
 
@@ -320,14 +321,17 @@ def check_known_mass(
 ) -> int:
     """Read the cell, keep the reading in the folder, print it; return 0 if it is within the tolerance, else 1."""
     zeros = [check for check in read_checks(folder) if check.mass == 0]
-    check, result = read_known_mass(config, folder, mass, zeros[-1] if zeros else None, make_devices, listen_s)
+    zero = zeros[-1] if zeros else None
+    check, result = read_known_mass(config, folder, mass, zero, make_devices=make_devices, listen_s=listen_s)
     write_reading(folder, check)
     return show_results([result], console, as_json=as_json)
 
 
-def inspect_bench_and_zero(config: StationConfig, folder: Path) -> tuple[list[CheckResult], MassCheck | None]:
+def inspect_bench_and_zero(
+    config: StationConfig, folder: Path, timeout_scale: float
+) -> tuple[list[CheckResult], MassCheck | None]:
     """The check of the bench, and the reading of the cell; None without samples of its force."""
-    survey, devices = survey_devices(config, folder, RealClock(), devices_for)
+    survey, devices = survey_devices(config, folder, RealClock(timeout_scale), devices_for)
     with suppress(MassCheckError):
         return compare(survey, devices, config, folder), _reading(survey, config, 0.0, None)
     return compare(survey, devices, config, folder), None
@@ -338,11 +342,12 @@ def read_known_mass(
     folder: Path,
     mass: float,
     zero: MassCheck | None,
+    timeout_scale: float = 1.0,
     make_devices: MakeDevices = load_cell_for,
     listen_s: float = LISTEN_TO_MASS_S,
 ) -> tuple[MassCheck, CheckResult]:
     """Read the mass [kg] on the cell; zero is the last reading of the empty cell. Raises MassCheckError."""
-    survey, _ = survey_devices(config, folder, RealClock(), make_devices, listen_s)
+    survey, _ = survey_devices(config, folder, RealClock(timeout_scale), make_devices, listen_s)
     zero, cell = zero if mass > 0 else None, config.calibration()
     check = _reading(survey, config, mass, zero)
     is_right = check.is_right(cell.gain_relative_sd, config.load_cell.capacity_kg)

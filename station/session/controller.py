@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from fitting.trial.mass_checks import MassCheck
+from station.bench.bench_clock import BenchClock
 from station.bench.check import CheckResult, inspect_bench_and_zero, read_known_mass, write_reading
 from station.bench.simulation import SimulatedBench
+from station.clock import RealClock
 from station.config import StationConfig
 from station.messages.codes import CheckCode
 from station.messages.message import Message
@@ -73,6 +75,7 @@ class BenchChecker:
 
     def __init__(self, session: OpenSession, in_worker: Callable[..., Awaitable[Any]]) -> None:
         self._session, self._in_worker = session, in_worker
+        self._timeout_scale = RealClock().timeout_scale if session.clock_port is None else BenchClock.timeout_scale
         self._found: list[CheckResult] = []
         self._masses: dict[float, CheckResult] = {}
         self._readings: list[MassCheck] = []
@@ -120,7 +123,8 @@ class BenchChecker:
         self._session.refuse_while_running()
         await self.wait()
         config = self._session.config
-        check, result = await self._in_worker(read_known_mass, config, config.session.folder, mass_kg, self._zero)
+        reading = (config, config.session.folder, mass_kg, self._zero, self._timeout_scale)
+        check, result = await self._in_worker(read_known_mass, *reading)
         self._readings += [reading for reading in (self._zero, check) if reading and reading not in self._readings]
         self._masses[mass_kg] = result
 
@@ -132,5 +136,7 @@ class BenchChecker:
 
     async def _check(self) -> None:
         config = self._session.config
-        self._found, self._zero = await self._in_worker(inspect_bench_and_zero, config, config.session.folder)
+        self._found, self._zero = await self._in_worker(
+            inspect_bench_and_zero, config, config.session.folder, self._timeout_scale
+        )
         self._masses, self._checked_s = {}, time.perf_counter()

@@ -9,7 +9,6 @@ import asyncio
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, Literal
 
@@ -41,7 +40,7 @@ from station.session.judgement import Judgement, judgement_without_fit
 from station.session.open_session import CommandRefused, OpenSession
 from station.session.plan_status import describe_plan, is_donned_without_trial, kept_recordings
 from station.session.summary import Summary, SummaryError, summarise
-from station.session.worker import Worker
+from station.session.worker import Worker, WorkerKilled
 
 
 class Reviewer:
@@ -141,7 +140,7 @@ class Reviewer:
             if file is not None and (self._session.judgement is None or self._session.judgement.file != file):
                 try:
                     self._session.judgement = await self.in_worker(_judge, self._session.folder, file)
-                except BrokenProcessPool:
+                except WorkerKilled:
                     self._session.judgement = judgement_without_fit(file)
         finally:
             self.is_judging = False

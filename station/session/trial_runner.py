@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from dataclasses import asdict
 from itertools import chain
@@ -59,7 +59,7 @@ class TrialRunner:
         self._session.has_running_trial = True
         try:
             if self._operator is not None:
-                await asyncio.to_thread(self._operator.prepare, plan)
+                await _in_daemon_thread(self._operator.prepare, plan)
             self._trial = await TrialProcess.start(
                 self._session.trial_config, self._session.folder, spec, self._session.clock_port, self._session.speed
             )
@@ -129,7 +129,7 @@ class TrialRunner:
             live.add_mark(str(live.alarm))
             self._trial.mark()
         if self._operator is not None and telemetry["state"] == "recording" and self._operator.is_behind(live.cue):
-            self._spawn(asyncio.to_thread(self._operator.follow, live.cue))
+            self._spawn(_in_daemon_thread(self._operator.follow, live.cue))
 
     def _spawn(self, work: Any) -> None:
         task: asyncio.Task[None] = asyncio.get_running_loop().create_task(work)
@@ -140,6 +140,23 @@ class TrialRunner:
         """Stop following; a running trial continues to its end."""
         for task in self._tasks:
             task.cancel()
+
+
+async def _in_daemon_thread(work: Callable[[Any], None], argument: Any) -> None:
+    """asyncio.to_thread without its pool, for which asyncio.run waits: the bench may answer a request late or never."""
+    done: Future[None] = Future()
+
+    def run() -> None:
+        try:
+            work(argument)
+        except Exception as error:
+            done.set_exception(error)
+        else:
+            done.set_result(None)
+
+    done.set_running_or_notify_cancel()
+    threading.Thread(target=run, name="simulated operator", daemon=True).start()
+    await asyncio.wrap_future(done)
 
 
 def _guide(spec: TrialSpec, config: StationConfig) -> Guide:

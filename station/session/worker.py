@@ -4,91 +4,142 @@ from __future__ import annotations
 
 import asyncio
 import os
-import signal
+import pickle
 import threading
+import traceback
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Future
 from contextlib import suppress
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import Connection, wait
-from typing import Any
+from queue import SimpleQueue
+from typing import Any, NoReturn
 
+from station.child import DETACHED, Child, ProcessLink, exit_at_once
 from station.progress import Progress, silent
+
+NICENESS = 10
+"""Recorder and console have priority."""
+
+
+class WorkerKilled(Exception):
+    """Two processes were killed by the same function, or the worker was closed."""
 
 
 class Worker:
-    """Runs functions of modules, one after the other, in another process; a killed process is replaced."""
+    """Runs functions of modules, one after the other, in another process; a killed process is replaced.
+
+    The process starts at the first function. Closing kills it in any state, and the thread that waits for it is a
+    daemon, so that the end of this program waits for neither. An executor of processes would be joined at that end.
+    """
 
     def __init__(self) -> None:
-        self._lifeline, self._end_of_worker = _CONTEXT.Pipe()
-        self._reports, self._end_for_reports = _CONTEXT.Pipe(duplex=False)
-        self._on_progress: Progress = silent
-        self._pool = self._one_process()
+        self._tasks: SimpleQueue[tuple[Future[Any], bytes, Progress] | None] = SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._child: Child | None = None
+        self._is_closed = False
+        self._changing = threading.Lock()
 
     async def run(self, work: Callable[..., Any], *arguments: Any) -> Any:
-        """Raises the error of the function, and BrokenProcessPool if a second process is killed by it as well."""
-        try:
-            return await self._submit(work, *arguments)
-        except BrokenProcessPool:  # a system short of memory kills the largest process
-            self._pool = self._one_process()
-            return await self._submit(work, *arguments)
+        """Raises the error of the function, and WorkerKilled if a second process is killed by it as well."""
+        return await self._submit((work, arguments, False), silent)
 
     async def run_with_progress(self, on_progress: Progress, work: Callable[..., Any], *arguments: Any) -> Any:
         """The same for a function whose last argument is a Progress; on_progress is called in another thread."""
-        if self._on_progress is silent:
-            threading.Thread(target=self._receive_reports, name="progress of the worker", daemon=True).start()
-        self._on_progress = on_progress
-        return await self.run(_report_progress, work, *arguments)
+        return await self._submit((work, arguments, True), on_progress)
 
-    def _receive_reports(self) -> None:
-        with suppress(EOFError, OSError):
-            while True:
-                report = self._reports.recv()
-                self._on_progress(*report)
-
-    def _submit(self, work: Callable[..., Any], *arguments: Any) -> asyncio.Future[Any]:
-        """The process starts at its first task, and must ignore Ctrl-C while it imports, which takes seconds."""
-        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
-            return asyncio.get_running_loop().run_in_executor(self._pool, work, *arguments)
-        finally:
-            signal.signal(signal.SIGINT, handler)
+    async def _submit(self, task: tuple[Callable[..., Any], tuple[Any, ...], bool], on_progress: Progress) -> Any:
+        if self._is_closed:
+            raise WorkerKilled
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._execute_tasks, name="worker", daemon=True)
+            self._thread.start()
+        future: Future[Any] = Future()
+        self._tasks.put((future, pickle.dumps(task), on_progress))
+        return await asyncio.wrap_future(future)
 
     def close(self) -> None:
-        """End the process, also in the middle of a function: this program would wait for it before it exits."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._lifeline.close()
+        """Kill the process, also in the middle of a function, and also if it is suspended."""
+        with self._changing:
+            self._is_closed = True
+            if self._child is not None:
+                self._child.process.kill()
+        self._tasks.put(None)
 
-    def _one_process(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(1, _CONTEXT, _initialise, (self._end_of_worker, self._end_for_reports))
+    def _execute_tasks(self) -> None:
+        for future, task, on_progress in iter(self._tasks.get, None):
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                result = self._execute(task, on_progress)
+            except Exception as error:
+                future.set_exception(error)
+            else:
+                future.set_result(result)
+        self._discard_child()
+
+    def _execute(self, task: bytes, on_progress: Progress) -> Any:
+        for _ in range(2):  # a system short of memory kills the largest process
+            child = self._ensure_started()
+            with suppress(OSError):  # it was killed, and sends nothing
+                child.send_bytes(task)
+            while (answer := child.receive_bytes()) is not None:
+                kind, value = pickle.loads(answer)  # noqa: S301  (the pipe has no other end than our child)
+                if kind == "result":
+                    return value
+                if kind == "error":
+                    raise value
+                self._report(value, on_progress)
+            self._discard_child()
+        raise WorkerKilled
+
+    def _report(self, progress: tuple[str, int, int], on_progress: Progress) -> None:
+        try:
+            on_progress(*progress)
+        except Exception:
+            self._discard_child()  # its next answers are of this function
+            raise
+
+    def _ensure_started(self) -> Child:
+        with self._changing:
+            if self._is_closed:
+                raise WorkerKilled
+            if self._child is None:
+                self._child = Child("station.session.worker", **DETACHED)
+            return self._child
+
+    def _discard_child(self) -> None:
+        with self._changing:
+            child, self._child = self._child, None
+        if child is not None:
+            child.ensure_ended()
 
 
-_CONTEXT = get_context("spawn")
-_REPORTS: list[Connection] = []
-"""In the worker: the pipe of its progress."""
-
-
-def _report_progress(work: Callable[..., Any], *arguments: Any) -> Any:
-    """In the worker: run the function with a Progress that reports to the console."""
-    return work(*arguments, lambda stage, done, total: _REPORTS[0].send((stage, done, total)))
-
-
-def _initialise(lifeline: Connection, reports: Connection) -> None:
-    """Lower the priority below that of recorder and console, and end with the parent or its end of the lifeline.
-
-    Without the watching thread, the process of a pool would outlive a parent that was killed. Ctrl-C in a terminal
-    reaches the whole group; it ends the console, not the worker.
-    """
-    _REPORTS.append(reports)
+def main(parent: ProcessLink) -> NoReturn:
+    """Run the functions that the parent sends; end at once with the parent, also in the middle of a function."""
     if hasattr(os, "nice"):  # not on Windows
-        os.nice(10)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_after, args=(parent.sentinel, lifeline), name="parent", daemon=True).start()
+        os.nice(NICENESS)
+    tasks: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_receive, args=(parent, tasks), name="parent", daemon=True).start()
+    while True:
+        answer = _answer(parent, tasks.get())
+        with suppress(OSError):  # the parent has ended
+            parent.send_bytes(answer)
 
 
-def _end_after(parent: int, lifeline: Connection) -> None:
-    wait([parent, lifeline])
-    os._exit(0)
+def _receive(parent: ProcessLink, tasks: SimpleQueue[bytes]) -> None:
+    for task in iter(parent.receive_bytes, None):
+        tasks.put(task)
+    exit_at_once(0)
+
+
+def _answer(parent: ProcessLink, task: bytes) -> bytes:
+    def report(*progress: object) -> None:
+        parent.send_bytes(pickle.dumps(("progress", progress)))
+
+    try:
+        work, arguments, has_progress = pickle.loads(task)  # noqa: S301  (the pipe has no other end than our parent)
+        return pickle.dumps(("result", work(*arguments, *([report] if has_progress else []))))
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        with suppress(Exception):  # an error that cannot be pickled
+            return pickle.dumps(("error", error))
+        return pickle.dumps(("error", RuntimeError(f"{type(error).__name__}: {error}")))

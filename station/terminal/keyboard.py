@@ -17,6 +17,8 @@ from station.standard_input import POLL_INTERVAL_S, READ_SIZE, read_lines
 from station.terminal.commands import KEYS, Action, Command, UnknownCommand, parse_argument, parse_command
 
 Post = Callable[[Command | UnknownCommand], None]
+KEY_TIMEOUT_S = 1.0
+"""On Windows, for the key that is being read at the end: kbhit() may announce one that getwch() waits for."""
 ENTER, ESCAPE, BACKSPACE = "\r\n", "\x1b", "\x7f\b"
 PROMPTS = {Action.REDO: "reason? ", Action.REDON: "reason? ", Action.NEXT: "number of the trial? #"}
 """After these keys, text is typed up to Enter."""
@@ -151,7 +153,7 @@ def _windows_keys(on_keys: Callable[[str], None]) -> Iterator[None]:
         yield
     finally:
         has_ended.set()
-        reading.join()
+        reading.join(KEY_TIMEOUT_S)
 
 
 def _read(descriptor: int) -> bytes:

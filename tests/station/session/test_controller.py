@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Awaitable, Callable, Iterator
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +27,8 @@ from station.session.controller import SessionController
 from station.session.listing import list_sessions
 from station.session.open_session import CommandRefused
 from station.session.summary import Summary
-from station.session.worker import Worker
+from station.session.trial_runner import TrialRunner
+from station.session.worker import Worker, WorkerKilled
 from tests.station.console.served import write_config
 from tests.station.refusals import raises_refusal
 from tests.station.session.benched import simulated_bench
@@ -98,6 +99,35 @@ def test_a_wrong_set_up_is_refused_without_a_folder(
     with raises_refusal(CommandRefused, code):
         controller.session.begin(setup)
     assert controller.session.folder is None and not controller.session.config.session.folder.exists()
+
+
+class SilentBench:
+    """A simulated bench that answers no request."""
+
+    clock_port = 0
+
+    def __init__(self) -> None:
+        self.is_asked = threading.Event()
+
+    def request(self, _request: object) -> None:
+        self.is_asked.set()
+        threading.Event().wait()
+
+
+def test_the_end_waits_for_no_answer_of_the_simulated_bench(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    bench = SilentBench()
+    runner = TrialRunner(controller.session, bench)  # type: ignore[arg-type]
+
+    async def arm_and_end() -> None:
+        arming = asyncio.ensure_future(runner.arm())
+        await until(bench.is_asked.is_set)
+        arming.cancel()
+
+    program = threading.Thread(target=asyncio.run, args=(arm_and_end(),), daemon=True)
+    program.start()
+    program.join(scaled_timeout(10.0))
+    assert not program.is_alive()
 
 
 def test_a_session_is_resumed_with_its_plan(controller: SessionController) -> None:
@@ -281,7 +311,7 @@ def test_an_unexpected_error_of_the_summary_is_a_message(
         raise ZeroDivisionError("oh")
 
     controller.session.begin(SETUP)
-    monkeypatch.setattr(Worker, "run", fail)
+    monkeypatch.setattr(Worker, "run_with_progress", fail)
     run(controller.reviewer.finish())
     figures = {"error": "ZeroDivisionError: oh"}
     assert controller.session.message == str(Message(TerminalCode.SUMMARY_FAILED, figures))
@@ -292,7 +322,7 @@ def test_after_a_killed_fit_the_operator_decides_without_figures(
     controller: SessionController, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def die(*_: object) -> None:
-        raise BrokenProcessPool
+        raise WorkerKilled
 
     controller.session.begin(SETUP)
     name = put_recording(controller)

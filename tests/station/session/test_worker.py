@@ -1,21 +1,22 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import os
 import signal
 import subprocess
 import sys
 import threading
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import psutil
 import pytest
 
 from station.progress import Progress
-from station.session.worker import Worker
+from station.session.worker import Worker, WorkerKilled
 from tests.timeout import scaled_timeout
 
+ROOT = Path(__file__).parents[3]
 OF_THE_FIT = {"scipy.signal", "scipy.stats", "numba"}
 
 
@@ -33,7 +34,7 @@ def test_a_worker_that_is_killed_is_replaced() -> None:
         first = await worker.run(os.getpid)
         psutil.Process(first).kill()
         second = await worker.run(os.getpid)
-        with pytest.raises(BrokenProcessPool):
+        with pytest.raises(WorkerKilled):
             await worker.run(os._exit, 1)
         worker.close()
         return first, second
@@ -78,14 +79,22 @@ def test_a_closed_worker_ends_in_the_middle_of_a_function(tmp_path: Path) -> Non
         worker.close()
 
     asyncio.run(whole())
-    psutil.wait_procs([psutil.Process(int(pid.read_text()))] if _runs(pid) else [], scaled_timeout(60.0))
-    assert not _runs(pid)
+    ensure_ended(pid)
 
 
 def _work_for_ever(pid: Path) -> None:
+    _note(pid)
+    threading.Event().wait()
+
+
+def _note(pid: Path) -> None:
     pid.with_suffix(".new").write_text(str(os.getpid()))
     pid.with_suffix(".new").rename(pid)
-    threading.Event().wait()
+
+
+def ensure_ended(pid: Path) -> None:
+    psutil.wait_procs([psutil.Process(int(pid.read_text()))] if _runs(pid) else [], scaled_timeout(60.0))
+    assert not _runs(pid)
 
 
 def _runs(pid: Path) -> bool:
@@ -107,3 +116,71 @@ def test_ctrl_c_reaches_the_console_and_not_the_worker() -> None:
     heard = signal.getsignal(signal.SIGINT)
     assert asyncio.run(whole())
     assert signal.getsignal(signal.SIGINT) is heard
+
+
+def _block_the_interpreter(pid: Path) -> None:
+    """For ever, in a library's code that keeps Python's lock: no thread of this process notices anything."""
+    _note(pid)
+    if sys.platform == "win32":
+        ctypes.PyDLL("kernel32").Sleep(-1)
+    else:
+        ctypes.PyDLL(None).pause()
+
+
+def close_while_blocked(pid: Path) -> None:
+    """A program that closes its worker as soon as that is blocked, and ends."""
+
+    async def whole() -> None:
+        worker = Worker()
+        work = asyncio.ensure_future(worker.run(_block_the_interpreter, pid))
+        while not pid.exists():
+            await asyncio.sleep(0.01)
+        work.cancel()
+        worker.close()
+
+    asyncio.run(whole())
+
+
+def test_a_program_ends_although_a_library_blocks_its_worker(tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    program = f"import sys, pathlib, {__name__} as it; it.close_while_blocked(pathlib.Path(sys.argv[1]))"
+    command = [sys.executable, "-c", program, pid]
+    ran = subprocess.run(command, cwd=ROOT, timeout=scaled_timeout(60.0), check=False)  # noqa: S603
+    assert ran.returncode == 0
+    ensure_ended(pid)
+
+
+class Unpicklable(Exception):
+    def __init__(self) -> None:
+        super().__init__("the lock")
+        self.lock = threading.Lock()
+
+
+def _fail(error: type[Exception]) -> None:
+    raise error
+
+
+def _report_badly(progress: Progress) -> None:
+    progress("counting", 0, 1)
+
+
+def test_an_error_of_a_function_is_raised_and_the_worker_continues() -> None:
+    def refuse(*_: object) -> None:
+        raise LookupError
+
+    async def whole() -> tuple[int, int]:
+        worker = Worker()
+        first = await worker.run(os.getpid)
+        for error, raised in ((ZeroDivisionError, ZeroDivisionError), (Unpicklable, RuntimeError)):
+            with pytest.raises(raised):
+                await worker.run(_fail, error)
+        with pytest.raises(LookupError):
+            await worker.run_with_progress(refuse, _report_badly)
+        last = await worker.run(os.getpid)
+        worker.close()
+        with pytest.raises(WorkerKilled):
+            await worker.run(os.getpid)
+        return first, last
+
+    first, last = asyncio.run(whole())
+    assert first != last, "what a function sends after an error of its observer is discarded with its process"
