@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import hmac
+import logging
 import secrets
 import signal
 import socket
@@ -41,6 +42,8 @@ COOKIE = "station_token"
 HEARTBEAT_S = 1.0
 LISTENING_POLL_S = 0.01
 LIVE_POLL_S = 0.04
+SHUTDOWN_TIMEOUT_S = 3
+"""Wall seconds at the end for browsers to receive answers: one that is suspended never does."""
 CONSOLE_ID = secrets.token_hex(8)
 """A page reloads when its console was restarted."""
 
@@ -143,6 +146,7 @@ def serve(
         port_of_clock = None if is_simulated or speed is None else clock_port(config)
         controller = SessionController(config, speed or 1.0, bench, port_of_clock)
         stack.callback(controller.close)
+        logging.getLogger("uvicorn.error").addFilter(_is_no_cancellation)
         app.add_middleware(AccessMiddleware, token=token)
         app.add_api_route("/beat", answer_beat)
         app.add_api_route("/report", lambda: _report(controller.session.folder))
@@ -166,6 +170,7 @@ def serve(
             show_welcome_message=False,
             language="en-US",
             gzip_middleware_factory=CompressionMiddleware,
+            timeout_graceful_shutdown=SHUTDOWN_TIMEOUT_S,
         )
 
 
@@ -185,6 +190,11 @@ def ensure_free(host: str, port: int) -> None:
 
 def _end(*_: object) -> NoReturn:
     sys.exit(0)
+
+
+def _is_no_cancellation(record: logging.LogRecord) -> bool:
+    """Whether the record is none of an answer that was cancelled at the end, of which the server logs a traceback."""
+    return not (record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError))
 
 
 def _practice_config(config: StationConfig) -> StationConfig:

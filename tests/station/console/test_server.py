@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import sys
 from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin
 
+import psutil
 import pytest
 from nicegui.middlewares import RedirectWithPrefixMiddleware
 from starlette.responses import FileResponse
@@ -15,9 +17,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from station.config import parse_config
 from station.console.compression import CompressionMiddleware
-from station.console.server import COOKIE, AccessMiddleware, ServeError, serve
+from station.console.server import COOKIE, LOOPBACK, AccessMiddleware, ServeError, serve
 from station.messages.codes import ServeCode
+from tests.station.console.served import ServedConsole, write_config
 from tests.station.refusals import raises_refusal
+from tests.timeout import scaled_timeout
 
 TOKEN = "right-token"  # noqa: S105  (of the tests)
 
@@ -217,3 +221,20 @@ def test_a_response_that_is_missing_while_the_browser_waits_is_an_error() -> Non
 
     with pytest.raises(RuntimeError, match="No response"):
         request(without_response, "http.request")
+
+
+@pytest.mark.slow  # it starts a console, and waits for its time-out
+@pytest.mark.skipif(sys.platform == "win32", reason="terminate() is a kill there")
+def test_a_browser_that_is_suspended_within_a_request_does_not_keep_the_console(tmp_path: Path) -> None:
+    head = (
+        f"POST /_nicegui_ws/socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: {LOOPBACK[0]}\r\nContent-Length: 9\r\n"
+    )
+    with (
+        ServedConsole(write_config(tmp_path)) as console,
+        socket.create_connection((LOOPBACK[0], console.port)) as browser,
+    ):
+        browser.sendall(f"{head}Expect: 100-continue\r\n\r\n".encode())
+        assert b" 100 " in browser.recv(100), "the console waits for the body"
+        process = psutil.Process(console.pid)
+        process.terminate()
+        assert process.wait(scaled_timeout(30.0)) == 0
