@@ -14,14 +14,18 @@ from queue import SimpleQueue
 from typing import Any, NoReturn
 
 from station.child import DETACHED, Child, ProcessLink, exit_at_once
+from station.errors import StationError
 from station.progress import Progress, silent
 
 NICENESS = 10
 """Recorder and console have priority."""
 
 
-class WorkerKilled(Exception):
+class WorkerKilled(StationError):
     """Two processes were killed by the same function, or the worker was closed."""
+
+    def __init__(self) -> None:
+        super().__init__("the process that fits was killed; check the free memory of this computer")
 
 
 class Worker:
