@@ -350,7 +350,7 @@ def test_a_session_ended_during_a_trial_has_its_report_and_is_resumed(browser: B
 
 
 def press_tab_until(page: Page, button: str) -> None:
-    for _ in range(40):
+    for _ in range(200):  # a view that is drawn anew meanwhile takes the focus back to its start
         if page.evaluate("document.activeElement.innerText") == button:
             return
         page.keyboard.press("Tab")
