@@ -9,8 +9,10 @@ from scipy.optimize import minimize
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
+from solver.motion import decimate, differentiate
 from solver.multibody.postures import postures
-from solver.suit.cord import cord_line, ensure_possible, line_between, suit_forces, with_migration
+from solver.raise_arm import simulate_arm_raise
+from solver.suit.cord import check_cord, cord_line, ensure_possible, line_between, suit_forces, with_migration
 from solver.suit.suit import read_suit
 from tests.solver.refusals import raises_refusal
 
@@ -67,7 +69,7 @@ def test_the_equilibrium_is_where_the_stored_energy_is_least(line):
 def test_a_cuff_too_soft_to_hold_the_cord_finds_no_rest(line):
     soft = replace(ARM, stiffness=20.0)
     with raises_refusal(SolverCode.CUFFS_NOT_AT_REST, naming="20 N/m"):
-        suit_forces(SUIT, line, np.array([0.1]), (WAIST, soft), yields=True)
+        suit_forces(SUIT, line, np.array([0.1, 0.9]), (WAIST, soft), yields=True)
 
 
 def test_along_the_bone_a_cuff_slips_in_its_body_and_the_line_changes(line):
@@ -184,6 +186,8 @@ def test_a_damped_cord_pulls_more_while_it_lengthens_and_never_pushes(line):
     assert (damped.tension[0, 1:] > plain.tension[0, 1:])[lengthens & taut].all()
     assert (damped.tension >= 0).all()
     assert not damped.tension[2].any()
+    strong = suit_forces(replace(SUIT, damping=1e5), line, REST_LENGTHS).tension[0, 1:]
+    assert strong[lengthens & taut].any() and not strong[~lengthens].any()
 
 
 def test_the_cords_points_ride_on_their_bodies():
@@ -195,6 +199,22 @@ def test_the_cords_points_ride_on_their_bodies():
     assert line.length[1] < line.length[0]  # the raised arm gives the cord slack
     apart = np.linalg.norm(SUIT.waist.location - SUIT.shoulder.location)
     np.testing.assert_allclose(np.linalg.norm(line.anchors[:, 0] - line.shoulder, axis=1), apart)
+
+
+@pytest.mark.parametrize("cuffs", [CUFFS, (None, ARM), (None, None)])
+def test_a_measured_tension_differs_from_the_predicted_one_by_an_offset_and_a_spread(cuffs):
+    motion = decimate(differentiate(simulate_arm_raise(MODEL)), 60).cut(slice(0, 10))
+    suit = replace(SUIT, reference_rest_length=0.7)
+    stretch = cord_line(suit, MODEL, postures(MODEL, motion.positions, motion.speeds), motion.interval).length - 0.7
+    expected = series(SUIT.stiffness, *(cuff.stiffness for cuff in cuffs if cuff)) * np.maximum(stretch, 0.0)
+    measured = expected + 5.0 + np.resize([2.0, -2.0], 10)
+    found = check_cord(suit, MODEL, motion, measured, cuffs)
+    np.testing.assert_allclose(found.predicted, expected, atol=1e-9)
+    assert (found.offset, found.rms) == pytest.approx((5.0, 2.0), abs=1e-9)
+    assert found.correlation == pytest.approx(np.corrcoef(measured, expected)[0, 1], abs=1e-9)
+    assert np.isnan(check_cord(suit, MODEL, motion, np.full(10, 5.0), cuffs).correlation)
+    slack = check_cord(replace(SUIT, reference_rest_length=2.0), MODEL, motion, measured, cuffs)
+    assert np.isnan(slack.correlation) and slack.offset == pytest.approx(measured.mean())
 
 
 LENGTHS = np.array([0.5, 0.53125, 0.625, 0.5])  # m, exact in binary
