@@ -112,6 +112,8 @@ def once_released(act: Callable[[], T], path: Path) -> T:
         except PermissionError as error:
             if sys.platform != "win32":
                 raise
+            if path.is_dir():  # which Windows calls a lack of permission
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path)) from error
             if time.perf_counter() > give_up_s:
                 in_use = "open in another program, or read-only; close it there and run the command again"
                 raise PermissionError(errno.EACCES, in_use, str(path)) from error

@@ -66,7 +66,10 @@ def test_the_published_method_is_printed_without_cuffs_json(station, folder: Pat
     assert not (folder / "cuffs.json").exists()
 
 
-def test_the_published_method_is_written_to_the_output_file(station, folder: Path) -> None:
+def test_the_published_method_is_written_to_the_output_file(
+    station, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
     ran = station("fit", folder, "--method", "paper", "--output", folder / "paper.json")
     assert ran.code == 0
     assert "predicted" in ran.out

@@ -233,7 +233,7 @@ def test_an_incomplete_line_is_ignored_and_not_joined_to_the_next(tmp_path: Path
 def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
     write_setup(tmp_path, SETUP)
     path = tmp_path / JOURNAL_FILE
-    path.write_text(path.read_text() + line + "\n")
+    path.write_bytes(path.read_bytes() + f"{line}\n".encode())
     with raises_refusal(JournalError, JournalCode.WRONG_LINE) as caught:
         read_journal(tmp_path)
     assert figures_of(caught.value) == {"path": str(path), "line": 2, "found": repr(line[:60])}

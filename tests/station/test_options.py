@@ -14,6 +14,7 @@ from typing import Any, get_type_hints
 
 import pytest
 import typer
+from rich.console import detect_legacy_windows
 from typer.models import ParameterInfo
 
 from station.cli import VERBS, app
@@ -133,7 +134,9 @@ def test_a_paragraph_of_a_help_text_breaks_only_where_the_line_is_full(verb: str
     lines = [line.strip() for line in text.splitlines()]
     for line, following in pairwise(lines):
         if line and following:
-            assert len(f" {line} {following.split()[0]} ") > width, line
+            assert len(f" {line} {following.split()[0]} ") > width - detect_legacy_windows(), (
+                line
+            )  # rich leaves a column
 
 
 def test_there_are_units_in_square_brackets() -> None:

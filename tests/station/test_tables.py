@@ -114,7 +114,7 @@ def test_the_conditions_of_an_assessment_are_not_broken_on_a_terminal_of_80_colu
 def test_a_narrow_terminal_does_not_shorten_a_number_or_a_key() -> None:
     table = FoldedTable("stream", "samples", "key")
     table.add_row("/force", "92002", "protocol.step_masses_kg")
-    console = Console(file=io.StringIO(), width=24)
+    console = Console(file=io.StringIO(), width=24, legacy_windows=False)
     with console.capture() as capture:
         console.print(table)
     shown = capture.get()

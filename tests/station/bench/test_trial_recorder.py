@@ -394,6 +394,7 @@ class _CountsStops:
 
 @pytest.fixture
 def daemon() -> Iterator[_CountsStops]:
+    signal.set_wakeup_fd(-1)  # an event loop of an earlier test leaves its closed socket on Windows
     before = {number: signal.getsignal(number) for number in ENDINGS}
     counts = _CountsStops()
     _stop_on_signals(counts)

@@ -376,4 +376,4 @@ def test_a_published_solution_that_was_cut_within_a_row_is_refused_with_its_line
 
 def copied(folder: Path, lift: str, name: str | None = None) -> None:
     for path in SUBJECT.glob(f"{lift}*"):
-        shutil.copy(path, folder / path.name.replace(lift, name or lift))
+        shutil.copyfile(path, folder / path.name.replace(lift, name or lift))
