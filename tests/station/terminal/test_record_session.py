@@ -102,8 +102,8 @@ def lead_by_keys(bench: Path) -> None:
         screen.until("trials kept")
         screen.read_to_end()
         assert screen.child.wait(scaled_timeout(PATIENCE_S)) == 0
+        assert max(len(line) for line in screen.lines()) <= 80
     assert list(read_journal(bench / "simulated" / "monday").redone.values()) == ["the rope hunng"]
-    assert max(len(line) for line in screen.lines()) <= 80
 
 
 @contextmanager
