@@ -13,7 +13,7 @@ from contextlib import suppress
 from queue import SimpleQueue
 from typing import Any, NoReturn
 
-from station.child import DETACHED, Child, ProcessLink, exit_at_once
+from station.child import Child, ProcessLink, exit_at_once
 from station.errors import StationError
 from station.progress import Progress, silent
 
@@ -107,7 +107,7 @@ class Worker:
             if self._is_closed:
                 raise WorkerKilled
             if self._child is None:
-                self._child = Child("station.session.worker", **DETACHED)
+                self._child = Child("station.session.worker")
             return self._child
 
     def _discard_child(self) -> None:
