@@ -31,7 +31,7 @@ from solver.linked import KernelCompiler, LinkedCompiler, PrivateKernelCompiler
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
-LOCK_TIMEOUT_S = 900.0  # the longest kernel takes half a minute; with 16 busy loops beside it, ten times as long
+LOCK_TIMEOUT_S = 900.0  # the longest kernel takes half a minute; with 16 busy loops, ten times as long
 
 _UNREADABLE = (AttributeError, ImportError, EOFError, IndexError, ValueError, UnpicklingError)
 """Of a kernel that was cached for a type that was renamed or moved, or of a file that lost its end as power failed."""

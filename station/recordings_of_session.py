@@ -61,7 +61,7 @@ def _is_copy(path: Path) -> bool:
 
 
 def _are_of_different_trials(copy: Path, original: Path) -> bool:
-    """False where one of the manifests cannot be read: a recovered file has what is left of its original."""
+    """False where one of the manifests cannot be read: a recovered file holds the readable part of its original."""
     with suppress(RecordingError, OSError):
         return _identity(read_manifest(copy)) != _identity(read_manifest(original))
     return False

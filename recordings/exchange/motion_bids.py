@@ -1,4 +1,4 @@
-"""One trial as files of a Motion-BIDS data set: markers as motion, the force as physio beside it.
+"""One trial as files of a Motion-BIDS data set: markers as motion, the force as physio.
 
 After bids-specification.readthedocs.io, Motion (BIDS 1.8 and later): motion.tsv has no header, its columns are the rows
 of channels.tsv; what is recorded beside the motion at a rate of its own is physio, with its StartTime against it.

@@ -342,6 +342,6 @@ def _unwind(problem: Problem, seen: Array, value: Array, near: Array, q: Array, 
 
 @compiled
 def _merit(problem: Problem, seen: Array, value: Array, q: Array, work: IkWorkspace) -> float:
-    """Cost, and the gap beside it."""
+    """Cost and gap."""
     gap = evaluate_gap(problem.constraints, q, work.pose, work.trial_gap)
     return gap + evaluate_cost(problem.markers, Targets(seen, work.share, value, problem.pull), q, work.pose)

@@ -2,7 +2,7 @@
 
 Derivatives by the coordinates come from the kernel of inverse kinematics. The kernel of inverse kinematics sums over
 markers: it returns Σ_m w_m J_mᵀ (p_m − x_m). With w = 1 on one marker alone and x = p − e_a, that sum is row a of the
-marker's Jacobian, so the kernel serves here without another one beside it.
+marker's Jacobian, so the kernel serves here without another one.
 """
 
 from __future__ import annotations

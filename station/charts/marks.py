@@ -101,7 +101,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Rule:
-    """A straight line across the whole panel, at y (is_upright: at x), with a word beside it."""
+    """A straight line across the whole panel, at y (is_upright: at x), with a label."""
 
     at: float
     colour: Colour = "ink"

@@ -177,7 +177,7 @@ def result_files(output: Path) -> tuple[Path, Path, Path]:
 
 
 def write_person(output: Path, person: PersonBody, inputs: PersonInputs) -> tuple[Path, ...]:
-    """Write output (.osim), and beside it …-ik.xml and …-body.json; returns their paths."""
+    """Write output (.osim), and in its folder …-ik.xml and …-body.json; returns their paths."""
     if output.suffix != ".osim":
         raise ModelError(
             f"the person's model should be written as .osim and is {output.name}; choose such a name",

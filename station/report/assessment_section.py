@@ -1,4 +1,4 @@
-"""The report's section on the suit, from assessment.json and the activations beside it.
+"""The report's section on the suit, from assessment.json and the activations in its folder.
 
 The picture of the body with the suit has three postures, muscles coloured by the change of their activation.
 """

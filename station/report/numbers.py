@@ -179,7 +179,7 @@ def ends(entry: LocatedList, scale: float = 1.0) -> Number:
 
 
 def mean_with(entry: LocatedObject, key: str, scale: float = 1.0) -> Number:
-    """The number under a key with its interval, which is beside it under the key with `_ci95`."""
+    """The number under a key with its interval, which has the key with `_ci95`."""
     number, ci95 = entry[key], entry[f"{key}_ci95"]
     return Number(bracketed(number, ci95, scale), number, number.source, (ci95[0], ci95[1]))
 

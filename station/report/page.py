@@ -1,7 +1,7 @@
 """One self-contained page of all that a folder holds: recordings, fitted cuffs, assessment, and the hashes of them.
 
-report.json beside it lists every number of the page with its source. The text of the page follows from the files of the
-folder alone, so that it can be rendered again and compared; its figures follow from the samples, too.
+report.json in its folder lists every number of the page with its source. The text of the page follows from the files of
+that folder alone, so that it can be rendered again and compared; its figures follow from the samples, too.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ def test_the_progress_of_a_function_reaches_the_console() -> None:
 
 
 def test_a_closed_worker_ends_in_the_middle_of_a_function(tmp_path: Path) -> None:
-    """A summary takes minutes, and the program waits for its process before it exits."""
+    """A summary takes minutes, and its process must not outlive the program."""
     pid = tmp_path / "pid"
 
     async def whole() -> None:
@@ -79,7 +79,7 @@ def test_a_closed_worker_ends_in_the_middle_of_a_function(tmp_path: Path) -> Non
         worker.close()
 
     asyncio.run(whole())
-    ensure_ended(pid)
+    assert_ended(pid)
 
 
 def _work_for_ever(pid: Path) -> None:
@@ -92,7 +92,7 @@ def _note(pid: Path) -> None:
     pid.with_suffix(".new").rename(pid)
 
 
-def ensure_ended(pid: Path) -> None:
+def assert_ended(pid: Path) -> None:
     psutil.wait_procs([psutil.Process(int(pid.read_text()))] if _runs(pid) else [], scaled_timeout(60.0))
     assert not _runs(pid)
 
@@ -147,7 +147,7 @@ def test_a_program_ends_although_a_library_blocks_its_worker(tmp_path: Path) -> 
     command = [sys.executable, "-c", program, pid]
     ran = subprocess.run(command, cwd=ROOT, timeout=scaled_timeout(60.0), check=False)  # noqa: S603
     assert ran.returncode == 0
-    ensure_ended(pid)
+    assert_ended(pid)
 
 
 class Unpicklable(Exception):
