@@ -129,16 +129,20 @@ class _Page:
         return tick
 
     async def run(self, action: Action) -> None:
-        """Perform the action of a button; a refusal is shown above the buttons until the next action."""
+        """Perform the action of a button; a refusal is shown above the buttons until the next action.
+
+        The action has the place of forms as its context: it, or a tick meanwhile, may replace the view of the button.
+        """
         try:
-            awaitable = action()
-            if awaitable is not None:
-                await awaitable
+            with self._form:
+                awaitable = action()
+                if awaitable is not None:
+                    await awaitable
         except (StationError, MassCheckError) as refused:
             self._refuse(str(refused))
         else:
             self._refuse("")
-        with self._client:  # meanwhile a tick may have replaced the view of the button, the context of this call
+        with self._client:
             self._tick()
 
     def _refuse(self, sentence: str) -> None:

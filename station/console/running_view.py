@@ -132,7 +132,7 @@ def state_of(telemetry: dict[str, Any]) -> str:
 
 
 def status_of(live: LiveTrial, needed: Collection[str] = ()) -> str:
-    """Always two lines, so that the layout does not move; needed are the labels of the trial, empty for all."""
+    """The state of the trial, and below it that of the streams; needed are the labels of the trial, empty for all."""
     latest = live.latest
     level = latest.get("sync_v")
     seen_alarm = [f"seen: {live.alarm}"] if live.alarm is not None and live.is_alarm_seen else []

@@ -6,6 +6,7 @@ import os
 import socket
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -67,8 +68,14 @@ class ServedConsole:
 
     python = sys.executable  # pytest --served-by replaces it
 
-    def __init__(self, config: Path, *options: str, port: int = 0) -> None:
-        self._config, self._options = config, options
+    def __init__(
+        self,
+        config: Path,
+        *options: str,
+        port: int = 0,
+        program: Sequence[str] = ("-c", "from station.cli import main; main()"),
+    ) -> None:
+        self._config, self._options, self._program = config, options, program
         self.address, self.port = "", port
         self._child: subprocess.Popen[str] | None = None
 
@@ -79,7 +86,7 @@ class ServedConsole:
                 self.port = free.getsockname()[1]
         words = ["serve", "--config", str(self._config), "--port", str(self.port), *self._options]
         self._child = subprocess.Popen(  # noqa: S603  (our own words)
-            [self.python, "-c", "from station.cli import main; main()", *words],
+            [self.python, *self._program, *words],
             stdout=subprocess.PIPE,
             text=True,
             cwd=self._config.parent,

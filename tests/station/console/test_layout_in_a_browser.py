@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import json
+import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, expect
 
 from station.journal import Recorded, Setup, write_recorded, write_setup
-from tests.station.console.browsing import CHROMIUM, buttons_are_in_view, open_page, patience_ms, seen
+from tests.station.console.browsing import (
+    CHROMIUM,
+    begin,
+    buttons_are_in_view,
+    fits_on_the_screen,
+    open_page,
+    patience_ms,
+    runs,
+    seen,
+    until,
+)
 from tests.station.console.served import ServedConsole, write_config
 
 pytestmark = [
@@ -76,3 +89,53 @@ def test_a_session_begins_on_a_bench_with_faults_only_after_a_confirmation(brows
         page.get_by_role("button", name="Begin").click()
         page.get_by_role("button", name="Begin anyway").click()
         seen(page, "next: hand, static")
+
+
+MARKERS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4", "cuff_1", "rope_1", "rope_2")
+RATES_HZ = {"/emg": 2000.0, "/force": 1000.0, "/markers": 100.0, "/sync": 1000.0}
+MUSCLES = ("anterior deltoid", "middle deltoid", "posterior deltoid", "upper trapezius", "pectoralis major", "biceps")
+EVERYTHING = {
+    "state": "recording",
+    "sentence": "recording",
+    "problems": "frames of the capture are missing",
+    "sync_v": 5.0,
+    "recorded_s": 1234.5,
+    "edge_s": 0.5,
+    "lost_samples": 1240,
+    "marks": 0,
+    "dropped": 1853,
+    "slow_rate": 0.61,
+    "disk_left_s": 1.1e6,
+    "streams": {name: {"rate_hz": 0.97 * rate, "nominal_hz": rate} for name, rate in RATES_HZ.items()},
+    "force": [[t / 40, 155 + t / 400] for t in range(100)],  # above the limit: an alarm
+    "displacement": [[t / 40, t / 10] for t in range(100)],
+    "elevation": [],
+    "emg_uv": dict.fromkeys(MUSCLES, 123.4),
+    "seen": {name: name != "anchor_1" for name in MARKERS},
+    "points": [None, *([100.0 * n, 200.0, 50.0 * n] for n in range(6))],
+    "events": ["lost 1240 samples of /force: the buffer of the device overflowed"],
+}
+"""Telemetry of a slow bench with every warning at once."""
+
+
+def test_a_trial_with_every_warning_is_one_screen_and_no_line_is_cut(browser: Browser, tmp_path: Path) -> None:
+    program = (str(Path(__file__).with_name("shown_trial.py")), json.dumps({**EVERYTHING, "at": time.time()}))
+    with ServedConsole(write_config(tmp_path), program=program) as console:
+        page = open_page(browser, console.address)
+        begin(page)
+        page.keyboard.press("a")
+        runs(page)
+        seen(page, "STOP: ")
+        seen(page, "simulated bench runs at 0.61 of real time")
+        page.keyboard.press("s")
+        seen(page, "End this recording now?")
+        for _ in ("an alarm and a question", "its alarm silenced"):
+            for width, height in ((1440, 900), (1366, 768), (1024, 768), (768, 1024), (390, 844)):
+                page.set_viewport_size({"width": width, "height": height})
+                is_right = buttons_are_in_view if width == 390 else fits_on_the_screen  # a telephone scrolls
+                until(page, partial(is_right, page))  # the page follows its new size after a moment
+                assert page.locator(".status").evaluate("line => line.scrollHeight <= line.clientHeight"), width
+            page.keyboard.press("i")
+            seen(page, "seen: STOP: ")
+        page.keyboard.press("y")
+        seen(page, "the shown trial ends")

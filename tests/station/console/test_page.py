@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import math
+from collections.abc import Awaitable
 from typing import Any
 
 import pytest
@@ -25,30 +26,43 @@ from tests.station.console.live_source import live_setup
 from tests.station.refusals import raises_refusal
 
 
-def test_a_view_that_is_replaced_during_an_action_does_not_stop_the_page(monkeypatch) -> None:
-    scripts: list[Client] = []
+@pytest.mark.parametrize("is_deleted_first", [True, False])
+def test_an_action_that_deletes_its_button_still_reaches_the_page(monkeypatch, is_deleted_first: bool) -> None:
+    reached: list[Client] = []
     client = Client(page("/"), request=None)
     shown: Any = _Page.__new__(_Page)  # without its elements: they need a session
     shown._client = client
+    with client:
+        shown._form = ui.column()
     monkeypatch.setattr(shown, "_refuse", lambda _: None)
-    monkeypatch.setattr(shown, "_tick", lambda: scripts.append(ui.context.client))
+    monkeypatch.setattr(shown, "_tick", lambda: reached.append(ui.context.client))
 
     async def press() -> None:
         with client, ui.row() as view:
             pass
         inside = view.default_slot
 
-        async def act() -> None:
+        def delete() -> None:
             nonlocal view
             view.delete()
             del view
             gc.collect()
 
+        async def act() -> None:
+            if not is_deleted_first:
+                delete()
+            reached.append(ui.context.client)
+
+        def act_after_deletion() -> Awaitable[None]:
+            delete()
+            reached.append(ui.context.client)
+            return act()
+
         with inside:
-            await shown.run(act)
+            await shown.run(act_after_deletion if is_deleted_first else act)
 
     asyncio.run(press())
-    assert scripts == [client]
+    assert reached and set(reached) == {client}
 
 
 CHARTS = pytest.mark.parametrize(

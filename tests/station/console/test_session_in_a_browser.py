@@ -308,21 +308,6 @@ def test_a_rehearsal_by_keyboard_is_readable_on_a_tablet_in_light_and_dark(brows
     assert not (tmp_path / "sessions").exists()
 
 
-@pytest.mark.parametrize(("width", "height"), [(1366, 768), (1024, 768)])
-def test_a_trial_with_a_slow_bench_fits_the_screen_and_shows_the_rate(
-    browser: Browser, tmp_path: Path, width: int, height: int
-) -> None:
-    """No machine keeps a pace of 500."""
-    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated", "--speed", "500") as console:
-        page = open_page(browser, console.address, width, height)
-        begin(page)
-        page.keyboard.press("a")
-        seen(page, re.compile(r"simulated bench runs at \d+\.\d\d of real time"))
-        assert fits_on_the_screen(page)
-        stop(page)
-        seen(page, "Keep (k)")
-
-
 def test_a_session_ended_during_a_trial_has_its_report_and_is_resumed(browser: Browser, tmp_path: Path) -> None:
     with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "5") as console:
         page = open_page(browser, console.address, 1366, 768)
