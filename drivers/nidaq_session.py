@@ -25,8 +25,8 @@ FOLDER = ".cuffstation"
 files while the server continues to run."""
 
 LONGEST_ROUND_TRIP = 0.1
-"""Of one call, as a fraction of the time-out for connecting (0.3 s of 3 s): opening takes forty calls in a row, and a
-trial waits 15 s for its devices."""
+"""Of one call, as a fraction of the time-out for connecting (0.3 s of 3 s): opening takes forty calls in a row, and the
+check of the bench waits 15 s for its devices."""
 ROUND_TRIPS = 3  # the fastest counts: a busy machine may delay one
 
 NOTED_NAME = re.compile(r"cuffstation_[0-9a-f]{32}")

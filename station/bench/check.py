@@ -42,7 +42,9 @@ RATE_TOLERANCE = 0.1
 SATURATION = 0.99
 """Fraction of full scale from which a reading counts as saturated."""
 GRADES = {"good": "[green]ok[/]", "doubtful": "[yellow]?[/]", "bad": "[red]no[/]"}
-OPEN_S = 5.0
+OPEN_S = 15.0
+"""Wall seconds for all devices to open: longer than a driver waits for a device that is off. Loading NI's library alone
+took 3 s under Wine on a busy computer."""
 LISTEN_S = 1.5
 
 

@@ -32,6 +32,7 @@ from station.console.live_feed import LiveFeed
 from station.console.live_page import PATH as LIVE_PATH
 from station.console.live_page import show_live_page
 from station.console.page import show_page
+from station.end_signals import end_signals
 from station.errors import StationError
 from station.messages.codes import ServeCode
 from station.messages.message import Figures, Message
@@ -127,7 +128,7 @@ def serve(
     speed: float | None = None,
     seed: int = 1,
 ) -> None:
-    """Serve until Ctrl-C or SIGTERM.
+    """Serve until Ctrl-C, Ctrl-Break or SIGTERM, or until the terminal is closed.
 
     is_simulated: with simulated devices of its own, whose world runs at the pace `speed` (default 1). Without it, speed
     is the pace of a simulated bench in another process, at the configured addresses; None means real devices.
@@ -138,6 +139,9 @@ def serve(
     token = None if host in LOOPBACK else secrets.token_urlsafe(16)
     address = f"http://{f'[{host}]' if ':' in host else host}:{port}/" + (f"?token={token}" if token else "")
     signal.signal(signal.SIGTERM, _end)  # the web server shuts down, and then raises the signal again
+    for number in set(end_signals()) - {signal.SIGINT, signal.SIGTERM}:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+            signal.signal(number, lambda *_: signal.raise_signal(signal.SIGTERM))
     with ExitStack() as stack:
         bench = None
         if is_simulated:

@@ -15,6 +15,8 @@ import psutil
 import pytest
 
 from station.child import Child
+from station.end_signals import end_signals
+from tests.station.child_process import press
 from tests.station.children import start
 from tests.timeout import scaled_timeout
 
@@ -161,12 +163,11 @@ def test_a_library_loads_while_a_message_is_waited_for_and_standard_input_is_emp
         assert child.ensure_ended(scaled_timeout(PATIENCE_S)) == 5
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C reaches a whole console there, and not one process")
 def test_keys_that_end_the_parent_do_not_end_the_child() -> None:
     with running("echo") as child:
         assert answer(child, {"n": 1}) == {"n": 1}
-        for number in (signal.SIGINT, signal.SIGHUP):
-            child.process.send_signal(number)
+        for key in set(end_signals()) - {signal.SIGTERM}:
+            press(key, child.process.pid)
         assert answer(child, {"n": 2}) == {"n": 2}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import sys
 from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin
@@ -19,6 +18,7 @@ from station.config import parse_config
 from station.console.compression import CompressionMiddleware
 from station.console.server import COOKIE, LOOPBACK, AccessMiddleware, ServeError, serve
 from station.messages.codes import ServeCode
+from tests.station.child_process import STOP, press
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.refusals import raises_refusal
 from tests.timeout import scaled_timeout
@@ -224,7 +224,6 @@ def test_a_response_that_is_missing_while_the_browser_waits_is_an_error() -> Non
 
 
 @pytest.mark.slow  # it starts a console, and waits for its time-out
-@pytest.mark.skipif(sys.platform == "win32", reason="terminate() is a kill there")
 def test_a_browser_that_is_suspended_within_a_request_does_not_keep_the_console(tmp_path: Path) -> None:
     head = (
         f"POST /_nicegui_ws/socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: {LOOPBACK[0]}\r\nContent-Length: 9\r\n"
@@ -236,5 +235,5 @@ def test_a_browser_that_is_suspended_within_a_request_does_not_keep_the_console(
         browser.sendall(f"{head}Expect: 100-continue\r\n\r\n".encode())
         assert b" 100 " in browser.recv(100), "the console waits for the body"
         process = psutil.Process(console.pid)
-        process.terminate()
+        press(STOP, console.pid)
         assert process.wait(scaled_timeout(30.0)) == 0

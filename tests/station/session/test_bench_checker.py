@@ -107,7 +107,7 @@ class OpeningDevice:
 class SecondByLook(ManualClock):
     """A wall clock that is a second later at every look, and releases the device in the fourth second."""
 
-    timeout_scale = 0.6
+    timeout_scale = 0.2
 
     def __init__(self, device: OpeningDevice) -> None:
         super().__init__()
@@ -123,7 +123,7 @@ class SecondByLook(ManualClock):
 def test_a_device_has_its_scaled_time_to_open(tmp_path: Path) -> None:
     device = OpeningDevice()
     survey, (name,) = survey_devices(StationConfig(), tmp_path, SecondByLook(device), lambda *_: [device])  # type: ignore[list-item]
-    assert survey.errors[name] == Message(CheckCode.NO_ANSWER, {"device": name, "timeout_s": 0.6 * OPEN_S})
+    assert survey.errors[name] == Message(CheckCode.NO_ANSWER, {"device": name, "timeout_s": 0.2 * OPEN_S})
 
 
 def test_while_a_trial_runs_the_devices_are_not_read() -> None:

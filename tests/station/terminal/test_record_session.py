@@ -7,7 +7,6 @@ import ctypes
 import os
 import re
 import select
-import signal
 import subprocess
 import sys
 import time
@@ -26,6 +25,7 @@ from station.messages.codes import CommandCode, CueCode, RefusalCode
 from station.session.controller import SessionController
 from station.terminal import run
 from station.terminal.events import CueChanged, Event, NextTrial, TrialSkipped, VerdictGiven, Waiting, WarningRaised
+from tests.station.child_process import STOP, press
 from tests.station.command import Ran, assert_refused
 from tests.station.console.served import write_config
 from tests.station.session.benched import simulated_bench
@@ -51,7 +51,6 @@ def practice_folder(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="SIGTERM from another process ends a process at once on Windows")
 def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) -> None:
     with Headless(bench, *PRACTICE) as session:
         opened = session.until("session_opened")
@@ -63,7 +62,7 @@ def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) ->
         session.send("jump")
         answer = session.until("answer")
         assert answer["is_refused"] and answer["code"] == "command.unknown"
-        session.child.send_signal(signal.SIGTERM)
+        press(STOP, session.child.pid)
         ended = session.until("trial_ended")
         assert ended["accepted"] and ended["codes"] == ["operator_stop"]
         closed = session.until("session_closed")
