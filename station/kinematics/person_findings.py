@@ -35,7 +35,7 @@ MOST_DEVIATIONS = 3.5
 """Of a marker's offset, over the three axes together, before it is a finding."""
 BEYOND_RANGE = np.radians(20.0)
 MOST_BODY_WEIGHTS = 5.0
-"""Of the force in the joint. Instrumented shoulders measured up to 2 (docs/joint-force.md), and models have shown up to
+"""Of the force in the joint. Instrumented shoulders measured up to 2 (docs/validation.md), and models have shown up to
 2.1 times the measured peak (docs/motion.md).
 """
 SWAYING, MOVING = 0.02, 0.10

@@ -43,7 +43,7 @@ def test_a_file_is_short_and_named_by_its_noun() -> None:
 
 
 def test_no_child_reads_standard_input_and_no_thread_waits_in_a_read_of_it() -> None:
-    """On Windows a pending read of a pipe blocks libraries that load (docs/decisions/0060)."""
+    """On Windows a pending read of a pipe blocks libraries that load (docs/decisions/settled.md)."""
     starting = {name_of(path) for path in SOURCES if re.search(r"Popen\(|create_subprocess|\bos\.spawn", text_of(path))}
     assert starting == {"station/child.py", "station/viewer/viewer.py"}, "children are started with a Child"
     assert all("stdin=subprocess.DEVNULL" in text_of(ROOT / name) for name in starting)

@@ -86,7 +86,8 @@ def test_every_file_that_a_page_names_exists() -> None:
 def test_decisions_are_numbered_without_gap_or_double_and_their_titles_repeat_the_number() -> None:
     decisions = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
     settled = (ROOT / "docs" / "decisions" / "settled.md").read_text(encoding="utf-8")
-    numbers = sorted([page.name[:4] for page in decisions] + re.findall(r"^\| (\d{4}) \|", settled, re.M))
+    lines = re.findall(r"^- (\d{4}(?:, \d{4})*): ", settled, re.M)
+    numbers = sorted([page.name[:4] for page in decisions] + [one for line in lines for one in line.split(", ")])
     assert numbers == [f"{number:04d}" for number in range(1, len(numbers) + 1)]
     titles = {page.name: page.read_text(encoding="utf-8").splitlines()[0] for page in decisions}
     assert {name: title for name, title in titles.items() if not title.startswith(f"# {name[:4]} ")} == {}

@@ -150,7 +150,7 @@ def test_there_are_at_least_forty_terms_and_none_twice() -> None:
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
 def test_the_place_of_a_term_exists(row: list[str]) -> None:
-    _term, _symbol, _unit, meaning, place = row
+    _term, meaning, place = row
     assert meaning
     named = re.fullmatch(r"`([\w/]+\.py)(?:::(\w+)(?:\.(\w+))?)?`", place)
     assert named is not None, place
