@@ -253,7 +253,12 @@ def load_steps(setup: Setup, config: StationConfig) -> tuple[float, ...]:
 
 
 def describe_plan(setup: Setup, config: StationConfig) -> str:
-    masses = " + ".join(f"{mass:g}" for mass in load_steps(setup, config))
-    motions = f", motions {', '.join(setup.conditions)}" if setup.conditions else ""
-    steps = f" and steps of {masses} kg" if masses else ""
-    return f"{setup.repeats} repeats of {', '.join(setup.cuffs)}{steps}{motions}"
+    """Cuffs, repeats, load steps and motions of a session, on one line."""
+    parts = [f"motions {', '.join(setup.conditions)}"] if setup.conditions else []
+    if setup.cuffs:
+        masses = " + ".join(f"{mass:g}" for mass in load_steps(setup, config))
+        repeats = "1 repeat" if setup.repeats == 1 else f"{setup.repeats} repeats"
+        parts.insert(
+            0, f"{repeats} of {', '.join(setup.cuffs)}" + (f" with load steps of {masses} kg" if masses else "")
+        )
+    return ", ".join(parts)

@@ -12,11 +12,16 @@ import pytest
 from station.config import StationConfig, parse_config
 from station.journal import Decision, Journal, Recorded, Setup
 from station.messages.codes import CommandCode
+from station.messages.message import Message
 from station.protocol import TrialSpec
 from station.session.plan_status import (
     PlanStatus,
     check_setup,
+    describe_plan,
     is_donned_without_trial,
+    is_subject_code,
+    kept_recordings,
+    load_steps,
     looks_like_a_name,
     minutes_left,
     plan_status,
@@ -109,6 +114,20 @@ def test_a_redone_trial_is_next_until_it_is_accepted(session) -> None:
     assert session(first, (recorded("hand", "static", run=2), ACCEPT)).spec == session().trials[1]
 
 
+def test_the_recordings_kept_of_a_trial_are_accepted_and_not_redone() -> None:
+    other_places = (recorded("elbow", "static"), recorded("hand", "dynamic"), recorded("hand", "static", 2))
+    runs = [recorded("hand", "static", run=run) for run in (1, 2, 3, 4)]
+    trials = (*runs, recorded("hand", "static", donning="2"), *other_places)
+    verdicts = {trial.file: ACCEPT for trial in trials if trial is not runs[3]}
+    journal = Journal(SETUP, trials, verdicts | {runs[0].file: REDO})
+    assert kept_recordings(TrialSpec("hand", "static", 1, donning="1"), journal) == runs[1:3]
+
+
+def test_every_trial_of_the_plan_has_a_state(session) -> None:
+    plan = session((recorded("hand", "static"), ACCEPT), setup=ONE_CUFF, skipped=frozenset({session().trials[1]}))
+    assert [plan.state_of(trial) for trial in plan.trials] == ["kept", "skipped", "next", "to come"]
+
+
 def test_a_skipped_trial_is_not_next_and_counts_as_skipped_until_it_is_recorded(session) -> None:
     first, second, *_ = session().trials
     skipped = frozenset({first, TrialSpec("forearm", "static", 1, donning="1")})
@@ -142,6 +161,12 @@ def test_the_time_left_is_that_of_the_protocol(session) -> None:
     journal = Journal(ONE_CUFF)
     assert minutes_left(session(setup=ONE_CUFF), journal, PACED) == round((2 * 5 * 12 + 2 * 20 + 90 + 60 + 80) / 60)
     assert minutes_left(session(*accepted(ONE_CUFF, 4), setup=ONE_CUFF), journal, PACED) == 1
+
+
+def test_the_time_left_of_a_wearer_counts_the_pose_and_the_cycles(session) -> None:
+    """A pose of 5 s and two motions of 30 cycles of 4 s, 20 s for the decision on each; no cuff is donned."""
+    setup = replace(WEARER, cuffs=(), conditions=("unsuited", "slack"))
+    assert minutes_left(session(setup=setup), Journal(setup), WITH_BODY) == round((5 + 2 * 30 * 4 + 3 * 20) / 60)
 
 
 @pytest.mark.parametrize(("slower", "minutes"), [(1.0, 30), (2.0, 55), (0.5, 17), (100.0, 30)])
@@ -245,35 +270,64 @@ def test_a_code_is_not_a_name(word: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changed", "code"),
-    [
-        ({"repeats": 0}, CommandCode.WRONG_REPEATS),
-        ({"repeats": 1001}, CommandCode.WRONG_REPEATS),
-        ({"step_masses_kg": (1.5, 0.0)}, CommandCode.WRONG_MASSES),
-        ({"step_masses_kg": (math.inf,)}, CommandCode.WRONG_MASSES),
-        ({"step_masses_kg": (math.nan,)}, CommandCode.WRONG_MASSES),
-    ],
+    ("word", "is_code"), [("P01", True), ("7", True), ("P" * 32, True), ("P" * 33, False), ("P 1", False), ("", False)]
 )
-def test_impossible_numbers_are_refused(changed: dict[str, Any], code: CommandCode) -> None:
-    fault = check_setup(
-        replace(Setup("P01", "", ("hand",), 1), **changed), parse_config({"cuffs": {"hand": CUFF}}, "test")
-    )
-    assert fault is not None and fault.code == code
+def test_a_code_is_of_ascii_letters_and_digits_that_a_file_name_can_have(word: str, is_code: bool) -> None:
+    assert is_subject_code(word) is is_code
 
 
 CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
+TWO_CUFFS = parse_config({"cuffs": {"hand": CUFF, "waist": CUFF}}, "test")
+WITH_BODY = parse_config({"cuffs": {"hand": CUFF}, "body": {"markers": ["a", "b", "c"], "cycles": 30}}, "test")
 
 
 @pytest.mark.parametrize(
-    ("cuffs", "code"),
+    ("changed", "fault"),
     [
-        (("hand", "waist"), None),
-        ((), CommandCode.NO_CUFF_CHOSEN),
-        (("hand", "knee"), CommandCode.UNKNOWN_CUFF),
-        (("hand", "waist", "hand"), CommandCode.REPEATED_CUFF),
+        ({}, None),
+        ({"subject": ""}, Message(CommandCode.NO_SUBJECT)),
+        ({"subject": "../P"}, Message(CommandCode.WRONG_SUBJECT, {"subject": "'../P'"})),
+        ({"number": "1 "}, Message(CommandCode.WRONG_NUMBER, {"number": "'1 '"})),
+        ({"repeats": 0}, Message(CommandCode.WRONG_REPEATS, {"repeats": 0, "most": 1000})),
+        ({"repeats": 1000}, None),
+        ({"repeats": 1001}, Message(CommandCode.WRONG_REPEATS, {"repeats": 1001, "most": 1000})),
+        ({"step_masses_kg": (1.5, 0.25)}, None),
+        ({"step_masses_kg": (1.5, 0.0)}, Message(CommandCode.WRONG_MASSES, {"masses": "(1.5, 0.0)"})),
+        ({"step_masses_kg": (math.inf,)}, Message(CommandCode.WRONG_MASSES, {"masses": "(inf,)"})),
+        ({"step_masses_kg": (math.nan,)}, Message(CommandCode.WRONG_MASSES, {"masses": "(nan,)"})),
+        ({"cuffs": ("hand", "waist")}, None),
+        ({"cuffs": ()}, Message(CommandCode.NO_CUFF_CHOSEN, {"known": "hand, waist"})),
+        ({"cuffs": ("hand", "knee")}, Message(CommandCode.UNKNOWN_CUFF, {"unknown": "knee", "known": "hand, waist"})),
+        ({"cuffs": ("hand", "waist", "hand")}, Message(CommandCode.REPEATED_CUFF, {"repeated": "hand"})),
+        ({"conditions": ("slack",)}, Message(CommandCode.NO_BODY)),
     ],
 )
-def test_a_plan_has_every_cuff_once(cuffs: tuple[str, ...], code: CommandCode | None) -> None:
-    config = parse_config({"cuffs": {"hand": CUFF, "waist": CUFF}}, "test")
-    fault = check_setup(Setup("P01", "", cuffs, 1), config)
-    assert (fault and fault.code) == code
+def test_a_set_up_is_refused_for_its_first_fault(changed: dict[str, Any], fault: Message[CommandCode] | None) -> None:
+    assert check_setup(replace(Setup("P01", "", ("hand",), 1), **changed), TWO_CUFFS) == fault
+
+
+def test_a_session_of_motions_alone_needs_no_cuff() -> None:
+    assert check_setup(replace(WEARER, cuffs=()), WITH_BODY) is None
+
+
+def test_load_steps_of_the_set_up_come_before_those_of_the_configuration() -> None:
+    assert load_steps(SETUP, PACED) == (1.0, 1.0)
+    assert load_steps(replace(SETUP, step_masses_kg=(2.0,)), PACED) == (2.0,)
+
+
+@pytest.mark.parametrize(
+    ("setup", "text"),
+    [
+        (SETUP, "2 repeats of hand, elbow with load steps of 1 + 1 kg"),
+        (
+            replace(WEARER, step_masses_kg=(0.25,)),
+            "1 repeat of hand with load steps of 0.25 kg, motions unsuited, slack",
+        ),
+        (replace(WEARER, cuffs=()), "motions unsuited, slack"),
+    ],
+)
+def test_a_plan_is_described_on_one_line(setup: Setup, text: str) -> None:
+    conditions = setup.conditions[:2]
+    assert describe_plan(replace(setup, conditions=conditions), PACED) == text
+    no_steps = PACED.model_copy(update={"protocol": PACED.protocol.model_copy(update={"step_masses_kg": ()})})
+    assert describe_plan(ONE_CUFF, no_steps) == "2 repeats of hand"

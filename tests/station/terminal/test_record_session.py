@@ -238,7 +238,7 @@ def test_a_new_session_needs_a_subject_and_an_old_one_its_own_plan(station: Call
     assert not (tmp_path / "monday").exists()
     write_setup(tmp_path / "monday", Setup("P01", "", ("hand",), 1, has_bounce=False, number="monday"))
     ran = station("record", "--config", path, "--session", tmp_path / "monday", "--headless", "--repeats", 5)
-    assert ran.code == 1 and "was planned with 1 repeats of hand" in ran.err
+    assert ran.code == 1 and "was planned with 1 repeat of hand" in ran.err
 
 
 def test_a_plan_that_names_a_cuff_twice_is_wrong_usage(station: Callable[..., Ran], tmp_path: Path) -> None:
