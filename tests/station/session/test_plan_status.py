@@ -157,16 +157,29 @@ PACED = parse_config({"protocol": {"step_masses_kg": [1, 1], "hold_s": 7, "swing
 
 
 def test_the_time_left_is_that_of_the_protocol(session) -> None:
-    """Two static trials of 5 loads, two dynamic ones of 20 s, one donning, one pause of 60 s, four decisions."""
+    """Two static trials of 5 loads, two dynamic ones of 20 s, one donning, one pause of 60 s, four decisions; after the
+    first two, the cuff is worn already.
+    """
     journal = Journal(ONE_CUFF)
     assert minutes_left(session(setup=ONE_CUFF), journal, PACED) == round((2 * 5 * 12 + 2 * 20 + 90 + 60 + 80) / 60)
     assert minutes_left(session(*accepted(ONE_CUFF, 4), setup=ONE_CUFF), journal, PACED) == 1
+    done = accepted(ONE_CUFF, 2)
+    journal = replace(journal, recorded=tuple(trial for trial, _ in done))
+    assert minutes_left(session(*done, setup=ONE_CUFF), journal, PACED) == round((5 * 12 + 20 + 60 + 40) / 60)
 
 
 def test_the_time_left_of_a_wearer_counts_the_pose_and_the_cycles(session) -> None:
     """A pose of 5 s and two motions of 30 cycles of 4 s, 20 s for the decision on each; no cuff is donned."""
     setup = replace(WEARER, cuffs=(), conditions=("unsuited", "slack"))
     assert minutes_left(session(setup=setup), Journal(setup), WITH_BODY) == round((5 + 2 * 30 * 4 + 3 * 20) / 60)
+
+
+def test_the_time_left_of_a_dynamic_trial_is_that_of_its_swing_also_if_motions_are_configured(session) -> None:
+    last = accepted(replace(ONE_CUFF, repeats=1), 1)
+    journal = Journal(ONE_CUFF, recorded=tuple(trial for trial, _ in last))
+    assert minutes_left(session(*last, setup=replace(ONE_CUFF, repeats=1)), journal, WITH_BODY) == 1, (
+        "20 s, decision 20 s"
+    )
 
 
 @pytest.mark.parametrize(("slower", "minutes"), [(1.0, 30), (2.0, 55), (0.5, 17), (100.0, 30)])
