@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Derivatives = Literal["differences", "splines"]
 SHORT_STEP_PERIODS = 0.1
-"""Longest step between samples, in periods of the cut-off, that a spline bridges."""
+"""Longest gap, in periods of the cut-off, that a spline bridges."""
 LARGEST_COORDINATE = 1e6
 """[rad or m] Beyond any motion, also one in degrees or millimetres; a filter would spread it over all frames."""
 _SCALES = {"": 1.0, "s": 1.0, "rad": 1.0, "m": 1.0, "deg": np.pi / 180, "mm": 1e-3}
 """Unit of a column of a DataFrame → factor to SI."""
 LONGEST_STEP, SHORT_STEP_S = 1.5, 0.01
-"""Over the step of the grid, of a motion that is interpolated: one frame that is missing makes a step of 2. Any step is
-interpolated that is a tenth of a period at 10 Hz, more than is left of a motion after its low-pass filter."""
+"""A step is a gap above 1.5 steps of the even grid, since a missing frame makes a step of 2, and above 10 ms without a
+cut-off."""
 LEAST_STEP = 0.05
 """Over the step of the grid. A spline through two times that are closer multiplies the rounding of their values."""
 
@@ -160,8 +160,9 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
     Angles are converted to radians if the header has inDegrees=yes. Columns without a coordinate are ignored. A
     coordinate without a column is refused; with_defaults it keeps its default value, as in OpenSim, unless all are
     missing. A motion with uneven steps, as OpenSim's RRA and CMC write it, is interpolated to an even grid, and a row
-    that repeats the one before is left out; a motion with a gap, or with times in ms, is refused. Raises MotionError,
-    which names the file and the missing or malformed part.
+    that repeats the one before is left out; a motion with times in ms is refused. The functions that differentiate a
+    motion refuse one with a gap that is long for their cut-off. Raises MotionError, which names the file and the
+    missing or malformed part.
     """
     columns, table, header = read_table(path)
     return _motion(
@@ -247,14 +248,16 @@ def differentiate(
 
 
 def ensure_steps(motion: Motion, cutoff: float | None) -> None:
-    """Raise MotionError where the longest step of an interpolated motion is long for the cut-off [Hz]."""
-    if motion.steps is None or cutoff is None or len(motion.time) < 2:
+    """Raise MotionError where an interpolated motion has a gap that is long for the cut-off [Hz]; None: no filter."""
+    if motion.steps is None or len(motion.time) < 2 or (cutoff is not None and cutoff <= 0):
         return
     longest, interval = motion.steps[1], float(motion.time[1] - motion.time[0])
-    if longest > LONGEST_STEP * interval and longest * cutoff > SHORT_STEP_PERIODS:
+    limit = SHORT_STEP_S if cutoff is None else SHORT_STEP_PERIODS / cutoff
+    if longest > max(LONGEST_STEP * interval, limit) * (1 + 1e-6):  # times are printed with few decimals
+        condition = "without a filter" if cutoff is None else f"for a cut-off of {cutoff:g} Hz"
         raise MotionError(
-            f"the motion should have steps of at most {1e3 * SHORT_STEP_PERIODS / cutoff:.3g} ms for a cut-off of "
-            f"{cutoff:g} Hz and has {1e3 * longest:.3g} ms; lower the cut-off, or fill the gap",
+            f"the motion should have steps of at most {1e3 * limit:.3g} ms {condition} and has one of "
+            f"{1e3 * longest:.3g} ms; fill the gap, or choose a {'' if cutoff is None else 'lower '}cut-off",
             SolverCode.UNEVEN_TIME,
         )
 
@@ -350,16 +353,12 @@ def _on_even_grid(path: Path, time: Array, coordinates: Array) -> tuple[Array, A
     """Times and coordinates, interpolated where steps are uneven, and then the shortest and the longest step."""
     if is_even(time):
         return time, coordinates, None
-    steps, grid = np.diff(time), even_grid(time)
+    steps = np.diff(time)
     if steps.min() <= 0:
         later = float(time[int(np.flatnonzero(steps <= 0)[0]) + 1])
         sentence = f"{path.name} should have times that increase and has {later:g} s after an equal or later time"
         raise MotionError(f"{sentence}; sort the frames, or leave out repeated ones", SolverCode.UNEVEN_TIME)
-    if grid is None:
-        raise MotionError(
-            f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; fill the gap",
-            SolverCode.UNEVEN_TIME,
-        )
+    grid = even_grid(time)
     return grid, interpolated(time, coordinates, grid), (float(steps.min()), float(steps.max()))
 
 
@@ -405,16 +404,14 @@ def is_even(time: Array) -> bool:
     return step > 0 and (np.abs(steps - step).max() <= 0.01 * step or _is_rounded_grid(time))
 
 
-def even_grid(time: Array) -> Array | None:
-    """Times (frames,) at the median step, or the mean if that is longer, from the first to the last at most.
+def even_grid(time: Array) -> Array:
+    """Increasing times (frames,) at the median step, from the first to the last at most.
 
-    None where times do not increase, or where a step is longer than LONGEST_STEP and SHORT_STEP_S.
+    The mean step is used if it is longer by more than a tenth: an integrator may take most of its steps in a moment.
     """
     steps = np.diff(time)
-    median = float(np.median(steps))
-    step = max(median, float(np.mean(steps)))
-    if steps.min() <= 0 or steps.max() > max(LONGEST_STEP * median, SHORT_STEP_S):
-        return None
+    median, mean = float(np.median(steps)), float(np.mean(steps))
+    step = median if median > 0.9 * mean else mean
     grid: Array = time[0] + step * np.arange(int((time[-1] - time[0]) / step + 1e-6) + 1)
     return grid.clip(max=time[-1])
 
