@@ -11,6 +11,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path, PurePath, PurePosixPath
 
 from documents.plain_data import PlainDataError, parse_json
@@ -38,14 +39,37 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_checksums(folder: Path) -> dict[str, str]:
-    """Relative name, with slashes → SHA-256; empty if there is no SHA256SUMS."""
-    return _parsed(folder)[0]
+class Checksums:
+    """The list of a folder, and the comparison of its files with it; every file is hashed once.
 
+    sums        relative name, with slashes → SHA-256; empty without a list
+    malformed   numbers of lines that are not of the format, name a file elsewhere, or contradict another
+    lists_all   whether a file that is not in the list was added: the list of a session has all files
+    """
 
-def malformed_lines(folder: Path) -> list[int]:
-    """Numbers of the lines of SHA256SUMS that are not of the format, name a file elsewhere, or contradict another."""
-    return _parsed(folder)[1]
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.sha256 = folder, cache(self._sha256)
+        self.sums, self.malformed = _parsed(folder)
+        self.lists_all = (folder / CHECKSUMS_FILE).exists() and is_session(folder)
+
+    def compare(self, name: str, sha256: str | None = None) -> tuple[Standing, Message[ChainCode] | None]:
+        """Standing of a file, and why; sha256, if it is known, saves reading the file again."""
+        recorded = self.sums.get(name)
+        if not (self.folder / name).is_file():
+            return Standing.MISSING, None
+        if name in JOURNALS and (fault := _journal_fault(self.folder / name, recorded)):
+            return Standing.CHANGED, fault
+        if recorded is None and not self.lists_all:
+            return Standing.UNRECORDED, None
+        if recorded is None:
+            return Standing.ADDED, Message(ChainCode.ADDED, {"file": name, "sums": CHECKSUMS_FILE})
+        if name in JOURNALS or recorded == (sha256 or self.sha256(name)):
+            return Standing.AS_RECORDED, None
+        return Standing.CHANGED, Message(ChainCode.CHANGED, {"file": name, "sums": CHECKSUMS_FILE})
+
+    def _sha256(self, name: str) -> str | None:
+        path = self.folder / name
+        return sha256_of(path) if is_below(name) and path.is_file() else None
 
 
 def write_checksums(*paths: Path) -> None:
@@ -59,7 +83,7 @@ def write_checksums(*paths: Path) -> None:
             is_first = is_session(folder) and not (folder / CHECKSUMS_FILE).exists()
             written = {name_in(folder, path) for path in paths if list_folder(path) == folder}
             listed = {*written, *files_below(folder)} if is_first else written
-            sums = read_checksums(folder) | {
+            sums = Checksums(folder).sums | {
                 name: sha256_of(folder / name) for name in listed if name in written or (folder / name).is_file()
             }
             with replaced(folder / CHECKSUMS_FILE) as draft:
@@ -69,8 +93,7 @@ def write_checksums(*paths: Path) -> None:
 def list_in_session(path: Path) -> None:
     """Record the hash of a file that was written below a session folder; no effect elsewhere."""
     folder = list_folder(path)
-    is_of_session = is_session(folder) and (folder / CHECKSUMS_FILE).exists()
-    if is_of_session and path.is_file() and _is_listed(name_in(folder, path)):
+    if Checksums(folder).lists_all and path.is_file() and _is_listed(name_in(folder, path)):
         write_checksums(path)
 
 
@@ -105,30 +128,20 @@ def files_below(folder: Path) -> Iterator[str]:
 
 def standing_of(path: Path, sha256: str | None = None) -> Standing:
     """Compare a file with its recorded hash; sha256, if it is known, saves reading the file again."""
-    folder = list_folder(path)
-    recorded = read_checksums(folder).get(name_in(folder, path))
-    if not path.is_file():
-        return Standing.MISSING
-    if recorded is None:
-        is_listed = (folder / CHECKSUMS_FILE).exists() and is_session(folder)
-        return Standing.ADDED if is_listed else Standing.UNRECORDED
-    if (sha256 or sha256_of(path)) == recorded:
-        return Standing.AS_RECORDED
-    return Standing.CHANGED if path.name not in JOURNALS or journal_fault(path, recorded) else Standing.AS_RECORDED
+    return _compared(path, sha256)[0]
 
 
 def changed_files(paths: Iterable[Path]) -> list[Message[ChainCode]]:
     """A message for every file whose hash differs from the recorded one, or that is not in the list of its folder."""
-    codes = {Standing.CHANGED: ChainCode.CHANGED, Standing.ADDED: ChainCode.ADDED}
-    standings = [(path, standing_of(path)) for path in paths]
-    return [
-        Message(codes[standing], {"file": path.name, "sums": CHECKSUMS_FILE})
-        for path, standing in standings
-        if standing in codes
-    ]
+    return [message for path in paths if (message := _compared(path)[1])]
 
 
-def journal_fault(path: Path, recorded: str | None) -> Message[ChainCode] | None:
+def _compared(path: Path, sha256: str | None = None) -> tuple[Standing, Message[ChainCode] | None]:
+    folder = list_folder(path)
+    return Checksums(folder).compare(name_in(folder, path), sha256)
+
+
+def _journal_fault(path: Path, recorded: str | None) -> Message[ChainCode] | None:
     """Why the lines of a journal are not those that were written; None for whole lines that continue them.
 
     recorded: hash in the list, of the journal or of its first lines

@@ -286,7 +286,11 @@ def _with_named_files(element: Element, folder: Path, taken: list[str]) -> Eleme
             f"takes its content from {named}, after {MOST_FILES} other files; name fewer, and none within itself"
         )
         raise element.refusal(complaint)
-    root = _parsed(folder / named)
+    path = folder / named.replace("\\", "/")
+    if not path.exists():
+        complaint = f"takes its content from {named}, which is not there; correct the path"
+        raise element.refusal(complaint, SolverCode.UNREADABLE_FILE)
+    root = _parsed(path)
     found = root if root.tag == element.tag else root.find(element.tag)
     if found is None:
         complaint = f"takes its content from {named}, which holds no {element.tag}; name a file that does"

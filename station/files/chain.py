@@ -10,7 +10,6 @@ import shutil
 import subprocess
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +22,11 @@ from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import (
     CHECKSUMS_FILE,
-    JOURNALS,
     SIGNATURE_FILE,
+    Checksums,
     files_below,
-    is_below,
     is_session,
-    journal_fault,
     list_folder,
-    malformed_lines,
-    read_checksums,
     sha256_of,
     standing_of,
     write_checksums,
@@ -43,6 +38,7 @@ from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 
 REPORT_FILE, NUMBERS_FILE = "report.html", "report.json"
+_RESULTS = (REPORT_FILE, NUMBERS_FILE, ASSESSMENT_FILE, CUFFS_FILE)
 LARGEST_REPORT = 1 << 28
 """Bytes; the figures are in it."""
 NAMESPACE = "cuffstation"
@@ -65,6 +61,10 @@ class Link:
     detail: str = ""
     code: str = ""
 
+    @staticmethod
+    def because(what: str, standing: Standing, reason: Message[Any] | None) -> Link:
+        return Link(what, standing, str(reason or ""), reason.code if reason else "")
+
     def __str__(self) -> str:
         detail = f"{self.detail} [{self.code}]" if self.code else self.detail
         return f"{self.what}: {self.standing}" + (f" ({detail})" if detail else "")
@@ -77,8 +77,10 @@ def verify_folder(folder: Path) -> list[Link]:
     """
     if not folder.is_dir():
         raise ChainError(Message(ChainCode.NOT_A_FOLDER, {"folder": str(folder)}))
-    _require_regular_files(folder)
-    links = [*chain_of(folder), *damage_of(folder)]
+    for name in (CHECKSUMS_FILE, *_RESULTS, JOURNAL_FILE, *Checksums(folder).sums):  # a pipe would wait for its writer
+        if (folder / name).exists() and not (folder / name).is_file():
+            raise ChainError(Message(ChainCode.NOT_REGULAR, {"path": str(folder / name)}))
+    links = [*chain_of(folder), *_damage(folder)]
     if not links:
         figures = {"folder": str(folder), "cuffs": CUFFS_FILE, "report": REPORT_FILE}
         raise ChainError(Message(ChainCode.NOTHING_TO_VERIFY, figures))
@@ -95,143 +97,58 @@ def add_files(folder: Path, paths: Sequence[Path]) -> None:
 
 def chain_of(folder: Path, *, is_report_included: bool = True) -> list[Link]:
     """Every file of the folder by hash, and the inputs of its results."""
-    files = _Files(folder)
+    sums = Checksums(folder)
     left_out = () if is_report_included else (REPORT_FILE, NUMBERS_FILE)
-    return [
-        *_file_links(files, left_out),
-        *_assessment_links(files),
-        *_cuffs_links(files),
-    ]
+    return [*_file_links(sums, left_out), *_assessment_links(sums), *_cuffs_links(sums)]
 
 
-def damage_of(folder: Path) -> list[Link]:
-    """A link for every recording that its CRCs show to be damaged; every recording is read to its end.
-
-    A cut recording with a recovered copy has no link: the copy lists what is missing.
-    """
-    links = []
-    for path in recordings_in(folder):
-        try:
-            damage = tuple(map(str, survey_file(path).damage))
-        except (RecordingError, OSError) as error:
-            damage = (str(error),)
-        if damage:
-            links.append(Link(f"{path.name}, its content", Standing.MISSING, damage[0]))
-    return links
-
-
-def _require_regular_files(folder: Path) -> None:
-    """Reading a pipe would wait for its writer, and a device has no end."""
-    for name in (CHECKSUMS_FILE, REPORT_FILE, ASSESSMENT_FILE, CUFFS_FILE, JOURNAL_FILE, *read_checksums(folder)):
-        path = folder / name
-        if path.exists() and not path.is_file():
-            raise ChainError(Message(ChainCode.NOT_REGULAR, {"path": str(path)}))
-
-
-class _Files:
-    """The files of the folder, every file hashed once."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.recorded = folder, read_checksums(folder)
-        self.is_listed = (folder / CHECKSUMS_FILE).is_file()
-        self.sha256 = cache(self._sha256)
-
-    def link(self, reader: str, name: str, expected: str) -> Link:
-        """Link of a file that was read by another one (reader), which recorded the expected hash."""
-        return Link(f"{reader} ← {name}", self.compare(name, expected))
-
-    def json(self, name: str) -> dict[str, Any]:
-        """Content of a JSON object; empty for a file that is missing or not an object."""
-        try:
-            found = read_json(self.folder / name)
-        except (OSError, PlainDataError):
-            return {}
-        return found if isinstance(found, dict) else {}
-
-    def compare(self, name: str, expected: str) -> Standing:
-        found = self.sha256(name)
-        if found is None:
-            return Standing.MISSING
-        return Standing.AS_RECORDED if found == expected else Standing.CHANGED
-
-    def _sha256(self, name: str) -> str | None:
-        path = self.folder / name
-        return sha256_of(path) if is_below(name) and path.is_file() else None
-
-
-def _file_links(files: _Files, left_out: Collection[str]) -> Iterator[Link]:
+def _file_links(sums: Checksums, left_out: Collection[str]) -> Iterator[Link]:
     """A link for every file that is in the list or in the folder, and for what is wrong in the list itself.
 
     Files that are left out are not read: on Windows, another program may hold them open.
     """
-    for line in malformed_lines(files.folder):
-        yield _broken(f"{CHECKSUMS_FILE}, line {line}", Standing.CHANGED, ChainCode.LIST_LINE, line=line)
-    if not files.is_listed and (files.folder / JOURNAL_FILE).is_file():
-        yield _broken(CHECKSUMS_FILE, Standing.MISSING, ChainCode.LIST_MISSING, file=JOURNAL_FILE)
-    of_session = is_session(files.folder)
-    present = set(files_below(files.folder) if of_session else _RESULTS)
-    first = [name for name in _RESULTS if name in files.recorded or name in present]
-    for name in dict.fromkeys((*first, *sorted(present | set(files.recorded)))):
-        if name in left_out:
-            continue
-        recorded = files.recorded.get(name)
-        if name in JOURNALS and (files.folder / name).is_file():
-            yield _journal_link(files, name, recorded)
-        elif recorded is not None:
-            yield Link(name, files.compare(name, recorded))
-        elif of_session and files.is_listed:
-            yield _broken(name, Standing.ADDED, ChainCode.ADDED, file=name, sums=CHECKSUMS_FILE)
-        elif (files.folder / name).is_file():
-            yield Link(name, Standing.UNRECORDED)
+    folder = sums.folder
+    for line in sums.malformed:
+        wrong = Message(ChainCode.LIST_LINE, {"line": line})
+        yield Link.because(f"{CHECKSUMS_FILE}, line {line}", Standing.CHANGED, wrong)
+    if (folder / JOURNAL_FILE).is_file() and not (folder / CHECKSUMS_FILE).is_file():
+        yield Link.because(CHECKSUMS_FILE, Standing.MISSING, Message(ChainCode.LIST_MISSING, {"file": JOURNAL_FILE}))
+    results = [name for name in _RESULTS if (folder / name).is_file()]
+    present = {*sums.sums, *(files_below(folder) if is_session(folder) else results)}
+    first = [name for name in _RESULTS if name in present]
+    for name in dict.fromkeys((*first, *sorted(present))):
+        if name not in left_out:
+            yield Link.because(name, *sums.compare(name))
 
 
-def _journal_link(files: _Files, name: str, recorded: str | None) -> Link:
-    """Link of a journal. It may have lines that its hash in the list does not include, if they continue the others."""
-    fault = journal_fault(files.folder / name, recorded)
-    if fault is not None:
-        return Link(name, Standing.CHANGED, str(fault), fault.code)
-    if recorded is not None:
-        return Link(name, Standing.AS_RECORDED)
-    if files.is_listed:
-        return _broken(name, Standing.ADDED, ChainCode.ADDED, file=name, sums=CHECKSUMS_FILE)
-    return Link(name, Standing.UNRECORDED)
+def _input_link(sums: Checksums, reader: str, name: str, sha256: str) -> Link:
+    """Link of a file that was read for a result, which recorded its hash."""
+    found = sums.sha256(name)
+    standing = Standing.MISSING if found is None else Standing.AS_RECORDED if found == sha256 else Standing.CHANGED
+    return Link(f"{reader} ← {name}", standing)
 
 
-def _broken(what: str, standing: Standing, code: ChainCode, **figures: float | str) -> Link:
-    return Link(what, standing, str(Message(code, figures)), code)
-
-
-_RESULTS = (REPORT_FILE, NUMBERS_FILE, ASSESSMENT_FILE, CUFFS_FILE)
-
-
-def _assessment_links(files: _Files) -> Iterator[Link]:
-    if not (files.folder / ASSESSMENT_FILE).is_file():
-        return
-    plain = files.json(ASSESSMENT_FILE)
-    for role, named in _texts(plain.get("inputs")):
-        name, _, sha256 = named.rpartition(" ")
-        if len(sha256) == 64:
-            yield _input_link(files, role, name, sha256)
-    worn = plain.get("cuffs")
-    for cuff, figures in worn.items() if isinstance(worn, dict) else ():
+def _assessment_links(sums: Checksums) -> Iterator[Link]:
+    """Of the inputs, only the file of cuffs is known to belong to this folder."""
+    plain = _objects(sums.folder / ASSESSMENT_FILE)
+    for role, named in plain.get("inputs", {}).items():
+        name, _, sha256 = str(named).rpartition(" ")
+        is_here = role == "cuffs" and (name in sums.sums or sums.sha256(name) is not None)
+        if is_here or (sha256 and sums.sha256(name) == sha256):
+            yield _input_link(sums, ASSESSMENT_FILE, name, sha256)
+        elif len(sha256) == 64:
+            is_ours = sha256 == sha256_of(BUNDLED_SUIT)
+            standing = Standing.AS_RECORDED if is_ours else Standing.UNRECORDED
+            remark = "bundled with the station" if is_ours else "not in this folder"
+            yield Link(f"{ASSESSMENT_FILE} ← {name}", standing, remark)
+    for cuff, figures in plain.get("cuffs", {}).items():
         for key, figure in figures.items() if isinstance(figures, dict) else ():
             if isinstance(figure, dict) and figure.get("source") == Standing.BY_HAND:
                 yield Link(f"{ASSESSMENT_FILE} ← {cuff}, {key} {figure.get('value')}", Standing.BY_HAND)
 
 
-def _input_link(files: _Files, role: str, name: str, sha256: str) -> Link:
-    """Link of an input of the assessment. Only the cuffs file is known to belong to this folder."""
-    is_in_folder = role == "cuffs" and (name in files.recorded or files.sha256(name) is not None)
-    if is_in_folder or files.sha256(name) == sha256:
-        return files.link(ASSESSMENT_FILE, name, sha256)
-    step = f"{ASSESSMENT_FILE} ← {name}"
-    if sha256 == sha256_of(BUNDLED_SUIT):
-        return Link(step, Standing.AS_RECORDED, "bundled with the station")
-    return Link(step, Standing.UNRECORDED, "not in this folder")
-
-
-def _cuffs_links(files: _Files) -> Iterator[Link]:
-    path = files.folder / CUFFS_FILE
+def _cuffs_links(sums: Checksums) -> Iterator[Link]:
+    path = sums.folder / CUFFS_FILE
     if not path.is_file():
         return
     try:
@@ -242,16 +159,31 @@ def _cuffs_links(files: _Files) -> Iterator[Link]:
     for name, fit in fits.items():
         if fit.given:
             yield Link(f"{CUFFS_FILE}, cuff {name}", Standing.BY_HAND, ", ".join(fit.remarks))
-    recordings = files.json(CUFFS_FILE).get("recordings")
-    for name, entry in recordings.items() if isinstance(recordings, dict) else ():
-        yield files.link(CUFFS_FILE, name, str(entry.get("sha256")) if isinstance(entry, dict) else "")
+    for name, entry in _objects(path).get("recordings", {}).items():
+        yield _input_link(sums, CUFFS_FILE, name, str(entry.get("sha256")) if isinstance(entry, dict) else "")
 
 
-def _texts(entries: Any) -> Iterator[tuple[str, str]]:
-    """The pairs of an object whose values are strings."""
-    for key, value in entries.items() if isinstance(entries, dict) else ():
-        if isinstance(value, str):
-            yield key, value
+def _objects(path: Path) -> dict[str, dict[str, Any]]:
+    """The objects of a JSON object; none for a file that is missing or not an object."""
+    try:
+        found = read_json(path)
+    except (OSError, PlainDataError):
+        return {}
+    return {key: value for key, value in found.items() if isinstance(value, dict)} if isinstance(found, dict) else {}
+
+
+def _damage(folder: Path) -> Iterator[Link]:
+    """A link for every recording that its CRCs show to be damaged; every recording is read to its end.
+
+    A cut recording with a recovered copy has no link: the copy lists what is missing.
+    """
+    for path in recordings_in(folder):
+        try:
+            damage = tuple(map(str, survey_file(path).damage))
+        except (RecordingError, OSError) as error:
+            damage = (str(error),)
+        if damage:
+            yield Link(f"{path.name}, its content", Standing.MISSING, damage[0])
 
 
 class SignatureError(StationError):
@@ -284,22 +216,22 @@ def signature_of(folder: Path, signers: Path | None) -> Link | None:
     step = f"{SIGNATURE_FILE} ← {CHECKSUMS_FILE}"
     if not signature.is_file() or not sums.is_file():
         return None if signers is None else Link(step, Standing.MISSING, "the folder is not signed")
+    command: tuple[str, ...] = ("-n", NAMESPACE, "-s", str(signature))
+    remark = ""
     if signers is None:
-        answer = _ssh_keygen("-Y", "check-novalidate", "-n", NAMESPACE, "-s", str(signature), content=sums)
-        return _link(step, answer, "; give --signers to verify the owner of the key")
-    if not signers.is_file():
+        command, remark = ("check-novalidate", *command), "; give --signers to verify the owner of the key"
+    elif not signers.is_file():
         raise SignatureError(Message(ChainCode.NO_SIGNERS, {"path": str(signers)}))
-    found = _ssh_keygen("-Y", "find-principals", "-f", str(signers), "-s", str(signature))
-    principal = found.stdout.strip().splitlines()
-    if found.returncode != 0 or not principal:
-        return Link(step, Standing.CHANGED, f"signed with a key that is not in {signers.name}")
-    command = ("-Y", "verify", "-f", str(signers), "-I", principal[0], "-n", NAMESPACE, "-s", str(signature))
-    return _link(step, _ssh_keygen(*command, content=sums))
-
-
-def _link(step: str, answer: subprocess.CompletedProcess[str], remark: str = "") -> Link:
-    standing = Standing.AS_RECORDED if answer.returncode == 0 else Standing.CHANGED
-    return Link(step, standing, _one_line(answer) + (remark if answer.returncode == 0 else ""))
+    else:
+        found = _ssh_keygen("-Y", "find-principals", "-f", str(signers), "-s", str(signature))
+        principal = found.stdout.strip().splitlines()
+        if found.returncode != 0 or not principal:
+            return Link(step, Standing.CHANGED, f"signed with a key that is not in {signers.name}")
+        command = ("verify", "-f", str(signers), "-I", principal[0], *command)
+    answer = _ssh_keygen("-Y", *command, content=sums)
+    if answer.returncode != 0:
+        return Link(step, Standing.CHANGED, _one_line(answer))
+    return Link(step, Standing.AS_RECORDED, _one_line(answer) + remark)
 
 
 def _ssh_keygen(*arguments: str, content: Path | None = None) -> subprocess.CompletedProcess[str]:

@@ -146,11 +146,8 @@ def _input_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
             continue
         behind = [key for key, number in listed.numbers.items() if file in (*number.recordings, number.source.file)]
         standing = Standing.CHANGED if path.is_file() else Standing.MISSING
-        if behind:
-            fault = Message(NumberCode.INPUT, {"numbers": len(behind), "id": behind[0]})
-            yield Link(f"{NUMBERS_FILE} ← {file}", standing, str(fault), fault.code)
-        else:
-            yield Link(f"{NUMBERS_FILE} ← {file}", standing)
+        fault = Message(NumberCode.INPUT, {"numbers": len(behind), "id": behind[0]}) if behind else None
+        yield Link.because(f"{NUMBERS_FILE} ← {file}", standing, fault)
 
 
 def _faults_on_page(listed: ReportDocument, page: MarkedPage) -> Iterator[Fault]:
@@ -176,7 +173,7 @@ def _source_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
         yield Link(f"{NUMBERS_FILE} ← recordings", Standing.UNRECORDED, FITTED_FOR_REPORT)
         return
     if isinstance(rendered, Message):
-        yield Link(f"{NUMBERS_FILE} ← results", Standing.CHANGED, str(rendered), rendered.code)
+        yield Link.because(f"{NUMBERS_FILE} ← results", Standing.CHANGED, rendered)
         return
     is_same_version = listed.version == metadata.version("cuffstation")
     new = [key for key in rendered if key not in listed.numbers] if is_same_version else []

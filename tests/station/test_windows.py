@@ -18,7 +18,7 @@ from recordings.reader import open_recording
 from recordings.recovery import recover
 from station import child, end_signals
 from station.bench.trial_recorder import TrialRefused
-from station.checksums import is_below, read_checksums
+from station.checksums import Checksums, is_below
 from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
 from station.messages.codes import RefusalCode
@@ -190,7 +190,7 @@ def test_a_list_of_hashes_with_a_name_that_windows_does_not_have_is_read(
 ) -> None:
     (tmp_path / "SHA256SUMS").write_bytes(b"0" * 64 + b"  a\xff.mcap\n" + b"1" * 64 + b"  b.mcap\n")
     monkeypatch.setattr(os, "fsdecode", lambda name: name.decode(errors="surrogatepass"))
-    assert read_checksums(tmp_path) == {"a\udcff.mcap": "0" * 64, "b.mcap": "1" * 64}
+    assert Checksums(tmp_path).sums == {"a\udcff.mcap": "0" * 64, "b.mcap": "1" * 64}
 
 
 def test_every_call_that_only_posix_has_is_listed_and_guarded_and_no_clock_is_coarse() -> None:

@@ -19,7 +19,7 @@ from fitting.results.outcome import Standing
 from solver.bundled import bundled_model
 from solver.raise_arm import simulate_arm_raise
 from solver.time_series_table import write_table
-from station.checksums import CHECKSUMS_FILE, read_checksums, write_checksums
+from station.checksums import CHECKSUMS_FILE, Checksums, write_checksums
 from station.files.chain import verify_folder
 from station.fit import fit_session_folder
 from station.journal import Setup, write_mark, write_setup, write_verdict
@@ -100,12 +100,12 @@ def test_the_checksums_are_those_of_sha256sum(made: Path) -> None:
     if program is None:
         pytest.skip("there is no sha256sum")
     ran = subprocess.run([program, "--strict", "-c", CHECKSUMS_FILE], cwd=made, check=False, capture_output=True)  # noqa: S603
-    assert ran.returncode == 0 and ran.stdout.count(b": OK") == len(read_checksums(made)) >= 6
+    assert ran.returncode == 0 and ran.stdout.count(b": OK") == len(Checksums(made).sums) >= 6
 
 
 def test_a_recorder_records_the_hash_of_its_trial(tmp_path: Path) -> None:
     path = record(tmp_path, None)
-    assert read_checksums(tmp_path) == {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
+    assert Checksums(tmp_path).sums == {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
 def test_a_stiffness_edited_in_the_cuffs_file_is_reported_by_assess_and_report(
@@ -407,7 +407,7 @@ def test_a_file_of_any_name_is_listed_as_by_sha256sum(tmp_path: Path, name: byte
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/" + name))
     path.write_bytes(b"content")
     record(tmp_path, None)
-    assert read_checksums(tmp_path)[os.fsdecode(name)] == hashlib.sha256(b"content").hexdigest()
+    assert Checksums(tmp_path).sums[os.fsdecode(name)] == hashlib.sha256(b"content").hexdigest()
     assert not [link for link in verify_folder(tmp_path) if link.standing is not AS_RECORDED]
     if program := shutil.which("sha256sum"):
         subprocess.run([program, "--strict", "-c", CHECKSUMS_FILE], cwd=tmp_path, check=True, capture_output=True)  # noqa: S603

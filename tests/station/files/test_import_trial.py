@@ -20,7 +20,7 @@ from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
 from recordings.reader import open_recording, read_manifest
-from station.checksums import read_checksums
+from station.checksums import Checksums
 from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource, read_force
 from station.files.import_trial import Imported, import_trial, with_lag
 from station.fit import fit_session_folder
@@ -229,7 +229,7 @@ def test_no_file_is_overwritten_and_a_refused_import_leaves_none(static: tuple[P
         run(session, *static)
     left = {path.name for path in session.iterdir() if not path.name.startswith(".")}
     assert left == {first.name, second.name, "SHA256SUMS"}
-    assert set(read_checksums(session)) == {first.name, second.name}
+    assert set(Checksums(session).sums) == {first.name, second.name}
     assert first.read_bytes() == content
 
 

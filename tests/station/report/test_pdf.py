@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import pytest
 
-from station.checksums import read_checksums, sha256_of
+from station.checksums import Checksums, sha256_of
 from station.extras import MissingExtra, with_extras
 from station.messages.setup_messages import ConfigCode, FolderCode
 from station.report import page
@@ -33,7 +33,7 @@ def test_a_page_is_printed_on_a4_and_its_hash_is_kept(tmp_path: Path) -> None:
     assert len(sheets) == 2, "the first page stands alone"
     for width, height in sheets:
         assert (float(width), float(height)) == pytest.approx((210 * POINTS_PER_MM, 297 * POINTS_PER_MM), abs=1.0)
-    assert read_checksums(tmp_path) == {"report.pdf": sha256_of(written)}
+    assert Checksums(tmp_path).sums == {"report.pdf": sha256_of(written)}
 
 
 def test_without_the_extra_the_command_names_it_before_it_fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

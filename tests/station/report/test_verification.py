@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from fitting.results.outcome import Standing
-from station.checksums import read_checksums, sha256_of, write_checksums
+from station.checksums import Checksums, sha256_of, write_checksums
 from station.files.chain import Link, verify_folder
 from station.messages.file_messages import NumberCode
 from station.report.verification import number_links
@@ -65,7 +65,7 @@ def flip_byte(folder: Path) -> None:
 
 def cover_up(folder: Path) -> None:
     """Record the hashes of the changed files, as a person does who hides a change."""
-    names = [name for name in read_checksums(folder) if name != "report.json"]
+    names = [name for name in Checksums(folder).sums if name != "report.json"]
     write_checksums(*(folder / name for name in names))
     path = folder / "report.json"
     listed = json.loads(path.read_text(encoding="utf-8"))
