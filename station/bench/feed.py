@@ -182,7 +182,7 @@ def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[
 
 
 ROUND_TIMEOUT_S = 60.0
-"""Wall seconds after which a device that does not finish a round is abandoned; time advances without it."""
+"""Wall seconds after which time advances without a device that has not finished its round."""
 PENDING_INTERVAL_S = 0.05
 """Wall seconds between two queries whether a device has a pending reply, which arrives only as time advances."""
 OPENING_INTERVAL_S = 0.005
@@ -202,6 +202,7 @@ class SteppedFeed(DeviceFeed):
         self._has_round = threading.Event()
         self._is_idle = threading.Event()
         self._is_idle.set()
+        self._latest_s = 0.0  # wall; until then the others wait for the round
 
     @property
     def received(self) -> Received | None:
@@ -217,12 +218,14 @@ class SteppedFeed(DeviceFeed):
         Without effect while the previous round is not over.
         """
         if self._is_idle.is_set():
-            self._sent = sent
+            self._sent, self._latest_s = sent, time.perf_counter() + ROUND_TIMEOUT_S
             self._is_idle.clear()
             self._has_round.set()
 
     def is_round_over(self, within_s: float) -> bool:
-        return self._is_idle.wait(within_s) or not self._thread.is_alive()
+        """Whether no other device has to wait: a round that has lasted ROUND_TIMEOUT_S delays later ones no more."""
+        is_over = self._is_idle.wait(within_s) or not self._thread.is_alive()
+        return is_over or time.perf_counter() > self._latest_s
 
     def ask_to_stop(self) -> None:
         super().ask_to_stop()
@@ -312,8 +315,7 @@ class SteppedFeeds:
         """Run a round. Requests get a round of their own: they must not depend on how far other devices are read."""
         for feed in feeds:
             feed.begin_round(sent)
-        deadline_s = time.perf_counter() + ROUND_TIMEOUT_S
-        while (busy := [feed for feed in feeds if not feed.is_round_over(0.0)]) and time.perf_counter() < deadline_s:
+        while busy := [feed for feed in feeds if not feed.is_round_over(0.0)]:
             # At most as many feeds may stay busy as there are devices whose reply needs time to advance.
             if not busy[0].is_round_over(PENDING_INTERVAL_S) and len(busy) <= self._clock.pending_devices():
                 return

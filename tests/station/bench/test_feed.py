@@ -1,14 +1,24 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Sequence
+from types import SimpleNamespace
 
 import pytest
 
 import station.bench.feed
 from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Stream
-from station.bench.feed import DeviceFailed, DeviceFeed, DeviceOpened, FeedQueue, ItemsReceived
+from station.bench.feed import (
+    ROUND_TIMEOUT_S,
+    DeviceFailed,
+    DeviceFeed,
+    DeviceOpened,
+    FeedQueue,
+    ItemsReceived,
+    SteppedFeed,
+)
 from tests.timeout import scaled_timeout
 
 
@@ -127,3 +137,26 @@ def test_a_feed_with_a_full_queue_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     feed.ask_to_stop()
     assert feed.has_ended(within_s=patience_s())
     assert device.closed.is_set()
+
+
+def test_a_device_that_does_not_finish_a_round_delays_later_rounds_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Frozen(Scripted):
+        def read(self, timeout_s: float) -> Sequence[Item]:
+            self.closed.wait()
+            return []
+
+    now_s = [0.0]
+    clock = SimpleNamespace(perf_counter=lambda: now_s[0], sleep=time.sleep)
+    monkeypatch.setattr(station.bench.feed, "time", clock)
+    device = Frozen([])
+    feed = SteppedFeed(device)
+    feed.start()
+    feed.begin_round({})
+    assert not feed.is_round_over(0.0)
+    now_s[0] = 1.01 * ROUND_TIMEOUT_S
+    assert feed.is_round_over(0.0)
+    feed.begin_round({})
+    assert feed.is_round_over(0.0)
+    device.closed.set()
+    feed.ask_to_stop()
+    assert feed.has_ended(within_s=patience_s())
