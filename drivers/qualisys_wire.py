@@ -173,6 +173,10 @@ class PacketGuard(asyncio.Protocol):
             self._receiver.data_received(HEADER.pack(HEADER.size + len(body), kind) + body)
 
 
+LEAST_STEP = 0.9
+"""Frames that must have passed by the time stamps for each frame by the numbers, or the numbers have begun anew."""
+
+
 class MarkerBlocks:
     """Assemble frames into blocks of /markers in the order of the wanted labels, and report missing frames.
 
@@ -265,7 +269,9 @@ class MarkerBlocks:
         elapsed = (frame.timestamp_us - last.timestamp_us) / self._frame_us
         jumped = frame.number - last.number
         has_passed = self._clock.is_possible(1e-6 * self._frame_us * frame.number, self._arrived_ns)
-        if is_after_capture or jumped <= 0 or elapsed < jumped / 2 or not has_passed:  # no time for so many frames
+        if (
+            is_after_capture or jumped <= 0 or elapsed < LEAST_STEP * jumped or not has_passed
+        ):  # no time for so many frames
             self._clock.restart()
             text = f"{self._source} restarted its frame numbers: {frame.number} follows {last.number}"
             return Event("numbering_restarted", text, self._arrived_ns, self._source)

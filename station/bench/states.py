@@ -254,8 +254,11 @@ class RecordingState(RecordedState):
             return self._close(Message(TrialCode.CAPTURE_ENDED))
         if event.kind == "capture_replaced":
             return self.cut_short(Message(TrialCode.CAPTURE_REPLACED, {"text": event.text}))
-        if event.kind == "numbering_restarted" and recorded_s > LATENESS_S and self._renumbered_s is None:
-            self._renumbered_s = self.context.clock.station_s()
+        if event.kind == "numbering_restarted" and recorded_s > LATENESS_S:
+            if self._renumbered_s is None:
+                self._renumbered_s = self.context.clock.station_s()
+            else:  # a preview begins once
+                self._note_renumbering(self._renumbered_s)
         return self
 
     def handle_sync(self, samples: Samples) -> State:
@@ -328,11 +331,14 @@ class RecordingState(RecordedState):
             return None
         if context.rules.start == "sync_edge" and not context.sync.is_high:
             return self._close(Message(TrialCode.CAPTURE_ENDED_RENUMBERED))
+        self._note_renumbering(renumbered_s)
+        return None
+
+    def _note_renumbering(self, renumbered_s: float) -> None:
         if not any(defect.code is TrialCode.FRAMES_RENUMBERED for defect in self._defects):
             message = Message(TrialCode.FRAMES_RENUMBERED, {"after_s": renumbered_s - self.edge.station_s})
             self._add_defect(message)
-            context.write_message(message)
-        return None
+            self.context.write_message(message)
 
     def _check_quiet_capture_end(self) -> State:
         """A mocap system without events ends its capture by a low sync line and no more frames."""

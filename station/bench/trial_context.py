@@ -143,6 +143,7 @@ class FirstFrameCheck:
         self._rate_hz = sum(stream.rate_hz for stream in streams if stream.name == "/markers")
         self._edge_host_ns: int | None = None
         self._is_awaited = True
+        self._is_found = False
         self._first: Samples | None = None
 
     def set_edge(self, host_ns: int) -> Loss | None:
@@ -151,8 +152,8 @@ class FirstFrameCheck:
         return self._missed()
 
     def handle_event(self, event: Event) -> None:
-        """Frame numbers that restart belong to a capture."""
-        self._is_awaited |= event.kind in ("numbering_restarted", "capture_replaced")
+        """Frame numbers that restart belong to a capture, whose first frame is counted once."""
+        self._is_awaited |= not self._is_found and event.kind in ("numbering_restarted", "capture_replaced")
 
     def update(self, block: Samples) -> Loss | None:
         """Take a block with at least one frame; return the frames that are missing before it, once they are known."""
@@ -167,6 +168,8 @@ class FirstFrameCheck:
         first, self._first = self._first, None
         number = int(first.sample_numbers[0])
         since_edge_s = (first.host_time_ns - self._edge_host_ns) * 1e-9
-        if since_edge_s < 0 or not 1 < number <= (since_edge_s * (1 + LATENESS) + LATENESS) * self._rate_hz:
+        most = (since_edge_s * (1 + LATENESS) + LATENESS) * self._rate_hz
+        self._is_found = since_edge_s >= 0 and 1 <= number <= most
+        if not self._is_found or number == 1:
             return None
         return Loss(first.stream, "late", 1, number - 1, int(first.device_time_ns[0]), first.host_time_ns)

@@ -350,8 +350,14 @@ def test_frames_that_were_skipped_while_time_passed_are_lost() -> None:
 
 @pytest.mark.parametrize(
     ("number", "timestamp_us"),
-    [(1, 0), (1, 12_110_000), (6620, 12_120_000), (6620, 500)],
-    ids=["a capture begins", "the same, one clock", "preview goes on behind a capture", "the same, another clock"],
+    [(1, 0), (1, 12_110_000), (6620, 12_120_000), (6620, 500), (1213, 12_110_000)],
+    ids=[
+        "a capture begins",
+        "the same, one clock",
+        "preview goes on behind a capture",
+        "the same, another clock",
+        "two numbers a frame",
+    ],
 )
 def test_numbers_that_jump_without_time_have_begun_anew_and_nothing_is_lost(number: int, timestamp_us: int) -> None:
     items = frames_taken((1211, 12_100_000), (number, timestamp_us))

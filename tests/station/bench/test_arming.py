@@ -217,6 +217,18 @@ def test_numbers_that_restart_after_a_preview_belong_to_a_capture() -> None:
     assert [loss.count for loss in _late(bench)] == [50]
 
 
+def test_numbers_that_restart_within_a_capture_add_no_loss() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    for _ in range(3):
+        bench.event("numbering_restarted")
+        bench.frame = 90
+        bench.run(0.1)
+    assert not _late(bench)
+
+
 def test_a_delayed_first_frame_is_not_a_loss() -> None:
     bench = Bench().arm()
     bench.run(3.0)

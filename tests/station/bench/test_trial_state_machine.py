@@ -121,13 +121,16 @@ def test_a_second_rise_is_reported_at_once_and_the_trial_is_recorded_to_its_end(
     assert sum(len(s.sample_numbers) for s in bench.writer.samples("/markers")) == 300, "nothing is thrown away"
 
 
-def renumbered(seconds_before_end: float, *, with_event: bool = True, level_after: float = 0.0) -> Bench:
+def renumbered(
+    seconds_before_end: float, *, with_event: bool = True, level_after: float = 0.0, restarts: int = 1
+) -> Bench:
     """A capture of 4 s whose frame numbers restart before its end, and 3 s after its end."""
     bench = Bench().arm()
     bench.run(1.0)
     bench.start_capture()
     bench.run(4.0 - seconds_before_end)
-    bench.event("numbering_restarted")
+    for _ in range(restarts):
+        bench.event("numbering_restarted")
     bench.frame = 1
     bench.run(seconds_before_end)
     bench.stop_capture(with_event)
@@ -152,6 +155,11 @@ def test_frame_numbers_that_restart_just_before_the_capture_ends_are_those_of_a_
     assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])
     bench = renumbered(0.5, with_event=False)
     assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED_RENUMBERED])
+
+
+def test_frame_numbers_that_restart_again_and_again_are_no_preview() -> None:
+    bench = renumbered(0.5, restarts=2)
+    assert bench.codes == [TrialCode.CAPTURE_ENDED, TrialCode.FRAMES_RENUMBERED]
 
 
 def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
