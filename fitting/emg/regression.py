@@ -79,12 +79,11 @@ def lag_posterior(measured: Array, shifted: Array, lags: Array, interval: float)
     derivative = (shifted[after] - shifted[before]) / (lags[after] - lags[before])
     design = np.column_stack((np.ones(samples), shifted[best], derivative))
     variances = _variances(shifted[best])
-    basis, _ = np.linalg.qr(design)
-    along, trace = np.empty((2, len(NOISES)))
-    for i, noise in enumerate(NOISES):
-        covered, diagonal = _times_covariance(basis, variances, interval, noise)
-        along[i], trace[i] = basis[:, 2] @ covered[:, 2], diagonal.sum() - np.sum(basis * covered)
-    exponent = -0.5 * trace / along * (samples - 2) / (samples - 3)
+    basis = np.linalg.qr(design)[0].T
+    sizes, products = _smooth_products(basis, variances, interval)
+    inner = _mixed(basis @ products.mT, basis @ (variances * basis).T)
+    trace = _mixed(sizes.sum(axis=1), variances.sum()) - np.trace(inner, axis1=1, axis2=2)
+    exponent = -0.5 * trace / inner[:, 2, 2] * (samples - 2) / (samples - 3)
     log = exponent[:, None] * np.log(squares / squares[best])
     weight = np.exp(log) / np.exp(log).sum(axis=1, keepdims=True)
     probability = _restricted_likelihood(measured, design, variances, interval) * PRIOR
@@ -103,8 +102,7 @@ def correlation_interval(
     square = (centred**2).sum(axis=1)
     noise, lag = np.unravel_index(random.choice(weight.size, DRAWS, p=weight.ravel()), weight.shape)
     variances = _variances(shifted[place])
-    moments = np.array([_moments(centred[place], variances, interval, one) for one in NOISES])
-    trace, freedom, slope_variance, within = moments[noise].T
+    trace, freedom, slope_variance, within = _moments(centred[place], variances, interval)[:, noise]
     variance = _squares(measured, shifted)[lag] / trace * freedom / random.chisquare(freedom)
     slopes = (centred @ measured / square)[lag] + random.standard_normal(DRAWS) * np.sqrt(variance * slope_variance)
     explained = slopes * np.sqrt(square[lag] / len(measured))
@@ -126,34 +124,48 @@ def _variances(activation: Array) -> Array:
     return np.asarray(square / square.mean())
 
 
-def _times_covariance(
-    columns: Array, variances: Array, interval: float, noise: tuple[float, float, float]
-) -> tuple[Array, Array]:
-    """V times columns (n, …), and the diagonal of V. R is a Toeplitz matrix, and V is never built."""
-    white, time, proportional = noise
-    size = np.sqrt((1 - proportional) + proportional * variances)
-    column = (1 - white) * np.exp(-interval / time * np.arange(len(variances)))
-    smooth = size[:, None] * scipy.linalg.matmul_toeplitz(column, size[:, None] * columns)
-    return smooth + white * variances[:, None] * columns, (1 - white) * size**2 + white * variances
-
-
-def _moments(
-    centred: Array, variances: Array, interval: float, noise: tuple[float, float, float]
-) -> tuple[float, float, float, float]:
-    """tr MV, ν, aᵀV a / (aᵀa)² and the mean of the diagonal of V less the mean of V."""
+def _moments(centred: Array, variances: Array, interval: float) -> Array:
+    """tr MV, ν, aᵀV a / (aᵀa)² and the mean of the diagonal of V less the mean of V, (4, noises)."""
     samples = len(centred)
-    white, time, proportional = noise
-    basis = np.column_stack((np.full(samples, samples**-0.5), centred / np.linalg.norm(centred)))
-    covered, diagonal = _times_covariance(basis, variances, interval, noise)
-    inner = basis.T @ covered
-    trace = float(diagonal.sum()) - float(np.trace(inner))
-    smooth = (1 - proportional) + proportional * variances
-    column = ((1 - white) * np.exp(-interval / time * np.arange(samples))) ** 2
-    squared = float(smooth @ scipy.linalg.matmul_toeplitz(column, smooth))
-    squared += float(np.sum(diagonal**2 - ((1 - white) * smooth) ** 2))
-    squared += float(np.sum(inner**2)) - 2.0 * float(np.sum(covered**2))
-    within = float(diagonal.mean()) - float(inner[0, 0]) / samples
-    return trace, trace**2 / squared, float(inner[1, 1]) / float(centred @ centred), within
+    basis = np.array((np.full(samples, samples**-0.5), centred / np.linalg.norm(centred)))
+    own = variances * basis
+    sizes, products = _smooth_products(basis, variances, interval)
+    inner = _mixed(basis @ products.mT, basis @ own.T)
+    diagonal = _mixed(sizes.sum(axis=1), variances.sum())
+    trace = diagonal - np.trace(inner, axis1=1, axis2=2)
+    # tr V² − 2 Σ (V times the basis)², quadratic in λ
+    smooth = np.sum(sizes * _times_correlation(sizes, 2 * interval), axis=2) - 2.0 * np.sum(products**2, axis=(2, 3))
+    both = sizes @ variances - 2.0 * np.sum(products * own, axis=(2, 3))
+    white = np.reshape(WHITE_PARTS, (-1, 1, 1))
+    quadratic = (1 - white) ** 2 * smooth + 2 * white * (1 - white) * both
+    quadratic += white**2 * (variances @ variances - 2.0 * np.sum(own**2))
+    squared = quadratic.ravel() + np.sum(inner**2, axis=(1, 2))
+    within = (diagonal - inner[:, 0, 0]) / samples
+    return np.array((trace, trace**2 / squared, inner[:, 1, 1] / (centred @ centred), within))
+
+
+def _smooth_products(vectors: Array, variances: Array, interval: float) -> tuple[Array, Array]:
+    """Diagonal (κ, n) of G², and G R G times vectors (k, n), (ℓ, κ, k, n)."""
+    sizes = 1.0 + np.multiply.outer(PROPORTIONAL_PARTS, variances - 1.0)
+    roots = np.sqrt(sizes)[:, None]
+    return sizes, roots * _times_correlation(roots * vectors, interval)
+
+
+def _times_correlation(vectors: Array, interval: float) -> Array:
+    """R times vectors (…, n) for every ℓ, (ℓ, …, n): a Toeplitz matrix as part of a circulant one, by FFT."""
+    samples = vectors.shape[-1]
+    length = scipy.fft.next_fast_len(2 * samples - 1, real=True)
+    distance = interval * np.minimum(np.arange(length), length - np.arange(length))
+    spectra = scipy.fft.rfft(np.exp(-np.divide.outer(distance, CORRELATION_TIMES_S).T))
+    spectra = spectra.reshape(-1, *(1,) * (vectors.ndim - 1), spectra.shape[1])
+    return np.asarray(scipy.fft.irfft(spectra * scipy.fft.rfft(vectors, length), length)[..., :samples])
+
+
+def _mixed(smooth: Array, own: Array) -> Array:
+    """(1 − λ) smooth + λ own over NOISES (noises, …), of smooth (ℓ, κ, …) or (κ, …) and own (…)."""
+    white = np.reshape(WHITE_PARTS, (-1, 1, 1, *(1,) * own.ndim))
+    shape = (len(WHITE_PARTS), len(CORRELATION_TIMES_S), len(PROPORTIONAL_PARTS), *own.shape)
+    return np.broadcast_to((1 - white) * smooth + white * own, shape).reshape(len(NOISES), *own.shape)
 
 
 def _restricted_likelihood(measured: Array, design: Array, variances: Array, interval: float) -> Array:
