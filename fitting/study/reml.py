@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -47,12 +48,14 @@ class ErrorContrasts:
         """Number of variance components."""
         return len(self.roots)
 
+    @cached_property
+    def products(self) -> Array:
+        """K'Z_i Z_i'K (components, m, m)."""
+        return np.array([root @ root.T for root in self.roots]).reshape(self.count, *self.known.shape)
+
     def covariance(self, theta: Array) -> Array:
         """K'V(θ)K (m, m)."""
-        covariance = self.known.copy()
-        for variance, root in zip(theta, self.roots, strict=True):
-            covariance += variance * (root @ root.T)
-        return covariance
+        return np.asarray(self.known + np.tensordot(theta, self.products, axes=1))
 
 
 @dataclass(frozen=True)
@@ -91,11 +94,7 @@ def dependencies(contrasts: ErrorContrasts) -> list[tuple[int, ...] | None]:
     """
     found: list[tuple[int, ...] | None] = []
     kept: list[int] = []
-    columns = (
-        np.array([(root @ root.T).ravel() for root in contrasts.roots])
-        .reshape(contrasts.count, contrasts.values.size**2)
-        .T
-    )
+    columns = contrasts.products.reshape(contrasts.count, contrasts.values.size**2).T
     for index in range(contrasts.count):
         column, before = columns[:, index], columns[:, kept]
         weights = np.linalg.lstsq(before, column)[0] if kept else np.empty(0)
@@ -110,20 +109,20 @@ def dependencies(contrasts: ErrorContrasts) -> list[tuple[int, ...] | None]:
 
 def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
     """Raises LinAlgError where V(θ) is singular."""
-    factor = scipy.linalg.cho_factor(contrasts.covariance(theta))
-    solved = scipy.linalg.cho_solve(factor, contrasts.values)
-    solved_roots = [scipy.linalg.cho_solve(factor, root) for root in contrasts.roots]
-    count = contrasts.count
-    information, observed, gradient = np.zeros((count, count)), np.zeros((count, count)), np.zeros(count)
-    projected = [root.T @ solved for root in contrasts.roots]  # Z_i' V⁻¹ y
-    for i, root in enumerate(contrasts.roots):
-        for j in range(i + 1):
-            cross = root.T @ solved_roots[j]  # Z_i' V⁻¹ Z_j
-            information[i, j] = information[j, i] = np.vdot(cross, cross) / 2
-            observed[i, j] = observed[j, i] = projected[i] @ cross @ projected[j] - information[i, j]
-        gradient[i] = np.vdot(root, solved_roots[i]) - projected[i] @ projected[i]
-    deviance = 2 * float(np.log(np.diag(factor[0])).sum()) + float(contrasts.values @ solved)
-    return Curvature(deviance, gradient, information, observed)
+    lower = scipy.linalg.cholesky(contrasts.covariance(theta), lower=True)
+    columns = np.column_stack((*contrasts.roots, contrasts.values))
+    whitened = scipy.linalg.solve_triangular(lower, columns, lower=True, check_finite=False)
+    inner = whitened.T @ whitened
+    across, projected = inner[:-1, :-1], inner[:-1, -1]  # Z_i' V⁻¹ Z_j and Z_i' V⁻¹ y
+    begins = np.cumsum([0, *(root.shape[1] for root in contrasts.roots)])[:-1]
+
+    def sum_blocks(matrix: Array) -> Array:
+        return np.asarray(np.add.reduceat(np.add.reduceat(matrix, begins, axis=0), begins, axis=1))
+
+    information = sum_blocks(across**2) / 2
+    observed = sum_blocks(np.outer(projected, projected) * across) - information
+    gradient = np.add.reduceat(np.diag(across) - projected**2, begins)
+    return Curvature(2 * float(np.log(np.diag(lower)).sum()) + float(inner[-1, -1]), gradient, information, observed)
 
 
 def maximise(contrasts: ErrorContrasts, start: Array | None = None) -> RemlSolution:
