@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.checks import freeze_arrays
 from solver.errors import SolverCode, SolverError
 
 Array = NDArray[np.float64]
@@ -131,8 +132,11 @@ class CuffParameters:
     source: str = ""
 
     def __post_init__(self) -> None:
+        """Raises ModelError for a covariance of another size than that of the figures."""
+        size = len(self.UNITS)
         if not self.covariance.size:
-            object.__setattr__(self, "covariance", np.zeros((len(self.UNITS), len(self.UNITS))))
+            object.__setattr__(self, "covariance", np.zeros((size, size)))
+        freeze_arrays(self, covariance=(size, size))
 
     @property
     def law(self) -> CuffLaw:

@@ -42,6 +42,12 @@ def test_parameters_that_were_given_have_no_uncertainty() -> None:
     assert not HAND.covariance.any()
 
 
+@pytest.mark.parametrize("shape", [(2, 2), (3,), (3, 4)])
+def test_a_covariance_of_another_size_than_the_figures_is_refused(shape: tuple[int, ...]) -> None:
+    with raises_refusal(SolverCode.WRONG_SHAPE, naming="covariance"):
+        CuffParameters("hand", "arm", 8520.0, 210.0, 0.012, np.ones(shape))
+
+
 def test_figures_and_covariance_are_read_by_name() -> None:
     covariance = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 0.0], [0.5, 0.0, 16.0]])
     cuff = CuffParameters("hand", "arm", 1.0, 2.0, 3.0, covariance)
