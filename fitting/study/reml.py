@@ -111,7 +111,7 @@ def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
     """Raises LinAlgError where V(θ) is singular."""
     lower = scipy.linalg.cholesky(contrasts.covariance(theta), lower=True)
     columns = np.column_stack((*contrasts.roots, contrasts.values))
-    whitened = scipy.linalg.solve_triangular(lower, columns, lower=True, check_finite=False)
+    whitened = scipy.linalg.solve_triangular(lower, columns, lower=True)
     inner = whitened.T @ whitened
     across, projected = inner[:-1, :-1], inner[:-1, -1]  # Z_i' V⁻¹ Z_j and Z_i' V⁻¹ y
     begins = np.cumsum([0, *(root.shape[1] for root in contrasts.roots)])[:-1]
