@@ -25,22 +25,32 @@ ROOT = Path(__file__).parents[2]
 BUILD = "import sys; from setuptools import build_meta as b; to = sys.argv[1]; b.build_sdist(to); b.build_wheel(to)"
 
 
-def distributions(folder: Path) -> dict[str, Path]:
-    """Suffix → sdist and wheel of a copy of the checkout, whose files are as old and as readable as the copy."""
+def copied_checkout(folder: Path) -> Path:
+    """The files that git knows, as old and as readable as the copy."""
     listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=True)  # noqa: S603
     for name in filter(None, listed.stdout.splitlines()):
         if (ROOT / name).is_file():  # not deleted in the working tree
             (folder / "tree" / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / "tree" / name).write_bytes((ROOT / name).read_bytes())
+    return folder / "tree"
+
+
+def build(tree: Path, code: str, folder: Path) -> None:
+    """Run code of the build system in the tree; its argument is the folder of what it builds."""
     subprocess.run(  # noqa: S603
-        [sys.executable, "-c", BUILD, str(folder)],
-        cwd=folder / "tree",
+        [sys.executable, "-c", code, str(folder)],
+        cwd=tree,
         env={**os.environ, "SOURCE_DATE_EPOCH": "1764115200"},
         capture_output=True,
         timeout=scaled_timeout(200),
         check=True,
     )
+
+
+def distributions(folder: Path) -> dict[str, Path]:
+    """Suffix → sdist and wheel of a copy of the checkout."""
+    build(copied_checkout(folder), BUILD, folder)
     return {path.suffix: path for path in (*folder.glob("*.tar.gz"), *folder.glob("*.whl"))}
 
 
@@ -53,10 +63,21 @@ def test_two_builds_have_the_same_bytes_and_hold_what_a_user_needs(tmp_path: Pat
     with tarfile.open(first[".gz"]) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert {"tests/conftest.py", "examples/leg/leg.osim", "station/sample_session/test-bounce_run-1.mcap"} <= names
+    assert {"docs/quick-start.md", "mkdocs.yml"} <= names  # tests read them
     with zipfile.ZipFile(first[".whl"]) as wheel:
         shared = {name.partition("share/cuffstation/")[2] for name in wheel.namelist()}
         assert {"station.toml", "examples/fit_a_cuff.py", "examples/leg/leg.osim"} <= shared
         assert "station/sample_session/test-bounce_run-1.mcap" in wheel.namelist()
+
+
+@pytest.mark.slow
+def test_an_editable_install_is_a_path_that_type_checkers_follow(tmp_path: Path) -> None:
+    tree = copied_checkout(tmp_path)
+    build(tree, "import sys; from setuptools import build_meta as b; b.build_editable(sys.argv[1])", tmp_path)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as installed:
+        (path,) = (name for name in installed.namelist() if name.startswith("__editable__"))
+        assert path.endswith(".pth") and Path(installed.read(path).decode().strip()) == tree
 
 
 @pytest.mark.slow
