@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from solver.checks import freeze_arrays
 from solver.errors import SolverCode, SolverError
 
@@ -107,8 +108,8 @@ class KelvinVoigt(CuffLaw):
         return self.stiffness, self.damping
 
 
-@dataclass(frozen=True)
-class CuffParameters:
+@dataclass(frozen=True, eq=False)
+class CuffParameters(EqualByFields):
     """A fitted cuff.
 
     name        of the cuff: "hand", "tube", "elbow", "waist", …

@@ -11,6 +11,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import version
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 
@@ -81,6 +82,9 @@ def _windowed(
     """File name → the part of a trial in its window. Raises ValueError for a window of no recording."""
     if window is None:
         return {}
+    for part in window.values() if isinstance(window, Mapping) else [window]:
+        if not isinstance(part, tuple | list) or len(part) != 2 or not all(isinstance(end, Real) for end in part):
+            raise TypeError(f"window should be start and end, or file name → both, and got a {type(part).__name__}")
     windows = window if isinstance(window, Mapping) else {path.name: window for path in paths}
     if unknown := sorted(set(windows) - {path.name for path in paths}):
         raise ValueError(f"window names {unknown[0]}, expected the name of one of the recordings; correct it")

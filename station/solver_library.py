@@ -133,6 +133,8 @@ def open_stream(
     weights = dict(markers) if isinstance(markers, Mapping) else dict.fromkeys(markers, 1.0)
     _ensure_numbers("markers", weights)
     _ensure_numbers("rest_lengths", rest_lengths or {})
+    ensure_type("lag_s", lag_s, Real, "a number")
+    ensure_type("soft_tissue_m", soft_tissue_m, (Real, NoneType), "a number or None")
     if not weights:
         raise ModelError("markers is empty, expected names of markers of the model; give them", SolverCode.WRONG_OPTION)
     tasks = TrackingTasks(tuple(model.marker(name) for name in weights), np.array(list(weights.values())))
@@ -223,8 +225,12 @@ def _suit(path: File | None) -> Suit:
 
 def _with_lengths(suit: Suit, rest_lengths: ArrayLike | None, reference: float | None) -> Suit:
     """The suit with other rest lengths [m]. Raises SuitError."""
-    lengths = suit.rest_lengths if rest_lengths is None else np.unique(np.asarray(rest_lengths, dtype=float))
+    lengths = np.asarray(suit.rest_lengths if rest_lengths is None else rest_lengths)
+    if lengths.dtype.kind not in "iuf":
+        raise TypeError(f"rest_lengths should be numbers, and got a {type(rest_lengths).__name__}")
+    ensure_type("reference_rest_length", reference, (Real, NoneType), "a number or None")
     reference = suit.reference_rest_length if reference is None else float(reference)
+    lengths = np.unique(lengths.astype(float))
     for name, values in (("rest_lengths", lengths), ("reference_rest_length", np.array([reference]))):
         if not values.size or not ((values > 0.0) & (values < np.inf)).all():
             raise SuitError(f"{name} should be lengths above 0 m, and is {values}; give them in m", SolverCode.SUIT_KEY)

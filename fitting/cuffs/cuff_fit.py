@@ -182,7 +182,7 @@ class SessionFit(EqualByFields):
         return {name: list(fits.values())[-1] for name, fits in self.donnings.items()}
 
     def __repr__(self) -> str:
-        lines = [f"Session: {len(self.donnings)} cuffs, {len(self.rejected)} recordings not used"]
+        lines = [f"Session: cuffs {', '.join(self.donnings) or 'none'}; recordings not used: {len(self.rejected)}"]
         return "\n".join([*lines, *map(repr, self.cuffs.values())])
 
     def to_dataframe(self) -> pd.DataFrame:

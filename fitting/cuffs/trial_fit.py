@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from documents.results import EqualByFields
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.damping import DampingFit
 from fitting.pull.pull import Pull
@@ -25,8 +26,8 @@ from recordings.manifest import DataOrigin
 State = Literal["used", "superseded", "unusable"]
 
 
-@dataclass(frozen=True)
-class TrialFit:
+@dataclass(frozen=True, eq=False)
+class TrialFit(EqualByFields):
     """The use of one recording in a fit: "used", "superseded" by a later run, or "unusable" with the reason.
 
     The estimates are from this trial alone, None if it does not determine them; swing is the fit of a dynamic trial.
@@ -52,6 +53,16 @@ class TrialFit:
     zero_drift: float | None = None
     origin: DataOrigin = DataOrigin.UNKNOWN
     damage: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        figures = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
+        found = {name: (getattr(self, name), unit) for name, unit in figures.items()}
+        values = [
+            f"{name} {one.value:.4g} ± {one.standard_error:.2g} {unit}" for name, (one, unit) in found.items() if one
+        ]
+        return f"TrialFit {self.file}: {', '.join([self.state, *values])}" + (
+            f"; {self.reason.code}" if self.reason else ""
+        )
 
 
 def list_trials(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from documents.results import EqualByFields
 from fitting.dynamic.damping import DampingFit, Swings
 from fitting.pull.plateaus import Plateau
 from fitting.pull.pull import Pull, newest_first, of_test
@@ -13,8 +14,8 @@ from fitting.static.stiffness import StaticFit
 from fitting.trial.oscillation import Oscillation
 
 
-@dataclass(frozen=True)
-class FittedPull:
+@dataclass(frozen=True, eq=False)
+class FittedPull(EqualByFields):
     """A pull with its fits: the arrays behind the figures of a trial.
 
     static   held loads and their lines (stiffness of the donning, an offset per segment), None for a dynamic trial
@@ -24,6 +25,10 @@ class FittedPull:
     pull: Pull
     static: StaticFit | None = None
     dynamic: DampingFit | None = None
+
+    def __repr__(self) -> str:
+        fits = [name for name in ("static", "dynamic") if getattr(self, name) is not None]
+        return f"FittedPull of {self.pull.trial!r}, with the fields pull, {', '.join(fits)}"
 
     @property
     def plateaus(self) -> tuple[Plateau, ...]:

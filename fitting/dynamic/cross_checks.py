@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from fitting.dynamic.errors_in_variables import TAU, C, K, Solution, Swing
 from fitting.dynamic.weak_form import ComplexStiffness, Lines, complex_stiffness, fit_lines, tapered_lines
 from fitting.results.codes import TrialNoteCode
@@ -55,8 +56,8 @@ class CrossCheck:
     damping: Estimate
 
 
-@dataclass(frozen=True)
-class Checks:
+@dataclass(frozen=True, eq=False)
+class Checks(EqualByFields):
     """Cross-checks of a record.
 
     others               estimates of the other methods that can be applied to the record

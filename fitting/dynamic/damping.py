@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from fitting.dynamic.cross_checks import Checks, Method, check, disagreements, output_error, without_lag
 from fitting.dynamic.errors_in_variables import (
     TAU,
@@ -55,8 +56,8 @@ MIN_SETTLED = 4
 SIGNIFICANCE = 3.0
 
 
-@dataclass(frozen=True)
-class DampingFit:
+@dataclass(frozen=True, eq=False)
+class DampingFit(EqualByFields):
     """Result of one dynamic trial.
 
     damping      c [N s/m]

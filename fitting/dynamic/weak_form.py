@@ -18,6 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from fitting.dynamic.errors_in_variables import Swing
 from fitting.uncertainty import Estimate, student_estimate
 
@@ -37,8 +38,8 @@ NEIGHBOURS = (1.0, -2 / 3, 1 / 6)
 X, V, A = range(3)
 
 
-@dataclass(frozen=True)
-class Lines:
+@dataclass(frozen=True, eq=False)
+class Lines(EqualByFields):
     """Lines (n,) of one stretch at `frequency` [Hz].
 
     force ∫φF, motion (n, 3) ∫φx, −∫φ̇x, ∫φ̈x, ramp ∫φu, noise (n, 2) expected |x̂|², |v̂|² of marker noise

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
 from fitting.pull.rigid import (
     fit_pose,
@@ -39,8 +40,8 @@ class Reference:
     cuff: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class CuffMotion:
+@dataclass(frozen=True, eq=False)
+class CuffMotion(EqualByFields):
     """Motion of the cuff relative to the anchoring body, in the frame of the reference posture.
 
     displacement  (frames, 3) m, mean displacement of the visible cuff markers from their reference positions

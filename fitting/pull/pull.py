@@ -85,6 +85,11 @@ class Pull(EqualByFields):
         for array in (self.displacement, self.direction):
             array.setflags(write=False)
 
+    def __repr__(self) -> str:
+        seen = 1e3 * self.displacement[np.isfinite(self.displacement)]
+        span = f"{seen.min():.3g} to {seen.max():.3g} mm" if seen.size else "hidden"
+        return f"Pull of {self.trial!r}, displacement {span}, {len(self.plateaus)} held loads"
+
     def to_dataframe(self) -> pd.DataFrame:
         """A row per marker frame: time [s], force [N] interpolated to it, displacement [m]; units in attrs["units"]."""
         import pandas as pd

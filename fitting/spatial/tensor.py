@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from fitting.errors import CodedError
 from fitting.pull.cuff_motion import APART, angle_between
 from fitting.results.codes import TensorCode
@@ -34,8 +35,8 @@ class NoTensor(CodedError):
         self.outcome = outcome
 
 
-@dataclass(frozen=True)
-class Tensor:
+@dataclass(frozen=True, eq=False)
+class Tensor(EqualByFields):
     """A symmetric tensor [N/m or N s/m] in the reference posture's frame of the donning.
 
     value       (3, 3)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from documents.results import EqualByFields
 from fitting.pull.plateaus import Plateau, is_unloaded
 from fitting.pull.pull import Pull
 from fitting.results.codes import NoteCode
@@ -26,8 +27,8 @@ LEAST_HOLD = 4.0
 """Seconds of a hold that suffice for a cuff to rest and for the noise of its mean."""
 
 
-@dataclass(frozen=True)
-class HeldLoads:
+@dataclass(frozen=True, eq=False)
+class HeldLoads(EqualByFields):
     """Results of the static trials of one donning; None if their protocol does not determine a quantity.
 
     stiffness  k, slip and friction

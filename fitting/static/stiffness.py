@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from fitting.pull.plateaus import SAME_LOAD, Plateau
 from fitting.results.outcome import NEGLIGIBLE, FitOutcome, worst
 from fitting.static.tangent import HeldPoints, TangentLaw, fit_law, within
@@ -35,8 +36,8 @@ LEAST_SD = 1e-7
 """Smallest standard error of a displacement [m], for a marker stream without noise."""
 
 
-@dataclass(frozen=True)
-class StaticFit:
+@dataclass(frozen=True, eq=False)
+class StaticFit(EqualByFields):
     """Regression of one static trial.
 
     plateaus  in time order
@@ -56,8 +57,8 @@ class StaticFit:
     outcome: FitOutcome = FitOutcome.CONVERGED
 
 
-@dataclass(frozen=True)
-class StiffnessFit:
+@dataclass(frozen=True, eq=False)
+class StiffnessFit(EqualByFields):
     """k [N/m] of a donning from all its static trials, None if the load only rose and the cuff may have slipped.
 
     slip         m of slip while the load rose, summed over the donning

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from fitting.results.outcome import FitOutcome
 from fitting.uncertainty import Estimate, normal_estimate, student_estimate
 
@@ -40,8 +41,8 @@ class HeldPoints:
     group: NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class TangentLaw:
+@dataclass(frozen=True, eq=False)
+class TangentLaw(EqualByFields):
     """Tangent stiffness k(F) = κ (1 + ρ (F − F_r)): slope 1/κ [m/N], growth ρ [1/N], their (2, 2) covariance.
 
     gain_sd is the relative standard uncertainty of the load cell's scale, common to all tangents; outcome is that of

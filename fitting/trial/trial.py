@@ -95,6 +95,12 @@ class Trial(EqualByFields):
         for array in (self.force_time, self.force, self.marker_time, self.markers):
             array.setflags(write=False)
 
+    def __repr__(self) -> str:
+        described = f"Trial {self.file}: {self.test} test of cuff {self.cuff.name}"
+        if not self.force.size or not self.marker_time.size:
+            return described
+        return f"{described}, {self.end:.3g} s, force {self.force.min():.3g} to {self.force.max():.3g} N"
+
     @property
     def end(self) -> float:
         """Session time [s] at which the shorter of force and markers ends."""

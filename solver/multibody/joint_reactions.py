@@ -13,6 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.results import EqualByFields
 from solver.checks import ensure_known, ensure_names
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.model import GROUND, Joint, Model
@@ -43,7 +44,7 @@ class ReactionRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class JointReactions:
+class JointReactions(EqualByFields):
     """Reactions of some joints in every frame.
 
     labels  of every joint, as OpenSim's: knee_r_on_tibia_r_in_ground

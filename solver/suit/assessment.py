@@ -68,6 +68,12 @@ class EffortCurve(EqualByFields):
     reduction: Mapping[str, Quantity]
     cost_ci95: Array | None = None
 
+    def __repr__(self) -> str:
+        known = {name: figure.value for name, figure in self.figures.items() if figure.value is not None}
+        figures = ", ".join(f"{name} {value:.4g}" for name, value in known.items())
+        named = " ".join(filter(None, (self.condition, self.cuff)))
+        return f"EffortCurve {named}: {len(self.cost)} rest lengths; {figures}"
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -84,7 +90,7 @@ class Comparison:
 
 
 @dataclass(frozen=True, eq=False)
-class UncertaintySummary:
+class UncertaintySummary(EqualByFields):
     """Where the intervals of an assessment are from, and the decision between the arm cuffs.
 
     people    drawn;  solved: with an effort at the reference rest length of every curve;  every: N-th frame
