@@ -373,7 +373,10 @@ def test_zero_drift_losses_and_weights_are_those_of_the_window(session: Path) ->
 def test_a_report_and_the_html_of_a_fit_state_its_figures(fitted: cs.SessionFit) -> None:
     cuff = fitted.cuffs["hand"]
     report = cuff.report()
-    assert f"{cuff.stiffness.value:.6g} +/- {cuff.stiffness.standard_error:.2g} N/m" in report
+    assert f"{cuff.stiffness.value:.0f} +/- {cuff.stiffness.standard_error:.0f} N/m" in report, (
+        "two digits of the error"
+    )
+    assert f"{cuff.migration.value:.6f} +/- {cuff.migration.standard_error:.6f} m" in report
     assert all(cause in report for cause, part in cuff.damping.parts.items() if part)
     assert "C(stiffness, damping)" in report
     for result in (fitted, cuff, cuff.wearable()):
