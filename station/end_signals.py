@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-"""SIGHUP: the terminal was closed; on Windows SIGBREAK: Ctrl-Break, or the window was closed."""
+"""SIGHUP: the terminal was closed. SIGBREAK: Ctrl-Break on Windows; a closed window ends its processes there."""
 
 
 def end_signals() -> tuple[signal.Signals, ...]:
