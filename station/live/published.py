@@ -12,6 +12,8 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, TypeAdapter
 
+from documents.results import EqualByFields
+
 NAN = float("nan")
 Figure = Annotated[float, BeforeValidator(lambda value: NAN if value is None else value)]
 """A number that may be NaN."""
@@ -29,8 +31,8 @@ class LiveSubject:
     model_osim: str = field(default="", repr=False)
 
 
-@dataclass(frozen=True)
-class LiveScenario:
+@dataclass(frozen=True, eq=False)
+class LiveScenario(EqualByFields):
     """A suit that is solved beside the others. rest_length_m is NaN for a slack cord.
 
     condition is "slack", or one of SuitScenario: "rigid", or "both" for cuffs as fitted; cuff is the arm cuff's name.
@@ -42,8 +44,8 @@ class LiveScenario:
     cuff: str = ""
 
 
-@dataclass(frozen=True)
-class LiveSetup:
+@dataclass(frozen=True, eq=False)
+class LiveSetup(EqualByFields):
     """Names of everything that an update holds, in its order, and what is solved.
 
     lag_s is the lag of the smoother, frame_rate_hz that of the cameras; origin is "measured", "simulated" or "unknown"
@@ -65,8 +67,8 @@ class LiveSetup:
     suit_toml: str = field(default="", repr=False)
 
 
-@dataclass(frozen=True)
-class LiveScenarioValues:
+@dataclass(frozen=True, eq=False)
+class LiveScenarioValues(EqualByFields):
     """One scenario in one frame. NaN where the frame has no solution; outcome is a StreamSuitOutcome.
 
     effort is Σ w a² of the muscles, reserve_effort that of the actuators; joint_force_n (3,) acts on the scapula, in
@@ -81,16 +83,16 @@ class LiveScenarioValues:
     joint_force_n: tuple[Figure, ...]
 
 
-@dataclass(frozen=True)
-class LiveRecent:
+@dataclass(frozen=True, eq=False)
+class LiveRecent(EqualByFields):
     """Of the last whole arm cycles: effort of every scenario over that of the slack one, and how many cycles."""
 
     cycles: int
     effort: Mapping[str, Figure]
 
 
-@dataclass(frozen=True)
-class LiveBest:
+@dataclass(frozen=True, eq=False)
+class LiveBest(EqualByFields):
     """Best rest length of the motion so far: value, standard deviation over the cycles [m], effort over slack.
 
     edge is −1 or 1 where the shortest or longest length tried is the best: the best one is there or beyond.
@@ -103,8 +105,8 @@ class LiveBest:
     edge: int = 0
 
 
-@dataclass(frozen=True)
-class LiveValues:
+@dataclass(frozen=True, eq=False)
+class LiveValues(EqualByFields):
     """One solved frame. time_s counts from the first frame, by the cameras' clock; it is lag_s before the newest one.
 
     frame is the camera's frame number; outcome is a StreamOutcome, and the fields after scenarios are those of
@@ -139,8 +141,8 @@ class LiveFinding:
     sentence: str
 
 
-@dataclass(frozen=True)
-class LiveDelivery:
+@dataclass(frozen=True, eq=False)
+class LiveDelivery(EqualByFields):
     """How old the values are, and what was left out.
 
     published_s     Unix time of publication
@@ -166,8 +168,8 @@ class LiveDelivery:
         return self.age_s + now_s - self.published_s
 
 
-@dataclass(frozen=True)
-class LiveUpdate:
+@dataclass(frozen=True, eq=False)
+class LiveUpdate(EqualByFields):
     """values is None while there is nothing to show (waiting, wearer outside the volume); see the findings."""
 
     values: LiveValues | None
