@@ -55,10 +55,14 @@ def with_extras(verb: Callable[P, R], name: str) -> Callable[P, R]:
 
     @functools.wraps(verb)
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:
-        for extra in EXTRAS_OF_VERB.get(name, ()):
-            for package in PACKAGES[extra]:
-                if not _is_installed(package):
-                    raise MissingExtra(f"station {name}", package, extra)
+        missing = {
+            extra: package
+            for extra in EXTRAS_OF_VERB.get(name, ())
+            for package in reversed(PACKAGES[extra])
+            if not _is_installed(package)
+        }
+        if missing:  # all extras in one sentence, so that one installation is enough
+            raise MissingExtra(f"station {name}", next(iter(missing.values())), ",".join(missing))
         try:
             return verb(*args, **kwargs)
         except ModuleNotFoundError as error:
