@@ -151,17 +151,19 @@ def read_journal(folder: Path) -> Journal:
     except FileNotFoundError:
         return Journal()
     except (OSError, UnicodeDecodeError) as error:
-        raise _error(JournalCode.UNREADABLE, path, reason=describe_failure(error)) from error
+        raise journal_error(JournalCode.UNREADABLE, path, reason=describe_failure(error)) from error
     lines = _Lines()
     for number, line in enumerate(text.split("\n")[:-1], 1):
         try:
             lines.add(JournalLine.model_validate(parse_json(line)).root)
         except (ValueError, TypeError) as error:
-            raise _error(JournalCode.WRONG_LINE, path, line=number, found=repr(line[:60])) from error
+            raise journal_error(JournalCode.WRONG_LINE, path, line=number, found=repr(line[:60])) from error
     return lines.journal()
 
 
 def write_setup(folder: Path, setup: Setup) -> None:
+    """Begin the journal and make its folder. Later lines do not: a session that was moved would have two."""
+    _make(folder)
     _append(folder, SetupEntry, **vars(setup))
 
 
@@ -316,7 +318,15 @@ def _readable(text: str) -> str:
 
 def append_line(path: Path, kind: str, **values: Any) -> None:
     """Append a line with the time, its kind and the values to a file of JSON lines. Raises JournalError."""
+    _make(path.parent)
     _append_line(path, {"at": utc_now(), "kind": kind, **values})
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise journal_error(JournalCode.NOT_WRITTEN, folder, reason=describe_failure(error)) from error
 
 
 def _append_line(path: Path, entry: dict[str, Any]) -> None:
@@ -325,7 +335,6 @@ def _append_line(path: Path, entry: dict[str, Any]) -> None:
     Console and terminal may write at the same time; without the lock, one would remove an unfinished line of the other.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_name(f".{path.name}.lock"), LOCK_WAIT_S), append_to_regular(path) as file:
             file.seek(0)
             above = file.read()
@@ -339,10 +348,11 @@ def _append_line(path: Path, entry: dict[str, Any]) -> None:
             with suppress(OSError):  # the line itself contains the hash of those above
                 write_checksums(path)
     except OSError as error:
-        raise _error(JournalCode.NOT_WRITTEN, path, reason=describe_failure(error)) from error
+        raise journal_error(JournalCode.NOT_WRITTEN, path, reason=describe_failure(error)) from error
     except PlainDataError as error:
-        raise _error(JournalCode.NOT_WRITTEN, path, reason=str(error)) from error
+        raise journal_error(JournalCode.NOT_WRITTEN, path, reason=str(error)) from error
 
 
-def _error(code: JournalCode, path: Path, **figures: float | str) -> JournalError:
+def journal_error(code: JournalCode, path: Path, **figures: float | str) -> JournalError:
+    """The error of this code about a file or folder of the session."""
     return JournalError(Message(code, {"path": str(path), **figures}))

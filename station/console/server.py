@@ -156,7 +156,7 @@ def serve(
         app.add_api_route("/report", lambda: _report(controller.session.folder))
         app.on_startup(partial(print_address, address, is_opened=is_opened))
         app.on_startup(controller.prepare)
-        app.timer(HEARTBEAT_S, controller.reviewer.process_recordings)
+        app.timer(HEARTBEAT_S, controller.process_recordings)
         feed = LiveFeed(lambda: controller.session.folder)
         stack.callback(feed.close)
         app.timer(LIVE_POLL_S, feed.poll)

@@ -138,6 +138,7 @@ class JournalCode(StrEnum):
     WRONG_LINE = "journal.wrong_line"
     NOT_WRITTEN = "journal.not_written"
     NO_REASON = "journal.no_reason"
+    GONE = "journal.gone"
 
 
 class CueCode(StrEnum):

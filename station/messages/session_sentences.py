@@ -20,6 +20,10 @@ _JOURNAL: Mapping[StrEnum, str] = {
     JournalCode.UNREADABLE: "{path} cannot be read: {reason}",
     JournalCode.WRONG_LINE: "{path}, line {line}: expected an entry of the journal, found {found}",
     JournalCode.NOT_WRITTEN: "{path} cannot be written: {reason}; the decision is not stored",
+    JournalCode.GONE: (
+        "{path} is gone: the folder of the open session was moved, renamed or deleted. Resume the session where it is "
+        "now, or begin a new one"
+    ),
     JournalCode.NO_REASON: "{file} is to be repeated without a reason; enter what was wrong with it",
 }
 

@@ -19,6 +19,7 @@ from station.bench.check import CheckResult, inspect_bench_and_zero, read_known_
 from station.bench.simulation import SimulatedBench
 from station.clock import RealClock
 from station.config import StationConfig
+from station.journal import JournalError
 from station.messages.codes import CheckCode
 from station.messages.message import Message
 from station.session.judgement import Grade
@@ -58,6 +59,13 @@ class SessionController:
                 self.session.resume(listed.folder)
                 self.session.is_recorded_elsewhere = True
                 return
+
+    async def process_recordings(self) -> None:
+        """As the reviewer does. A session whose folder is gone, or cannot be read or written, is closed."""
+        try:
+            await self.reviewer.process_recordings()
+        except JournalError as error:
+            self.session.abandon(str(error))
 
     def close(self) -> None:
         """End the console; a running trial continues to its end."""

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+from documents.regular_file import describe_failure
 from recordings.manifest import DataOrigin
 from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.config import StationConfig
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.journal import Journal, Setup, read_journal, write_next, write_note, write_setup, write_skipped
+from station.journal import (
+    Journal,
+    JournalError,
+    Setup,
+    journal_error,
+    read_journal,
+    write_next,
+    write_note,
+    write_setup,
+    write_skipped,
+)
 from station.journal_lines import JOURNAL_FILE
-from station.messages.codes import CommandCode, TerminalCode
+from station.messages.codes import CommandCode, JournalCode, TerminalCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 from station.session.judgement import Judgement
@@ -55,17 +67,28 @@ class OpenSession:
 
     @property
     def journal(self) -> Journal:
-        """The journal as it is on the disk now; the recorder and other consoles also write into it."""
+        """The journal as it is on the disk now; the recorder and other consoles also write into it.
+
+        While it cannot be read, as it was: a running trial is shown to its end, and then ensure_readable raises.
+        """
+        with suppress(JournalError):
+            self.ensure_readable()
+        return self._read[1] if self._read is not None else Journal()
+
+    def ensure_readable(self) -> None:
+        """Read the journal of the open session if it has changed. Raises JournalError if that is not possible."""
         if self.folder is None:
-            return Journal()
+            return
+        path = self.folder / JOURNAL_FILE
         try:
-            status = (self.folder / JOURNAL_FILE).stat()
-        except FileNotFoundError:
-            return Journal()
+            status = path.stat()
+        except FileNotFoundError as error:
+            raise journal_error(JournalCode.GONE, self.folder) from error
+        except OSError as error:
+            raise journal_error(JournalCode.UNREADABLE, path, reason=describe_failure(error)) from error
         stamp = status.st_mtime_ns, status.st_size
         if self._read is None or self._read[0] != stamp:
             self._read = stamp, read_journal(self.folder)
-        return self._read[1]
 
     @property
     def is_simulated(self) -> bool:
@@ -125,7 +148,11 @@ class OpenSession:
         self.refuse_while_running()
         if self.is_rehearsal and self.folder is not None:
             shutil.rmtree(self.folder.parent, ignore_errors=True)
-        self.folder, self.is_rehearsal, self.judgement, self.message = None, False, None, ""
+        self.abandon("")
+
+    def abandon(self, message: str) -> None:
+        """Close the session and leave its files as they are; message says why."""
+        self.folder, self.is_rehearsal, self.judgement, self.message, self._read = None, False, None, message, None
 
     @property
     def wearer(self) -> Subject:

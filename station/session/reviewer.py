@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from filelock import FileLock, Timeout
 
+from documents.regular_file import describe_failure
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from recordings.recovery import RecoveryReport, recover
@@ -22,6 +23,7 @@ from station.checksums import write_checksums
 from station.journal import (
     Assignment,
     Recorded,
+    journal_error,
     read_journal,
     write_assigned,
     write_donned,
@@ -31,7 +33,7 @@ from station.journal import (
     write_verdict,
 )
 from station.journal_lines import Choice
-from station.messages.codes import CommandCode, TerminalCode, TrialCode
+from station.messages.codes import CommandCode, JournalCode, TerminalCode, TrialCode
 from station.messages.message import Message
 from station.progress import StageProgress
 from station.protocol import TrialSpec
@@ -126,9 +128,13 @@ class Reviewer:
         write_mark(self._session.folder, plan.undecided.file, number, name)
 
     async def process_recordings(self) -> None:
-        """Adopt recordings without a journal entry, and judge the one that waits. Call once a second."""
+        """Adopt recordings without a journal entry, and judge the one that waits. Call once a second.
+
+        Raises JournalError if the folder of the session is gone, or cannot be read or written.
+        """
         if self._session.folder is None or self._session.has_running_trial or self.is_judging:
             return
+        self._session.ensure_readable()
         self.is_judging = True
         try:
             adopted = await asyncio.to_thread(adopt_recordings, self._session.folder)
@@ -207,6 +213,7 @@ def adopt_recordings(folder: Path) -> tuple[Recorded, ...] | None:
     """Enter every recording of the folder into the journal if it is missing there; recover a cut one first.
 
     Returns the new entries; None, without effect, while a recorder runs in the folder: it writes its own entry.
+    Raises JournalError if the folder cannot be written.
     """
     adopted = []
     try:
@@ -218,6 +225,8 @@ def adopt_recordings(folder: Path) -> tuple[Recorded, ...] | None:
                     write_recorded(folder, adopted[-1])
     except Timeout:
         return None
+    except (OSError, NotImplementedError) as error:  # read-only, or without locks
+        raise journal_error(JournalCode.NOT_WRITTEN, folder, reason=describe_failure(error)) from error
     return tuple(adopted)
 
 

@@ -21,7 +21,7 @@ from pydantic import TypeAdapter
 from station.bench.simulation import SimulatedBench, SimulationError
 from station.child import DETACHED, Child
 from station.config import StationConfig
-from station.journal import Recorded, write_mark
+from station.journal import JournalError, Recorded, write_mark
 from station.messages.codes import CommandCode, RefusalCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec
@@ -50,6 +50,7 @@ class TrialRunner:
     async def arm(self) -> None:
         """Start the recorder for the next trial of the plan."""
         self._session.refuse_while_running()
+        self._session.ensure_readable()
         plan = self._session.plan
         if plan is None or self._session.folder is None:
             raise CommandRefused.of(CommandCode.NO_SESSION)
@@ -118,8 +119,9 @@ class TrialRunner:
             self._session.has_running_trial = False
         recorded = trial.recorded
         if recorded is not None and recorded.file and self._session.folder is not None:
-            for number, name in live.mark_names.items():
-                write_mark(self._session.folder, recorded.file, number, name)
+            with suppress(JournalError):  # the folder is gone, which the next look at it reports
+                for number, name in live.mark_names.items():
+                    write_mark(self._session.folder, recorded.file, number, name)
         refusal = f"{trial.refusal} [{trial.refusal_code}]" if trial.refusal_code else trial.refusal
         self._session.message = refusal or (recorded.sentence if recorded else "")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import threading
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import replace
@@ -144,6 +145,50 @@ def test_a_session_is_resumed_with_its_plan(controller: SessionController) -> No
         (listed.setup, listed.done, listed.trials) for listed in list_sessions(controller.session.config.session.folder)
     ] == [(SETUP, 1, 2)]
     assert name in controller.session.journal.verdicts
+
+
+def move(folder: Path) -> None:
+    folder.rename(folder.with_name("elsewhere"))
+
+
+def put_a_file_in_place(folder: Path) -> None:
+    move(folder)
+    folder.write_text("a file\n")
+
+
+def damage(folder: Path) -> None:
+    (folder / "session.jsonl").write_text("no entry\n")
+
+
+@pytest.mark.parametrize(
+    ("lose", "code"),
+    [
+        (move, JournalCode.GONE),
+        (shutil.rmtree, JournalCode.GONE),
+        (put_a_file_in_place, JournalCode.UNREADABLE),
+        (damage, JournalCode.WRONG_LINE),
+    ],
+)
+def test_a_session_whose_folder_is_lost_is_closed_with_one_sentence(
+    controller: SessionController, lose: Callable[[Path], None], code: JournalCode
+) -> None:
+    controller.session.begin(SETUP)
+    name, folder = put_recording(controller), controller.session.folder
+    assert folder is not None
+    assert name in {recorded.file for recorded in controller.session.journal.recorded}
+    lose(folder)
+    assert controller.session.plan is not None, "a page shows the session until it is closed"
+    with raises_refusal(JournalError, code):
+        run(controller.runner.arm())
+    if code is not JournalCode.WRONG_LINE:
+        with pytest.raises(JournalError):
+            controller.session.note("", "written after the loss")
+    assert folder.is_dir() is (code is JournalCode.WRONG_LINE), "no second session is made in its place"
+    run(controller.process_recordings())
+    assert controller.session.folder is None and str(folder) in controller.session.message
+    controller.session.message = ""
+    run(controller.process_recordings())
+    assert controller.session.message == "", "once"
 
 
 def test_a_new_console_returns_to_the_session_of_which_a_trial_is_still_recorded(controller: SessionController) -> None:
