@@ -1,7 +1,12 @@
 // Keys of the page. A key clicks the button that shows it; while a field has the focus, letters are text. A press that the
-// console has not confirmed is kept in the tab, so that neither a lost connection nor a reload hides it.
+// console has not confirmed is kept in the tab, so that neither a lost connection nor a reload hides it. A view that is
+// drawn anew gives the focus back to the button or field of the same name.
 (() => {
   const PRESSED = "station.pressed", FORM = "station.form.";
+  const TYPING_MS = 1500, REDRAWN_MS = 1000;
+  const nameOf = (element) => `${element.tagName} ${element.ariaLabel || element.textContent}`;
+  let typedAt = 0; // the last letter in a field that was not left since
+  let focused = null; // the element that had the focus last, its name, and when it was missed
   const isTyping = () => document.activeElement?.matches("input, textarea, select, [contenteditable=true]");
   const hasDialog = () => document.querySelector(".q-dialog, .q-menu");
 
@@ -51,8 +56,30 @@
     keptForm(name) { return JSON.parse(sessionStorage.getItem(FORM + name) || "{}"); },
   });
 
-  document.addEventListener("DOMContentLoaded", build);
+  function restoreFocus() {
+    if (focused === null || focused.element.isConnected || document.activeElement !== document.body) return;
+    focused.missedAt ??= Date.now();
+    const same = [...document.querySelectorAll(focused.element.tagName)].find(
+      (element) => element.checkVisibility() && nameOf(element) === focused.name);
+    if (Date.now() - focused.missedAt > REDRAWN_MS) focused = null; // a later view of that name is another one
+    else same?.focus();
+  }
+
+  // A field may vanish under the hands of the operator, as when the trial ends: the rest of the word is no command.
+  function isRestOfWord(event) {
+    const isLetter = event.key.length === 1, isRest = !isTyping() && isLetter && Date.now() - typedAt < TYPING_MS;
+    if (isLetter ? isTyping() || isRest : event.key !== "Shift") typedAt = isLetter ? Date.now() : 0;
+    return isRest;
+  }
+
+  document.addEventListener("DOMContentLoaded", () => {
+    build();
+    new MutationObserver(restoreFocus).observe(document.body, { childList: true, subtree: true });
+  });
+  window.addEventListener("pointerdown", () => { typedAt = 0; });
+  document.addEventListener("focusin", ({ target }) => { focused = { element: target, name: nameOf(target), missedAt: null }; });
   window.addEventListener("keydown", (event) => {
+    if (isRestOfWord(event)) return event.preventDefault();
     if (event.key === "Escape" && isTyping()) return document.activeElement.blur(); // letters are keys again
     if (isTyping() || hasDialog() || event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
     const button = event.key.length === 1 ? buttonOf(event) : null;

@@ -96,7 +96,8 @@ def answer(assessment: Plain) -> Iterator[Shown]:
     elif code == DecisionCode.CHOOSE:
         yield f"Choose the {leading[0]} cuff: "
     elif code in (DecisionCode.EQUIVALENT, DecisionCode.EQUIVALENT_AND_WORSE):
-        yield f"Choose {', '.join(leading[:-1])} or {leading[-1]} by comfort; they save the same: "
+        yield f"Choose {', '.join(leading[:-1])} or {leading[-1]} by comfort; "
+        yield "their savings differ by less than matters in practice: "
     else:
         yield f"Not decided between {listed(list(known))}; {leading[0]} has the least effort so far: "
     for cuff in leading:

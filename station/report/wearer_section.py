@@ -123,5 +123,5 @@ def _line(time: Array, curve: Array, colour: int, label: str = "") -> Line:
 
 def _over_time(panel: Panel, trial: WearerTrial, *, is_last: bool) -> Panel:
     limits = float(trial.time[0]), float(trial.time[-1])
-    label, height = ("session time [s]", 130.0) if is_last else ("", 100.0)
+    label, height = ("time from the sync edge [s]", 130.0) if is_last else ("", 100.0)
     return Panel(panel.marks, label, panel.y_label, x_limits=limits, width=HALF, height=height, has_x_numbers=is_last)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
+from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.subject.subject_file import Cord, Subject, read_subject
 from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, seen
 from tests.station.console.served import ServedConsole, write_config
@@ -80,3 +81,30 @@ def test_the_wearer_is_changed_in_an_open_session(browser: Browser, tmp_path: Pa
         page.get_by_role("button", name="Wearer (w)").click()
         expect(dialog.get_by_label(MASS)).to_have_value("70")
     assert read_subject(tmp_path / "sessions" / "sub-P01_ses-1").mass_kg == 70.0
+
+
+def test_a_redrawn_view_keeps_the_focus_and_the_rest_of_a_word_is_no_command(browser: Browser, tmp_path: Path) -> None:
+    folder = tmp_path / "sessions" / "sub-P01_ses-1"
+    write_setup(folder, Setup("P01", "ab", ("hand",), 3, has_bounce=False))
+    (folder / "a.mcap").write_text("no recording\n")
+    write_recorded(folder, Recorded("a.mcap", "hand", "static", 1, "1", False, 0, "the mocap capture ended"))
+    with ServedConsole(write_config(tmp_path)) as console:
+        one, other = open_page(browser, console.address), open_page(browser, console.address)
+        one.get_by_role("button", name="P01, session 1").click()
+        seen(other, "redo advised")
+        one.clock.set_fixed_time(one.evaluate("Date.now()"))  # all of the word is typed at one moment
+        one.get_by_label("Note on this trial").focus()
+        one.keyboard.type("sli")
+        other.keyboard.press("k")
+        seen(one, "next: hand, dynamic")
+        one.keyboard.type("nnn")  # which skips three trials, where no word was begun
+        one.clock.resume()
+        one.get_by_text("next: hand, dynamic, repeat 1").click()  # ends the word
+        skip = one.get_by_role("button", name="Skip this trial")
+        skip.focus()
+        for repeat in (2, 3):
+            one.keyboard.press("Enter")
+            seen(one, f"next: hand, static, repeat {repeat}" if repeat == 2 else "next: hand, dynamic, repeat 2")
+            expect(skip).to_be_focused()
+        one.keyboard.press("n")
+        seen(one, "next: hand, static, repeat 3")

@@ -98,7 +98,8 @@ SAVED = "13.5 % less effort than with a slack cord at a rest length of 0.650 m"
         (
             ("hand", "tube"),
             EQUIVALENT,
-            f"Choose hand or tube by comfort; they save the same: {SAVED} with hand, 0.650 m with tube.",
+            "Choose hand or tube by comfort; their savings differ by less than matters in practice: "
+            f"{SAVED} with hand, 0.650 m with tube.",
         ),
         (("hand", "tube"), UNDECIDED, f"Not decided between hand and tube; tube has the least effort so far: {SAVED}."),
         (("hand", "tube"), FIT_ONLY, f"Not decided between hand and tube; hand has the least effort so far: {SAVED}."),
