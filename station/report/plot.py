@@ -56,11 +56,15 @@ def plot(result: object, *, ax: Any = None) -> Any:
         panels.draw(list(grid.flat))
         return figure
     axes = [ax] if isinstance(ax, Axes) else list(np.ravel(np.asarray(ax, dtype=object)))
+    for one in axes:
+        if not isinstance(one, Axes):
+            raise TypeError(f"ax should be Axes of matplotlib, and got a {type(one).__name__}")
     count = panels.rows * panels.columns
     if len(axes) == 1 and count > 1:
         axes = _divided(axes[0], panels.rows, panels.columns)
     if len(axes) != count:
-        raise ValueError(f"ax should be one Axes or {count}, a panel each, and has {len(axes)}")
+        several = f" or {count}, one for each panel" if count > 1 else ""
+        raise ValueError(f"ax has {len(axes)} axes, expected one{several}")
     panels.draw(axes)
     return ax
 

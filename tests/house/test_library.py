@@ -203,6 +203,7 @@ def test_arguments_that_are_exchanged_or_of_another_type_are_named(
         ("soft_tissue_m", "str", lambda: cs.open_stream(["ts"], model, soft_tissue_m="0.01")),
         ("window", "str", lambda: cs.fit_session(session, window="0.5")),
         ("window", "float", lambda: cs.fit_donning([], window=0.5)),
+        ("ax", "str", lambda: cs.plot(fitted, ax="left")),
         ("cuffs", "int", lambda: cs.assess({"hand": 3})),
         ("cuffs", "int", lambda: cs.assess(3)),
         ("options", "int", lambda: cs.assess({}, model, motion, options=3)),
@@ -394,7 +395,7 @@ def test_a_picture_is_shown_without_pyplot_and_drawn_into_given_axes(fitted: cs.
     divided = Figure().add_subplot()
     assert cs.plot(fitted.cuffs["hand"], ax=divided) is divided
     assert [axis.get_xlabel() for axis in divided.child_axes] == [axis.get_xlabel() for axis in three]
-    with pytest.raises(ValueError, match="one Axes or 3"):
+    with pytest.raises(ValueError, match="^ax has 2 axes, expected one or 3"):
         cs.plot(fitted.cuffs["hand"], ax=three[:2])
 
 
