@@ -395,7 +395,7 @@ def test_a_picture_is_shown_without_pyplot_and_drawn_into_given_axes(fitted: cs.
     divided = Figure().add_subplot()
     assert cs.plot(fitted.cuffs["hand"], ax=divided) is divided
     assert [axis.get_xlabel() for axis in divided.child_axes] == [axis.get_xlabel() for axis in three]
-    with pytest.raises(ValueError, match="^ax has 2 axes, expected one or 3"):
+    with pytest.raises(ValueError, match=r"^ax has 2 axes, expected one or 3"):
         cs.plot(fitted.cuffs["hand"], ax=three[:2])
 
 
