@@ -7,7 +7,7 @@ experiment of tests/fitting/defects.py, which shares no code with the fit. Every
 the quantities that are identified, with Monte-Carlo standard errors, and the findings: causes and
 notes of at least 5 % of the sessions. Truth of k is the stiffness at rest along the rope, of a stiffening cuff the
 slope of the line through its held loads; of c that of a damper at the frequency of the swing, of a tangent that at the
-load.
+load; of migration the displacement that remains after the last static trial.
 """
 
 from __future__ import annotations
@@ -107,12 +107,17 @@ def run(condition: Condition, seed: int, repeats: int = 3) -> Session:
     if lag_sd:
         truth = replace(truth, lag=lag_sd * float(np.random.default_rng((seed, 1)).standard_normal()))
     session = OddSession(law, condition.rig, 7000 + seed, truth)
-    (fit,) = fit_session(list(_trials(session, repeats, lag_sd))).cuffs.values()
+    trials, migration = [], 0.0
+    for trial in _trials(session, repeats, lag_sd):
+        trials.append(trial)
+        if trial.test == "static":
+            migration = session.migration
+    (fit,) = fit_session(trials).cuffs.values()
     along = _along(condition.rig)
     omega = 2 * math.pi * truth.frequency
     relaxing, time = law.fast[0] * k, law.fast[1]
     damping = c + relaxing * time / (1 + (omega * time) ** 2)
-    return Session(fit, _line(law, truth) * along, damping * along, session.migration, k, law.bend)
+    return Session(fit, _line(law, truth) * along, damping * along, migration, k, law.bend)
 
 
 def _line(law: Law, truth: Truth) -> float:
