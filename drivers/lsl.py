@@ -86,7 +86,7 @@ class LslEmg:
         self._next_number = self._next_clock_number = 0
         self._last: tuple[float, int] | None = None  # stamp and host time of the last sample
         self._was_away = False
-        self._clock = DeviceClock()
+        self._clock = DeviceClock()  # of the sample numbers
         with contextlib.ExitStack() as undo:
             undo.callback(self.close)
             info = self._connect()
@@ -230,10 +230,9 @@ class LslEmg:
         for place in np.flatnonzero(
             (np.abs(steps) > GAP_S) | (self._was_away & (np.arange(len(stamps)) == 0))
         ).tolist():
-            self._follow(stamps[first:place], host_time_ns)
-            is_of_clock = steps[place] <= 0 or not self._clock.is_possible(float(stamps[place]), host_time_ns)
-            if is_of_clock:
-                self._clock.restart()
+            self._clock.add((self._next_number + place - first) / self._rate_hz, host_time_ns)
+            number_s = (self._next_number + place - first) / self._rate_hz + float(steps[place])
+            is_of_clock = steps[place] <= 0 or not self._clock.is_possible(number_s, host_time_ns)
             if is_of_clock and not self._was_away:
                 clock_steps.append(float(steps[place]))
                 continue
@@ -241,7 +240,7 @@ class LslEmg:
             items += self._gap(float(steps[place]), float(stamps[place]), host_time_ns, is_of_clock=is_of_clock)
             first = place
         items += self._block(values[first:], stamps[first:], host_time_ns)
-        self._follow(stamps, host_time_ns)
+        self._clock.add(self._next_number / self._rate_hz, host_time_ns)
         self._last = float(stamps[-1]), host_time_ns
         return [*self._clock_event(clock_steps, host_time_ns), *items]
 
@@ -258,10 +257,6 @@ class LslEmg:
         wrong = stamps[~is_sound]
         text = f"{self.name} stamped {len(wrong)} samples with {wrong[0]:g} s, which is no time; theirs is interpolated"
         return filled, [Event("emg_clock_unreadable", text, host_time_ns, self.name)]
-
-    def _follow(self, stamps: NDArray[np.float64], host_time_ns: int) -> None:
-        if len(stamps):
-            self._clock.add(float(stamps[-1]), host_time_ns)
 
     def _gap(self, step_s: float, stamp: float, host_time_ns: int, *, is_of_clock: bool) -> list[Item]:
         """Advance the sample numbers by those that are missing, and return a Loss of every stream.

@@ -123,6 +123,17 @@ def test_stamps_that_jump_by_more_than_the_station_s_clock_are_a_clock_event_and
     assert numbers.tolist() == list(range(300))
 
 
+def test_stamps_that_creep_ahead_count_no_more_samples_than_time_allows(outlet: FakeOutlet) -> None:
+    """Chunks of 0.1 s arrive every second; their stamps are 1.3 s apart."""
+    device, chunks = opened(), 40
+    for chunk in range(chunks):
+        outlet.send(10.0 + 1.3 * chunk, 100)
+    items = [item for _ in range(chunks) for item in device.read(0.0)]
+    lost = sum(item.count for item in items if isinstance(item, Loss))
+    assert 1000 * (chunks - 1) < lost + 100 * chunks <= 1000 * (1.01 * chunks + 1)
+    assert any(isinstance(item, Event) and item.kind == "emg_clock_reset" for item in items)
+
+
 def test_stamps_that_alternate_between_two_clocks_are_one_event_a_chunk(outlet: FakeOutlet) -> None:
     device = opened()
     for chunk in range(3):
