@@ -27,8 +27,8 @@ LONGEST_LINE = 256  # bytes; an indicator sends no longer line
 WAKE_S = 0.02  # duration of one wait for bytes
 QUIET_S = 0.5  # five lines; of wall time and by the host's clock, which stops with a simulated world
 
-USB220_LINE = re.compile(rb"([+-]\d+\.\d+)\s+lbs\r?\n")  # 18 bytes, the value in the first 13
-USB520_LINE = re.compile(rb"\s*([+-]?\d+\.\d+)\s*g\s*\r?\n")
+USB220_LINE = re.compile(rb"([+-]\d{1,9}\.\d{1,9})\s+lbs\r?\n")  # 18 bytes, the value in the first 13
+USB520_LINE = re.compile(rb"\s*([+-]?\d{1,9}\.\d{1,9})\s*g\s*\r?\n")
 
 
 def decode_usb220(line: bytes) -> float | None:

@@ -93,7 +93,17 @@ def test_a_usb520_line_is_grams_force() -> None:
 
 
 @pytest.mark.parametrize(
-    "line", [b"", b"\r\n", b"+1.2\r\n", b"+1.2 kg\r\n", b"++1.2 lbs\r\n", b"1.2.3 g\r\n", b"\xff\xfe\n"]
+    "line",
+    [
+        b"",
+        b"\r\n",
+        b"+1.2\r\n",
+        b"+1.2 kg\r\n",
+        b"++1.2 lbs\r\n",
+        b"1.2.3 g\r\n",
+        b"\xff\xfe\n",
+        b"+" + 200 * b"9" + b".0 lbs\r\n",
+    ],
 )
 def test_a_garbled_line_is_no_number(line: bytes) -> None:
     assert decode_usb220(line) is None

@@ -28,6 +28,8 @@ def test_a_device_that_falls_silent_while_recording_ends_the_trial_with_a_loss_o
     losses = [i for i in bench.writer.items if isinstance(i, Loss)]
     assert {x.cause for x in losses} == {"silent"}
     assert {x.stream: x.count for x in losses} == pytest.approx(missing, rel=0.05)
+    for loss in losses:
+        assert loss.first_missing == bench.writer.samples(loss.stream)[-1].sample_numbers[-1] + 1
 
 
 @pytest.mark.parametrize("has_preview", [False, True])
