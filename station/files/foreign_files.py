@@ -58,6 +58,10 @@ class WrongImport(ImportRefused):
     exit_code = WRONG_USAGE
 
 
+LARGEST_FORCE, FARTHEST_MM = 1e6, 1e6
+"""Beyond any load cell, in V, N or lbs, and any laboratory: the mark of a missing value, or damage."""
+
+
 @dataclass(frozen=True)
 class ForceSource:
     """A file with the force: a CSV of a DAQ, or a C3D with an analog channel.
@@ -123,6 +127,7 @@ def read_force(source: ForceSource, *, has_own_clock: bool = True) -> Force:
             raise WrongImport(_wrong_format(ImportCode.FORCE_FORMAT, source.path, suffix))
     column = _column(source, table, candidates)
     _require_rate(table.time_s, SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ, f"times in {source.path}, {source.time_column},")
+    _require_possible(table.time_s, table.signals[column], LARGEST_FORCE, f"{source.path}, {column},")
     sync = table.signals.get(source.sync_column) if has_own_clock else None
     others = tuple(name for name in table.names if name not in (source.time_column, column, source.sync_column))
     return Force(table.time_s, table.signals[column], _unit(source, table, column), column, sync, others)
@@ -146,6 +151,8 @@ def read_markers(source: MarkerSource, needed: Sequence[str]) -> MarkerTable:
         raise ImportRefused(_missing(ImportCode.MARKERS_MISSING, source.path, absent, table.labels))
     _require_rate(table.time_s, SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ, f"times in {source.path}")
     _require_size(table, source.path)
+    for i, label in enumerate(table.labels):
+        _require_possible(table.time_s, table.positions[:, i], FARTHEST_MM, f"{source.path}, {label} [mm],")
     return table
 
 
@@ -199,6 +206,15 @@ def _require_rate(time: NDArray[np.float64], lowest: float, highest: float, time
     if not lowest <= rate <= highest:
         figures: Figures = {"times": times, "rate_hz": rate, "lowest_hz": lowest, "highest_hz": highest}
         raise ImportRefused(Message(ImportCode.SAMPLE_RATE, figures))
+
+
+def _require_possible(time: NDArray[np.float64], values: NDArray[np.float64], most: float, what: str) -> None:
+    """Raise ImportRefused at the first of the times (n,) at which a value (n, …) is beyond `most`."""
+    beyond = np.argwhere(np.abs(values) > most)
+    if len(beyond):
+        place = tuple(beyond[0])
+        figures: Figures = {"what": what, "value": float(values[place]), "time_s": float(time[place[0]]), "most": most}
+        raise ImportRefused(Message(ImportCode.IMPOSSIBLE_VALUE, figures))
 
 
 def _require_size(table: MarkerTable, path: Path) -> None:

@@ -24,6 +24,7 @@ class ImportCode(StrEnum):
     NOTHING_VISIBLE = "import.nothing_visible"
     SAMPLE_RATE = "import.sample_rate"
     MARKER_DISTANCE = "import.marker_distance"
+    IMPOSSIBLE_VALUE = "import.impossible_value"
     BEFORE_CAPTURE = "import.before_capture"
     SHORT_OVERLAP = "import.short_overlap"
     NOT_USABLE = "import.not_usable"
@@ -152,6 +153,9 @@ _IMPORT: Mapping[StrEnum, str] = {
     ImportCode.MARKER_DISTANCE: (
         "the markers of {path} are within {size_mm:.4g} mm of each other, expected {least_mm:g} to {most_mm:g} mm; "
         "give the unit of the file by --mocap-unit"
+    ),
+    ImportCode.IMPOSSIBLE_VALUE: (
+        "{what} has {value:.4g} at {time_s:.3f} s, expected at most {most:g}; correct the value, or cut the file there"
     ),
     ImportCode.BEFORE_CAPTURE: (
         "{files}: the markers begin {before_s:.3g} s before the capture; export from frame 1 on"

@@ -47,9 +47,9 @@ def test_a_jittering_clock_loses_no_sample() -> None:
     assert rate == pytest.approx(20, rel=1e-2)
 
 
-def test_exact_zeros_and_half_a_position_are_missing_markers() -> None:
-    positions = np.array([[[0.0, 0.0, 0.0], [0.0, 1.0, 2.0], [np.nan, 1.0, 2.0]]])
-    assert np.isnan(without_origin(positions)).all(axis=2).tolist() == [[True, False, True]]
+def test_exact_zeros_half_a_position_and_one_in_space_are_missing_markers() -> None:
+    positions = np.array([[[0.0, 0.0, 0.0], [0.0, 1.0, 2.0], [np.nan, 1.0, 2.0], [1.0, -1e300, 2.0]]])
+    assert np.isnan(without_origin(positions)).all(axis=2).tolist() == [[True, False, True, True]]
 
 
 def test_a_frame_without_time_is_placed_by_its_number() -> None:

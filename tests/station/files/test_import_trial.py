@@ -375,6 +375,7 @@ def test_a_stale_frame_rate_invents_no_loss(
         ([f"{i / 1000},{i % 7},0.1" for i in range(30000)], ImportCode.NOT_USABLE),
         ([f"{i / 1000},{i % 7},5.0" for i in range(30000)], ImportCode.NOT_USABLE),
         ([f"{i / 1000},{i % 7},{5 * (i > 9000)}" for i in range(20000)], ImportCode.SHORT_OVERLAP),
+        ([f"{i / 1000},{1e300 if i == 9 else 1},{5 * (i > 400)}" for i in range(30000)], ImportCode.IMPOSSIBLE_VALUE),
     ],
 )
 def test_a_force_of_another_measurement_is_refused_and_leaves_no_file(
@@ -384,6 +385,17 @@ def test_a_force_of_another_measurement_is_refused_and_leaves_no_file(
     with raises_refusal(ImportRefused, code):
         run(tmp_path / "s", *static)
     assert not list(tmp_path.glob("s/*"))
+
+
+def test_a_position_that_no_laboratory_has_is_refused(pair: tuple[Truth, Truth], tmp_path: Path) -> None:
+    truth = pair[0].markers
+    positions = truth.positions.copy()
+    positions[70, 0, 1] = 9_999_999
+    mocap = tmp_path / "walk.trc"
+    mocap.write_text(write_trc(replace(truth, positions=positions), "walk"), encoding="utf-8")
+    with raises_refusal(ImportRefused, ImportCode.IMPOSSIBLE_VALUE) as caught:
+        run(tmp_path / "s", pair[0].write_csv(tmp_path / "daq.csv"), mocap)
+    assert caught.value.cause.figures["time_s"] == pytest.approx(truth.time_s[70])
 
 
 def test_files_with_too_little_time_in_common_are_refused_and_a_remainder_is_reported(
