@@ -141,6 +141,7 @@ def _opened(path: Path, *, is_rebuilt: bool) -> Iterator[duckdb.DuckDBPyConnecti
             with duckdb.connect(str(draft)) as connection:
                 connection.execute(creation())
                 yield connection
+                connection.execute("CHECKPOINT")  # by closing, DuckDB does not report a full disk
             path.with_name(f"{path.name}.wal").unlink(missing_ok=True)
     except duckdb.Error as error:
         raise _not_opened(path, error) from error
@@ -188,7 +189,12 @@ def _not_opened(path: Path, error: Exception) -> CatalogueError:
 def _sessions_below(folder: Path) -> dict[str, Path]:
     """Name → folder, also the folder itself (name ".") where it is a session."""
     folders = {path.parent for name in (JOURNAL_FILE, CUFFS_FILE) for path in folder.rglob(name)}
-    return {path.relative_to(folder).as_posix(): path for path in sorted(folders)}
+    return {_printable(path.relative_to(folder).as_posix()): path for path in sorted(folders)}
+
+
+def _printable(text: str) -> str:
+    """A text without the bytes of file names that are not UTF-8, which no table can hold."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def _participants(folder: Path) -> Participants:
@@ -266,7 +272,7 @@ def read_rows(folder: Path, name: str) -> SessionRows:
         cuffs = read_cuffs_document(path) if path.is_file() else None
         trials = _trials(name, journal, cuffs)
     except (JournalError, CuffsFileError, _UnlikelyValue) as error:
-        reason = {"state": SessionState.UNREADABLE.value, "reason": str(error)}
+        reason = {"state": SessionState.UNREADABLE.value, "reason": _printable(str(error))}
         return SessionRows({"session": name, "stamp": stamp, **reason})
     session = {
         "session": name,

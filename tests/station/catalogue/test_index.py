@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import sys
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -24,6 +26,7 @@ from station.journal_lines import JOURNAL_FILE
 from station.messages.study_messages import CatalogueCode
 from station.session.listing import list_sessions
 from tests.station.command import Ran, assert_refused
+from tests.station.refusals import raises_refusal
 from tests.station.study.synthetic_sessions import write_sessions
 
 
@@ -228,6 +231,36 @@ def cut(path: Path) -> None:
 def damaged(path: Path) -> None:
     created(path)
     path.write_bytes(path.read_bytes()[:64] + bytes(20_000))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of the size of a file")
+@pytest.mark.parametrize("bytes_free", [100_000, 300_000, 600_000])
+def test_a_disk_that_fills_during_the_first_build_leaves_nothing(folder: Path, bytes_free: int) -> None:
+    import resource
+
+    path = folder / CATALOGUE_FILE
+    path.unlink()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_free, before[1]))
+    try:
+        with raises_refusal(CatalogueError, CatalogueCode.NOT_CREATED):
+            update_catalogue(folder, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(folder.glob("*duckdb*"))
+    assert update_catalogue(folder, path).read == 4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere, a folder has no such name")
+def test_a_session_whose_name_is_not_utf_8_hides_no_other(folder: Path) -> None:
+    name = os.fsdecode(b"caf\xe9")
+    (folder / "sub-P01_ses-1").rename(folder / name)
+    (folder / name / JOURNAL_FILE).write_text("{")
+    indexed = update_catalogue(folder, folder / CATALOGUE_FILE)
+    assert (indexed.sessions, indexed.read) == (4, 1)
+    (folder / name / JOURNAL_FILE).write_text("{}\n")
+    assert list(update_catalogue(folder, folder / CATALOGUE_FILE).unreadable) == [r"caf\udce9"]
+    assert update_catalogue(folder, folder / CATALOGUE_FILE).read == 0
 
 
 @pytest.mark.parametrize("leave", [Path.touch, created, cut, damaged, lambda path: path.write_bytes(bytes(4096))])
