@@ -6,6 +6,7 @@ A key presses its button in the browser (keys.js), so that it acts only where th
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Awaitable, Callable
 from html import escape
@@ -78,7 +79,7 @@ class Actions:
     def _button(self, name: str, keys: str, action: Action, kind: Kind, mark: str, *, expires: bool) -> ui.button:
         async def press(event: GenericEventArguments) -> None:
             ui.run_javascript("station.confirmPress()")
-            await self.run((lambda: _unless_late(name, float(event.args), action)) if expires else action)
+            await self.run((lambda: _unless_late(name, event.args, action)) if expires else action)
 
         with ui.button().props(PROPS[kind]) as button:
             ui.html(f'{escape(name)} <span class="key">({keys[0]})</span>', sanitize=False)
@@ -87,9 +88,9 @@ class Actions:
         return button.mark(mark or name.lower().replace(" ", "-"))
 
 
-def _unless_late(name: str, pressed_ms: float, action: Action) -> Awaitable[None] | None:
-    """Raises CommandRefused for a press that waited in a lost connection."""
-    late_s = time.time() - pressed_ms / 1000
-    if late_s > LATE_S:
+def _unless_late(name: str, pressed_ms: object, action: Action) -> Awaitable[None] | None:
+    """Raises CommandRefused for a press that waited in a lost connection, or that has no time."""
+    late_s = time.time() - pressed_ms / 1000 if isinstance(pressed_ms, float | int) else math.inf
+    if not late_s <= LATE_S:
         raise CommandRefused.of(CommandCode.PRESSED_LATE, name=name, late_s=late_s)
     return action()

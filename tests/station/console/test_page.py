@@ -13,6 +13,7 @@ from nicegui import Client, ui
 from nicegui.page import page
 
 from station.bench.check import CheckResult
+from station.console.actions import _unless_late
 from station.console.charts import ELEVATION_AXIS, force_over_motion
 from station.console.live_view import best_text, delivery_text, most_active, rest_length_text, share_text
 from station.console.page import _Page
@@ -63,6 +64,14 @@ def test_an_action_that_deletes_its_button_still_reaches_the_page(monkeypatch, i
 
     asyncio.run(press())
     assert reached and set(reached) == {client}
+
+
+@pytest.mark.parametrize("pressed_ms", [0, math.nan, -math.inf, None, "soon", [1], {}])
+def test_a_press_without_a_time_and_one_of_long_ago_are_not_executed(pressed_ms: object) -> None:
+    pressed: list[str] = []
+    with raises_refusal(CommandRefused, CommandCode.PRESSED_LATE):
+        _unless_late("Begin", pressed_ms, lambda: pressed.append("Begin"))
+    assert not pressed
 
 
 CHARTS = pytest.mark.parametrize(
