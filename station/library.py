@@ -117,6 +117,6 @@ def sample_session() -> Path:
 def _cache() -> Path:
     """The folder in which programs of this user keep what they can make again."""
     named = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME")
-    if named:
+    if named and Path(named).is_absolute():
         return Path(named)
     return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")

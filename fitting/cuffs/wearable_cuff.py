@@ -18,7 +18,7 @@ from fitting.results.codes import FitErrorCode, NoteCode, Verdict
 from fitting.results.cuffs_schema import POSSIBLE
 from fitting.results.rendering import Note, sentence_of, verdict_text
 from fitting.uncertainty import NORMAL_95, Estimate, normal_estimate
-from recordings.manifest import DataOrigin
+from recordings.manifest import DataOrigin, is_file_name
 from solver.cuff import CuffParameters, KelvinVoigt
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Cuff(EqualByFields):
         Cuff("hand", stiffness=8520, damping=210, migration=0.012)
 
     A figure may be a number, or a number and its standard error. site: "waist" for a cuff of this name, else "arm".
-    Raises ImpossibleCuff for a number out of the range of a cuff on a body.
+    Raises ImpossibleCuff for a number out of the range of a cuff on a body, TypeError or ValueError for anything else.
 
     missing     quantities that are absent or not identified, and so must not be used
     covariance  (3, 3) of (stiffness, damping, migration); zero where one is None or was given
@@ -94,6 +94,8 @@ class Cuff(EqualByFields):
         assumed: tuple[Note, ...] = (),
         notes: tuple[str, ...] = (),
     ) -> None:
+        site = site or ("waist" if name == "waist" else "arm")
+        _ensure_usable(name, site, covariance)
         figures = {"stiffness": stiffness, "damping": damping, "migration": migration}
         estimates = {key: _estimate_of(name, key, figure) for key, figure in figures.items()}
         if missing is None:
@@ -103,7 +105,7 @@ class Cuff(EqualByFields):
         fields = {
             "name": name,
             **estimates,
-            "site": site or ("waist" if name == "waist" else "arm"),
+            "site": site,
             "donning": donning,
             "missing": missing,
             "verdicts": verdicts,
@@ -196,6 +198,22 @@ class Cuff(EqualByFields):
             "ci95_high": high,
             "is_identified": name not in self.missing,
         }
+
+
+def _ensure_usable(name: object, site: object, covariance: object) -> None:
+    """Raise ValueError for a name that cuffs.json refuses, another site, or a matrix that is no covariance."""
+    if not is_file_name(name):
+        raise ValueError(f"name should be one that a file can have, such as hand, and is {name!r}")
+    if site not in ("arm", "waist"):
+        raise ValueError(f"site of cuff {name} should be arm or waist and is {site!r}")
+    if covariance is None:
+        return
+    matrix = np.asarray(covariance)
+    is_matrix = matrix.shape == (3, 3) and matrix.dtype.kind in "fiu"
+    variances = np.diag(matrix) if is_matrix else np.full(3, -1.0)
+    largest = np.sqrt(np.outer(variances, variances).clip(min=0)) * (1 + 1e-6)
+    if not ((variances >= 0).all() and (np.abs(matrix) <= largest).all() and np.allclose(matrix, matrix.T)):
+        raise ValueError(f"covariance of cuff {name} should be a (3, 3) matrix of finite numbers that is one")
 
 
 def _estimate_of(cuff: str, quantity: str, figure: Figure | None) -> Estimate | None:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -85,6 +86,25 @@ def test_the_published_cuffs_are_those_of_the_simulators() -> None:
     found = {name: cuff.parameters() for name, cuff in published_cuffs().items()}
     assert {name: (cuff.stiffness, cuff.damping, cuff.migration) for name, cuff in found.items()} == expected
     assert [cuff.site for cuff in found.values()] == ["waist", "arm", "arm", "arm"]
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("../hand", {}),
+        ("", {}),
+        (3, {}),
+        ("hand", {"site": "leg"}),
+        ("hand", {"covariance": np.eye(2)}),
+        ("hand", {"covariance": np.full((3, 3), np.nan)}),
+        ("hand", {"covariance": -np.eye(3)}),
+        ("hand", {"covariance": np.ones((3, 3)) + np.eye(3)[[1, 0, 2]]}),  # correlations above 1
+        ("hand", {"covariance": "unknown"}),
+    ],
+)
+def test_a_name_site_or_covariance_of_no_cuff_is_refused(name: Any, given: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="should be"):
+        Cuff(name, stiffness=8520, **given)
 
 
 @pytest.mark.parametrize(
