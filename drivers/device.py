@@ -13,8 +13,8 @@ from recordings.samples import DeviceIdentity, Item, Stream
 
 HostClock = Callable[[], int]
 """Returns UTC in nanoseconds; the station's clock, given to a driver when it is made."""
-TOLERANCE_S, TOLERANCE_OF_RATE = 1.0, 0.01
-"""By which readings may come ahead of the first ones, which may have waited so long; by which a clock may be fast."""
+TOLERANCE_S = 1.0
+"""By which a reading may lie ahead of the earlier ones. The first samples of a device may have waited for so long."""
 
 
 class Device(Protocol):
@@ -104,23 +104,14 @@ class DeviceClock:
 
     def __init__(self) -> None:
         self._ahead_s: float | None = None  # most that a reading was ahead of its arrival; negative for a delay
-        self._gained_s, self._first_ns = 0.0, 0  # sum of the increases of the former; arrival of the first reading
 
     def is_possible(self, reading_s: float, host_time_ns: int) -> bool:
         """Whether so much time can have passed for the device."""
-        if self._ahead_s is None:
-            return True
-        ahead_s = reading_s - host_time_ns * 1e-9
-        most_s = TOLERANCE_S + TOLERANCE_OF_RATE * (host_time_ns - self._first_ns) * 1e-9
-        return ahead_s <= self._ahead_s or self._gained_s + ahead_s - self._ahead_s <= most_s
+        return self._ahead_s is None or reading_s - host_time_ns * 1e-9 <= self._ahead_s + TOLERANCE_S
 
     def add(self, reading_s: float, host_time_ns: int) -> None:
-        self._first_ns = self._first_ns or host_time_ns
         ahead_s = reading_s - host_time_ns * 1e-9
-        if self._ahead_s is not None:
-            self._gained_s += max(0.0, ahead_s - self._ahead_s)
-            ahead_s = max(self._ahead_s, ahead_s)
-        self._ahead_s = ahead_s
+        self._ahead_s = ahead_s if self._ahead_s is None else max(self._ahead_s, ahead_s)
 
     def restart(self) -> None:
         """The device's clock was set."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.device import DeviceClock, HostClock
+from drivers.device import TOLERANCE_S, DeviceClock, HostClock
 from drivers.errors import DeviceCode, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
@@ -26,6 +26,7 @@ CONNECT_TIMEOUT_S = 3.0  # for the description, the stream and the first clock o
 READS_PER_S = 20.0  # wall
 WAKE_S = 0.01
 GAP_S = 0.1  # outlets stamp by the chunk, with a jitter of tens of milliseconds; a longer jump of the stamps is a loss
+FAST = 0.01  # by which an amplifier may be faster than its nominal rate
 FURTHEST_S = 4e9  # of a stamp from 0: a time in UTC until 2096, and in nanoseconds within 64 bits
 CLOCK_INTERVAL_S = 2.0  # LSL's own between two measurements of the offset
 MOST_SAMPLES = 4096  # of one call
@@ -84,9 +85,10 @@ class LslEmg:
     def open(self) -> None:
         self.close()
         self._next_number = self._next_clock_number = 0
+        self._first: tuple[int, int] | None = None  # host time and count of the first samples
         self._last: tuple[float, int] | None = None  # stamp and host time of the last sample
         self._was_away = False
-        self._clock = DeviceClock()  # of the sample numbers
+        self._clock = DeviceClock()
         with contextlib.ExitStack() as undo:
             undo.callback(self.close)
             info = self._connect()
@@ -226,13 +228,17 @@ class LslEmg:
         stamps, items = self._sound_stamps(stamps, host_time_ns)
         before = stamps[0] - 1 / self._rate_hz if self._last is None else self._last[0]
         steps = np.diff(stamps, prepend=before)
+        self._first = self._first or (host_time_ns, len(stamps))
         first, clock_steps = 0, list[float]()
         for place in np.flatnonzero(
             (np.abs(steps) > GAP_S) | (self._was_away & (np.arange(len(stamps)) == 0))
         ).tolist():
-            self._clock.add((self._next_number + place - first) / self._rate_hz, host_time_ns)
-            number_s = (self._next_number + place - first) / self._rate_hz + float(steps[place])
-            is_of_clock = steps[place] <= 0 or not self._clock.is_possible(number_s, host_time_ns)
+            self._follow(stamps[first:place], host_time_ns)
+            is_of_clock = steps[place] <= 0 or not self._clock.is_possible(float(stamps[place]), host_time_ns)
+            number = self._next_number + place - first + float(steps[place]) * self._rate_hz
+            is_of_clock |= number > self._most_samples(host_time_ns)
+            if is_of_clock:
+                self._clock.restart()
             if is_of_clock and not self._was_away:
                 clock_steps.append(float(steps[place]))
                 continue
@@ -240,7 +246,7 @@ class LslEmg:
             items += self._gap(float(steps[place]), float(stamps[place]), host_time_ns, is_of_clock=is_of_clock)
             first = place
         items += self._block(values[first:], stamps[first:], host_time_ns)
-        self._clock.add(self._next_number / self._rate_hz, host_time_ns)
+        self._follow(stamps, host_time_ns)
         self._last = float(stamps[-1]), host_time_ns
         return [*self._clock_event(clock_steps, host_time_ns), *items]
 
@@ -257,6 +263,16 @@ class LslEmg:
         wrong = stamps[~is_sound]
         text = f"{self.name} stamped {len(wrong)} samples with {wrong[0]:g} s, which is no time; theirs is interpolated"
         return filled, [Event("emg_clock_unreadable", text, host_time_ns, self.name)]
+
+    def _most_samples(self, host_time_ns: int) -> float:
+        """Most that can have been sent by now: stamps that creep ahead stay below the limit of a jump."""
+        first_ns, count = self._first or (host_time_ns, 0)
+        since_s = (host_time_ns - first_ns) * 1e-9
+        return count + ((1 + FAST) * since_s + TOLERANCE_S) * self._rate_hz
+
+    def _follow(self, stamps: NDArray[np.float64], host_time_ns: int) -> None:
+        if len(stamps):
+            self._clock.add(float(stamps[-1]), host_time_ns)
 
     def _gap(self, step_s: float, stamp: float, host_time_ns: int, *, is_of_clock: bool) -> list[Item]:
         """Advance the sample numbers by those that are missing, and return a Loss of every stream.
