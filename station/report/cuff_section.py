@@ -24,8 +24,8 @@ Plain = Mapping[str, Any]
 
 FITTED = "Held loads and pooled stiffness; tangent stiffness; force beyond the spring over velocity, and pooled damper"
 CHECKS = (
-    "Checks with 95 % intervals: single repeats; complex stiffness K* = k + i 2πf c, of a spring and a damper the same "
-    "at every frequency; residual force of the oscillations, its autocorrelation and quantiles"
+    "Checks with 95 % intervals: single repeats; complex stiffness K* = k + i 2πf c over frequency; residual force, "
+    "its autocorrelation and quantiles"
 )
 
 

@@ -34,7 +34,7 @@ from station.charts.marks import (
     values,
 )
 
-HEIGHT = 150.0
+HEIGHT = 128.0
 """Of a panel [px]."""
 MOST_LAG = 1.0
 """Longest lag [s] of the autocorrelation of residuals."""
@@ -137,7 +137,7 @@ def _autocorrelation(residual: Array, most: int) -> Array:
 FORCE: Colour = "c1"
 MOTION: Colour = "c2"
 MM = 1e3
-CURVE_HEIGHT = 190.0
+CURVE_HEIGHT = 165.0
 """Of a panel [px]."""
 DOT, RING = 3.0, 2.4
 """Radius [px] of a dot, and distance [px] between the rings around it."""

@@ -81,7 +81,7 @@ def cost_figure(assessment: Plain) -> Chart:
     panels = []
     for cuff in (name for name in assessment["cost"] if name != "rigid"):
         places = {LIMIT: ("rigid",), **{CONDITIONS[name]: (cuff, name) for name in assessment["cost"][cuff]}}
-        panels.append(replace(_effort_panel(assessment, places), title=cuff, width=THIRD, height=230.0))
+        panels.append(replace(_effort_panel(assessment, places), title=cuff, width=THIRD, height=205.0))
     return chart(*panels, has_one_legend=True)
 
 
@@ -130,7 +130,7 @@ def change_figure(changes: Sequence[MuscleChange]) -> Chart:
         )
         levels.append(Points(suited, rows + beside, colour, cuff, titles=titles))
         differences.append(Points(suited - slack, rows + beside, colour, cuff, titles=titles))
-    names, height = tuple(muscle.muscle for muscle in shown), 50.0 + 12.5 * len(shown)
+    names, height = tuple(muscle.muscle for muscle in shown), 50.0 + 11.5 * len(shown)
     return chart(
         Panel(tuple(levels), "mean activation", y_names=names, x_limits=(0.0, None), width=HALF, height=height),
         Panel(tuple(differences), "change from the slack cord", y_names=names, width=HALF, height=height),

@@ -11,7 +11,7 @@ from typing import Any
 
 from recordings.errors import RecordingError
 from recordings.manifest import DataOrigin, Manifest, manifest_to_json
-from recordings.reader import read_manifest
+from recordings.reader import TrackCollector, open_recording, read_manifest
 from station.journal import Journal, JournalError, read_journal
 from station.protocol import describe_trial
 from station.recordings_of_session import recordings_in
@@ -65,7 +65,7 @@ def session_facts(
 class RecordingRow:
     """A recording in the order of the session: its entry in cuffs.json, None without one, or why it was rejected.
 
-    remarks are the operator's: the note on the trial, and the names of its marks
+    remarks are the operator's: the note on the trial, and the names of its marks with their times
     """
 
     time: str
@@ -85,11 +85,11 @@ def recording_rows(folder: Path, document: LocatedObject) -> tuple[RecordingRow,
         cuff = manifest.cuff.name if manifest.cuff else None
         title = describe_trial(cuff, manifest.test, manifest.repeat, manifest.condition)
         begun = datetime.fromtimestamp(1e-9 * manifest.start_utc_ns, UTC)
-        remarks = tuple(_remarks(journal, file))
+        remarks = tuple(_remarks(journal, file, folder))
         row = RecordingRow(f"{begun:%H:%M:%S}", title, file, trials.get(file), rejected.get(file, ""), remarks)
         rows[file] = (manifest.start_utc_ns, row)
     unread = [
-        RecordingRow("", "", file, trials.get(file), rejected.get(file, ""), tuple(_remarks(journal, file)))
+        RecordingRow("", "", file, trials.get(file), rejected.get(file, ""), tuple(_remarks(journal, file, folder)))
         for file in (*trials, *rejected)
         if file not in rows
     ]
@@ -112,10 +112,26 @@ def _journal(folder: Path) -> Journal:
         return Journal()
 
 
-def _remarks(journal: Journal, file: str) -> Iterator[str]:
+def _remarks(journal: Journal, file: str, folder: Path) -> Iterator[str]:
     if note := journal.notes.get(file):
         yield f"note: {note}"
-    yield from (f"mark {number}: {name}" for number, name in sorted(journal.marks.get(file, {}).items()) if name)
+    named = {number: name for number, name in sorted(journal.marks.get(file, {}).items()) if name}
+    times_s = _mark_times(folder / file) if named else {}
+    for number, name in named.items():
+        yield f"mark {number}{f' at {times_s[number]:.1f} s' if number in times_s else ''}: {name}"
+
+
+def _mark_times(path: Path) -> dict[int, float]:
+    """Time of every mark by its number, from the sync edge [s]; empty for a recording that cannot be read."""
+    collector = TrackCollector(path)
+    try:
+        open_recording(path, collector.take)
+    except (RecordingError, OSError):
+        return {}
+    events = collector.events()
+    edge_ns = next((event.host_time_ns for event in events if event.kind == "sync_edge"), None)
+    marks_ns = [event.host_time_ns for event in events if event.kind == "mark"]
+    return {} if edge_ns is None else {number: 1e-9 * (at - edge_ns) for number, at in enumerate(marks_ns, 1)}
 
 
 def _people(journal: Journal) -> Iterator[Fact]:

@@ -8,10 +8,13 @@ from pathlib import Path
 import pytest
 
 from recordings.manifest import CuffSite, DataOrigin, LoadCell, Manifest, MeasurementProtocol
-from recordings.samples import DeviceIdentity
-from station.journal import Setup, write_setup
+from recordings.samples import DeviceIdentity, Event
+from station.journal import Setup, write_mark, write_setup
 from station.report import session_facts as module
-from station.report.session_facts import UNKNOWN, session_facts
+from station.report.numbers import located
+from station.report.report_file import Source
+from station.report.session_facts import UNKNOWN, recording_rows, session_facts
+from tests.recordings.trials import record
 
 MANIFEST = Manifest(
     cuff=CuffSite("hand", "arm", ("a1",), ("c1",)),
@@ -60,3 +63,13 @@ def test_a_folder_without_journal_and_recordings_says_that_nothing_is_recorded(t
     facts = {fact.name: fact.text for fact in session_facts(tmp_path, [], None, DataOrigin.UNKNOWN)}
     assert facts["Subject"] == facts["Operator"] == UNKNOWN
     assert set(facts) == {"Subject", "Operator", "Data"}
+
+
+def test_a_named_mark_has_its_time_from_the_sync_edge(tmp_path: Path) -> None:
+    zero_ns = 1_780_000_000_000_000_000
+    at_s = {"sync_edge": (2.0,), "mark": (5.25, 9.5)}
+    events = [Event(kind, "", zero_ns + round(1e9 * s), "station") for kind, times in at_s.items() for s in times]
+    record(tmp_path / "a.mcap", events)
+    write_mark(tmp_path, "a.mcap", 2, "coughed")
+    (row,) = recording_rows(tmp_path, located({"cuffs": {}, "rejected": []}, Source.of("cuffs.json")))
+    assert row.remarks == ("mark 2 at 7.5 s: coughed",)
