@@ -29,6 +29,13 @@ _NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # opening 
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
+def path_of(argument: str, value: object) -> Path:
+    """The path that was given in Python. Raises TypeError, which names the argument, for anything else."""
+    if not isinstance(value, str | os.PathLike):
+        raise TypeError(f"{argument} should be a path, and got a {type(value).__name__}")
+    return Path(value)
+
+
 def open_regular(path: Path) -> BinaryIO:
     """A regular file, or a link to one, open for reading. OSError for anything else."""
     return os.fdopen(_checked(os.open(path, os.O_RDONLY | _NO_WAIT), path), "rb")

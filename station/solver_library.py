@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from documents.regular_file import path_of
 from fitting.cuffs.cuff_tables import CuffsLike, cuffs_of
 from solver.checks import ensure_at_least, ensure_known, ensure_names, ensure_type
 from solver.cuff import by_site
@@ -57,7 +58,8 @@ def load_model(source: File = BUNDLED, *, actuators: Sequence[File] = (), ignore
     the model names them. Raises ModelError.
     """
     ensure_names("actuators", actuators)
-    return model_of(str(source), ignore_forces=ignore_forces, actuators=[Path(path) for path in actuators])
+    paths = [path_of("actuators", path) for path in actuators]
+    return model_of(str(path_of("source", source)), ignore_forces=ignore_forces, actuators=paths)
 
 
 def load_motion(
@@ -73,7 +75,13 @@ def load_motion(
     """
     _ensure_model(model)
     ensure_type("cutoff_hz", cutoff_hz, (Real, NoneType), "a number or None")
-    kinematics = kinematics_of(Path(path) if isinstance(path, str | PathLike) else path, model, cutoff_hz)
+    if isinstance(path, str | PathLike):
+        path = Path(path)
+    elif path is not None:
+        import pandas as pd
+
+        ensure_type("path", path, pd.DataFrame, "a path or a DataFrame of pandas")
+    kinematics = kinematics_of(path, model, cutoff_hz)
     findings = tuple(motion_findings(motion_checks(model, kinematics)))
     units = {coordinate.name: "m" if coordinate.motion == "translation" else "rad" for coordinate in model.coordinates}
     return replace(decimate(kinematics, every), findings=findings, units=units)
@@ -213,14 +221,14 @@ def _loads(
     external_loads: File | None, model: Model, kinematics: Kinematics
 ) -> tuple[tuple[ExternalForce, ...], list[Finding]]:
     """The loads, and the findings on them and on the motion."""
-    path = None if external_loads is None else Path(external_loads)
+    path = None if external_loads is None else path_of("external_loads", external_loads)
     loads = loads_of(path, model, kinematics.time)
     return loads, motion_findings(motion_checks(model, kinematics) | load_checks(path, loads, model, kinematics))
 
 
 def _suit(path: File | None) -> Suit:
     """The suit of a file, or the bundled one. Raises SuitError."""
-    return read_suit(BUNDLED_SUIT if path is None else Path(path))
+    return read_suit(BUNDLED_SUIT if path is None else path_of("suit", path))
 
 
 def _with_lengths(suit: Suit, rest_lengths: ArrayLike | None, reference: float | None) -> Suit:

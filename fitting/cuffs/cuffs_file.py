@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
-from documents.regular_file import replaced
+from documents.regular_file import path_of, replaced
 from documents.validation import describe_error, faulty_key
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_json import cuffs_json
@@ -34,7 +34,7 @@ class CuffsFileError(CodedError):
 
 def read_cuffs(path: Path | str) -> dict[str, Cuff]:
     """Read the cuffs of a cuffs.json by name, also of one written by hand. Raises CuffsFileError."""
-    path = Path(path)
+    path = path_of("path", path)
     return {name: _wearable(name, entry) for name, entry in _validated(path, _read_document(path)).cuffs.items()}
 
 
@@ -53,7 +53,7 @@ def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
     if others := [type(fit).__name__ for fit in cuffs.values() if not isinstance(fit, CuffFit)]:
         raise TypeError(f"cuffs should be results of a fit, and one is a {others[0]}; copy the file it was read from")
     text = cuffs_json(SessionFit({name: {fit.donning: fit} for name, fit in cuffs.items()}, ()))
-    with replaced(Path(path), with_folder=False) as draft:
+    with replaced(path_of("path", path), with_folder=False) as draft:
         draft.write_text(text, encoding="utf-8")
 
 
