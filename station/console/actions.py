@@ -36,6 +36,7 @@ class Actions:
     def __init__(self, run: Run, row: ui.row, form: ui.column) -> None:
         self.run = run
         self.form = form
+        self._of_session: ui.row | None = None
         form.clear()
         row.clear()
         with row:
@@ -51,12 +52,16 @@ class Actions:
         kind: Kind = "other",
         mark: str = "",
         is_apart: bool = False,
+        is_of_session: bool = False,
         asks: bool = False,
     ) -> ui.button:
-        """Add a button and its keys, of which it shows the first; is_apart: at the other end of the bar; asks: the
-        action only asks for confirmation.
+        """Add a button and its keys, of which it shows the first; is_apart: at the other end of the bar; is_of_session:
+        after those of the trial, in a group that stays together; asks: the action only asks for confirmation.
         """
-        with self._apart if is_apart else self._main:
+        if is_of_session and self._of_session is None:
+            with self._main:
+                self._of_session = ui.row().classes("of-session")
+        with (self._of_session if is_of_session else None) or (self._apart if is_apart else self._main):
             return self._button(name, keys, action, kind, mark, expires=not asks)
 
     def ask(self, question: str, yes: tuple[str, Action], no: str) -> None:

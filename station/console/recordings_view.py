@@ -19,11 +19,11 @@ def add_recordings(controller: SessionController, actions: Actions) -> None:
     journal = controller.session.journal
     if journal.verdicts:
         last = list(journal.verdicts)[-1]
-        button = actions.add("Undo", "u", controller.reviewer.undo)
+        button = actions.add("Undo", "u", controller.reviewer.undo, is_of_session=True)
         button.tooltip(f"undo the decision on {last}: {_decision(journal, last)}")
-    actions.add("Note", "o", lambda: _open_note(controller, actions), mark="note")
+    actions.add("Note", "o", lambda: _open_note(controller, actions), mark="note", is_of_session=True)
     if journal.recorded:
-        actions.add("Recordings", "t", lambda: _open(controller, actions))
+        actions.add("Recordings", "t", lambda: _open(controller, actions), is_of_session=True)
 
 
 def _open(controller: SessionController, actions: Actions) -> None:

@@ -55,16 +55,21 @@ class EndedSession:
 
 
 def summarise(folder: Path, progress: Progress = silent) -> Summary:
-    """End the session and return what its page shows. Raises SummaryError if no trial can be fitted."""
+    """End the session and return what its page shows. Raises SummaryError if no trial can be fitted.
+
+    The first use of the solver on a machine compiles it, which is a stage of its own.
+    """
     from fitting.results.codes import Verdict
     from station.assessment.assessment_file import read_assessment
     from station.assessment.assessment_json import ASSESSMENT_FILE
+    from station.assessment.compilation import CompilationAhead, compilation_shown
     from station.fit import SessionError
     from station.report.first_page import answer, findings_of, limits_of
     from station.report.page import located_assessment
 
     try:
-        ended = end_session(folder, progress)
+        with CompilationAhead() as ahead, compilation_shown(progress, ahead):
+            ended = end_session(folder, progress)
     except SessionError as error:
         raise SummaryError(error.cause) from error
     rows = tuple(

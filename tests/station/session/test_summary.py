@@ -13,10 +13,13 @@ import pytest
 from drivers.simulators.settings import PersonSettings
 from fitting.results.codes import NoteCode, TrialNoteCode
 from fitting.results.rendering import Note, sentence_of
+from solver.compile_ahead import COMPILER
 from station.assessment.assessment_inputs import InputError
-from station.fit import fit_session_folder
+from station.assessment.compilation import STAGE
+from station.fit import SessionError, fit_session_folder
 from station.journal import Assignment, write_assigned, write_verdict
 from station.messages.codes import AssessmentCode
+from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.session.summary import EndedSession, SummaryError, end_session, summarise
 from tests.station.foreign import static_and_dynamic
@@ -139,3 +142,18 @@ def test_a_recording_that_was_assigned_is_fitted_as_the_other_trial(tmp_path: Pa
 def test_an_empty_session_is_refused(tmp_path: Path) -> None:
     with raises_refusal(SummaryError, FolderCode.NO_RECORDING):
         summarise(tmp_path)
+
+
+def test_a_solver_that_is_compiled_at_the_end_of_a_session_is_a_stage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compile_a_kernel(*_: object) -> EndedSession:
+        COMPILER.warning("compiling a kernel")
+        raise SessionError(Message(FolderCode.NO_RECORDING))
+
+    stages: list[tuple[str, int, int]] = []
+    monkeypatch.setattr("station.session.summary.end_session", compile_a_kernel)
+    monkeypatch.setattr("solver.compiled.keeps_code", lambda: False)  # starts no other process
+    with pytest.raises(SummaryError):
+        summarise(tmp_path, lambda *stage: stages.append(stage))
+    assert {name for name, _, _ in stages} == {STAGE}
