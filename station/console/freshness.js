@@ -92,6 +92,7 @@ window.station = (() => {
     now,
     // One update of the charts; at is the time at which its data left the recorder [Unix s].
     draw({ at, charts, markers }) {
+      if (!charts.some(([id]) => getElement(id))) return true; // the trial has ended, and its view is gone
       if (!document.body.classList.contains("paused")) {
         for (const [id, series] of charts) getElement(id)?.chart?.setOption({ series });
         window.drawMarkers?.(...markers);

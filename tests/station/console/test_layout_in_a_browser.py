@@ -137,5 +137,11 @@ def test_a_trial_with_every_warning_is_one_screen_and_no_line_is_cut(browser: Br
                 assert page.locator(".status").evaluate("line => line.scrollHeight <= line.clientHeight"), width
             page.keyboard.press("i")
             seen(page, "seen: STOP: ")
+        chart = page.locator(".nicegui-echart").first.get_attribute("id")
         page.keyboard.press("y")
         seen(page, "the shown trial ends")
+        age = page.locator(".age")
+        expect(age).to_be_empty(timeout=patience_ms())
+        late = f"station.draw({{at: 0, charts: [[{(chart or '').removeprefix('c')}, []]], markers: ['', []]}})"
+        assert page.evaluate(late), "an update that arrives after the end of the trial"
+        assert age.inner_text() == ""
