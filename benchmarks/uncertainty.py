@@ -1,10 +1,15 @@
 """The uncertainty budget of the published cuffs on the bundled body: table, indices, processor time and memory.
 
     python -m benchmarks.uncertainty [--motion FLX01.mot] [--people 1000] [--indices 128] [--picture uncertainty.svg]
+    python -m benchmarks.uncertainty --persons 200 [--first SEED]
 
 Prints the figures of docs/uncertainty.md: Tables 3 and 4 of the paper with intervals of total uncertainty, the
 probabilities of the statements on the cuffs, Sobol indices, and time and memory. `--folder` keeps finished tasks, so
 that an interrupted run continues.
+
+With `--persons`, the part of simulated persons (tests/solver/personalisation/measured_person.py) whose true angles,
+effort and best rest length lie in their 95 % intervals, from body, motion and points of the cord alone: rigid cuffs,
+muscles as the model has them. Standard errors are those between persons.
 """
 
 from __future__ import annotations
@@ -13,25 +18,44 @@ import argparse
 import resource
 import sys
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.assessment import CUFFS, PUBLISHED
 from documents.interval import plus_minus
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
-from solver.motion import differentiate
+from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
+from solver.model import Model
+from solver.motion import Kinematics, Motion, differentiate
+from solver.personalisation.estimate import estimate_body, within_ranges
+from solver.personalisation.segment_masses import set_arm_masses
+from solver.personalisation.wearer_motion import smooth_wearer
+from solver.scaling import Scaling, scale_model
 from solver.suit.assessment import Assessment, assess
+from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
+from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.indices import SobolIndices
-from solver.uncertainty.total import DrawnPeople, IndexedFigure
+from solver.uncertainty.people import PeopleCase, solve_people
+from solver.uncertainty.sources import BodySpread, UncertaintySources
+from solver.uncertainty.total import INFEASIBLE_MOTION, DrawnPeople, IndexedFigure, mark_infeasible
+from solver.uncertainty.varied_motion import DrawnMotion
 from station.assessment.budget_file import read_budget
 from station.assessment.case import AssessedCase
 from station.assessment.decision_json import plain_decision
 from station.assessment.people_run import PeopleRun, assess_people
+from station.defaults import LEAST_DRAWS
 from station.sources import motion_of
+from tests.solver.personalisation.measured_person import MARKERS, RATE, MeasuredPerson, measure_person
+
+Array = NDArray[np.float64]
 
 RELATIVE_ERRORS = (0.01, 0.05, 0.02)
 """Of stiffness, damping and migration: the fit of one donning; the publication has none."""
@@ -44,7 +68,12 @@ def main() -> None:
     arguments.add_argument("--indices", type=int, default=0)
     arguments.add_argument("--picture", type=Path)
     arguments.add_argument("--folder", type=Path)
+    arguments.add_argument("--persons", type=int, default=0)
+    arguments.add_argument("--first", type=int, default=0, help="seed of the first person")
     chosen = arguments.parse_args()
+    if chosen.persons:
+        print_coverage(range(chosen.first, chosen.first + chosen.persons))
+        return
     model, suit = bundled_model(), read_suit()
     kinematics = differentiate(motion_of(chosen.motion, model))
     motion, cuffs = LoadedMotion(model, kinematics), published_cuffs()
@@ -151,6 +180,119 @@ def draw_indices(people: DrawnPeople, path: Path) -> None:
     np.atleast_1d(panels)[-1].legend(fontsize=8, frameon=False)
     figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
 
+
+@dataclass(frozen=True)
+class Covered:
+    """Of one person: whether the interval of a figure holds the truth, or the part of frames in which it does; root of
+    the mean square of the standard deviations of an angle [deg] and of its error; part of the draws that is infeasible.
+    """
+
+    held: dict[str, float]
+    deviation: dict[str, float]
+    error: dict[str, float]
+    infeasible: float
+
+
+def print_coverage(seeds: Sequence[int]) -> None:
+    found = []
+    for seed in seeds:
+        found.append(cover_person(seed))
+        if len(found) % 10 == 0 or len(found) == len(seeds):
+            print_covered(found)
+
+
+def print_covered(found: Sequence[Covered]) -> None:
+    print(f"\n{len(found)} persons\n\n| figure | held by 95 % intervals | standard deviation | RMS error |")
+    print("|---|---|---|---|")
+    for name in found[0].held:
+        held = np.array([one.held[name] for one in found])
+        held = held[np.isfinite(held)]
+        error = np.std(held) / np.sqrt(len(held))
+        squares = (np.square([getattr(one, part)[name] for one in found]) for part in ("deviation", "error"))
+        sizes = [f"{np.sqrt(np.nanmean(part)):.3g}" for part in squares]
+        print(f"| {name} | {100 * held.mean():.1f} ± {100 * error:.1f} % ({len(held)}) | {' | '.join(sizes)} |")
+    print(f"infeasible draws: {100 * np.mean([one.infeasible for one in found]):.1f} %", flush=True)
+
+
+def cover_person(seed: int) -> Covered:
+    """Estimate a simulated person's body and motion from the markers, and assess the suit on draws and on the truth."""
+    person, generic = measure_person(seed), bundled_model()
+    markers = tuple(generic.marker(name) for name in MARKERS)
+    body = estimate_body(generic, markers, person.trials)
+    model, tasks = within_ranges(body.model, body.tasks)
+    solved = [(observed, solve_inverse_kinematics(model, observed, tasks)) for observed in person.trials]
+    smoothed = smooth_wearer(generic, markers, body, solved, solved[-1][1].coordinates)
+    drawn = list(smoothed.draw(PERSON_DRAWS, seed))
+    held, deviation, error = {}, {}, {}
+    angles = [name for name in person.shoulder.coordinate_names if not name.startswith("ground")]
+    for name in angles:
+        truth = np.degrees(person.coordinates[-1][:, person.shoulder.index(name)])
+        place = generic.coordinate_index(name)
+        samples = np.degrees([coordinates[:, place] for _, coordinates in drawn])
+        low, high = order_statistics(samples)
+        held[name] = float(np.mean((low < truth) & (truth < high)))
+        deviation[name] = float(np.sqrt(np.var(samples, axis=0).mean()))
+        error[name] = float(np.sqrt(np.mean((samples.mean(axis=0) - truth) ** 2)))
+    held = {"all angles": float(np.mean(list(held.values()))), **held}
+    deviation, error = {"all angles": np.nan, **deviation}, {"all angles": np.nan, **error}
+    efforts = assess_person(person, scale_model(body.model, smoothed.scaling), smoothed.coordinates, drawn)
+    for name, (truth, samples) in efforts.items():
+        known = samples[np.isfinite(samples)]
+        is_enough = np.isfinite(truth) and len(known) >= LEAST_DRAWS
+        low, high = order_statistics(known) if is_enough else (np.nan, np.nan)
+        held[name] = float(low < truth < high) if is_enough else np.nan
+        deviation[name], error[name] = float(np.std(known)), float(known.mean() - truth)
+    return Covered(held, deviation, error, float(np.mean(~np.isfinite(efforts["effort"][1]))))
+
+
+def assess_person(
+    person: MeasuredPerson, body: Model, coordinates: Array, drawn: Sequence[tuple[Scaling, Array]]
+) -> dict[str, tuple[float, Array]]:
+    """Effort at the reference rest length and best rest length [m]: of the truth, and of the draws (draws,)."""
+    generic = bundled_model()
+    true_body = scale_model(generic, Scaling(person.factors, keeps_masses=True))
+    truth = np.tile(generic.default_coordinates, (len(coordinates), 1))
+    truth[:, [generic.coordinate_index(name) for name in person.shoulder.coordinate_names]] = person.coordinates[-1]
+    suits, cases = [], []
+    for model, motion in ((true_body, truth), (body, coordinates)):
+        worn = suit_from_markers(read_suit(), model, motion, person.cord).suit
+        if not suits:
+            suits.append(fitted_to(worn, model, motion[0], (read_suit(), generic, assemble(generic))))
+        known = suits[0]
+        suits.append(replace(worn, rest_lengths=known.rest_lengths, reference_rest_length=known.reference_rest_length))
+        kinematics = kinematics_of(motion)
+        motions = () if motion is truth else tuple(DrawnMotion(size, kinematics_of(one)) for size, one in drawn)
+        loaded = LoadedMotion(set_arm_masses(model, MASS), kinematics)
+        cases.append(PeopleCase(loaded, suits[-1], None, (), OF_PERSON, EVERY, motions))
+    count = len(drawn)
+    scores = np.zeros((count + 1, sum(factor.size for factor in cases[1].factors)))
+    scores[1:] = normal_scores(unit_sample(cases[1].factors, count, "latin_hypercube", seed=1))
+    true_scores = np.zeros((1, sum(factor.size for factor in cases[0].factors)))
+    ((at_truth,), (of_draws,)) = (
+        mark_infeasible(solve_people(case, rows, workers=1), has_assessed=True).values()
+        for case, rows in zip(cases, (true_scores, scores), strict=True)
+    )
+    is_left_out = of_draws.outcome[1:] == INFEASIBLE_MOTION
+    figures = (
+        (float(part(at_truth)[0]), np.where(is_left_out, np.nan, part(of_draws)[1:]))
+        for part in (attrgetter("at_reference"), attrgetter("rest_length"))
+    )
+    return dict(zip(("effort", "best rest length"), figures, strict=True))
+
+
+def kinematics_of(coordinates: Array) -> Kinematics:
+    return differentiate(Motion(bundled_model().coordinate_names, np.arange(len(coordinates)) / RATE, coordinates))
+
+
+def order_statistics(samples: Array) -> tuple[Array, Array]:
+    """Between which the next draw lies with 95 %, along the first axis."""
+    low, high = np.quantile(samples, (0.025, 0.975), axis=0, method="weibull")
+    return low, high
+
+
+PERSON_DRAWS, EVERY, MASS = 59, 5, 75.0  # kg
+OF_PERSON = replace(UncertaintySources().of_fit, body=BodySpread(0.0, 0.0, 0.01, 0.0))
+"""Points of the cord; the rest is drawn with the motion."""
 
 FIGURE_LABELS: dict[IndexedFigure, str] = {
     ("effort_at_reference", ("tube",)): "effort with tube at 0.74 m",

@@ -14,23 +14,18 @@ normal matrix is the covariance of θ.
 
 The number of effective frames counts independent observations. Skin and model errors follow the posture, so frames of
 similar posture repeat the same error: a hundred frames of one pose are one observation.
-
-draw_postures_of_person draws a trial's postures from this uncertainty and from the scatter of the markers. Every draw
-is another body of the posterior (size, places of the markers, posture of the girdle) and another displacement of the
-skin under each marker, which lasts the whole trial; inverse kinematics is then solved again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.inverse_kinematics.posture_uncertainty import draw_postures
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.model import Marker, Model, ModelError
 from solver.personalisation.anthropometry import BodyPriors, body_factors, population_priors
@@ -41,7 +36,7 @@ Array = NDArray[np.float64]
 
 MOST_FRAMES = 60
 """Of a trial that enter the normal equations; its postures are solved in all frames."""
-MOST_STEPS = 25
+MOST_STEPS = 40
 TOLERANCE, LOOSE_TOLERANCE = 1e-3, 0.05
 """Of a step, in standard deviations of the parameter; the loose one where no step lowers the cost any more, because
 inverse kinematics of a frame ends in another optimum.
@@ -146,6 +141,18 @@ def body_of(
     return scale_skeleton(model, Scaling(by_body)), TrackingTasks(moved, weights, pulls, targets)
 
 
+def prior_precision(priors: BodyPriors, offset: Array | None = None) -> Array:
+    """Inverse covariance (parameters, parameters) of the prior of θ, with the standard deviations of the offsets
+    (markers,) [m] of priors unless others are given.
+    """
+    number = len(priors.factors)
+    offsets = np.repeat((priors.errors.offset if offset is None else offset) ** -2.0, 3)
+    girdle = np.full(len(priors.girdle), priors.person**-2.0)
+    precision = np.diag(np.concatenate([np.zeros(number), offsets, girdle]))
+    precision[:number, :number] = np.linalg.inv(priors.covariance)
+    return precision
+
+
 def _split(priors: BodyPriors, parameters: Array) -> tuple[Array, Array, Array]:
     """Scale factors (factors,), offsets (markers, 3), and the girdle's mean posture from the default (girdle,)."""
     factors, offsets, girdle = np.split(parameters, [len(priors.factors), len(parameters) - len(priors.girdle)])
@@ -186,7 +193,7 @@ class _Problem:
         for observed, start in zip(self.trials, starts, strict=True):
             known = start if start is not None and np.isfinite(start).all() else None
             solutions.append(solve_inverse_kinematics(skeleton, observed, tasks, known))
-        cost = 0.5 * float(parameters @ self.precision() @ parameters)
+        cost = 0.5 * float(parameters @ prior_precision(self.priors) @ parameters)
         for observed, solution, share in zip(self.trials, solutions, self.shares(solutions), strict=True):
             is_seen = np.isfinite(observed[share.frames]).all(axis=2)
             seen = is_seen @ tasks.weights  # inverse kinematics divides by them
@@ -212,7 +219,7 @@ class _Problem:
 
     def normal_equations(self, state: _State) -> tuple[Array, Array]:
         """Of all trials and the prior: matrix (parameters, parameters) and gradient (parameters,)."""
-        matrix = self.precision()
+        matrix = prior_precision(self.priors)
         gradient = matrix @ state.parameters
         for observed, solution, share in zip(self.trials, state.solutions, self.shares(state.solutions), strict=True):
             frames = share.frames
@@ -221,15 +228,6 @@ class _Problem:
             )
             matrix, gradient = matrix + share.weight * part, gradient + share.weight * slope
         return matrix, gradient
-
-    def precision(self) -> Array:
-        """Inverse covariance of the prior of θ."""
-        number = len(self.priors.factors)
-        offsets = np.repeat(self.priors.errors.offset**-2.0, 3)
-        girdle = np.full(len(self.priors.girdle), self.priors.person**-2.0)
-        precision = np.diag(np.concatenate([np.zeros(number), offsets, girdle]))
-        precision[:number, :number] = np.linalg.inv(self.priors.covariance)
-        return precision
 
 
 def _searched(problem: _Problem, state: _State, step: Array) -> _State:
@@ -293,6 +291,12 @@ def effective_frames(observed: Array, scatter: float) -> float:
     return 1.0 + max(independent - 1.0, 0.0) * variance / (variance + scatter**2)
 
 
+def angle_ranges(model: Model) -> dict[str, tuple[float, float]]:
+    """Range [rad] of an angle by its name, where it is neither a single value nor a turn and more."""
+    angles = [one for one in model.coordinates if one.motion == "rotation"]
+    return {one.name: one.range for one in angles if 0.0 < np.ptp(one.range) < TURN}
+
+
 def within_ranges(model: Model, tasks: TrackingTasks) -> tuple[Model, TrackingTasks]:
     """The problem of inverse kinematics with the joint ranges: as limits, and as a normal prior with the mean and the
     variance of a uniform distribution on the range. Without it, the angles of a hanging arm may be those of nearly
@@ -301,8 +305,7 @@ def within_ranges(model: Model, tasks: TrackingTasks) -> tuple[Model, TrackingTa
     Angles whose range is empty or a turn and more, with a task of their own, or that no marker moves, have no such
     prior.
     """
-    rotations = [one for one in model.coordinates if one.motion == "rotation"]
-    ranges = {one.name: one.range for one in rotations if 0.0 < np.ptp(one.range) < TURN}
+    ranges = angle_ranges(model)
     clamped = tuple(replace(one, is_clamped=one.is_clamped or one.name in ranges) for one in model.coordinates)
     jacobian = linearise_postures(model, tasks, model.default_coordinates[None]).jacobian
     is_moved = np.asarray((np.abs(jacobian) > LEAST_ARM).any(axis=(0, 1, 2)))
@@ -312,29 +315,3 @@ def within_ranges(model: Model, tasks: TrackingTasks) -> tuple[Model, TrackingTa
             weights[name] = 12.0 / (highest - lowest) ** 2 / float(tasks.weights.sum())
             targets[name] = 0.5 * (lowest + highest)
     return replace(model, coordinates=clamped), replace(tasks, coordinate_weights=weights, coordinate_targets=targets)
-
-
-def draw_postures_of_person(
-    generic: Model,
-    markers: Sequence[Marker],
-    estimate: BodyEstimate,
-    observed: Array,
-    solution: InverseKinematics,
-    noise: ArrayLike,
-    *,
-    count: int,
-    seed: int = 1,
-) -> Iterator[Array]:
-    """`count` drawn sequences of postures, each (frames, coordinates) [rad or m].
-
-    generic and markers are what the body was estimated from; observed (frames, markers, 3) [m] and solution are one of
-    its trials; noise is the standard deviation along each axis [m] of white noise, one for all or (markers,).
-    """
-    generator = np.random.default_rng(seed)
-    root = np.linalg.cholesky(estimate.covariance)
-    for _ in range(count):
-        parameters = estimate.parameters + root @ generator.standard_normal(len(root))
-        skeleton, tasks = within_ranges(*body_of(generic, markers, estimate.priors, parameters))
-        scatter = estimate.priors.errors.scatter
-        chance = int(generator.integers(2**32))
-        yield from draw_postures(skeleton, observed, tasks, solution, noise, scatter, count=1, seed=chance)

@@ -51,7 +51,7 @@ def normal_equations(
     frames, count = coordinates.shape
     pulls, away = _pulls(skeleton, tasks, coordinates)
     stiffness = pulls * weights.sum(axis=1)[:, None]  # inverse kinematics divides by the weights that are seen
-    points, gaps = _parameter_derivatives(body, parameters, coordinates, factors)
+    points, gaps = parameter_derivatives(body, parameters, coordinates, factors)
     points = (root[..., None] * points).reshape(frames, -1, len(parameters))
     jacobian = (root[..., None] * found.jacobian).reshape(frames, -1, count)
     targets = _target_derivatives(skeleton, tasks, len(parameters))
@@ -65,7 +65,7 @@ def normal_equations(
     return matrix, gradient
 
 
-def _parameter_derivatives(body: Body, parameters: Array, coordinates: Array, factors: int) -> tuple[Array, Array]:
+def parameter_derivatives(body: Body, parameters: Array, coordinates: Array, factors: int) -> tuple[Array, Array]:
     """Of points (frames, markers, 3, parameters) and gaps (frames, rows, parameters) at fixed postures: by the factors
     as central differences, by the offsets as rotations of the bodies.
     """
@@ -166,6 +166,12 @@ def linearise_postures(model: Model, tasks: TrackingTasks, coordinates: Array) -
         (seen.reshape(-1, markers, 3), weights.reshape(-1, markers)),
     )
     return LinearisedPostures(points, gradient.reshape(frames, markers, 3, count), gap, rows)
+
+
+def linearise_constraints(model: Model, coordinates: Array) -> tuple[Array, Array]:
+    """gap (frames, rows) of the constraints, and rows (frames, rows, coordinates) its derivatives."""
+    _, _, gap, rows = _evaluate(model, TrackingTasks((), np.zeros(0)), coordinates, None)
+    return gap, rows
 
 
 def evaluate_points(model: Model, tasks: TrackingTasks, coordinates: Array) -> tuple[Array, Array]:

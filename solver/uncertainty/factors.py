@@ -36,8 +36,8 @@ class RandomFactor:
 def random_factors(
     sources: UncertaintySources, model: Model, cuffs: Sequence[CuffParameters], drawn_motions: int = 0
 ) -> tuple[RandomFactor, ...]:
-    """The factors with a spread, group by group. With drawn motions, one score chooses among them in place of errors of
-    posture.
+    """The factors with a spread, group by group. With motions of a wearer, each drawn with its own body, one score
+    chooses among them in place of the size and of errors of posture, which remain for angles that no draw varies.
     """
     muscles, coordinates = len(model.muscles), len(model.coordinates)
     body, muscle, motion = sources.body, sources.muscles, sources.motion
@@ -51,7 +51,7 @@ def random_factors(
         ),
         *((f"donning.{cuff.name}", "donning", 3, float(has_donning)) for cuff in cuffs),
         ("donning_spread", "donning", 3, float(has_estimate)),
-        ("size", "body", 1, body.size),
+        ("size", "body", 1, 0.0 if has_own else body.size),
         ("segment_mass", "body", 3, body.segment_mass),
         ("attachment_point", "body", 9, body.attachment_point),
         ("cord_stiffness", "body", 1, body.cord_stiffness),
@@ -63,7 +63,7 @@ def random_factors(
         ("glenoid_radius", "muscles", 1, muscle.glenoid_radius),
         ("reserve_weight", "muscles", 1, muscle.reserve_weight),
         ("drawn_motion", "motion", 1, float(has_own)),
-        ("posture", "motion", coordinates, 0.0 if has_own else motion.posture),
+        ("posture", "motion", coordinates, motion.posture),
         ("noise", "motion", 1, 0.0 if has_own else motion.noise),
         ("amplitude", "motion", coordinates, motion.amplitude),
         ("duration", "motion", 1, motion.duration),

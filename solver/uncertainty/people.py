@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
-from solver.motion import Kinematics
+from solver.scaling import scale_model
 from solver.suit.readouts import (
     UNMIGRATED,
     CurveReadouts,
@@ -40,7 +40,7 @@ from solver.suit.suit import Suit
 from solver.uncertainty.factors import RandomFactor, Scores, columns_of, random_factors, scores_by_factor
 from solver.uncertainty.sources import UncertaintySources
 from solver.uncertainty.varied_model import MODEL_FACTORS, varied_cuff, varied_model, varied_options, varied_suit
-from solver.uncertainty.varied_motion import MOTION_FACTORS, MotionDraws, varied_motion
+from solver.uncertainty.varied_motion import MOTION_FACTORS, DrawnMotion, MotionDraws, varied_motion
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ UNBOUNDED = (-np.inf, np.inf)
 class PeopleCase:
     """What the drawn people have in common.
 
-    motion  the assessed one;  drawn: motions drawn from the uncertainty of its markers, if any
+    motion  the assessed one;  drawn: bodies and motions of the posterior of a wearer, if any
     every   muscles are solved in every N-th frame
     """
 
@@ -64,7 +64,7 @@ class PeopleCase:
     arms: tuple[CuffParameters, ...]
     sources: UncertaintySources
     every: int
-    drawn: tuple[Kinematics, ...] = ()
+    drawn: tuple[DrawnMotion, ...] = ()
 
     @property
     def cuffs(self) -> tuple[CuffParameters, ...]:
@@ -76,7 +76,7 @@ class PeopleCase:
 
     @cached_property
     def motion_draws(self) -> MotionDraws:
-        return MotionDraws(self.motion.model, (self.motion.kinematics, *self.drawn))
+        return MotionDraws(self.motion.model, self.motion.kinematics, self.drawn)
 
 
 def solve_people(
@@ -131,7 +131,9 @@ def _solve_alike(
 
 def _prepare(case: PeopleCase, scores: Scores) -> SuitedMotion:
     motion, sources = case.motion, case.sources
-    model = varied_model(motion.model, sources.body, sources.muscles, scores)
+    chosen = case.motion_draws.chosen(scores)
+    body = scale_model(motion.model, chosen.scaling) if chosen else motion.model
+    model = varied_model(body, sources.body, sources.muscles, scores)
     # The range of a joint limits recorded motions; errors of posture may leave it.
     model = replace(model, coordinates=tuple(replace(one, range=UNBOUNDED) for one in model.coordinates))
     kinematics = varied_motion(case.motion_draws, sources.motion, scores)

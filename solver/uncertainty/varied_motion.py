@@ -13,24 +13,35 @@ from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.constraints import constraint_rows
 from solver.multibody.postures import postures, rates_of_coordinates
+from solver.scaling import Scaling, scale_skeleton
 from solver.uncertainty.factors import Scores
 from solver.uncertainty.sources import MotionSpread
 
 Array = NDArray[np.float64]
 
 MOTION_FACTORS = ("drawn_motion", "posture", "noise", "amplitude", "duration")
+LEAST_SPREAD = 1e-4  # rad or m
 NOISE_CUTOFF = 1.0  # Hz; faster errors are filtered from a motion
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMotion:
+    """A motion of the posterior of a wearer, on the body that was drawn with it: scaling from the assessed body."""
+
+    scaling: Scaling
+    kinematics: Kinematics
 
 
 @dataclass(frozen=True, eq=False)
 class MotionDraws:
     """What the drawn motions of a model have in common.
 
-    motions      the assessed one, then those drawn from the uncertainty of its markers, if any
+    assessed   the assessed motion;  drawn: those of the posterior of a wearer, if any
     """
 
     model: Model
-    motions: tuple[Kinematics, ...]
+    assessed: Kinematics
+    drawn: tuple[DrawnMotion, ...] = ()
 
     @cached_property
     def is_angle(self) -> NDArray[np.bool_]:
@@ -38,15 +49,29 @@ class MotionDraws:
         return np.array([coordinate.motion == "rotation" for coordinate in self.model.coordinates])
 
     @cached_property
-    def _of_assessed(self) -> ConstrainedMotion:
-        return constrained_motion(self.model, self.motions[0])
+    def is_measured(self) -> NDArray[np.bool_]:
+        """(coordinates,) that the draws vary: those of which a wearer's markers know something."""
+        positions = [self.assessed.positions, *(draw.kinematics.positions for draw in self.drawn)]
+        return np.asarray(np.std(positions, axis=0).max(axis=0) > LEAST_SPREAD)
 
-    def compatible(self, chosen: int, displaced: Array) -> Array:
-        """Displacements (frames, coordinates) of the motion with this index, nearest to these, that keep the model's
-        constraints to first order. Those of the assessed motion are kept, which people share without drawn ones.
+    @cached_property
+    def _of_assessed(self) -> ConstrainedMotion:
+        return constrained_motion(self.model, self.assessed)
+
+    def chosen(self, scores: Scores) -> DrawnMotion | None:
+        """The draw that the score of drawn_motion chooses; None stands for the assessed motion, as the score 0 does."""
+        if not _is_drawn(scores, "drawn_motion"):
+            return None
+        count = len(self.drawn)
+        return self.drawn[min(int(count * scipy.special.ndtr(scores["drawn_motion"][0])), count - 1)]
+
+    def compatible(self, chosen: DrawnMotion | None, displaced: Array) -> Array:
+        """Displacements (frames, coordinates) of a motion, nearest to these, that keep the model's constraints to first
+        order. Those of the assessed motion are kept, which people share without drawn ones.
         """
-        known = self._of_assessed if chosen == 0 else constrained_motion(self.model, self.motions[chosen])
-        return known.compatible(displaced)
+        if chosen is None:
+            return self._of_assessed.compatible(displaced)
+        return constrained_motion(scale_skeleton(self.model, chosen.scaling), chosen.kinematics).compatible(displaced)
 
 
 def varied_motion(draws: MotionDraws, spread: MotionSpread, scores: Scores) -> Kinematics:
@@ -55,14 +80,11 @@ def varied_motion(draws: MotionDraws, spread: MotionSpread, scores: Scores) -> K
     The scores of drawn_motion and noise choose one of many; 0, which is never drawn, stands for the assessed motion
     without noise.
     """
-    chosen = 0
-    if _is_drawn(scores, "drawn_motion"):
-        count = len(draws.motions) - 1
-        chosen = 1 + min(int(count * scipy.special.ndtr(scores["drawn_motion"][0])), count - 1)
-    motion = draws.motions[chosen]
+    chosen = draws.chosen(scores)
+    motion = chosen.kinematics if chosen else draws.assessed
     displaced = np.zeros_like(motion.positions)
     if "posture" in scores:
-        displaced += spread.posture * np.where(draws.is_angle, scores["posture"], 0.0)
+        displaced += spread.posture * np.where(draws.is_angle & ~draws.is_measured, scores["posture"], 0.0)
     if _is_drawn(scores, "noise"):
         displaced += (
             spread.noise * draws.is_angle * _smooth_noise(motion, float(scipy.special.ndtr(scores["noise"][0])))

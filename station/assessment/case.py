@@ -8,6 +8,7 @@ from solver.model import Model
 from solver.motion import Kinematics
 from solver.personalisation.anthropometry import ARM_SEGMENTS, has_arm_segments
 from solver.suit.suit import Suit
+from solver.uncertainty.varied_motion import DrawnMotion
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.errors import UnusedOption
 from station.messages.codes import InputCode
@@ -18,7 +19,7 @@ from station.subject.assessed_subject import AssessedSubject, build_subject, fit
 
 @dataclass(frozen=True, eq=False)
 class AssessedCase:
-    """What is assessed. drawn are motions within the uncertainty of the markers, of a wearer only.
+    """What is assessed. drawn are bodies and motions within the uncertainty of the markers, of a wearer only.
 
     spread of each suit marker about its point [m], empty where the suit's points are those of its file
     """
@@ -26,7 +27,7 @@ class AssessedCase:
     model: Model
     kinematics: Kinematics
     suit: Suit
-    drawn: tuple[Kinematics, ...] = ()
+    drawn: tuple[DrawnMotion, ...] = ()
     subject: AssessedSubject | None = None
     spread: dict[str, float] | None = None
 

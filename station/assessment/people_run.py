@@ -161,9 +161,10 @@ def run_people(case: PeopleCase, scores: Array, run: PeopleRun, progress: Progre
 def _description(case: PeopleCase) -> bytes:
     """Everything but the scores that determines a result: solver, model, motion, suit, cuffs, sources."""
     digest = hashlib.sha256(solver_digest().encode())
-    motions = (case.motion.kinematics, *case.drawn)
-    for motion in motions:
+    for motion in (case.motion.kinematics, *(draw.kinematics for draw in case.drawn)):
         digest.update(motion.time.tobytes() + motion.positions.tobytes())
+    for draw in case.drawn:
+        digest.update(repr(_plain(draw.scaling)).encode())
     for load in case.motion.loads:
         digest.update(repr(_plain(load)).encode())
     plain: dict[str, Any] = {

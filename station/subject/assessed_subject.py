@@ -5,7 +5,7 @@ The cord's tension that the load cell measured on the wearer is compared with th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,15 +22,19 @@ from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty, es
 from solver.inverse_kinematics.solve import InverseKinematics, assemble, solve_inverse_kinematics
 from solver.model import Model
 from solver.motion import Kinematics, differentiate
-from solver.personalisation.estimate import draw_postures_of_person, within_ranges
+from solver.personalisation.estimate import within_ranges
+from solver.personalisation.wearer_motion import MOST_STEPS, WearerMotion, smooth_wearer
+from solver.scaling import scale_model
 from solver.suit.cord import CordCheck, check_cord
 from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
 from solver.suit.suit import Suit
+from solver.uncertainty.varied_motion import DrawnMotion
 from station.kinematics.ik import with_marker_set
 from station.kinematics.marker_checks import Finding
 from station.kinematics.person import PersonBody, PersonInputs, person_of_trials
 from station.kinematics.person_findings import pose_findings
-from station.messages.kinematics_messages import SubjectCode
+from station.messages.kinematics_messages import PersonCode, SubjectCode
+from station.messages.message import Message
 from station.progress import Progress, silent
 from station.subject.subject_file import Subject, read_subject, refuse_subject
 
@@ -39,7 +43,7 @@ Array = NDArray[np.float64]
 ASSESSED: tuple[TrialCondition, ...] = ("unsuited", "slack", "tight")
 """The motion to assess is that of the first of these conditions that was recorded: the suit changes it least."""
 DRAWS = 100
-"""Motions drawn from the uncertainty of body and markers: about one for every drawn person of the default."""
+"""Bodies and motions drawn from the posterior: about one for every drawn person of the default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +76,15 @@ class AssessedSubject(MeasuredSubject):
 
     assessed    the trial whose motion is assessed;  motion  of it;  kinematics  smoothed and differentiated
     uncertainty of the assessed trial's postures from the noise of the markers
-    drawn       the same motion, drawn from the uncertainty of body and markers
+    posterior   of body and motion, given markers and anatomy;  drawn  bodies and motions of it
     """
 
     assessed: WearerTrial
     motion: WholeMotion
     kinematics: Kinematics
     uncertainty: PostureUncertainty
-    drawn: tuple[Kinematics, ...]
+    posterior: WearerMotion
+    drawn: tuple[DrawnMotion, ...]
 
     @property
     def not_measured(self) -> tuple[str, ...]:
@@ -101,20 +106,26 @@ def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> 
     place = trials.index(assessed)
     estimate, observed = body.estimate, body.observed[place]
     model, tasks = within_ranges(estimate.model, estimate.tasks)
-    postures = solve_inverse_kinematics(model, observed, tasks)
-    motion = longest_whole_motion(body.model, assessed.time, postures)
+    solved = [(one, solve_inverse_kinematics(model, one, tasks)) for one in body.observed]
+    motion = longest_whole_motion(body.model, assessed.time, solved[place][1])
+    smoothed = smooth_wearer(body.generic, body.markers, estimate, solved, motion.motion.coordinates)
+    motion = replace(motion, motion=replace(motion.motion, coordinates=smoothed.coordinates))
+    unfinished = [] if smoothed.is_converged else [Message(PersonCode.NOT_CONVERGED, {"steps": MOST_STEPS})]
     interval = float(np.median(np.diff(assessed.time)))
     noise = np.nan_to_num(estimate_marker_noise(observed, interval))
-    draws = draw_postures_of_person(body.generic, body.markers, estimate, observed, postures, noise, count=DRAWS)
     return AssessedSubject(
         declared=declared,
         trials=trials,
-        body=body,
+        body=replace(body, model=scale_model(body.model, smoothed.scaling), findings=(*body.findings, *unfinished)),
         assessed=assessed,
         motion=motion,
         kinematics=differentiate(motion.motion),
-        uncertainty=posture_uncertainty(model, observed, tasks, postures, noise),
-        drawn=_drawn(draws, body.model, motion),
+        uncertainty=posture_uncertainty(model, observed, tasks, solved[place][1], noise),
+        posterior=smoothed,
+        drawn=tuple(
+            DrawnMotion(scaling, differentiate(replace(motion.motion, coordinates=coordinates)))
+            for scaling, coordinates in smoothed.draw(DRAWS)
+        ),
     )
 
 
@@ -215,18 +226,6 @@ def _assessed(folder: Path, trials: Sequence[WearerTrial]) -> WearerTrial:
     raise refuse_subject(SubjectCode.NO_MOTION, folder=str(folder), poses=len(trials))
 
 
-def _drawn(draws: Iterator[Array], model: Model, motion: WholeMotion) -> tuple[Kinematics, ...]:
-    """The drawn postures of a trial as motions; coordinates stay within their ranges."""
-    lowest, highest = np.array([coordinate.range for coordinate in model.coordinates]).T
-    part = slice(motion.start, motion.start + len(motion.motion.time))
-    drawn = []
-    for coordinates in draws:
-        known = np.where(np.isfinite(coordinates[part]), coordinates[part], motion.motion.coordinates)
-        within = np.clip(known, lowest, highest)
-        drawn.append(differentiate(replace(motion.motion, coordinates=within)))
-    return tuple(drawn)
-
-
 def worn_arm_cuff(named: str | None, arms: Sequence[str]) -> str | None:
     """The arm cuff that counts as worn, live and where a measured cord is compared: the one that is named, else the
     only one that was fitted; None, rigid cuffs, where none or several were.
@@ -249,9 +248,10 @@ def compare_cord(
     if cord.cuff is not None and cord.cuff not in cuffs:
         raise refuse_subject(SubjectCode.UNKNOWN_CUFF, cuff=cord.cuff, known=", ".join(cuffs))
     trial = tight[0]
-    motion = longest_whole_motion(subject.model, trial.time, subject.postures(trial)).motion
+    own = subject.body.estimate.model
+    motion = longest_whole_motion(own, trial.time, subject.postures(trial)).motion
     measured = np.interp(motion.time, trial.force_time, trial.force)
     arm = worn_arm_cuff(cord.cuff, [name for name, cuff in cuffs.items() if cuff.site == "arm"])
     worn = (cuffs[waist] if waist else None, cuffs[arm]) if arm else (None, None)
     at_rest = replace(suit, reference_rest_length=cord.rest_length_m)
-    return check_cord(at_rest, subject.model, differentiate(motion), measured, worn)
+    return check_cord(at_rest, own, differentiate(motion), measured, worn)

@@ -20,10 +20,10 @@ NORMAL_95 = 1.959964
 def plain_subject(subject: AssessedSubject, spread: dict[str, float] | None, cord: CordCheck | None) -> dict[str, Any]:
     """The document as plain data."""
     estimate = subject.body.estimate
-    errors = estimate.factor_errors
+    posterior = subject.posterior
     factors = {
         factor.name: BodyFactor(value=float(value), ci95=[float(value - NORMAL_95 * e), float(value + NORMAL_95 * e)])
-        for factor, value, e in zip(estimate.priors.factors, estimate.factors, errors, strict=True)
+        for factor, value, e in zip(estimate.priors.factors, posterior.factors, posterior.factor_errors, strict=True)
     }
     return SubjectDocument(
         mass_kg=subject.body.body_mass,

@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
-from solver.inverse_kinematics.posture_uncertainty import draw_postures, estimate_marker_noise, posture_uncertainty
+from solver.inverse_kinematics.posture_uncertainty import estimate_marker_noise, posture_uncertainty
 from solver.inverse_kinematics.solve import TrackingTasks, solve_inverse_kinematics
 from solver.model import CoordinateLock, Model
 from solver.osim.model_reader import read_osim
@@ -153,29 +153,3 @@ def moving_markers() -> tuple[np.ndarray, np.ndarray]:
     observed = motion + noise[:, None] * chance.standard_normal((len(time), 2, 3))
     observed[300:400, 0] = np.nan
     return observed, noise
-
-
-def test_draws_from_noise_spread_as_the_covariance_of_the_posture() -> None:
-    _, observed = noisy(MODEL, 1, 0.01)
-    solution = solve_inverse_kinematics(MODEL, observed, TASKS)
-    expected = posture_uncertainty(MODEL, observed, TASKS, solution, NOISE).standard_deviation[0]
-    drawn = np.array([q[0] for q in draw_postures(MODEL, observed, TASKS, solution, NOISE, 0.0, count=300)])
-    np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=0.17)  # 4 standard errors of a spread of 300
-
-
-def test_an_offset_lasts_the_whole_trial_and_noise_does_not() -> None:
-    observed = np.repeat(noisy(MODEL, 1, 0.0)[1], 3, axis=0)
-    solution = solve_inverse_kinematics(MODEL, observed, TASKS)
-    (shifted,) = draw_postures(MODEL, observed, TASKS, solution, 0.0, NOISE, count=1)
-    assert np.ptp(shifted, axis=0).max() < 1e-9
-    assert np.abs(shifted - solution.coordinates).max() > 1e-4
-    (shaken,) = draw_postures(MODEL, observed, TASKS, solution, NOISE, 0.0, count=1)
-    assert np.ptp(shaken, axis=0).max() > 1e-4
-
-
-def test_a_frame_without_a_solution_keeps_its_posture() -> None:
-    observed = np.repeat(noisy(MODEL, 1, 0.0)[1], 2, axis=0)
-    observed[1] = np.nan
-    solution = solve_inverse_kinematics(MODEL, observed, TASKS)
-    (drawn,) = draw_postures(MODEL, observed, TASKS, solution, NOISE, NOISE, count=1)
-    np.testing.assert_array_equal(drawn[1], solution.coordinates[1])

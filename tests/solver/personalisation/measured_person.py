@@ -55,13 +55,14 @@ WANDER, NOISE = 0.001, 0.0003  # m
 @dataclass(frozen=True, eq=False)
 class MeasuredPerson:
     """factors (3,) of a segment by name; coordinates of each trial (frames, 15) in the order of shoulder; what is seen
-    of it (frames, markers, 3) [m].
+    of it (frames, markers, 3) [m], and of the cord's points in the last trial (frames, 3, 3).
     """
 
     shoulder: Shoulder
     factors: dict[str, Array]
     coordinates: tuple[Array, ...]
     trials: tuple[Array, ...]
+    cord: Array
 
 
 def measure_person(seed: int, hanging_deg: float = 16.0) -> MeasuredPerson:
@@ -78,6 +79,7 @@ def measure_person(seed: int, hanging_deg: float = 16.0) -> MeasuredPerson:
         factors,
         motions,
         tuple(_seen(shoulder, motion, seated, slide, chance) for motion in motions),
+        shoulder.places(motions[-1], list(shoulder.cord.values())),
     )
 
 

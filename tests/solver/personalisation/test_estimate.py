@@ -21,6 +21,7 @@ from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from solver.personalisation.anthropometry import (
     LOG_COVARIANCE,
+    SHARED_CORRELATION,
     SIZE_FACTORS,
     body_factors,
     marker_errors,
@@ -78,7 +79,7 @@ def test_standard_errors_hold_for_twenty_persons() -> None:
     assert 0.6 < np.mean(np.square(places)) < 1.5
 
 
-@pytest.mark.parametrize("seed", [5, 7])
+@pytest.mark.parametrize("seed", [5, 8])
 def test_a_hanging_arm_is_solved_within_the_ranges_of_its_joints(seed: int) -> None:
     """The simulation of the person shares no code with the estimate. At a small elevation, a negative one with the
     plane turned by 180 degrees is nearly the same posture; without the ranges the elevation is wrong by 100 degrees.
@@ -175,7 +176,12 @@ def test_sizes_of_the_population_are_a_covariance_of_known_coefficients_of_varia
     assert deviations["thorax depth"] == pytest.approx(0.108, abs=0.001)
     assert deviations["upper arm"] == pytest.approx(0.065, abs=0.001)
     factors, covariance = size_factors(MODEL)
-    np.testing.assert_allclose(covariance, 2.0 * LOG_COVARIANCE)
+    ratio = covariance / (2.0 * LOG_COVARIANCE)
+    np.testing.assert_allclose(ratio, np.where(np.eye(len(factors)) > 0.0, 1.0, SHARED_CORRELATION))
+    deviation = np.sqrt(np.diag(covariance))
+    clavicle, scapula = (k for k, one in enumerate(factors) if one.name in ("clavicle", "scapula"))
+    correlation = covariance[clavicle, scapula] / (deviation[clavicle] * deviation[scapula])
+    assert 0.56 * 0.6 < correlation < 0.79, "between stature alone in common and dimensions that overlap"
     by_body = body_factors(factors, np.arange(1.0, 8.0))
     np.testing.assert_array_equal(by_body["thorax"], [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(by_body["hand"], [7.0, 7.0, 7.0])
@@ -192,6 +198,9 @@ def test_skin_slides_by_what_was_measured_in_upright_ct() -> None:
     slide = 6.0 * np.sqrt(errors.scatter**2 - errors.scatter[3] ** 2)
     np.testing.assert_allclose(slide[:3], [0.0304, 0.0531, 0.0700], atol=0.002)
     assert errors.scatter[3] == pytest.approx(errors.offset[3])
+    drawn = np.random.default_rng(1).standard_normal((4000, 3))
+    medians = np.median(np.linalg.norm(drawn, axis=1)) * errors.slide[:3]
+    np.testing.assert_allclose(medians, [0.0304, 0.0531, 0.0700], rtol=0.07)
 
 
 def test_the_arm_has_the_masses_of_de_leva_and_the_trunk_stays() -> None:

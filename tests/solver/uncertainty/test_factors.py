@@ -30,9 +30,9 @@ def test_a_spread_of_zero_leaves_the_source_out():
     assert random_factors(silent, MODEL, [GIVEN]) == ()
 
 
-def test_drawn_motions_take_the_place_of_errors_of_posture():
+def test_drawn_motions_take_the_place_of_the_size_and_of_noise():
     names = [factor.name for factor in random_factors(UncertaintySources(), MODEL, [HAND], drawn_motions=12)]
-    assert "drawn_motion" in names and "posture" not in names and "noise" not in names
+    assert "drawn_motion" in names and not {"noise", "size"} & set(names)
 
 
 def test_a_latin_hypercube_has_one_sample_in_each_interval():

@@ -14,6 +14,7 @@ from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.problem import FrameOutcome
+from solver.scaling import Scaling, scale_model
 from solver.suit.assessment import assess
 from solver.suit.scenarios import LoadedMotion, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import read_suit
@@ -21,7 +22,7 @@ from solver.uncertainty.factors import columns_of, normal_scores, unit_sample
 from solver.uncertainty.people import PeopleCase, solve_people
 from solver.uncertainty.sources import BodySpread, DonningSpread, MuscleSpread, UncertaintySources
 from solver.uncertainty.varied_model import covariance_root, varied_cuff, varied_model, varied_suit
-from solver.uncertainty.varied_motion import MotionDraws, varied_motion
+from solver.uncertainty.varied_motion import DrawnMotion, MotionDraws, varied_motion
 
 MODEL = bundled_model()
 MOTION = differentiate(simulate_arm_raise(MODEL))
@@ -201,7 +202,7 @@ def test_muscle_parameters_have_their_own_factor_and_the_common_strength():
 
 def test_an_error_of_posture_keeps_the_joints_together_and_has_its_size():
     generator = np.random.default_rng(5)
-    draws = MotionDraws(MODEL, (MOTION,))
+    draws = MotionDraws(MODEL, MOTION)
     scores = {"posture": generator.standard_normal(17), "noise": np.ones(1)}
     found = varied_motion(draws, CASE.sources.motion, scores)
     gaps = [
@@ -216,14 +217,37 @@ def test_an_error_of_posture_keeps_the_joints_together_and_has_its_size():
 
 
 def test_a_slower_cycle_has_lower_speeds_and_accelerations():
-    found = varied_motion(MotionDraws(MODEL, (MOTION,)), CASE.sources.motion, {"duration": np.ones(1)})
+    found = varied_motion(MotionDraws(MODEL, MOTION), CASE.sources.motion, {"duration": np.ones(1)})
     np.testing.assert_allclose(found.speeds, MOTION.speeds / np.exp(0.1))
     np.testing.assert_allclose(found.accelerations, MOTION.accelerations / np.exp(0.2))
     assert found.time[-1] == pytest.approx(MOTION.time[-1] * np.exp(0.1))
 
 
 def test_a_score_chooses_among_the_drawn_motions():
-    other = replace(MOTION, positions=MOTION.positions + 0.01)
-    draws = MotionDraws(MODEL, (MOTION, MOTION, other))
-    assert varied_motion(draws, CASE.sources.motion, {"drawn_motion": np.array([-1.0])}) is MOTION
-    assert varied_motion(draws, CASE.sources.motion, {"drawn_motion": np.array([6.0])}) is other
+    first, other = (DrawnMotion(Scaling(), replace(MOTION, positions=MOTION.positions + by)) for by in (0.0, 0.01))
+    draws = MotionDraws(MODEL, MOTION, (first, other))
+    for score, motion in ((-1.0, first.kinematics), (6.0, other.kinematics), (0.0, MOTION)):
+        assert varied_motion(draws, CASE.sources.motion, {"drawn_motion": np.array([score])}) is motion
+
+
+def test_an_angle_that_no_draw_varies_keeps_the_error_of_a_posture_without_markers():
+    elbow, raised = MODEL.coordinate_index("elbow_flexion"), MODEL.coordinate_index("shoulder_elv")
+    positions = MOTION.positions.copy()
+    positions[:, raised] += 0.01
+    draws = MotionDraws(MODEL, MOTION, (DrawnMotion(Scaling(), replace(MOTION, positions=positions)),))
+    scores = {"drawn_motion": np.ones(1), "posture": np.ones(17)}
+    away = varied_motion(draws, CASE.sources.motion, scores).positions - positions
+    np.testing.assert_allclose(away[:, elbow], CASE.sources.motion.posture)
+    np.testing.assert_allclose(away[:, raised], 0.0, atol=1e-12)
+
+
+def test_a_drawn_motion_is_assessed_on_the_body_that_was_drawn_with_it():
+    arm = {"humerus": np.full(3, 1.05)}
+    case = replace(CASE, sources=CASE.sources.of_fit, drawn=(DrawnMotion(Scaling(arm, keeps_masses=True), MOTION),))
+    scores = np.zeros((1, sum(factor.size for factor in case.factors)))
+    scores[:, columns_of(case.factors, ("drawn_motion",))] = 1.0
+    own = replace(CASE, motion=LoadedMotion(scale_model(MODEL, Scaling(arm, keeps_masses=True)), MOTION))
+    expected = solve_people(own, np.zeros((1, SCORES.shape[1])), workers=1)
+    found = solve_people(case, scores, workers=1)
+    for place, reading in found.items():
+        assert reading.at_reference[0] == pytest.approx(expected[place].at_reference[0], rel=1e-9)

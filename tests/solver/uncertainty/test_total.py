@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from solver.scaling import Scaling
 from solver.suit.assessment import Comparison, assess
 from solver.suit.decision import DecisionOutcome, DecisionRule
 from solver.suit.quantity import Quantity, content_of_intervals, interval_of_draws
@@ -13,6 +14,7 @@ from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.people import PeopleCase, solve_people
 from solver.uncertainty.sources import UncertaintySources
 from solver.uncertainty.total import INFEASIBLE_MOTION, explained_figures, mark_infeasible, with_people
+from solver.uncertainty.varied_motion import DrawnMotion
 from tests.solver.uncertainty.test_people import CASE, EVERY, HAND, SUIT, WAIST, people  # noqa: F401
 
 UNSURE = replace(HAND, covariance=np.diag([100.0, 10.0, 0.002]) ** 2)
@@ -145,7 +147,8 @@ def test_on_the_same_frames_the_people_differ_by_interpolation_only(of_fit):
 
 def test_motions_drawn_beside_the_assessed_one_widen_the_intervals_of_rigid_cuffs():
     motion = CASE.motion.kinematics
-    raised = tuple(replace(motion, positions=motion.positions * (1 + share)) for share in (-0.06, -0.03))
+    raised = (replace(motion, positions=motion.positions * (1 + share)) for share in (-0.06, -0.03))
+    raised = tuple(DrawnMotion(Scaling(), one) for one in raised)
     found = drawn(WAIST, UNSURE, motions=raised)
     assert np.ptp(curve_of(found, "rigid").figures["at_reference"].ci95) > 1e-3
 

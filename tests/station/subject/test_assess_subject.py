@@ -79,7 +79,7 @@ def test_the_arm_is_raised_as_far_as_it_was(person: AssessedSubject, wearer: Wea
     """
     time = wearer.starts[person.assessed.file] + person.kinematics.time
     truth = wearer.person.coordinates(time)
-    spread = np.std([drawn.positions for drawn in person.drawn], axis=0)
+    spread = np.std([drawn.kinematics.positions for drawn in person.drawn], axis=0)
     for name in ("shoulder_elv", "scapula_upward_rot", "plane_elv"):
         place = GENERIC.coordinate_index(name)
         error = person.kinematics.positions[:, place] - truth[:, wearer.person.coordinate_names.index(name)]
