@@ -84,6 +84,7 @@ def read_c3d_signals(path: Path, wanted: Sequence[str]) -> SignalTable:
     )
 
 
+@np.errstate(invalid="ignore", over="ignore")  # signalling NaN of a damaged file
 def _points(c3d: C3dFile, chosen: Sequence[int]) -> tuple[Array, Array]:
     """Positions (frames, chosen, 3) and residuals (frames, chosen) in the file's unit; a residual is NaN if negative.
 
@@ -111,6 +112,7 @@ def _analog_rate(c3d: C3dFile) -> float:
     return rate
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def _channel(c3d: C3dFile, channel: int, name: str) -> Array:
     """(raw − OFFSET) × SCALE × GEN_SCALE of all samples. FORMAT states the sign of OFFSET and of integer samples."""
     layout, parameters = c3d.layout, c3d.parameters

@@ -264,3 +264,11 @@ def test_a_second_reader_finds_markers_and_a_single_channel(tmp_path: Path, fram
     np.testing.assert_allclose(found[~missing][:, 3], residuals[~missing], rtol=0, atol=half_a_unit)
     np.testing.assert_allclose(np.concatenate(channels), force, rtol=0, atol=1e-6)
     assert [label.strip() for label in reader.point_labels] == list(table.labels)
+
+
+def test_a_signalling_nan_is_a_missing_position(tmp_path: Path) -> None:
+    path = write_raw_c3d(tmp_path / "damaged.c3d", is_real=True)
+    content = bytearray(path.read_bytes())
+    content[3 * 512 : 3 * 512 + 4] = (0x7FA00000).to_bytes(4, "little")  # the first number of the data, in block 4
+    path.write_bytes(content)
+    assert read_c3d_markers(path).missing[0].tolist() == [True, False, False]
