@@ -54,15 +54,15 @@ class Checksums:
 
     def compare(self, name: str, sha256: str | None = None) -> tuple[Standing, Message[ChainCode] | None]:
         """Standing of a file, and why; sha256, if it is known, saves reading the file again."""
-        recorded = self.sums.get(name)
-        if not (self.folder / name).is_file():
-            return Standing.MISSING, None
-        if name in JOURNALS and (fault := _journal_fault(self.folder / name, recorded)):
+        path, recorded = self.folder / name, self.sums.get(name)
+        if name in JOURNALS and path.is_file() and (fault := _journal_fault(path, recorded)):
             return Standing.CHANGED, fault
-        if recorded is None and not self.lists_all:
-            return Standing.UNRECORDED, None
-        if recorded is None:
+        if recorded is None and self.lists_all and os.path.lexists(path):  # also a link to a folder
             return Standing.ADDED, Message(ChainCode.ADDED, {"file": name, "sums": CHECKSUMS_FILE})
+        if not path.is_file():
+            return Standing.MISSING, None
+        if recorded is None:
+            return Standing.UNRECORDED, None
         if name in JOURNALS or recorded == (sha256 or self.sha256(name)):
             return Standing.AS_RECORDED, None
         return Standing.CHANGED, Message(ChainCode.CHANGED, {"file": name, "sums": CHECKSUMS_FILE})

@@ -393,8 +393,11 @@ def test_added_missing_and_changed_files_of_subfolders_are_named(session: Path, 
     assert standings(station("verify", session, "--format", "json"))[f"tables/{name}"] == AS_RECORDED
     (session / "tables" / name).rename(session / "tables" / "other.csv")
     (session / "cuff-x_test-static_run-1.mcap").write_bytes(b"")
+    if os.name != "nt":
+        (session / "linked").symlink_to(session.parent)
     ran = station("verify", session, "--format", "json")
     found = standings(ran)
+    assert found.get("linked", Standing.ADDED) == Standing.ADDED
     assert ran.code == 1 and found[f"tables/{name}"] == MISSING
     assert found["tables/other.csv"] == found["cuff-x_test-static_run-1.mcap"] == Standing.ADDED
 
