@@ -105,6 +105,6 @@ def test_a_redrawn_view_keeps_the_focus_and_the_rest_of_a_word_is_no_command(bro
         for repeat in (2, 3):
             one.keyboard.press("Enter")
             seen(one, f"next: hand, static, repeat {repeat}" if repeat == 2 else "next: hand, dynamic, repeat 2")
-            expect(skip).to_be_focused()
+            expect(skip).to_be_focused(timeout=patience_ms())
         one.keyboard.press("n")
         seen(one, "next: hand, static, repeat 3")
