@@ -269,9 +269,8 @@ class MarkerBlocks:
         elapsed = (frame.timestamp_us - last.timestamp_us) / self._frame_us
         jumped = frame.number - last.number
         has_passed = self._clock.is_possible(1e-6 * self._frame_us * frame.number, self._arrived_ns)
-        if (
-            is_after_capture or jumped <= 0 or elapsed < LEAST_STEP * jumped or not has_passed
-        ):  # no time for so many frames
+        has_passed &= elapsed >= LEAST_STEP * jumped
+        if is_after_capture or jumped <= 0 or not has_passed:  # no time for so many frames
             self._clock.restart()
             text = f"{self._source} restarted its frame numbers: {frame.number} follows {last.number}"
             return Event("numbering_restarted", text, self._arrived_ns, self._source)

@@ -223,7 +223,7 @@ class SteppedFeed(DeviceFeed):
             self._has_round.set()
 
     def is_round_over(self, within_s: float) -> bool:
-        """Whether no other device has to wait: a round that has lasted ROUND_TIMEOUT_S delays later ones no more."""
+        """Whether no other device has to wait: a round that has lasted ROUND_TIMEOUT_S no longer delays later ones."""
         is_over = self._is_idle.wait(within_s) or not self._thread.is_alive()
         return is_over or time.perf_counter() > self._latest_s
 

@@ -19,7 +19,7 @@ from station.messages.codes import (
 _JOURNAL: Mapping[StrEnum, str] = {
     JournalCode.UNREADABLE: "{path} cannot be read: {reason}",
     JournalCode.WRONG_LINE: "{path}, line {line}: expected an entry of the journal, found {found}",
-    JournalCode.NOT_WRITTEN: "{path} cannot be written: {reason}; the decision is not stored",
+    JournalCode.NOT_WRITTEN: "{path} cannot be written: {reason}; the entry of the journal is not stored",
     JournalCode.GONE: (
         "{path} is gone: the folder of the open session was moved, renamed or deleted. Resume the session where it is "
         "now, or begin a new one"

@@ -118,12 +118,14 @@ class TrialRunner:
             self.live, self._trial, self.ended = None, None, trial
             self._session.has_running_trial = False
         recorded = trial.recorded
-        if recorded is not None and recorded.file and self._session.folder is not None:
-            with suppress(JournalError):  # the folder is gone, which the next look at it reports
-                for number, name in live.mark_names.items():
-                    write_mark(self._session.folder, recorded.file, number, name)
         refusal = f"{trial.refusal} [{trial.refusal_code}]" if trial.refusal_code else trial.refusal
         self._session.message = refusal or (recorded.sentence if recorded else "")
+        if recorded is not None and recorded.file and self._session.folder is not None:
+            try:
+                for number, name in live.mark_names.items():
+                    write_mark(self._session.folder, recorded.file, number, name)
+            except JournalError as error:
+                self._session.message = str(error)
 
     def _update(self, live: LiveTrial, telemetry: dict[str, Any]) -> None:
         """Take a line of telemetry. An alarm marks its moment in the recording."""

@@ -99,6 +99,8 @@ def test_the_published_cuffs_are_those_of_the_simulators() -> None:
         ("hand", {"covariance": np.full((3, 3), np.nan)}),
         ("hand", {"covariance": -np.eye(3)}),
         ("hand", {"covariance": np.ones((3, 3)) + np.eye(3)[[1, 0, 2]]}),  # correlations above 1
+        ("hand", {"covariance": np.full((3, 3), np.inf)}),
+        ("hand", {"covariance": np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])}),  # not semi-definite
         ("hand", {"covariance": "unknown"}),
     ],
 )

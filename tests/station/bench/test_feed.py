@@ -139,7 +139,7 @@ def test_a_feed_with_a_full_queue_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     assert device.closed.is_set()
 
 
-def test_a_device_that_does_not_finish_a_round_delays_later_rounds_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_that_does_not_finish_a_round_no_longer_delays_later_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     class Frozen(Scripted):
         def read(self, timeout_s: float) -> Sequence[Item]:
             self.closed.wait()

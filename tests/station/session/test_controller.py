@@ -8,6 +8,8 @@ import threading
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from filelock import FileLock
@@ -20,12 +22,15 @@ from station.bench.simulation import SimulatedBench, practice_settings
 from station.bench.trial_recorder import LOCK
 from station.config import StationConfig, load_config
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
+from station.journal_lines import JOURNAL_FILE
 from station.messages.codes import AlarmCode, CommandCode, JournalCode, ReasonCode, TerminalCode, TrialCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.protocol import TrialSpec
 from station.session.controller import SessionController
+from station.session.guide import guide_for
 from station.session.listing import list_sessions
+from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
 from station.session.summary import Summary
 from station.session.trial_runner import TrialRunner
@@ -189,6 +194,22 @@ def test_a_session_whose_folder_is_lost_is_closed_with_one_sentence(
     controller.session.message = ""
     run(controller.process_recordings())
     assert controller.session.message == "", "once"
+
+
+def test_names_of_marks_that_cannot_be_stored_at_the_end_of_a_trial_are_reported(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    folder, plan = controller.session.folder, controller.session.plan
+    assert folder is not None and plan is not None and plan.spec is not None
+    controller.runner.live = LiveTrial(plan.spec, guide_for("dynamic", controller.session.trial_config.protocol))
+    controller.runner.live.mark_names[1] = "coughed"
+    recorded = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, "the mocap capture ended")
+
+    async def lose_folder(_: object) -> None:
+        move(folder)
+
+    trial: Any = SimpleNamespace(recorded=recorded, refusal="", refusal_code="", follow=lose_folder)
+    run(controller.runner._follow(trial))
+    assert str(folder / JOURNAL_FILE) in controller.session.message
 
 
 def test_a_new_console_returns_to_the_session_of_which_a_trial_is_still_recorded(controller: SessionController) -> None:
