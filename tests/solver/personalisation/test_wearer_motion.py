@@ -125,8 +125,8 @@ def test_the_origin_of_the_laboratory_does_not_matter() -> None:
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_of_sixty_persons() -> None:
-    """Of 95 % of the angles, within three standard errors between persons; docs/uncertainty.md has 200 persons with
-    effort and best rest length."""
+    """Of 95 % of the angles, within three standard errors between persons; docs/uncertainty.md has
+    more persons, with effort and best rest length."""
     names = smoothed(0)[0].shoulder.coordinate_names
     angles = [k for k, name in enumerate(names) if not name.startswith("ground")]
     held, errors = [], []
