@@ -168,10 +168,10 @@ def _one_edge(edges: SyncEdges) -> ClockFit:
 
 def _missing_frames(record: _Record, stop: StopWindow) -> int:
     """Least number of missing frames with which the drift is that of crystals; 0 if none are needed or none suffice."""
-    tolerance = CRYSTAL_LIMIT * record.capture
-    count = math.ceil((record.excess - stop.latest - tolerance) / stop.frame)
-    explains = record.excess - stop.shifted(count).earliest >= -tolerance
-    return count if count > 0 and explains else 0
+    lowest, _ = record.support(stop)
+    count = math.ceil((lowest - CRYSTAL_LIMIT) * record.capture / stop.frame)
+    _, highest = record.support(stop.shifted(count))
+    return count if count > 0 and highest >= -CRYSTAL_LIMIT else 0
 
 
 @dataclass(frozen=True)

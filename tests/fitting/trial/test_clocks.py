@@ -271,6 +271,20 @@ def test_a_drift_beyond_crystals_is_not_identified_where_one_missing_frame_expla
     assert fit_clock(earlier, 30.0, stop_window(Timing(stop_edge="end_of_frame"), 0.01)).is_identified
 
 
+@pytest.mark.parametrize("late_s", [0.02, 0.045])
+def test_edges_between_samples_at_twenty_hertz_are_no_sign_of_missing_frames(late_s: float) -> None:
+    """Each edge may be half a sample, 25 ms, away from its middle: two frames or more."""
+    edges = stopped_capture(np.random.default_rng(2), "end_of_frame").edges
+    coarse = type(edges)(edges.rising, 0.05 / 12**0.5, edges.rising + 30.0 + late_s, 0.05 / 12**0.5)
+    clock = fit_clock(coarse, 30.0, stop_window(Timing(stop_edge="end_of_frame"), 0.01))
+    assert (clock.is_identified, clock.missing_frames) == (False, 0)
+    assert fit_clock(
+        type(edges)(coarse.rising, coarse.rising_sd, edges.rising + 30.0 + 0.075, coarse.falling_sd),
+        30.0,
+        stop_window(Timing(stop_edge="end_of_frame"), 0.01),
+    ).missing_frames, "beyond both samples"
+
+
 def coverage(stop: Stop, daq_ppm: float, camera_ppm: float, trials: int, *, is_declared: bool) -> Cell:
     """Coverage over a number of simulated trials."""
     random = np.random.default_rng([STOPS.index(stop), int(daq_ppm), int(camera_ppm)])
