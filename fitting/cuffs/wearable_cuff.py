@@ -15,7 +15,7 @@ from documents.interval import plus_minus
 from documents.results import Curve, EqualByFields, curves_svg, result_html
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, NoteCode, Verdict
-from fitting.results.cuffs_schema import POSSIBLE
+from fitting.results.cuffs_schema import POSSIBLE, is_covariance
 from fitting.results.rendering import Note, sentence_of, verdict_text
 from fitting.uncertainty import NORMAL_95, Estimate, normal_estimate
 from recordings.manifest import DataOrigin, is_file_name
@@ -29,8 +29,6 @@ QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", 
 KNOWN_LAW, TENSOR = KelvinVoigt.NAME, "tensor"
 """Names of laws in cuffs.json: F = k x + c ẋ along one line, and in three dimensions."""
 UNITS = CuffParameters.UNITS
-ROUNDING = 1e-6
-"""Of a correlation in a file."""
 Figure = Estimate | float | tuple[float, float]
 """An estimate, a number, or a number and its standard error."""
 
@@ -208,24 +206,10 @@ def _ensure_usable(name: object, site: object, covariance: object) -> None:
         raise ValueError(f"name should be one that a file can have, such as hand, and is {name!r}")
     if site not in ("arm", "waist"):
         raise ValueError(f"site of cuff {name} should be arm or waist and is {site!r}")
-    if covariance is None:
-        return
-    if not _is_covariance(np.asarray(covariance)):
+    if covariance is not None and not is_covariance(np.asarray(covariance)):
         raise ValueError(
             f"covariance of cuff {name} should be a symmetric, positive semi-definite (3, 3) matrix of finite numbers"
         )
-
-
-def _is_covariance(matrix: NDArray[Any]) -> bool:
-    """Judged by the correlations, because the variances differ by orders of magnitude."""
-    if matrix.shape != (3, 3) or matrix.dtype.kind not in "fiu" or not np.isfinite(matrix).all():
-        return False
-    deviations = np.sqrt(np.diag(matrix).clip(min=0))
-    if (np.abs(matrix) > np.outer(deviations, deviations) * (1 + ROUNDING)).any():
-        return False
-    scales = np.where(deviations > 0, deviations, 1.0)
-    correlations = matrix / np.outer(scales, scales)
-    return bool(np.allclose(correlations, correlations.T) and np.linalg.eigvalsh(correlations).min() >= -ROUNDING)
 
 
 def _estimate_of(cuff: str, quantity: str, figure: Figure | None) -> Estimate | None:

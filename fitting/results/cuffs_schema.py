@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from fitting.results.codes import CauseCode, FindingCode, NoteCode, RejectionCode, TensorCode, TrialNoteCode, Verdict
@@ -17,6 +19,8 @@ from recordings.manifest import DataOrigin
 FORMAT = 1
 """Version of the file format. It increases when a key changes its meaning; a file without one has this one."""
 
+ROUNDING = 1e-6
+"""Of a correlation."""
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Ends = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -295,9 +299,21 @@ class CuffEntry(_Entry):
 
     @model_validator(mode="after")
     def _ensure_covariance(self) -> Self:
-        if self.covariance is not None and min(self.covariance[i][i] for i in range(3)) < 0:
-            raise ValueError("covariance has a number below 0 in its diagonal")
+        if self.covariance is not None and not is_covariance(np.array(self.covariance)):
+            raise ValueError("covariance is not a symmetric, positive semi-definite matrix")
         return self
+
+
+def is_covariance(matrix: NDArray[Any]) -> bool:
+    """Whether a matrix is one of three figures. Correlations are judged: variances differ by orders of magnitude."""
+    if matrix.shape != (3, 3) or matrix.dtype.kind not in "fiu" or not np.isfinite(matrix).all():
+        return False
+    deviations = np.sqrt(np.diag(matrix).clip(min=0))
+    if (np.abs(matrix) > np.outer(deviations, deviations) * (1 + ROUNDING)).any():
+        return False
+    scales = np.where(deviations > 0, deviations, 1.0)
+    correlations = matrix / np.outer(scales, scales)
+    return bool(np.allclose(correlations, correlations.T) and np.linalg.eigvalsh(correlations).min() >= -ROUNDING)
 
 
 class RejectedEntry(_Entry):

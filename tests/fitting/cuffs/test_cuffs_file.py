@@ -189,6 +189,8 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
         ('{"stiffness_n_per_m": {"value": 8520, "sd": 10}}', "cuffs.hand.stiffness_n_per_m.sd"),
         ('{"covariance": [[1, 2], [3, 4]]}', "cuffs.hand.covariance.0"),
         ('{"covariance": "none"}', "cuffs.hand.covariance"),
+        ('{"covariance": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]}', "cuffs.hand"),  # a correlation of 2
+        ('{"covariance": [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]}', "cuffs.hand"),
     ],
 )
 def test_a_wrong_value_is_refused_with_its_key(entry: str, key: str, tmp_path: Path) -> None:
