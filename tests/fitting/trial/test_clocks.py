@@ -271,13 +271,13 @@ def test_a_drift_beyond_crystals_is_not_identified_where_one_missing_frame_expla
     assert fit_clock(earlier, 30.0, stop_window(Timing(stop_edge="end_of_frame"), 0.01)).is_identified
 
 
-@pytest.mark.parametrize(("late_s", "frames"), [(0.02, 0), (0.045, 0), (0.06, 1)])
-def test_edges_between_samples_at_twenty_hertz_are_no_sign_of_missing_frames(late_s: float, frames: int) -> None:
+@pytest.mark.parametrize("late_s", [0.02, 0.045])
+def test_edges_between_samples_at_twenty_hertz_are_no_sign_of_missing_frames(late_s: float) -> None:
     """Both edges may be half a sample, 25 ms, away from their middle, together the duration of five frames."""
     edges = stopped_capture(np.random.default_rng(2), "end_of_frame").edges
     coarse = type(edges)(edges.rising, 0.05 / 12**0.5, edges.rising + 30.0 + late_s, 0.05 / 12**0.5)
     clock = fit_clock(coarse, 30.0, stop_window(Timing(stop_edge="end_of_frame"), 0.01))
-    assert (clock.is_identified, clock.missing_frames) == (False, frames)
+    assert (clock.is_identified, clock.missing_frames) == (False, 0)
 
 
 def coverage(stop: Stop, daq_ppm: float, camera_ppm: float, trials: int, *, is_declared: bool) -> Cell:
