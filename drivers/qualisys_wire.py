@@ -174,7 +174,7 @@ class PacketGuard(asyncio.Protocol):
 
 
 LEAST_STEP = 0.9
-"""Frames that must have passed by the time stamps for each frame by the numbers, or the numbers have begun anew."""
+"""Least ratio of the frames by time stamps to those by frame numbers; below it, the numbers have begun anew."""
 
 
 class MarkerBlocks:
