@@ -230,7 +230,7 @@ class _Lines:
         self._setup: Setup | None = None
         self._begun = ""
         self._recorded: list[Recorded] = []
-        self._places: dict[str, list[int]] = {}  # in _recorded, by file
+        self._places: dict[str, int] = {}  # in _recorded, by file
         self._verdicts: dict[str, Decision] = {}
         self._marks: dict[str, dict[int, str]] = {}
         self._donnings: dict[str, int] = {}
@@ -246,8 +246,7 @@ class _Lines:
             case SetupEntry():
                 self._setup, self._begun = Setup(**entry.values()), self._begun or entry.at
             case RecordedEntry():
-                self._places.setdefault(entry.file, []).append(len(self._recorded))
-                self._recorded.append(Recorded(**entry.values()))
+                self._add_recorded(entry.file, Recorded(**entry.values()))
                 self._entered[entry.file] = entry.at
             case VerdictEntry():
                 self._verdicts.pop(entry.file, None)  # they are in the order of the decisions
@@ -274,6 +273,13 @@ class _Lines:
             self._entered,
         )
 
+    def _add_recorded(self, file: str, trial: Recorded) -> None:
+        """A console that resumes a session may have entered a recording just before its recorder did."""
+        if file in self._assignments:
+            trial = _as_assigned(trial, self._assignments[file])
+        place = self._places.setdefault(file, len(self._recorded))
+        self._recorded[place : place + 1] = [trial]
+
     def _change_plan(self, entry: JournalEntry) -> None:
         match entry:
             case SkippedEntry():
@@ -296,8 +302,8 @@ class _Lines:
             case AssignedEntry():
                 assignment = Assignment(entry.cuff, entry.test, entry.repeat, entry.donning)
                 self._assignments[entry.file] = assignment
-                for place in self._places.get(entry.file, ()):
-                    self._recorded[place] = _as_assigned(self._recorded[place], assignment)
+                if entry.file in self._places:
+                    self._add_recorded(entry.file, self._recorded[self._places[entry.file]])
 
 
 def _as_assigned(trial: Recorded, assignment: Assignment) -> Recorded:

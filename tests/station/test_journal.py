@@ -134,6 +134,17 @@ def test_an_assigned_recording_is_of_the_other_trial(tmp_path: Path) -> None:
     assert journal.recorded == (replace(TRIAL, cuff="elbow", test="dynamic", repeat=2),)
 
 
+def test_a_recording_that_two_processes_enter_is_one_trial_as_its_recorder_states_it(tmp_path: Path) -> None:
+    """A console that resumes the session enters the file in the moment before the entry of the recorder."""
+    adopted, other = replace(TRIAL, codes=(), sentence=""), replace(TRIAL, file="b.mcap", repeat=2)
+    for trial in (adopted, other):
+        write_recorded(tmp_path, trial)
+    elbow = CuffSite("elbow", "arm", ("a", "b", "c"), ("d",))
+    write_assigned(tmp_path, "a.mcap", Assignment(elbow, "static", 3, "1"))
+    write_recorded(tmp_path, TRIAL)
+    assert read_journal(tmp_path).recorded == (replace(TRIAL, cuff="elbow", repeat=3), other)
+
+
 def test_a_session_has_its_start_time(tmp_path: Path) -> None:
     before = datetime.now(UTC)
     write_setup(tmp_path, SETUP)
