@@ -24,7 +24,7 @@ The posterior is normal about its mode (Laplace's approximation, Gauss–Newton)
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -110,6 +110,13 @@ class WearerMotion:
             weights = self.mode + moved[self.body.parameters :].reshape(self.mode.shape)
             scaling = self.body.scaling(moved)
             yield scaling, self.knots.closed(scale_skeleton(self.skeleton, scaling), weights)
+
+    def postures(self, solved: Array) -> Array:
+        """(frames, coordinates) of its mode, closed on that body, from those of inverse kinematics in one of the trials
+        that it was estimated from.
+        """
+        modes = _modes(self.body, solved, self.knots.places, self.knots.basis)
+        return replace(self.knots, wanted=solved, wanted_modes=modes).closed(self.skeleton, self.mode)
 
 
 def smooth_wearer(
@@ -224,6 +231,7 @@ class _Knots:
 
     coordinates (knots, coordinates) q⁰;  observed (knots, markers, 3);  modes (knots, modes) Φ
     growing      (knots, knots) K
+    places       (knots, features) of _orientations;  basis (knots, modes) of Φ in the kernel with them
     wanted (frames, coordinates) q⁰ of the wanted motion;  wanted_modes (frames, modes);  lowest, highest (coordinates,)
     """
 
@@ -231,6 +239,8 @@ class _Knots:
     observed: Array
     modes: Array
     growing: Array
+    places: Array
+    basis: Array
     wanted: Array
     wanted_modes: Array
     lowest: Array
@@ -261,7 +271,7 @@ class _Knots:
 def _knots(body: _Body, trials: Sequence[tuple[Array, InverseKinematics]], wanted: Array) -> _Knots:
     chosen = [(observed, solution, _evenly_spread(solution)) for observed, solution in trials]
     coordinates = np.concatenate([solution.coordinates[frames] for _, solution, frames in chosen])
-    places, others = _orientations(body, coordinates), _orientations(body, wanted)
+    places = _orientations(body, coordinates)
     kernel = _alike(places, places, ALIKE)
     at_rest = kernel[:, [_resting(body, coordinates)]]
     growing = (kernel - at_rest @ at_rest.T) / (1.0 - np.exp(-((RAISED / ALIKE) ** 2)))
@@ -274,10 +284,18 @@ def _knots(body: _Body, trials: Sequence[tuple[Array, InverseKinematics]], wante
         np.concatenate([observed[frames] for observed, _, frames in chosen]),
         narrow @ basis,
         growing,
+        places,
+        basis,
         wanted,
-        _alike(others, places, RESOLVED) @ basis,
+        _modes(body, wanted, places, basis),
         *body.limits,
     )
+
+
+def _modes(body: _Body, coordinates: Array, places: Array, basis: Array) -> Array:
+    """(frames, modes) Φ in these postures."""
+    modes: Array = _alike(_orientations(body, coordinates), places, RESOLVED) @ basis
+    return modes
 
 
 def _resting(body: _Body, coordinates: Array) -> int:

@@ -60,6 +60,7 @@ class MeasuredSubject:
 
     @property
     def model(self) -> Model:
+        """The body that the postures are of."""
         return self.body.model
 
     @property
@@ -74,11 +75,13 @@ class MeasuredSubject:
 class AssessedSubject(MeasuredSubject):
     """The wearer and a motion of theirs.
 
+    solved      postures of inverse kinematics of each trial, within the ranges of the joints
     assessed    the trial whose motion is assessed;  motion  of it;  kinematics  smoothed and differentiated
     uncertainty of the assessed trial's postures from the noise of the markers
     posterior   of body and motion, given markers and anatomy;  drawn  bodies and motions of it
     """
 
+    solved: tuple[InverseKinematics, ...]
     assessed: WearerTrial
     motion: WholeMotion
     kinematics: Kinematics
@@ -86,10 +89,18 @@ class AssessedSubject(MeasuredSubject):
     posterior: WearerMotion
     drawn: tuple[DrawnMotion, ...]
 
+    def postures(self, trial: WearerTrial) -> InverseKinematics:
+        """Coordinates of the posterior; residuals and outcomes are those of inverse kinematics."""
+        solution = self.solved[self.trials.index(trial)]
+        coordinates = solution.coordinates.copy()
+        known = np.isfinite(coordinates[:, 0])
+        coordinates[known] = self.posterior.postures(coordinates[known])
+        return replace(solution, coordinates=coordinates)
+
     @property
     def not_measured(self) -> tuple[str, ...]:
         """Coordinates that no marker holds in the assessed trial; they keep the values of the default posture."""
-        known = np.isfinite(self.postures(self.assessed).coordinates[:, 0])
+        known = np.isfinite(self.solved[self.trials.index(self.assessed)].coordinates[:, 0])
         is_loose = np.atleast_1d((~self.uncertainty.is_held[known]).any(axis=0))
         return tuple(name for name, loose in zip(self.model.coordinate_names, is_loose, strict=True) if loose)
 
@@ -106,9 +117,10 @@ def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> 
     place = trials.index(assessed)
     estimate, observed = body.estimate, body.observed[place]
     model, tasks = within_ranges(estimate.model, estimate.tasks)
-    solved = [(one, solve_inverse_kinematics(model, one, tasks)) for one in body.observed]
-    motion = longest_whole_motion(body.model, assessed.time, solved[place][1])
-    smoothed = smooth_wearer(body.generic, body.markers, estimate, solved, motion.motion.coordinates)
+    solved = tuple(solve_inverse_kinematics(model, one, tasks) for one in body.observed)
+    motion = longest_whole_motion(body.model, assessed.time, solved[place])
+    seen = list(zip(body.observed, solved, strict=True))
+    smoothed = smooth_wearer(body.generic, body.markers, estimate, seen, motion.motion.coordinates)
     motion = replace(motion, motion=replace(motion.motion, coordinates=smoothed.coordinates))
     unfinished = [] if smoothed.is_converged else [Message(PersonCode.NOT_CONVERGED, {"steps": MOST_STEPS})]
     interval = float(np.median(np.diff(assessed.time)))
@@ -117,10 +129,11 @@ def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> 
         declared=declared,
         trials=trials,
         body=replace(body, model=scale_model(body.model, smoothed.scaling), findings=(*body.findings, *unfinished)),
+        solved=solved,
         assessed=assessed,
         motion=motion,
         kinematics=differentiate(motion.motion),
-        uncertainty=posture_uncertainty(model, observed, tasks, solved[place][1], noise),
+        uncertainty=posture_uncertainty(model, observed, tasks, solved[place], noise),
         posterior=smoothed,
         drawn=tuple(
             DrawnMotion(scaling, differentiate(replace(motion.motion, coordinates=coordinates)))
@@ -163,7 +176,8 @@ def read_wearer_trials(folder: Path, before_utc_ns: int | None = None) -> tuple[
 
 
 def fit_suit(subject: MeasuredSubject, suit: Suit) -> DigitisedSuit | None:
-    """The suit with its points where its markers were seen, and rest lengths in proportion; None without such markers.
+    """The suit with its points where its markers were seen on the wearer's model, and rest lengths in proportion; None
+    without such markers.
 
     suit_markers of the configuration are those of waist, shoulder and arm, in this order.
     """
@@ -173,7 +187,7 @@ def fit_suit(subject: MeasuredSubject, suit: Suit) -> DigitisedSuit | None:
     trial = min(seen, key=lambda one: (one.manifest.test != "pose", one.manifest.condition != "slack"))
     coordinates = subject.postures(trial).coordinates
     known = np.isfinite(coordinates[:, 0])
-    own, generic = subject.body.estimate.model, subject.body.generic
+    own, generic = subject.model, subject.body.generic
     observed = _in_ground(subject, trial, trial.body.suit)
     found = suit_from_markers(suit, own, coordinates[known], observed[known])
     pattern = (suit, generic, assemble(generic))
@@ -248,10 +262,9 @@ def compare_cord(
     if cord.cuff is not None and cord.cuff not in cuffs:
         raise refuse_subject(SubjectCode.UNKNOWN_CUFF, cuff=cord.cuff, known=", ".join(cuffs))
     trial = tight[0]
-    own = subject.body.estimate.model
-    motion = longest_whole_motion(own, trial.time, subject.postures(trial)).motion
+    motion = longest_whole_motion(subject.model, trial.time, subject.postures(trial)).motion
     measured = np.interp(motion.time, trial.force_time, trial.force)
     arm = worn_arm_cuff(cord.cuff, [name for name, cuff in cuffs.items() if cuff.site == "arm"])
     worn = (cuffs[waist] if waist else None, cuffs[arm]) if arm else (None, None)
     at_rest = replace(suit, reference_rest_length=cord.rest_length_m)
-    return check_cord(at_rest, own, differentiate(motion), measured, worn)
+    return check_cord(at_rest, subject.model, differentiate(motion), measured, worn)

@@ -62,12 +62,20 @@ def test_the_truth_lies_within_the_spread_of_the_draws(seed: int) -> None:
     assert motion.coordinates[:, RAISED].min() > 0.0
 
 
-def test_the_prior_of_the_rhythm_takes_error_from_the_elevation_of_the_arm() -> None:
+@pytest.mark.parametrize("trial", [1, 2])
+def test_the_prior_of_the_rhythm_takes_error_from_the_elevation_of_the_arm_in_every_trial(trial: int) -> None:
     person, body, motion = smoothed(0)
-    truth = person.coordinates[-1][:, person.shoulder.index("shoulder_elv")]
-    alone = body.postures[-1].coordinates[:, RAISED]
-    errors = [np.sqrt(np.mean((found - truth) ** 2)) for found in (motion.coordinates[:, RAISED], alone)]
+    truth = person.coordinates[trial][:, person.shoulder.index("shoulder_elv")]
+    found = motion.postures(solve(body, person.trials)[trial][1].coordinates)
+    alone = body.postures[trial].coordinates
+    errors = [np.sqrt(np.mean((one[:, RAISED] - truth) ** 2)) for one in (found, alone)]
     assert errors[0] < 0.7 * errors[1]
+
+
+def test_postures_of_the_wanted_trial_are_the_wanted_coordinates() -> None:
+    person, body, motion = smoothed(0)
+    found = motion.postures(solve(body, person.trials)[-1][1].coordinates)
+    np.testing.assert_allclose(found, motion.coordinates, atol=1e-9)
 
 
 def test_draws_have_the_stated_spread_stay_in_range_keep_the_joints_together_and_are_smooth() -> None:

@@ -92,7 +92,7 @@ def test_the_cord_runs_where_its_markers_were(person: AssessedSubject, wearer: W
     assert fitted is not None
     places = wearer.person._shoulder.cord.values()
     for part, place in zip(PARTS, places, strict=True):
-        np.testing.assert_allclose(getattr(fitted.suit, part).location, place[1], atol=0.02)
+        np.testing.assert_allclose(getattr(fitted.suit, part).location, place[1], atol=0.008)
         assert fitted.spread[part] < 0.015
 
 
