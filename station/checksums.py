@@ -152,11 +152,11 @@ def _journal_fault(path: Path, recorded: str | None) -> Message[ChainCode] | Non
     for number, line in enumerate(lines, 1):
         known.add(above.hexdigest())
         if _previous(line) != above.hexdigest():
-            return Message(ChainCode.JOURNAL_ORDER, {"line": number, "above": number - 1})
+            return Message(ChainCode.JOURNAL_ORDER, {"file": path.name, "line": number, "above": number - 1})
         above.update(line)
     if recorded is None or recorded in known | {above.hexdigest()}:
         return None
-    return Message(ChainCode.JOURNAL_CHANGED, {"lines": len(lines), "sums": CHECKSUMS_FILE})
+    return Message(ChainCode.JOURNAL_CHANGED, {"file": path.name, "lines": len(lines), "sums": CHECKSUMS_FILE})
 
 
 def _parsed(folder: Path) -> tuple[dict[str, str], list[int]]:

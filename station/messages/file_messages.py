@@ -249,10 +249,13 @@ _CHAIN: Mapping[StrEnum, str] = {
     ChainCode.CHANGED: "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}",
     ChainCode.ADDED: "{file} is not in {sums}: another program added it after the session was recorded",
     ChainCode.JOURNAL_ORDER: (
-        "line {line} does not continue the lines above it: line {above} was changed, or lines were removed, "
-        "inserted or reordered"
+        "{file} has changed since it was recorded: line {line} does not continue the lines above it. Line {above} was "
+        "changed, or lines were removed, inserted or reordered"
     ),
-    ChainCode.JOURNAL_CHANGED: "its {lines} lines are not those in {sums}: the last line was changed or removed",
+    ChainCode.JOURNAL_CHANGED: (
+        "{file} has changed since it was recorded: its {lines} lines are not those in {sums}. The last line was "
+        "changed or removed"
+    ),
     ChainCode.LIST_LINE: "line {line} does not name a file of this folder with its SHA-256",
     ChainCode.LIST_MISSING: "{file} has hashes of its lines, and the list of all hashes of the folder is missing",
     ChainCode.NOT_ADDED: (
