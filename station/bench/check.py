@@ -205,7 +205,7 @@ def survey_devices(
     answered: set[str] = set()
     open_timeout_s = OPEN_S * clock.timeout_scale
     open_until, listen_until = clock.wall_s() + open_timeout_s, float("inf")
-    while clock.wall_s() < min(open_until, listen_until):
+    while feeds and clock.wall_s() < min(open_until, listen_until):
         try:
             message = inbox.get(timeout=0.05)
         except Empty:
