@@ -14,7 +14,7 @@ from recordings.exchange.text import MISSING
 
 RATE_TOLERANCE, SLIGHT = 0.01, 1e-4
 """Relative differences of two rates: of one that is meant to be the same, and of one that is not worth a note."""
-FARTHEST_MM = 1e9
+HIDDEN_FROM_MM = 1e9
 """A position beyond a thousand kilometres is the mark of a missing one, or damage."""
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 SPELLED_OUT = {
@@ -168,7 +168,7 @@ def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Zeros are how several programs write a marker that was not seen; no real one is exactly in the origin.
     """
-    missing = ~(np.abs(positions) < FARTHEST_MM).all(axis=2) | (positions == 0).all(axis=2)
+    missing = ~(np.abs(positions) < HIDDEN_FROM_MM).all(axis=2) | (positions == 0).all(axis=2)
     return np.where(missing[..., None], np.nan, positions)
 
 
