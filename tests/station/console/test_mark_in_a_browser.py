@@ -28,7 +28,7 @@ FOCUS_AFTER = """action => {
 
 
 def test_the_name_of_a_mark_has_the_focus_before_the_console_answers(browser: Browser, tmp_path: Path) -> None:
-    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
+    with ServedConsole(write_config(tmp_path, hold_s=600.0), "--simulated") as console:
         page = open_page(browser, console.address)
         begin(page)
         page.keyboard.press("a")

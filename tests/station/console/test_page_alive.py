@@ -73,7 +73,7 @@ def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the recorder is found by /proc")
 def test_old_data_are_marked_while_the_console_answers(browser: Browser, tmp_path: Path) -> None:
-    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
+    with ServedConsole(write_config(tmp_path, hold_s=600.0), "--simulated") as console:
         page = open_page(browser, console.address)
         begin(page)
         page.keyboard.press("a")
@@ -93,7 +93,7 @@ def test_old_data_are_marked_while_the_console_answers(browser: Browser, tmp_pat
 
 def test_a_page_that_does_not_draw_receives_no_further_updates(browser: Browser, tmp_path: Path) -> None:
     """Else it would draw them one after the other when it can again, ever further behind."""
-    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
+    with ServedConsole(write_config(tmp_path, hold_s=600.0), "--simulated") as console:
         frozen, other = open_page(browser, console.address), open_page(browser, console.address)
         sent, drawn_by_other = picture_updates(frozen), picture_updates(other)
         begin(other)
@@ -118,7 +118,7 @@ MARKS = f"() => {CHART}.series[0].markLine.data.map((mark) => mark.name)"
 
 
 def test_charts_show_marks_pause_zoom_and_scale(browser: Browser, tmp_path: Path) -> None:
-    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
+    with ServedConsole(write_config(tmp_path, hold_s=600.0), "--simulated") as console:
         page = open_page(browser, console.address)
         updates = picture_updates(page)
         begin(page)
