@@ -175,6 +175,8 @@ class PacketGuard(asyncio.Protocol):
 
 LEAST_STEP = 0.9
 """Least ratio of the frames by time stamps to those by frame numbers; below it, the numbers have begun anew."""
+STAMP_TOLERANCE = 1.5
+"""Frames by which the steps of time stamps and frame numbers may differ within a capture, as in the fit."""
 
 
 class MarkerBlocks:
@@ -194,6 +196,7 @@ class MarkerBlocks:
         self._is_after_capture = False
         self._fits = True
         self._worst_rates = (0, 0)
+        self._agreeing = 0  # frames whose time stamp agrees with their number, minus others
         self._clock = DeviceClock()  # of the frame numbers
 
     @property
@@ -232,9 +235,9 @@ class MarkerBlocks:
                 continue
             self._fits = True
             items += self._rates(frame)
-            notice = self._notice(frame)
-            if notice is not None:
-                items += [*self._block(block), notice]
+            notices = [notice for notice in (self._stamp_jump(frame), self._notice(frame)) if notice is not None]
+            if notices:
+                items += [*self._block(block), *notices]
                 block = []
             block.append(frame)
             self._last = frame
@@ -259,6 +262,21 @@ class MarkerBlocks:
         found = len(frame.points) // 16
         text = f"{self._source} sent frame {frame.number} with {found} markers, expected {expected}, one for each label"
         return [Event("unreadable_packet", text, self._arrived_ns, self._source)] if did_fit else []
+
+    def _stamp_jump(self, frame: MarkerFrame) -> Item | None:
+        """Event for time stamps that jump although the frame numbers go on. Most stamps must agree with the numbers."""
+        last = self._last
+        if last is None or self._is_after_capture or frame.number <= last.number:
+            return None
+        jump = (frame.timestamp_us - last.timestamp_us) / self._frame_us - (frame.number - last.number)
+        self._agreeing += 1 if abs(jump) <= STAMP_TOLERANCE else -1
+        is_fewer = jump < 0 and frame.number > last.number + 1  # the numbers jumped
+        if abs(jump) <= STAMP_TOLERANCE or is_fewer or self._agreeing <= 0:
+            return None
+        text = (
+            f"the time stamps of {self._source} jumped by {jump * self._frame_us * 1e-6:+.3f} s at frame {frame.number}"
+        )
+        return Event("time_stamps_jumped", text, self._arrived_ns, self._source)
 
     def _notice(self, frame: MarkerFrame) -> Item | None:
         """Loss or event that precedes this frame."""

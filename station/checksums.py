@@ -52,8 +52,8 @@ class Checksums:
         self.sums, self.malformed = _parsed(folder)
         self.lists_all = (folder / CHECKSUMS_FILE).exists() and is_session(folder)
 
-    def compare(self, name: str, sha256: str | None = None) -> tuple[Standing, Message[ChainCode] | None]:
-        """Standing of a file, and why; sha256, if it is known, saves reading the file again."""
+    def compare(self, name: str) -> tuple[Standing, Message[ChainCode] | None]:
+        """Standing of a file, and why."""
         path, recorded = self.folder / name, self.sums.get(name)
         if name in JOURNALS and path.is_file() and (fault := _journal_fault(path, recorded)):
             return Standing.CHANGED, fault
@@ -63,7 +63,7 @@ class Checksums:
             return Standing.MISSING, None
         if recorded is None:
             return Standing.UNRECORDED, None
-        if name in JOURNALS or recorded == (sha256 or self.sha256(name)):
+        if name in JOURNALS or recorded == self.sha256(name):
             return Standing.AS_RECORDED, None
         return Standing.CHANGED, Message(ChainCode.CHANGED, {"file": name, "sums": CHECKSUMS_FILE})
 
@@ -126,9 +126,9 @@ def files_below(folder: Path) -> Iterator[str]:
         yield from filter(_is_listed, (name_in(folder, Path(place) / name) for name in (*files, *links)))
 
 
-def standing_of(path: Path, sha256: str | None = None) -> Standing:
-    """Compare a file with its recorded hash; sha256, if it is known, saves reading the file again."""
-    return _compared(path, sha256)[0]
+def standing_of(path: Path) -> Standing:
+    """Compare a file with its recorded hash."""
+    return _compared(path)[0]
 
 
 def changed_files(paths: Iterable[Path]) -> list[Message[ChainCode]]:
@@ -136,9 +136,9 @@ def changed_files(paths: Iterable[Path]) -> list[Message[ChainCode]]:
     return [message for path in paths if (message := _compared(path)[1])]
 
 
-def _compared(path: Path, sha256: str | None = None) -> tuple[Standing, Message[ChainCode] | None]:
+def _compared(path: Path) -> tuple[Standing, Message[ChainCode] | None]:
     folder = list_folder(path)
-    return Checksums(folder).compare(name_in(folder, path), sha256)
+    return Checksums(folder).compare(name_in(folder, path))
 
 
 def _journal_fault(path: Path, recorded: str | None) -> Message[ChainCode] | None:
@@ -152,7 +152,7 @@ def _journal_fault(path: Path, recorded: str | None) -> Message[ChainCode] | Non
     for number, line in enumerate(lines, 1):
         known.add(above.hexdigest())
         if _previous(line) != above.hexdigest():
-            return Message(ChainCode.JOURNAL_ORDER, {"file": path.name, "line": number, "above": number - 1})
+            return Message(ChainCode.JOURNAL_ORDER, {"file": path.name, "line": number})
         above.update(line)
     if recorded is None or recorded in known | {above.hexdigest()}:
         return None

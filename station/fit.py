@@ -11,7 +11,6 @@ from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.cuffs.wearable_cuff import bushing_force
 from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.outcome import CheckedFile
 from fitting.results.rendering import Note
 from fitting.session import fit_session
 from fitting.trial.mass_checks import check_notes, read_checks, with_mass_checks
@@ -20,7 +19,7 @@ from fitting.trial.trial_reader import TrialReading, read_alone, read_protocol, 
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.reader import read_manifest
-from station.checksums import sha256_of, standing_of, write_checksums
+from station.checksums import standing_of, write_checksums
 from station.errors import StationError
 from station.exit_code import LOSSY
 from station.journal import Assignment, Journal, read_journal
@@ -57,7 +56,9 @@ def fit_session_folder(
     if not paths:
         raise SessionError(Message(FolderCode.NO_RECORDING, {"folder": str(folder)}))
     journal = read_journal(folder)
-    fitted = replace(_fit(folder, paths, journal, progress, readings), recordings=_checked(paths))
+    fitted = replace(
+        _fit(folder, paths, journal, progress, readings), recordings={path.name: standing_of(path) for path in paths}
+    )
     if output is not None:
         write_whole(output, cuffs_json(fitted))
         write_checksums(output, *_write_bushings(output.parent, fitted))
@@ -123,12 +124,6 @@ def _fit(
     checks = read_checks(folder)
     fitting = fit_session(with_mass_checks(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
     return fitting.with_notes(check_notes(checks))
-
-
-def _checked(paths: Sequence[Path]) -> dict[str, CheckedFile]:
-    """Hash of every recording, and its comparison with the recorded hash."""
-    hashes = {path: sha256_of(path) for path in paths}
-    return {path.name: CheckedFile(sha256, standing_of(path, sha256)) for path, sha256 in hashes.items()}
 
 
 def _write_bushings(folder: Path, fitted: SessionFit) -> list[Path]:

@@ -19,7 +19,7 @@ from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.weak_form import ComplexStiffness
 from fitting.laws.model_class import ModelComparison
 from fitting.results.codes import UNIDENTIFIED_BY, Verdict
-from fitting.results.outcome import CheckedFile
+from fitting.results.outcome import Standing
 from fitting.results.rendering import Note, verdict_text
 from fitting.spatial.tensors import Tensors
 from fitting.static.held_loads import HeldLoads
@@ -163,13 +163,13 @@ class SessionFit(EqualByFields):
     donnings  cuff → donning → fit, donnings in the order they were recorded
     rejected  recordings that could not be read as trials
     calibration  of the load cell by the session's bounce trials, None without one
-    recordings   file → its hash and the comparison with the recorded one; also of recordings that were set aside
+    recordings   file → its comparison with the recorded hash; also of recordings that were set aside
     """
 
     donnings: Mapping[str, Mapping[str, CuffFit]]
     rejected: tuple[RejectedTrial, ...]
     calibration: Calibration | None = None
-    recordings: Mapping[str, CheckedFile] = field(default_factory=dict)
+    recordings: Mapping[str, Standing] = field(default_factory=dict)
 
     @property
     def bounces(self) -> tuple[str, ...]:

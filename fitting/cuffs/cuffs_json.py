@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
@@ -40,7 +39,7 @@ def cuffs_json(session: SessionFit) -> str:
             for trial in session.rejected
         ],
         "calibration": plain_calibration(session.calibration),
-        "recordings": {file: asdict(checked) for file, checked in session.recordings.items()},
+        "recordings": {file: {"standing": standing} for file, standing in session.recordings.items()},
     }
     document = CuffsDocument.model_validate(plain).model_dump(mode="json", by_alias=True, exclude_unset=True)
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -104,7 +103,6 @@ def _plain_lag(lag: Lag) -> dict[str, Any]:
 def _plain_trial(trial: TrialFit) -> dict[str, Any]:
     return {
         "file": trial.file,
-        "sha256": trial.sha256,
         "test": trial.test,
         "repeat": trial.repeat,
         "run": trial.run,

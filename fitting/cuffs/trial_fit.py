@@ -38,7 +38,6 @@ class TrialFit(EqualByFields):
     """
 
     file: str
-    sha256: str
     test: str
     repeat: int
     run: int
@@ -84,7 +83,6 @@ def list_trials(
         state: State = "used" if trial.file in used else "unusable" if trial.file in refused else "superseded"
         fit = TrialFit(
             file=trial.file,
-            sha256=trial.sha256,
             test=trial.test,
             repeat=trial.repeat,
             run=trial.run,

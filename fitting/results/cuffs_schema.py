@@ -233,7 +233,6 @@ class TrialEntry(_Entry):
     """A recording's part in the fit."""
 
     file: str
-    sha256: str
     test: str
     repeat: int
     run: int
@@ -337,7 +336,6 @@ class CalibrationEntry(_Entry):
 
 
 class RecordingEntry(_Entry):
-    sha256: str
     standing: Annotated[Standing, Field(strict=False)]
 
 

@@ -6,7 +6,6 @@ An iteration converged, stopped at its limit of rounds, or is outside the range 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import StrEnum
 
 
@@ -52,11 +51,3 @@ class Standing(StrEnum):
     def is_break(self) -> bool:
         """Whether this breaks the chain of hashes from the report to the recordings."""
         return self in (Standing.CHANGED, Standing.MISSING, Standing.ADDED)
-
-
-@dataclass(frozen=True)
-class CheckedFile:
-    """An input file of a result, and its comparison with the hash recorded for it."""
-
-    sha256: str
-    standing: Standing

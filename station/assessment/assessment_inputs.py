@@ -146,6 +146,8 @@ class AssessmentInputs:
         """Role → "name SHA-256", or a name alone for a file of the station."""
         files = {"cuffs": self.cuffs, "suit": self.suit, "emg": self.emg, "beside": self.beside, "effort": self.effort}
         named = {role: named_hash(path) for role, path in files.items() if path}
+        if self.suit == BUNDLED_SUIT:
+            named["suit"] = "bundled suit"
         if self.cutoff_hz != CUTOFF_HZ:
             named["cutoff_hz"] = "none" if self.cutoff_hz is None else f"{self.cutoff_hz:g}"
         if self.tendons != "rigid":

@@ -259,6 +259,8 @@ class RecordingState(RecordedState):
                 self._renumbered_s = self.context.clock.station_s()
             else:  # a preview begins once
                 self._note_renumbering(self._renumbered_s)
+        if event.kind == "time_stamps_jumped" and recorded_s > LATENESS_S:
+            self._note_once(Message(TrialCode.STAMPS_JUMPED, {"after_s": recorded_s}))
         return self
 
     def handle_sync(self, samples: Samples) -> State:
@@ -335,8 +337,11 @@ class RecordingState(RecordedState):
         return None
 
     def _note_renumbering(self, renumbered_s: float) -> None:
-        if not any(defect.code is TrialCode.FRAMES_RENUMBERED for defect in self._defects):
-            message = Message(TrialCode.FRAMES_RENUMBERED, {"after_s": renumbered_s - self.edge.station_s})
+        self._note_once(Message(TrialCode.FRAMES_RENUMBERED, {"after_s": renumbered_s - self.edge.station_s}))
+
+    def _note_once(self, message: Message[TrialCode]) -> None:
+        """A defect whose repetitions are in the recording alone."""
+        if not any(defect.code is message.code for defect in self._defects):
             self._add_defect(message)
             self.context.write_message(message)
 

@@ -26,7 +26,7 @@ from documents.regular_file import LARGEST_TABLE, describe_failure, open_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TrialEntry
-from station.checksums import list_in_session, sha256_of
+from station.checksums import Checksums, list_in_session, sha256_of
 from station.errors import StationError
 from station.journal import Journal, JournalError, read_journal
 from station.journal_lines import JOURNAL_FILE
@@ -270,7 +270,8 @@ def read_rows(folder: Path, name: str) -> SessionRows:
         journal = read_journal(folder)
         begun = _moment(journal.begun)
         cuffs = read_cuffs_document(path) if path.is_file() else None
-        trials = _trials(name, journal, cuffs)
+        hashes = Checksums(folder).sums
+        trials = [{**row, "sha256": hashes.get(row["file"])} for row in _trials(name, journal, cuffs)]
     except (JournalError, CuffsFileError, _UnlikelyValue) as error:
         reason = {"state": SessionState.UNREADABLE.value, "reason": _printable(str(error))}
         return SessionRows({"session": name, "stamp": stamp, **reason})
@@ -360,7 +361,6 @@ def _fitted(session: str, cuff: str, donning: str, trial: TrialEntry) -> Row:
         "state": trial.state,
         "reason": trial.reason_code.code.value if trial.reason_code else None,
         **{key: getattr(trial, key).value for key in QUANTITIES.values()},
-        "sha256": trial.sha256,
     }
 
 

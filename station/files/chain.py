@@ -18,7 +18,6 @@ from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
 from fitting.results.outcome import Standing
 from recordings.errors import RecordingError
 from recordings.reader import survey_file
-from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import (
     CHECKSUMS_FILE,
@@ -27,7 +26,6 @@ from station.checksums import (
     files_below,
     is_session,
     list_folder,
-    sha256_of,
     standing_of,
     write_checksums,
 )
@@ -36,6 +34,7 @@ from station.journal_lines import JOURNAL_FILE
 from station.messages.file_messages import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import recordings_in
+from station.sources import without_hash
 
 REPORT_FILE, NUMBERS_FILE = "report.html", "report.json"
 _RESULTS = (REPORT_FILE, NUMBERS_FILE, ASSESSMENT_FILE, CUFFS_FILE)
@@ -121,26 +120,20 @@ def _file_links(sums: Checksums, left_out: Collection[str]) -> Iterator[Link]:
             yield Link.because(name, *sums.compare(name))
 
 
-def _input_link(sums: Checksums, reader: str, name: str, sha256: str) -> Link:
-    """Link of a file that was read for a result, which recorded its hash."""
-    found = sums.sha256(name)
-    standing = Standing.MISSING if found is None else Standing.AS_RECORDED if found == sha256 else Standing.CHANGED
-    return Link(f"{reader} ← {name}", standing)
-
-
 def _assessment_links(sums: Checksums) -> Iterator[Link]:
-    """Of the inputs, only the file of cuffs is known to belong to this folder."""
+    """Inputs by their hashes in the assessment: only the file of cuffs is known to belong to this folder."""
     plain = _objects(sums.folder / ASSESSMENT_FILE)
     for role, named in plain.get("inputs", {}).items():
-        name, _, sha256 = str(named).rpartition(" ")
-        is_here = role == "cuffs" and (name in sums.sums or sums.sha256(name) is not None)
-        if is_here or (sha256 and sums.sha256(name) == sha256):
-            yield _input_link(sums, ASSESSMENT_FILE, name, sha256)
-        elif len(sha256) == 64:
-            is_ours = sha256 == sha256_of(BUNDLED_SUIT)
-            standing = Standing.AS_RECORDED if is_ours else Standing.UNRECORDED
-            remark = "bundled with the station" if is_ours else "not in this folder"
-            yield Link(f"{ASSESSMENT_FILE} ← {name}", standing, remark)
+        name = without_hash(str(named))
+        if name == named:  # bundled with the station
+            continue
+        found = sums.sha256(name)
+        if named == f"{name} {found}":
+            yield Link(f"{ASSESSMENT_FILE} ← {name}", Standing.AS_RECORDED)
+        elif role == "cuffs" and (found or name in sums.sums):
+            yield Link(f"{ASSESSMENT_FILE} ← {name}", Standing.CHANGED if found else Standing.MISSING)
+        else:
+            yield Link(f"{ASSESSMENT_FILE} ← {name}", Standing.UNRECORDED, "not in this folder")
     for cuff, figures in plain.get("cuffs", {}).items():
         for key, figure in figures.items() if isinstance(figures, dict) else ():
             if isinstance(figure, dict) and figure.get("source") == Standing.BY_HAND:
@@ -159,8 +152,8 @@ def _cuffs_links(sums: Checksums) -> Iterator[Link]:
     for name, fit in fits.items():
         if fit.given:
             yield Link(f"{CUFFS_FILE}, cuff {name}", Standing.BY_HAND, ", ".join(fit.remarks))
-    for name, entry in _objects(path).get("recordings", {}).items():
-        yield _input_link(sums, CUFFS_FILE, name, str(entry.get("sha256")) if isinstance(entry, dict) else "")
+    for name in _objects(path).get("recordings", {}):
+        yield Link(f"{CUFFS_FILE} ← {name}", sums.compare(name)[0])
 
 
 def _objects(path: Path) -> dict[str, dict[str, Any]]:

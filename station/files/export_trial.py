@@ -258,7 +258,7 @@ def _description(trial: SynchronisedRecording, length_unit: str) -> dict[str, An
     return {
         "recording": trial.path.name,
         "sha256": trial.sha256,
-        "checked": standing_of(trial.path, trial.sha256),
+        "checked": standing_of(trial.path),
         "origin": manifest.origin,
         "devices": [vars(device) for device in manifest.devices],
         "cuff": None if manifest.cuff is None else vars(manifest.cuff),

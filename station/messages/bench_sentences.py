@@ -64,6 +64,10 @@ _TRIAL: Mapping[StrEnum, str] = {
         "the mocap system restarted its frame numbers {after_s:.2f} s after the start of the capture, so frames cannot "
         "be counted; check that it streams one capture with numbered frames, and record again"
     ),
+    TrialCode.STAMPS_JUMPED: (
+        "the time stamps of the mocap system jumped {after_s:.2f} s after the start of the capture, and its frame "
+        "numbers went on, so the time of the later frames is unknown; check its time base, and record again"
+    ),
     TrialCode.SECOND_START: (
         "the sync line rose a second time {after_s:.2f} s after the first, so the start of the capture is ambiguous; "
         "set the output of the mocap system to one pulse for the whole capture and record again"

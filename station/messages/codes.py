@@ -40,6 +40,7 @@ class TrialCode(StrEnum):
 
     NOT_ALIGNED = "not_aligned"
     FRAMES_RENUMBERED = "frames_renumbered"
+    STAMPS_JUMPED = "time_stamps_jumped"
     SECOND_START = "sync_double_edge"
     EMPTY_CAPTURE = "empty_capture"
     END_MISSING = "end_missing"

@@ -249,8 +249,8 @@ _CHAIN: Mapping[StrEnum, str] = {
     ChainCode.CHANGED: "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}",
     ChainCode.ADDED: "{file} is not in {sums}: another program added it after the session was recorded",
     ChainCode.JOURNAL_ORDER: (
-        "{file} has changed since it was recorded: line {line} does not continue the lines above it. Line {above} was "
-        "changed, or lines were removed, inserted or reordered"
+        "{file} has changed since it was recorded: line {line} does not continue the lines above it. Lines up to "
+        "line {line} were changed, removed, inserted or reordered"
     ),
     ChainCode.JOURNAL_CHANGED: (
         "{file} has changed since it was recorded: its {lines} lines are not those in {sums}. The last line was "

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from fitting.cuffs.wearable_cuff import QUANTITIES
-from solver.suit.suit import BUNDLED_SUIT as BUNDLED
 from station.assessment.decision_json import listed
 from station.assessment.interval_sources import sources_text
 from station.messages.codes import AssessmentCode, DecisionCode
 from station.report.cuff_section import Cuffs, effect_of
 from station.report.numbers import Shown, figure, fixed, length, saving_in_words
-from station.sources import named_hash, without_hash
+from station.sources import without_hash
 
 Plain = Mapping[str, Any]
 Parts = tuple[Shown, ...]
@@ -178,7 +177,7 @@ def limits_of(assessment: Plain) -> Iterator[str]:
             "the cuffs rests on them."
         )
     suit = assessment.get("inputs", {}).get("suit")
-    if not assessment.get("subject") and suit in (None, named_hash(BUNDLED)):
+    if not assessment.get("subject") and suit in (None, without_hash(str(suit))):
         yield BUNDLED_SUIT
 
 

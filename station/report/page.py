@@ -6,7 +6,6 @@ that folder alone, so that it can be rendered again and compared; its figures fo
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -29,7 +28,7 @@ from fitting.results.outcome import Standing
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
-from station.checksums import sha256_of, write_checksums
+from station.checksums import write_checksums
 from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
 from station.files.chain import NUMBERS_FILE, REPORT_FILE, chain_of
@@ -56,7 +55,7 @@ from station.report.numbers import (
     worn,
 )
 from station.report.pictures import Picture, PlannedFigure, draw_all
-from station.report.report_file import FORMAT, PageEntry, ReportDocument, Source, numbers_text
+from station.report.report_file import FORMAT, ReportDocument, Source, numbers_text
 from station.report.session_facts import recording_rows, session_facts
 from station.report.wearer_section import wearer_figures
 from station.study.normative_file import NORMATIVE_FILE
@@ -114,10 +113,9 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     results = read_results(folder, fitted)
     page, register = render(results, draw_all(_planned(results, fitted), progress))
     path, beside = folder / REPORT_FILE, folder / NUMBERS_FILE
-    content = page.encode(errors="replace")
     listed = ReportDocument(
         format=FORMAT,
-        page=PageEntry(file=path.name, sha256=hashlib.sha256(content).hexdigest()),
+        page=path.name,
         origin=results.origin,
         version=metadata.version("cuffstation"),
         inputs=_inputs(folder),
@@ -126,7 +124,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     )
     with drafted(beside) as numbers_draft, drafted(path) as draft:  # neither without the other
         numbers_draft.write_text(numbers_text(listed), encoding="utf-8", errors="replace")
-        draft.write_bytes(content)
+        draft.write_bytes(page.encode(errors="replace"))
     write_checksums(path, beside)
     return path
 
@@ -236,11 +234,11 @@ def _series(section: str, results: Results) -> list[Source]:
     return [cuffs.child(name), *(Source.of(file) for file in results.cuffs[name].sources)]
 
 
-def _inputs(folder: Path) -> dict[str, str]:
-    """File → SHA-256 of all that the page is made of."""
+def _inputs(folder: Path) -> list[str]:
+    """Files that the page is made of."""
     results = (CUFFS_FILE, ASSESSMENT_FILE, ACTIVATIONS_FILE, EMG_FILE, NORMATIVE_FILE)
     made_of = [*recordings_in(folder), *(folder / name for name in results)]
-    return {path.name: sha256_of(path) for path in made_of if path.is_file()}
+    return [path.name for path in made_of if path.is_file()]
 
 
 def _contradictions(cuffs: Mapping[str, Cuff], assessment: Mapping[str, Any] | None) -> list[str]:

@@ -15,7 +15,6 @@ from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.results.outcome import Standing
-from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.assessment_json import ASSESSMENT_FILE
@@ -31,6 +30,7 @@ from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in
 from station.report.page import Results, located_assessment, read_results, render
 from station.report.report_file import ReportedNumber, ReportFileError, Source, read_numbers
+from station.sources import without_hash
 
 TOLERANCE = 1e-6
 """Relative difference of two numbers that count as equal: other processors and libraries round differently."""
@@ -155,18 +155,12 @@ def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
     """The inputs of the assessment, where all of them are bundled or in the folder."""
     named, cuffs = plain["inputs"], folder / CUFFS_FILE
     has_subject = bool(plain.get("subject"))
-    is_bundled = {role: named[role].startswith("bundled") for role in ("model", "motion")}
+    is_bundled = {role: without_hash(named[role]) == named[role] for role in ("model", "motion", "suit")}
     has_own_budget = not named.get("budget", "bundled").startswith("bundled")
     others = {"emg", "external_loads", "beside", "effort", "donnings"} & set(named)
-    is_known = has_subject or all(is_bundled.values())
-    suit = named["suit"].endswith(sha256_of(BUNDLED_SUIT))
+    is_known = is_bundled["suit"] and (has_subject or all(is_bundled.values()))
     if not (
-        is_known
-        and suit
-        and cuffs.is_file()
-        and not others
-        and not has_own_budget
-        and named["cuffs"].endswith(sha256_of(cuffs))
+        is_known and cuffs.is_file() and not others and not has_own_budget and named["cuffs"].endswith(sha256_of(cuffs))
     ):
         return None
     chosen = tuple(name for name, cuff in plain["cuffs"].items() if cuff["site"] != "waist")

@@ -17,7 +17,7 @@ from station.errors import StationError
 from station.messages.file_messages import NumberCode
 from station.messages.message import Message
 
-FORMAT: Literal[2] = 2
+FORMAT: Literal[3] = 3
 """It rises where a key changes its meaning or is left out, not where one is added."""
 
 
@@ -110,19 +110,14 @@ class DrawnFigure(_Entry):
     recordings: list[str] = Field(default_factory=list)
 
 
-class PageEntry(_Entry):
-    file: str
-    sha256: str
-
-
 class ReportDocument(_Entry):
     """report.json: every number of report.html with its source. Values are SI; the key of a pointer has the unit."""
 
-    format: Literal[2]
-    page: PageEntry
+    format: Literal[3]
+    page: Annotated[str, Field(description="file")]
     origin: Annotated[DataOrigin, Field(strict=False)]
     version: Annotated[str, Field(description="of the station that wrote the page")]
-    inputs: Annotated[dict[str, str], Field(description="file → SHA-256 of all that the page is made of")]
+    inputs: Annotated[list[str], Field(description="files that the page is made of")]
     numbers: Annotated[dict[str, ReportedNumber], Field(description="by the id of the element on the page")]
     figures: Annotated[dict[str, DrawnFigure], Field(description="by the id of the element on the page")]
 

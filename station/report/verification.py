@@ -15,7 +15,7 @@ from documents.regular_file import read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.errors import FitError
 from fitting.results.outcome import Standing
-from station.checksums import sha256_of
+from station.checksums import Checksums
 from station.errors import StationError
 from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link, verify_folder
 from station.messages.file_messages import NumberCode
@@ -65,7 +65,6 @@ def number_links(folder: Path) -> list[Link]:
         return [Link(f"{NUMBERS_FILE}, its content", Standing.CHANGED, str(error), NumberCode.FILE)]
     page = read_page(folder)
     return [
-        _page_link(folder, listed),
         *_input_links(folder, listed),
         _link(f"{NUMBERS_FILE}, {len(listed.numbers)} numbers on the page", list(_faults_on_page(listed, page))),
         _link(f"{NUMBERS_FILE}, {len(listed.figures)} figures on the page", list(_faults_of_figures(listed, page))),
@@ -130,24 +129,15 @@ def source_faults(key: str, number: ReportedNumber, again: ReportedNumber | None
         yield Message(NumberCode.PROVENANCE, place)
 
 
-def _page_link(folder: Path, listed: ReportDocument) -> Link:
-    path = folder / REPORT_FILE
-    if not path.is_file():
-        return Link(f"{NUMBERS_FILE} ← {REPORT_FILE}", Standing.MISSING)
-    is_same = sha256_of(path) == listed.page.sha256
-    return Link(f"{NUMBERS_FILE} ← {REPORT_FILE}", Standing.AS_RECORDED if is_same else Standing.CHANGED)
-
-
 def _input_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
-    """A link for every input that has changed, with the numbers that rest on it."""
-    for file, sha256 in listed.inputs.items():
-        path = folder / file
-        if path.name == file and path.is_file() and sha256_of(path) == sha256:
-            continue
-        behind = [key for key, number in listed.numbers.items() if file in (*number.recordings, number.source.file)]
-        standing = Standing.CHANGED if path.is_file() else Standing.MISSING
-        fault = Message(NumberCode.INPUT, {"numbers": len(behind), "id": behind[0]}) if behind else None
-        yield Link.because(f"{NUMBERS_FILE} ← {file}", standing, fault)
+    """A link for every input that differs from the list of hashes, with the numbers that rest on it."""
+    sums = Checksums(folder)
+    for file in listed.inputs:
+        standing, _ = sums.compare(file)
+        if standing.is_break:
+            behind = [key for key, number in listed.numbers.items() if file in (*number.recordings, number.source.file)]
+            fault = Message(NumberCode.INPUT, {"numbers": len(behind), "id": behind[0]}) if behind else None
+            yield Link.because(f"{NUMBERS_FILE} ← {file}", standing, fault)
 
 
 def _faults_on_page(listed: ReportDocument, page: MarkedPage) -> Iterator[Fault]:

@@ -51,7 +51,7 @@ def fit(
     if not fitted.pulls:
         print_message("no trial could be used; the reasons are listed above and in cuffs.json")
         raise typer.Exit(LOSSY if fitted.damage else FAILED)
-    broken = [session / file for file, checked in fitted.recordings.items() if checked.standing.is_break]
+    broken = [session / file for file, standing in fitted.recordings.items() if standing.is_break]
     changed = changed_files([*broken, session / JOURNAL_FILE])
     for message in changed:
         print_message(str(message))

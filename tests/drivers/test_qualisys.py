@@ -18,6 +18,7 @@ from drivers.errors import DeviceCode
 from drivers.qualisys_settings import CaptureNote
 from drivers.qualisys_wire import MarkerBlocks, MarkerFrame
 from drivers.simulators.qtm_server import QualisysSimulator
+from fitting.trial.clocks import capture_frames
 from recordings.samples import Event, Item, Loss, Samples
 from tests.drivers.contract import Bench, DeviceContract, blocks, raises_refusal, read_until
 from tests.drivers.other_qtm import COMMAND, DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
@@ -363,6 +364,23 @@ def test_numbers_that_jump_without_time_have_begun_anew_and_nothing_is_lost(numb
     items = frames_taken((1211, 12_100_000), (number, timestamp_us))
     assert [type(item) for item in items] == [Samples, Event, Samples]
     assert isinstance(items[1], Event) and items[1].kind == "numbering_restarted"
+
+
+@pytest.mark.parametrize("jump_us", [5_000_000, -3_000_000, 20_000])
+def test_time_stamps_that_jump_while_the_numbers_go_on_are_reported(jump_us: int) -> None:
+    """As the fit, which takes the frames on one side of the jump only."""
+    frames = [(number, 10_000 * number + jump_us * (number > 50)) for number in range(1, 101)]
+    before, event, after = frames_taken(*frames)
+    assert isinstance(event, Event) and event.kind == "time_stamps_jumped"
+    assert isinstance(before, Samples) and isinstance(after, Samples)
+    numbers, stamps = np.transpose(frames)
+    assert capture_frames(numbers, 1e-6 * stamps, 1e-6 * stamps, 100.0, 0.0) in (slice(0, 50), slice(50, 100))
+
+
+@pytest.mark.parametrize("microseconds_a_frame", [0, 10, 10_000, 20_000], ids=["none", "ms", "µs", "another rate"])
+def test_time_stamps_that_never_agree_with_the_numbers_do_not_jump(microseconds_a_frame: int) -> None:
+    frames = [(number, microseconds_a_frame * number) for number in range(1, 101)]
+    assert [type(item) for item in frames_taken(*frames)] == [Samples]
 
 
 def test_what_follows_a_capture_is_counted_anew_even_where_time_jumps_too() -> None:

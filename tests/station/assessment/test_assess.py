@@ -126,10 +126,10 @@ def test_the_report_lists_the_cuffs_with_their_intervals(plain: dict[str, Any], 
 
 
 def test_the_inputs_are_listed_with_their_hashes_and_the_versions(plain: dict[str, Any]) -> None:
-    for role, name in (("cuffs", "cuffs.json"), ("suit", "suit.toml"), ("emg", "emg.csv")):
+    for role, name in (("cuffs", "cuffs.json"), ("emg", "emg.csv")):
         found, digest = plain["inputs"][role].split(" ")
         assert (found, len(digest)) == (name, 64)
-    assert plain["inputs"]["motion"] == "bundled raise of the arm"
+    assert (plain["inputs"]["motion"], plain["inputs"]["suit"]) == ("bundled raise of the arm", "bundled suit")
     assert "cuffstation" in plain["versions"]
 
 

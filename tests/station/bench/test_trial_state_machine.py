@@ -162,6 +162,18 @@ def test_frame_numbers_that_restart_again_and_again_are_no_preview() -> None:
     assert bench.codes == [TrialCode.CAPTURE_ENDED, TrialCode.FRAMES_RENUMBERED]
 
 
+def test_time_stamps_that_jump_during_a_capture_do_not_end_it_and_the_trial_is_not_accepted() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    for _ in range(3):
+        bench.run(2.0)
+        bench.event("time_stamps_jumped")
+    bench.stop_capture()
+    bench.run(2.0)
+    assert (bench.trial.state, bench.codes) == (TrialState.FAILED, [TrialCode.CAPTURE_ENDED, TrialCode.STAMPS_JUMPED])
+
+
 def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
     bench = Bench().arm()
     bench.run(1.0)

@@ -362,7 +362,7 @@ def test_a_reordered_journal_is_found_although_its_hash_was_listed_anew(journal:
     write_checksums(journal)
     found = [link for link in json.loads(station("verify", journal.parent, "--format", "json").out) if link["is_break"]]
     assert [(link["what"], link["code"]) for link in found] == [(JOURNAL_FILE, ChainCode.JOURNAL_ORDER)]
-    assert found[0]["detail"] == str(Message(ChainCode.JOURNAL_ORDER, {"file": JOURNAL_FILE, "line": 2, "above": 1}))
+    assert found[0]["detail"] == str(Message(ChainCode.JOURNAL_ORDER, {"file": JOURNAL_FILE, "line": 2}))
 
 
 def test_a_report_of_an_edited_journal_says_so(journal: Path, station: Station) -> None:

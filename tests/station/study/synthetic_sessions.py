@@ -115,7 +115,6 @@ def _trial(
     value = centre + factor * spread.repeat * rng.standard_normal() + spread.noise * rng.standard_normal()
     return {
         "file": f"{stem}.mcap",
-        "sha256": "0" * 64,
         "test": test,
         "repeat": repeat,
         "run": repeat,
