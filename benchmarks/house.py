@@ -72,14 +72,30 @@ def _values(node: ast.AST) -> Iterator[str]:
 
 
 def _mirrored(paths: list[Path]) -> Iterator[tuple[str, str]]:
-    """Each dataclass with the model that has the most of its fields, if these are ALIKE of both."""
+    """Pairs of a dataclass and a model that share at least ALIKE of their fields, the most alike first.
+
+    A class is in one pair at most: a model with three fields in common with five dataclasses mirrors one of them.
+    """
     classes = [node for path in paths for node in ast.walk(_tree(path)) if isinstance(node, ast.ClassDef)]
     fields = {node.name: _fields(node) for node in classes if len(_fields(node)) >= LEAST_FIELDS}
     dataclasses = {node.name for node in classes if any("dataclass" in ast.unparse(d) for d in node.decorator_list)}
-    models = {node.name for node in classes if node.bases} - dataclasses
-    for mirrored, model in product(sorted(dataclasses & set(fields)), sorted(models & set(fields))):
-        if len(fields[mirrored] & fields[model]) >= ALIKE * len(fields[mirrored] | fields[model]):
-            yield mirrored, model
+    alike = {
+        (mirrored, model): len(fields[mirrored] & fields[model]) / len(fields[mirrored] | fields[model])
+        for mirrored, model in product(sorted(dataclasses & set(fields)), sorted(_models(classes) & set(fields)))
+    }
+    paired: set[str] = set()
+    for pair in sorted(alike, key=lambda pair: -alike[pair]):
+        if alike[pair] >= ALIKE and not paired & set(pair):
+            paired |= set(pair)
+            yield pair
+
+
+def _models(classes: list[ast.ClassDef]) -> set[str]:
+    """Names of the classes that derive from pydantic's BaseModel, through classes of the product or at once."""
+    models = {"BaseModel"}
+    while found := {node.name for node in classes if models & set(map(ast.unparse, node.bases))} - models:
+        models |= found
+    return models
 
 
 def _fields(node: ast.ClassDef) -> set[str]:

@@ -27,7 +27,7 @@ def describe_error(error: ValidationError, *, context: str = "") -> str:
     """One sentence for the first error: key below `context`, value found, value expected; then the number of others."""
     first, *more = error.errors()
     key = faulty_key(error, context=context)
-    if first["type"] == "extra_forbidden":
+    if first["type"] in _UNKNOWN_KEY:
         sentence = f"unknown key {key}"
     elif first["type"] == "value_error":
         sentence = f"{key}: {first['ctx']['error']}" if key else str(first["ctx"]["error"])
@@ -45,7 +45,7 @@ def describe_error(error: ValidationError, *, context: str = "") -> str:
 
 def _is_beside(error: Mapping[str, Any], missing: Mapping[str, Any]) -> bool:
     """Whether it is an unknown key in the table that lacks one."""
-    return bool(error["type"] == "extra_forbidden" and error["loc"][:-1] == missing["loc"][:-1])
+    return bool(error["type"] in _UNKNOWN_KEY and error["loc"][:-1] == missing["loc"][:-1])
 
 
 def faulty_key(error: ValidationError, *, context: str = "") -> str:
@@ -53,8 +53,11 @@ def faulty_key(error: ValidationError, *, context: str = "") -> str:
     return ".".join([context] * bool(context) + [str(part) for part in error.errors()[0]["loc"]])
 
 
+_UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+"""Types of pydantic's error for a key that a model, or a dataclass, does not have."""
 _EXPECTED = {
     "model_type": "a table",
+    "dataclass_type": "a table",
     "dict_type": "a table",
     "tuple_type": "a list",
     "list_type": "a list",

@@ -14,11 +14,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import append_to_regular, describe_failure, locked, read_regular, sync_file
-from recordings.manifest import CuffSite, DataOrigin, TrialCondition
 from station.checksums import write_checksums
 from station.errors import StationError
 from station.journal_lines import (
@@ -27,21 +26,24 @@ from station.journal_lines import (
     LARGEST_JOURNAL,
     LONGEST_NOTE,
     AssignedEntry,
+    Assignment,
     Choice,
+    Decision,
     DonnedEntry,
     JournalEntry,
     JournalLine,
     MarkEntry,
     NextEntry,
+    Recorded,
     RecordedEntry,
-    Repeats,
     SessionNoteEntry,
+    Setup,
     SetupEntry,
     SkippedEntry,
     UndoneEntry,
     VerdictEntry,
 )
-from station.messages.codes import JournalCode, TrialCode
+from station.messages.codes import JournalCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 
@@ -51,63 +53,6 @@ LOCK_WAIT_S = 10.0
 
 class JournalError(StationError):
     """The journal cannot be read or written."""
-
-
-@dataclass(frozen=True)
-class Setup:
-    """Plan of a session: subject (a code, never a name), operator, cuffs, and the repeats of each test.
-
-    step_masses_kg are the weights of a static test in loading order; empty: those of the configuration. conditions are
-    those of the wearer's motions; empty: neither a pose nor a motion is planned.
-    """
-
-    subject: str
-    operator: str
-    cuffs: tuple[str, ...]
-    repeats: Repeats
-    has_bounce: bool = True
-    number: str = "1"
-    step_masses_kg: tuple[float, ...] = ()
-    conditions: tuple[TrialCondition, ...] = ()
-
-
-@dataclass(frozen=True)
-class Decision:
-    """The operator's decision on one recording, and the reason."""
-
-    choice: Choice
-    reason: str
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """Outcome of one trial as the recorder reports it; file is its name in the session's folder.
-
-    codes are the reason of its end, empty in the journals of older stations, and sentence renders them. origin is
-    measured or simulated as the devices report it, unknown in the journals of older stations.
-    """
-
-    file: str
-    cuff: str | None
-    test: str
-    repeat: int
-    donning: str
-    accepted: bool
-    lost_samples: int
-    sentence: str
-    origin: str = DataOrigin.UNKNOWN
-    codes: tuple[Message[TrialCode], ...] = ()
-    condition: TrialCondition | None = None
-
-
-@dataclass(frozen=True)
-class Assignment:
-    """The trial that a recording is of, if it was recorded as another one."""
-
-    cuff: CuffSite
-    test: Literal["static", "dynamic"]
-    repeat: int
-    donning: str
 
 
 @dataclass(frozen=True)
@@ -164,53 +109,53 @@ def read_journal(folder: Path) -> Journal:
 def write_setup(folder: Path, setup: Setup) -> None:
     """Begin the journal and make its folder. Later lines do not: a session that was moved would have two."""
     _make(folder)
-    _append(folder, SetupEntry, **vars(setup))
+    _append(folder, "setup", **vars(setup))
 
 
 def write_recorded(folder: Path, recorded: Recorded) -> None:
-    _append(folder, RecordedEntry, **vars(recorded))
+    _append(folder, "recorded", **vars(recorded))
 
 
 def write_verdict(folder: Path, file: str, choice: Choice, reason: str) -> None:
     """Raises JournalError if a trial is to be repeated without a reason."""
     if choice == "redo" and not reason.strip():
         raise JournalError(Message(JournalCode.NO_REASON, {"file": file}))
-    _append(folder, VerdictEntry, file=file, choice=choice, reason=reason.strip())
+    _append(folder, "verdict", file=file, choice=choice, reason=reason.strip())
 
 
 def write_mark(folder: Path, file: str, number: int, name: str) -> None:
     """Name a mark of a recording; marks are numbered from 1."""
-    _append(folder, MarkEntry, file=file, number=number, name=name.strip())
+    _append(folder, "mark", file=file, number=number, name=name.strip())
 
 
 def write_donned(folder: Path, cuff: str) -> None:
     """The cuff was taken off and donned anew: earlier recordings belong to another donning."""
-    _append(folder, DonnedEntry, cuff=cuff)
+    _append(folder, "donned", cuff=cuff)
 
 
 def write_skipped(folder: Path, spec: TrialSpec) -> None:
     """A trial of the plan is skipped in this session."""
-    _append(folder, SkippedEntry, **_place(spec))
+    _append(folder, "skipped", **_place(spec))
 
 
 def write_next(folder: Path, spec: TrialSpec) -> None:
     """A trial of the plan is recorded next, also if it was skipped."""
-    _append(folder, NextEntry, **_place(spec))
+    _append(folder, "next", **_place(spec))
 
 
 def write_note(folder: Path, file: str, text: str) -> None:
     """A note on a recording, or on the session if file is empty; longer ones are cut."""
-    _append(folder, SessionNoteEntry, file=file, text=text.strip()[:LONGEST_NOTE])
+    _append(folder, "note", file=file, text=text.strip()[:LONGEST_NOTE])
 
 
 def write_undone(folder: Path, file: str, *, donned_cuff: str | None = None) -> None:
     """The last decision on a recording is undone, and with it the donning of donned_cuff that followed it."""
-    _append(folder, UndoneEntry, file=file, donned_cuff=donned_cuff)
+    _append(folder, "undone", file=file, donned_cuff=donned_cuff)
 
 
 def write_assigned(folder: Path, file: str, assignment: Assignment) -> None:
     """The recording is of another trial than it was recorded as; the file itself is unchanged."""
-    _append(folder, AssignedEntry, file=file, **vars(assignment))
+    _append(folder, "assigned", file=file, **vars(assignment))
 
 
 def utc_now() -> str:
@@ -311,9 +256,9 @@ def _as_assigned(trial: Recorded, assignment: Assignment) -> Recorded:
     return replace(trial, cuff=assignment.cuff.name, **place)  # type: ignore[arg-type]
 
 
-def _append(folder: Path, kind: type[JournalEntry], **values: Any) -> None:
+def _append(folder: Path, kind: str, **values: Any) -> None:
     readable = {name: _readable(value) if isinstance(value, str) else value for name, value in values.items()}
-    entry = kind(at=utc_now(), format=FORMAT, **readable)
+    entry = JournalLine.model_validate({"at": utc_now(), "format": FORMAT, "kind": kind, **readable})
     _append_line(folder / JOURNAL_FILE, entry.model_dump(mode="json"))
 
 

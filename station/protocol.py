@@ -26,19 +26,28 @@ CONDITION_NAMES: dict[TrialCondition, str] = {
 
 
 @dataclass(frozen=True)
-class TrialSpec:
+class PlannedTrial:
     """One trial of the plan: cuff, test, number of the repeat (from 1) and donning of the cuff.
 
     cuff: None for a bounce (a weight hangs from the load cell) and for a pose or motion of the wearer. condition: of a
-    motion. name: template of the file name; without a cuff, the condition replaces it, or its part is left out.
+    motion.
     """
 
     cuff: str | None
     test: TestKind
     repeat: int
     donning: str = "1"
-    name: str = "cuff-{cuff}_test-{test}_run-{run}"
     condition: TrialCondition | None = None
+
+
+@dataclass(frozen=True)
+class TrialSpec(PlannedTrial):
+    """A trial of the plan with the template of its file name.
+
+    In the name, the condition replaces the cuff where there is none; without either, its part is left out.
+    """
+
+    name: str = "cuff-{cuff}_test-{test}_run-{run}"
 
     @property
     def title(self) -> str:

@@ -20,10 +20,10 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Strict, ValidationError, model_validator
+from pydantic import ConfigDict, Field, Strict, TypeAdapter, ValidationError, with_config
 
 from documents.plain_data import PlainDataError, read_toml
-from documents.validation import NonNegative, Section, Whole, describe_error
+from documents.validation import NonNegative, Whole, describe_error
 from drivers.simulators.errors import SimulatorCode, SimulatorError
 
 FAULTS: Mapping[str, Mapping[str, float]] = {
@@ -71,16 +71,21 @@ FAULTS: Mapping[str, Mapping[str, float]] = {
 INVERSIONS = ("glitch", "double_edge", "wrong_polarity")
 
 
+@with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True)
 class Fault:
-    """One entry of a plan, as the module's first lines describe it."""
+    """One entry of a plan, as the module's first lines describe it. Raises ValueError for one that its device lacks."""
 
-    device: str
+    device: Literal["ni", "qtm", "serial", "sync"]
     fault: str
-    at_s: float
-    for_s: float
-    capture: int = 1
+    at_s: NonNegative
+    for_s: Annotated[float, Strict(), Field(ge=0)]
+    capture: Annotated[Whole, Field(ge=0)] = 1
     labels: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.fault not in FAULTS[self.device]:
+            raise ValueError(f"{self.device} has no fault {self.fault!r}; it has {', '.join(FAULTS[self.device])}")
 
 
 @dataclass(frozen=True)
@@ -96,14 +101,13 @@ def fault_from_dict(data: Any) -> Fault:
     """One entry of a plan. Raises SimulatorError in one sentence that names the key and the value."""
     if not isinstance(data, dict):
         raise SimulatorError(f"a fault is {data!r}, expected a table with device and fault", SimulatorCode.WRONG_FAULT)
+    duration = FAULTS.get(str(data.get("device")), {}).get(str(data.get("fault")), 0.0)
     try:
-        table = _FaultTable.model_validate(data)
+        return TypeAdapter(Fault).validate_python({"at_s": 0.0, "for_s": duration, **data})
     except ValidationError as error:
         raise SimulatorError(
             f"fault {data.get('fault')} of {data.get('device')}: {describe_error(error)}", SimulatorCode.WRONG_FAULT
         ) from error
-    for_s = FAULTS[table.device][table.fault] if table.for_s is None else table.for_s
-    return Fault(table.device, table.fault, table.at_s, for_s, table.capture, table.labels)
 
 
 def read_fault_plan(path: Path) -> tuple[Fault, ...]:
@@ -130,23 +134,6 @@ def read_fault_plan(path: Path) -> tuple[Fault, ...]:
         raise SimulatorError(
             f"the fault plan {path} cannot be used: {error}", SimulatorCode.WRONG_FAULT_PLAN
         ) from error
-
-
-class _FaultTable(Section):
-    """The keys of one [[faults]]; the default of for_s is that of FAULTS."""
-
-    device: Literal["ni", "qtm", "serial", "sync"]
-    fault: str
-    at_s: NonNegative = 0.0
-    for_s: Annotated[float, Strict(), Field(ge=0)] | None = None
-    capture: Annotated[Whole, Field(ge=0)] = 1
-    labels: tuple[str, ...] = ()
-
-    @model_validator(mode="after")
-    def _device_has_the_fault(self) -> _FaultTable:
-        if self.fault not in FAULTS[self.device]:
-            raise ValueError(f"{self.device} has no fault {self.fault!r}; it has {', '.join(FAULTS[self.device])}")
-        return self
 
 
 class Faults:

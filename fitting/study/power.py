@@ -14,16 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from documents.validation import NonNegative
 from fitting.study.reml import Array
 
 
 @dataclass(frozen=True)
 class ExpectedSpread:
-    """Standard deviations of a quantity: between volunteers beyond what both cuffs share, donnings, and repeats."""
+    """Standard deviations of the quantity to be detected, in its unit, as in study.json.
 
-    volunteer_by_cuff: float
-    donning: float
-    repeat: float
+    volunteer_by_cuff: between volunteers, in the value of one cuff beyond what both cuffs share.
+    """
+
+    volunteer_by_cuff: NonNegative
+    donning: NonNegative
+    repeat: NonNegative = 0.0
 
 
 def difference_error(spread: ExpectedSpread, noise: float, volunteers: int, donnings: int, repeats: int) -> float:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from solver.checks import ensure_known, ensure_names, ensure_type
 from solver.errors import SolverCode
@@ -170,9 +171,9 @@ def effort_weights(model: Model, options: RedundancyOptions) -> Array:
 class Reserve:
     """An actuator that gives optimal_force [N or N m] at x = 1, and keeps x within its limits."""
 
-    optimal_force: float
-    min_control: float = -np.inf
-    max_control: float = np.inf
+    optimal_force: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    min_control: Annotated[float, Field(le=0)] = -np.inf
+    max_control: Annotated[float, Field(ge=0)] = np.inf
 
     def __post_init__(self) -> None:
         """Raise ModelError for values that effort.toml refuses, too."""

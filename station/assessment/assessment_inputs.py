@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from math import inf
 from pathlib import Path
 from typing import Annotated
 
@@ -250,31 +249,24 @@ class EffortError(StationError):
     """The weights of the effort cannot be used."""
 
 
-class _Table(BaseModel):
+class EffortWeights(BaseModel):
+    """The keys of effort.toml."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-
-class ReserveTable(_Table):
-    optimal_force: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    min_control: Annotated[float, Field(le=0)] = -inf
-    max_control: Annotated[float, Field(ge=0)] = inf
-
-
-class EffortWeights(_Table):
     muscle_weight: Weight = 1.0
     reserve_weight: Weight = 10.0
     unweighted_coordinates: tuple[str, ...] = UNWEIGHTED_COORDINATES
     weights: dict[str, Weight] = Field(default_factory=dict)
-    reserves: dict[str, ReserveTable] = Field(default_factory=dict)
+    reserves: dict[str, Reserve] = Field(default_factory=dict)
 
     def applied(self, model: Model, options: RedundancyOptions) -> tuple[Model, RedundancyOptions]:
         """The model with these reserves, the options with the weights in the file. ModelError for an unknown name."""
         if "unweighted_coordinates" in self.model_fields_set:
             for name in self.unweighted_coordinates:
                 model.coordinate_index(name)
-        reserves = {name: Reserve(**table.model_dump()) for name, table in self.reserves.items()}
         given = {name: getattr(self, name) for name in self.model_fields_set - {"reserves"}}
-        return with_reserves(model, reserves), replace(options, **given)
+        return with_reserves(model, self.reserves), replace(options, **given)
 
 
 def read_effort(path: Path) -> EffortWeights:

@@ -16,7 +16,6 @@ from station.exit_code import WRONG_USAGE
 from station.journal import (
     Journal,
     JournalError,
-    Setup,
     journal_error,
     read_journal,
     write_next,
@@ -24,7 +23,7 @@ from station.journal import (
     write_setup,
     write_skipped,
 )
-from station.journal_lines import JOURNAL_FILE
+from station.journal_lines import JOURNAL_FILE, Setup
 from station.messages.codes import CommandCode, JournalCode, TerminalCode
 from station.messages.message import Message
 from station.protocol import TrialSpec

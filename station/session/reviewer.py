@@ -21,8 +21,6 @@ from recordings.recovery import RecoveryReport, recover
 from station.bench.trial_recorder import LOCK
 from station.checksums import write_checksums
 from station.journal import (
-    Assignment,
-    Recorded,
     journal_error,
     read_journal,
     write_assigned,
@@ -32,7 +30,7 @@ from station.journal import (
     write_undone,
     write_verdict,
 )
-from station.journal_lines import Choice
+from station.journal_lines import Assignment, Choice, Recorded
 from station.messages.codes import CommandCode, JournalCode, TerminalCode, TrialCode
 from station.messages.message import Message
 from station.progress import StageProgress
@@ -270,8 +268,8 @@ def _recorded_from(path: Path) -> Recorded:
         is_accepted,
         0,
         sentence,
-        manifest.origin,
         (killed,) if killed else tuple(codes),
+        manifest.origin,
         manifest.condition,
     )
 

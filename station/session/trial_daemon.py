@@ -24,7 +24,8 @@ from station.child import ProcessLink, exit_at_once
 from station.clock import Clock, RealClock
 from station.config import parse_config
 from station.errors import StationError
-from station.journal import Recorded, write_recorded
+from station.journal import write_recorded
+from station.journal_lines import Recorded
 from station.live.tap import live_views
 from station.protocol import TrialSpec
 from station.session.telemetry import Telemetry
@@ -79,8 +80,8 @@ def _recorded(spec: TrialSpec, result: TrialResult) -> Recorded:
         result.accepted,
         result.lost_samples,
         result.sentence,
-        result.origin,
         result.messages,
+        result.origin,
         spec.condition,
     )
 

@@ -65,17 +65,6 @@ class NoiseSection(Section):
     force_rate_hz: Positive = 250.0
 
 
-class SpreadSection(Section):
-    """Standard deviations of the quantity to be detected, in its unit, as in study.json.
-
-    volunteer_by_cuff: between volunteers, in the value of one cuff beyond what both cuffs share.
-    """
-
-    volunteer_by_cuff: NonNegative
-    donning: NonNegative
-    repeat: NonNegative = 0.0
-
-
 class DetectSection(Section):
     """Difference of two cuffs over volunteers, in SI, and the power of the paired test."""
 
@@ -113,7 +102,7 @@ class StudyPlan(Section):
 
     expected: ExpectedSection
     noise: NoiseSection = NoiseSection()
-    spread: SpreadSection
+    spread: ExpectedSpread
     detect: DetectSection
     choices: ChoicesSection = ChoicesSection()
     time: TimeSection = TimeSection()
@@ -307,11 +296,10 @@ def _rank(design: StudyDesign) -> tuple[bool, float, float, float, float]:
 
 def _design(plan: StudyPlan, donnings: int, repeats: int, masses: tuple[float, ...], frequency: float) -> StudyDesign:
     errors = _errors(plan, repeats, masses, frequency)
-    spread = ExpectedSpread(plan.spread.volunteer_by_cuff, plan.spread.donning, plan.spread.repeat)
     detect, averaged = plan.detect, 1 if plan.detect.quantity == "migration" else repeats
     most = plan.choices.most_volunteers
     for volunteers in range(FEWEST_VOLUNTEERS, most + 1):
-        error = difference_error(spread, errors[detect.quantity], volunteers, donnings, averaged)
+        error = difference_error(plan.spread, errors[detect.quantity], volunteers, donnings, averaged)
         power = paired_power(detect.difference, error, volunteers, detect.significance)
         if power >= detect.power:
             break

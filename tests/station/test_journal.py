@@ -14,12 +14,8 @@ from recordings.manifest import CuffSite
 from station import journal
 from station.errors import StationError
 from station.journal import (
-    Assignment,
-    Decision,
     Journal,
     JournalError,
-    Recorded,
-    Setup,
     append_line,
     read_journal,
     write_assigned,
@@ -33,7 +29,7 @@ from station.journal import (
     write_undone,
     write_verdict,
 )
-from station.journal_lines import JOURNAL_FILE
+from station.journal_lines import JOURNAL_FILE, Assignment, Decision, Recorded, Setup
 from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from station.journal import Recorded, Setup, write_recorded, write_setup
+from station.journal import write_recorded, write_setup
+from station.journal_lines import Recorded, Setup
 from tests.station.console.browsing import (
     CHROMIUM,
     begin,

@@ -22,8 +22,8 @@ from recordings.samples import Event
 from station.bench.simulation import SimulatedBench, practice_settings
 from station.bench.trial_recorder import LOCK
 from station.config import StationConfig, load_config
-from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
-from station.journal_lines import JOURNAL_FILE
+from station.journal import JournalError, read_journal, write_recorded, write_setup
+from station.journal_lines import JOURNAL_FILE, Recorded, Setup
 from station.messages.codes import AlarmCode, CommandCode, JournalCode, ReasonCode, TerminalCode, TrialCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode

@@ -16,7 +16,7 @@ from recordings.manifest import MeasurementProtocol, TestKind
 from station.bench.simulation import SimulatedBench, practice_settings
 from station.child import Child
 from station.config import load_config
-from station.journal import Recorded
+from station.journal_lines import Recorded
 from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.session.controller import SessionController

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from station.config import StationConfig, parse_config
-from station.journal import Setup, write_setup
-from station.journal_lines import JOURNAL_FILE
+from station.journal import write_setup
+from station.journal_lines import JOURNAL_FILE, Setup
 from station.session.listing import EarlierSessions, list_sessions
 from station.subject.subject_file import Cord, Subject, write_subject
 

@@ -17,7 +17,8 @@ from solver.compile_ahead import COMPILER
 from station.assessment.assessment_inputs import InputError
 from station.assessment.compilation import STAGE
 from station.fit import SessionError, fit_session_folder
-from station.journal import Assignment, write_assigned, write_verdict
+from station.journal import write_assigned, write_verdict
+from station.journal_lines import Assignment
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode

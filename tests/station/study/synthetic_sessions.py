@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from station.journal import Setup, write_setup
+from station.journal import write_setup
+from station.journal_lines import Setup
 
 
 @dataclass(frozen=True)
