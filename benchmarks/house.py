@@ -81,7 +81,9 @@ def _mirrored(paths: list[Path]) -> Iterator[tuple[str, str]]:
     dataclasses = {node.name for node in classes if any("dataclass" in ast.unparse(d) for d in node.decorator_list)}
     alike = {
         (mirrored, model): len(fields[mirrored] & fields[model]) / len(fields[mirrored] | fields[model])
-        for mirrored, model in product(sorted(dataclasses & set(fields)), sorted(_models(classes) & set(fields)))
+        for mirrored, model in product(
+            sorted(dataclasses & set(fields)), sorted((_models(classes) - dataclasses) & set(fields))
+        )
     }
     paired: set[str] = set()
     for pair in sorted(alike, key=lambda pair: -alike[pair]):

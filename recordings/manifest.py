@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from pathlib import PureWindowsPath
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, parse_json
 from documents.validation import describe_error
@@ -83,10 +83,10 @@ class BounceRig:
     spring_mass_kg is the spring's own; mass_relative_sd the standard uncertainty of both masses.
     """
 
-    mass_kg: float
-    marker: str
-    spring_mass_kg: float = 0.0
-    mass_relative_sd: float = 0.0005
+    mass_kg: Annotated[float, Field(gt=0)]
+    marker: Annotated[str, Field(min_length=1)]
+    spring_mass_kg: Annotated[float, Field(ge=0)] = 0.0
+    mass_relative_sd: Annotated[float, Field(ge=0)] = 0.0005
 
     @property
     def labels(self) -> tuple[str, ...]:

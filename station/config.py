@@ -183,15 +183,6 @@ class CuffSection(_Section):
         return labels
 
 
-class BounceSection(_Section):
-    """The weight on a steel spring that calibrates the load cell, and the marker on the weight."""
-
-    mass_kg: Positive
-    marker: str = Field(min_length=1)
-    spring_mass_kg: float = Field(default=0.0, ge=0)
-    mass_relative_sd: float = Field(default=0.0005, ge=0)
-
-
 class ProtocolSection(_Section):
     """The published plan: static, dynamic and a pause, three times, every cuff donned once.
 
@@ -255,7 +246,7 @@ class StationConfig(_Section):
     mocap: MocapSection = MocapSection()
     cuffs: dict[str, CuffSection] = Field(default_factory=dict)
     protocol: ProtocolSection = ProtocolSection()
-    bounce: BounceSection | None = None
+    bounce: BounceRig | None = None
     body: BodySection | None = None
     emg: EmgSection | None = None
     analog: dict[str, AnalogSection] = Field(default_factory=dict)
@@ -339,7 +330,7 @@ class StationConfig(_Section):
             return self.body_markers(spec.condition)
         if self.bounce is None:
             raise ConfigError(Message(ConfigCode.NO_BOUNCE))
-        return BounceRig(**self.bounce.model_dump())
+        return self.bounce
 
     def body_markers(self, condition: TrialCondition | None) -> BodyMarkers:
         """Markers of the wearer. Raises ConfigError if the section is missing."""

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, RootModel
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition, is_file_name
 from station.messages.codes import TrialCode
 from station.messages.message import Message
-from station.protocol import PlannedTrial
+from station.protocol import TrialKey
 
 FORMAT: Literal[1] = 1
 """Format of a line. It increases if a key changes its meaning, not if one is added."""
@@ -169,14 +169,14 @@ class DonnedEntry(JournalEntry):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SkippedEntry(PlannedTrial, JournalEntry):
+class SkippedEntry(TrialKey, JournalEntry):
     """A trial of the plan is skipped."""
 
     kind: Literal["skipped"] = "skipped"
 
 
 @dataclass(frozen=True, kw_only=True)
-class NextEntry(PlannedTrial, JournalEntry):
+class NextEntry(TrialKey, JournalEntry):
     """A trial of the plan is the next one, also if it was skipped before."""
 
     kind: Literal["next"] = "next"

@@ -26,8 +26,8 @@ CONDITION_NAMES: dict[TrialCondition, str] = {
 
 
 @dataclass(frozen=True)
-class PlannedTrial:
-    """One trial of the plan: cuff, test, number of the repeat (from 1) and donning of the cuff.
+class TrialKey:
+    """What names a trial of the plan: cuff, test, number of the repeat (from 1) and donning of the cuff.
 
     cuff: None for a bounce (a weight hangs from the load cell) and for a pose or motion of the wearer. condition: of a
     motion.
@@ -41,7 +41,7 @@ class PlannedTrial:
 
 
 @dataclass(frozen=True)
-class TrialSpec(PlannedTrial):
+class TrialSpec(TrialKey):
     """A trial of the plan with the template of its file name.
 
     In the name, the condition replaces the cuff where there is none; without either, its part is left out.

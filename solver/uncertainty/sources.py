@@ -8,17 +8,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import inf
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field
+
+from documents.validation import NonNegative
 
 Group = Literal["fit", "donning", "body", "muscles", "motion"]
 GROUPS: tuple[Group, ...] = get_args(Group)
+Spread = Annotated[NonNegative, Field(le=1.0)]
+"""A relative spread; above 1 a factor would cover orders of magnitude."""
+Metres = Annotated[NonNegative, Field(le=0.1)]
 
 
 @dataclass(frozen=True)
 class FitSpread:
     """Uncertainty of the cuffs' fit: factor on the standard errors of cuffs.json; 0 leaves the fit out."""
 
-    factor: float = 1.0
+    factor: Annotated[NonNegative, Field(le=100.0)] = 1.0
 
 
 @dataclass(frozen=True)
@@ -47,10 +54,10 @@ class BodySpread:
     cord_stiffness    relative
     """
 
-    size: float = 0.02
-    segment_mass: float = 0.13
-    attachment_point: float = 0.01
-    cord_stiffness: float = 0.05
+    size: Spread = 0.02
+    segment_mass: Spread = 0.13
+    attachment_point: Annotated[Metres, Field(alias="attachment_point_m")] = 0.01
+    cord_stiffness: Spread = 0.05
 
 
 @dataclass(frozen=True)
@@ -64,13 +71,13 @@ class MuscleSpread:
     reserve_weight       weight of the reserve actuators in the effort
     """
 
-    strength: float = 0.20
-    max_isometric_force: float = 0.15
-    optimal_fiber_length: float = 0.05
-    tendon_slack_length: float = 0.03
-    path_point: float = 0.003
-    glenoid_radius: float = 0.08
-    reserve_weight: float = 0.7
+    strength: Spread = 0.20
+    max_isometric_force: Spread = 0.15
+    optimal_fiber_length: Spread = 0.05
+    tendon_slack_length: Spread = 0.03
+    path_point: Annotated[Metres, Field(alias="path_point_m")] = 0.003
+    glenoid_radius: Spread = 0.08
+    reserve_weight: Spread = 0.7
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from solver.uncertainty.sources import (
     FitSpread,
     MotionSpread,
     MuscleSpread,
+    Spread,
     UncertaintySources,
 )
 from station.defaults import LEAST_DRAWS
@@ -34,10 +35,7 @@ class BudgetError(StationError):
     """An uncertainty.toml that cannot be used."""
 
 
-Spread = Annotated[NonNegative, Field(le=1.0)]
-"""A relative spread; above 1 a factor would cover orders of magnitude."""
 Degrees = Annotated[NonNegative, Field(le=20.0)]
-Metres = Annotated[NonNegative, Field(le=0.1)]
 
 
 def _ensure_enough(people: int) -> int:
@@ -62,12 +60,6 @@ class DecisionSection(Section):
     certainty: Annotated[Number, Field(ge=0.5, lt=1.0)]
 
 
-class FitSection(Section):
-    """Factor on the standard errors of the cuffs."""
-
-    factor: Annotated[NonNegative, Field(le=100.0)]
-
-
 class DonningSection(Section):
     """Relative spreads between donnings; estimate: use those of repeated donnings instead, where there are enough."""
 
@@ -75,27 +67,6 @@ class DonningSection(Section):
     stiffness: Spread
     damping: Spread
     migration: Spread
-
-
-class BodySpreadSection(Section):
-    """Spreads of the body and of the suit on it."""
-
-    size: Spread
-    segment_mass: Spread
-    attachment_point_m: Metres
-    cord_stiffness: Spread
-
-
-class MuscleSection(Section):
-    """Spreads of the muscle model."""
-
-    strength: Spread
-    max_isometric_force: Spread
-    optimal_fiber_length: Spread
-    tendon_slack_length: Spread
-    path_point_m: Metres
-    glenoid_radius: Spread
-    reserve_weight: Spread
 
 
 class MotionSection(Section):
@@ -112,10 +83,10 @@ class UncertaintyBudget(Section):
 
     sample: SampleSection
     decision: DecisionSection
-    fit: FitSection
+    fit: FitSpread
     donning: DonningSection
-    body: BodySpreadSection
-    muscles: MuscleSection
+    body: BodySpread
+    muscles: MuscleSpread
     motion: MotionSection
 
     @property
@@ -125,12 +96,12 @@ class UncertaintyBudget(Section):
     @property
     def sources(self) -> UncertaintySources:
         """The spreads in SI units."""
-        body, muscles, motion = self.body, self.muscles.model_dump(), self.motion
+        motion = self.motion
         return UncertaintySources(
-            fit=FitSpread(self.fit.factor),
+            fit=self.fit,
             donning=DonningSpread(self.donning.stiffness, self.donning.damping, self.donning.migration),
-            body=BodySpread(body.size, body.segment_mass, body.attachment_point_m, body.cord_stiffness),
-            muscles=MuscleSpread(path_point=muscles.pop("path_point_m"), **muscles),
+            body=self.body,
+            muscles=self.muscles,
             motion=MotionSpread(
                 float(np.radians(motion.posture_deg)),
                 float(np.radians(motion.noise_deg)),

@@ -22,7 +22,6 @@ from documents.validation import describe_error
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.cuff_study import (
     Agreement,
-    ComparisonOutcome,
     CuffComparison,
     CuffStudy,
     FixedEffect,
@@ -109,15 +108,14 @@ class QuantityEntry(_Entry):
     agreements: dict[str, AgreementEntry] = Field(default_factory=dict)
 
 
-class ComparisonEntry(_Entry):
-    """second − first, over the volunteers who wore both."""
-
+@dataclass(frozen=True, kw_only=True)
+class _OfQuantity:
     quantity: QuantityName
-    first: str
-    second: str
-    volunteers: int
-    outcome: ComparisonOutcome
-    difference: FixedEffect | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonEntry(CuffComparison, _OfQuantity):
+    """second − first, over the volunteers who wore both."""
 
 
 class StudySessionEntry(_Entry):
@@ -200,14 +198,7 @@ def study_document(study: Study) -> StudyDocument:
             for cuff, quantities in study.cuffs.items()
         },
         comparisons=[
-            ComparisonEntry(
-                quantity=quantity,  # type: ignore[arg-type]
-                first=found.first,
-                second=found.second,
-                volunteers=found.volunteers,
-                outcome=found.outcome,
-                difference=found.difference,
-            )
+            ComparisonEntry(**vars(found), quantity=quantity)  # type: ignore[arg-type]
             for quantity, comparisons in study.comparisons.items()
             for found in comparisons
         ],
