@@ -16,7 +16,7 @@ from solver.checks import ensure_at_least
 from solver.coded_findings import CodedFinding, describe_codes
 from solver.errors import MotionError, SolverCode
 from solver.model import Model
-from solver.time_series_table import LONGEST_STEP_S, TableHeader, ensure_seconds, read_table
+from solver.time_series_table import FEWEST_SAMPLED, LONGEST_STEP_S, TableHeader, ensure_seconds, read_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 Derivatives = Literal["differences", "splines"]
 SHORT_STEP_PERIODS = 0.1
 """Longest gap, in periods of the cut-off, that a spline bridges."""
+HIGHEST_RATE_HZ, HIGHEST_SPEED = 1200.0, 40.0
+"""Of a captured motion [frames/s], and of a joint at such a rate [rad/s]: 20 frames/s and 0.7 rad/s if in minutes."""
 LARGEST_COORDINATE = 1e6
 """[rad or m] Beyond any motion, also one in degrees or millimetres; a filter would spread it over all frames."""
 _SCALES = {"": 1.0, "s": 1.0, "rad": 1.0, "m": 1.0, "deg": np.pi / 180, "mm": 1e-3}
@@ -213,6 +215,7 @@ def _motion(
     _ensure_possible(path, model, coordinates)
     counts = header.row_counts(len(time))
     ensure_seconds(path, time)
+    _ensure_not_minutes(path, model, time, coordinates)
     time, coordinates, steps = _on_even_grid(path, time, coordinates)
     names = model.coordinate_names
     return Motion(names, time, coordinates, missing, steps, largest_degrees, counts, header.repeated)
@@ -377,6 +380,26 @@ def _ensure_possible(path: Path, model: Model, coordinates: Array) -> None:
             f"{path.name} should have {coordinate.name} below {LARGEST_COORDINATE:g} {unit} and has {value:.3g} {unit} "
             f"in frame {frame + 1}; correct the value or cut the frame",
             SolverCode.IMPOSSIBLE_VALUE,
+        )
+
+
+def _ensure_not_minutes(path: Path, model: Model, time: Array, coordinates: Array) -> None:
+    """Raise MotionError where joints are faster than a person's at a rate that no capture has: times in minutes.
+
+    A joint's speed is that over a twentieth of the motion, where neither noise nor a jump of an angle counts.
+    """
+    frames, duration = len(time), float(time[-1] - time[0])
+    if frames < FEWEST_SAMPLED or frames - 1 < HIGHEST_RATE_HZ * duration:
+        return
+    angles = coordinates[:, [coordinate.motion == "rotation" for coordinate in model.coordinates]]
+    apart = frames // FEWEST_SAMPLED
+    speeds = np.abs(angles[apart:] - angles[:-apart]) / (time[apart:] - time[:-apart])[:, None]
+    fastest = float(speeds.max(initial=0.0))
+    if fastest > HIGHEST_SPEED:
+        raise MotionError(
+            f"{path.name} should have times in s and has {(frames - 1) / duration:.0f} frames/s with a joint at "
+            f"{fastest:.3g} rad/s, as of times in min; multiply them by 60",
+            SolverCode.TIME_UNIT,
         )
 
 

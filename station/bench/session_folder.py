@@ -6,6 +6,7 @@ monitored while recording.
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Sequence
@@ -97,24 +98,27 @@ def bytes_free(folder: Path) -> int:
     return shutil.disk_usage(existing).free
 
 
-def moved(recording: Path) -> Message[TrialCode] | None:
-    """A message if the file that is being written has no longer its name."""
-    return None if recording.exists() else Message(TrialCode.RECORDING_MOVED, {"path": str(recording)})
-
-
 class DiskMonitor:
-    """Checks once a second whether the reserve is still free, and the recording in its place."""
+    """Checks once a second whether the reserve is still free, and the recording, which exists, in its place."""
 
     def __init__(self, recording: Path, clock: Clock) -> None:
         self._recording, self._folder, self._clock = recording, recording.parent, clock
-        self._next_s = clock.wall_s()
+        self._next_s, self._identity = clock.wall_s(), recording.stat()
+
+    def moved(self) -> Message[TrialCode] | None:
+        """A message if the path no longer names the file that is being written: not even a copy of it."""
+        try:
+            is_same = os.path.samestat(self._recording.stat(), self._identity)
+        except OSError as error:  # a disk without an answer shows at the next write
+            is_same = not isinstance(error, FileNotFoundError | NotADirectoryError)
+        return None if is_same else Message(TrialCode.RECORDING_MOVED, {"path": str(self._recording)})
 
     def poll(self) -> Message[TrialCode] | None:
         """A message once the disk is nearly full or the file moved. A disk that is gone shows at the next write."""
         if self._clock.wall_s() < self._next_s:
             return None
         self._next_s = self._clock.wall_s() + POLL_INTERVAL_S
-        if message := moved(self._recording):
+        if message := self.moved():
             return message
         try:
             free = bytes_free(self._folder)

@@ -29,7 +29,7 @@ from recordings.samples import DeviceIdentity, Event, Item, Stream
 from recordings.writer import RecordingWriter
 from station.bench.devices import devices_for
 from station.bench.feed import DeviceFailed, DeviceOpened, Feeds, ItemsReceived, SteppedFeeds
-from station.bench.session_folder import DiskMonitor, bytes_free, bytes_needed, check_origin, moved
+from station.bench.session_folder import DiskMonitor, bytes_free, bytes_needed, check_origin
 from station.bench.trial_context import POST_ROLL_S, TrialRules
 from station.bench.trial_state_machine import TrialStateMachine
 from station.bench.view import Snapshot, TrialState
@@ -205,21 +205,21 @@ class TrialRecorder:
             duration_s,
             self._post_roll_s,
         )
-        items = RecordedItems(writer, manifest, streams)
+        items, disk = RecordedItems(writer, manifest, streams), DiskMonitor(path, self._clock)
         trial = TrialStateMachine(rules, items, self._clock)
         try:
             trial.arm(streams, device_by_stream)
             if set_back is not None:
                 trial.note(set_back)
-            self._run(trial, feeds, DiskMonitor(path, self._clock))
-            if trial.state is TrialState.CLOSED and (fault := moved(path) or items.misalignment()):
+            self._run(trial, feeds, disk)
+            if trial.state is TrialState.CLOSED and (fault := disk.moved() or items.misalignment()):
                 trial.refuse(fault)
             if trial.has_edge:
                 items.write_summary()
         except RecordingError as error:
             trial.abandon(str(error))
         self._show(trial)
-        return _close(trial, writer, path, manifest.origin)
+        return _close(trial, writer, path, disk, manifest.origin)
 
     def _run(self, trial: TrialStateMachine, feeds: Feeds | SteppedFeeds, disk: DiskMonitor) -> None:
         is_in_control = self._config.mocap.control == "start"
@@ -270,7 +270,9 @@ class TrialRecorder:
             view.show(replace(trial.snapshot(), recording=self._path, origin=self._origin))
 
 
-def _close(trial: TrialStateMachine, writer: RecordingWriter, path: Path, origin: DataOrigin) -> TrialResult:
+def _close(
+    trial: TrialStateMachine, writer: RecordingWriter, path: Path, disk: DiskMonitor, origin: DataOrigin
+) -> TrialResult:
     """Close the file of a trial that is over; a trial without a sync edge leaves none."""
     if not trial.has_edge:
         writer.discard()
@@ -280,7 +282,7 @@ def _close(trial: TrialStateMachine, writer: RecordingWriter, path: Path, origin
     try:
         writer.close(TrialOutcome(accepted, trial.state.value, trial.sentence, codes=codes))
     except RecordingError as error:
-        place = moved(path)
+        place = disk.moved()
         failed = place or Message(TrialCode.WRITE_FAILED, {"text": str(error)})
         return TrialResult(None if place else path, trial.lost_samples, (failed,), origin, accepted=False)
     with suppress(OSError):  # the recording is complete; a reader reports that it has no checksum

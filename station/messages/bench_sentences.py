@@ -53,8 +53,8 @@ _TRIAL: Mapping[StrEnum, str] = {
     ),
     TrialCode.WRITE_FAILED: "{text}",
     TrialCode.RECORDING_MOVED: (
-        "{path} is no longer there: its folder was renamed or removed during the trial, and the samples are in the "
-        "folder of the new name; give it its old name, and record the trial again"
+        "{path} is no longer the file that was being recorded: it or its folder was renamed, removed or replaced by a "
+        "copy during the trial, and the samples are under the new name; restore the old name, and record it again"
     ),
     TrialCode.NOT_STARTED: "{text}",
     TrialCode.RECORDER_KILLED: "the recorder was killed during the trial; {text}",

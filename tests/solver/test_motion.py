@@ -311,6 +311,17 @@ def test_a_motion_in_smaller_units_of_time_is_refused(tmp_path, rate, in_second,
         read_motion(printed(tmp_path / "m.mot", in_second * np.arange(60) / rate, 6), ONE)
 
 
+@pytest.mark.parametrize(("seconds", "is_refused"), [(1.0, False), (1 / 60, True)])
+@pytest.mark.parametrize(("rate", "speed"), [(20, 3.0), (100, 1.0), (1000, 0.8)])
+def test_a_motion_in_minutes_is_refused(tmp_path, rate, speed, seconds, is_refused):
+    time = np.arange(2 * rate) / rate
+    path = tmp_path / "m.csv"
+    header = f"time,{ONE.coordinate_names[0]}"
+    np.savetxt(path, np.column_stack([seconds * time, np.sin(speed * time)]), "%.9f", ",", header=header, comments="")
+    with raises_refusal(SolverCode.TIME_UNIT, naming="multiply them by 60") if is_refused else nullcontext():
+        read_motion(path, ONE)
+
+
 @pytest.mark.parametrize("differentiate_it", [differentiate, differentiate_by_splines])
 def test_a_short_motion_whose_cutoff_is_too_high_may_be_in_milliseconds(tmp_path, differentiate_it):
     motion = read_motion(printed(tmp_path / "m.mot", 10.0 * np.arange(9), 6), ONE)

@@ -365,18 +365,21 @@ def test_a_capture_without_frame_numbers_is_recorded_to_its_end_and_has_two_line
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not rename a folder with an open file")
+@pytest.mark.parametrize("is_copied", [False, True], ids=["renamed", "and replaced by a copy"])
 @pytest.mark.parametrize("state", [TrialState.RECORDING, TrialState.CLOSING])
 def test_a_trial_whose_folder_is_renamed_is_not_accepted_and_its_samples_are_kept(
-    tmp_path: Path, state: TrialState
+    tmp_path: Path, state: TrialState, is_copied: bool
 ) -> None:
     session, renamed = tmp_path / "monday", tmp_path / "tuesday"
 
     def rename(snapshot: Snapshot) -> None:
-        if snapshot.state is state and session.exists():
+        if snapshot.state is state and not renamed.exists():
             session.rename(renamed)
+            if is_copied:
+                shutil.copytree(renamed, session)
 
     result = Rig().recorder(SimpleNamespace(offer=lambda _: None, show=rename)).record(session, SPEC)
-    assert not result.accepted and result.path is None and not session.exists()
+    assert not result.accepted and result.path is None and session.exists() is is_copied
     assert TrialCode.RECORDING_MOVED in codes(result)
     outcome = open_recording(renamed / SPEC.file_name(1)).outcome
     assert outcome is not None and not outcome.accepted
