@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -92,17 +92,23 @@ def lead(
 
 
 class Headless:
-    """`station record --headless` in its own process; a context manager that ends the process."""
+    """`station record --headless` in its own process; a context manager that ends the process.
 
-    def __init__(self, folder: Path, *options: str) -> None:
+    program starts Python; variables are added to its environment.
+    """
+
+    def __init__(
+        self, folder: Path, *options: str, program: str = sys.executable, variables: Mapping[str, str] | None = None
+    ) -> None:
         self.events: list[dict[str, Any]] = []
         self.child = subprocess.Popen(  # noqa: S603  (our own words)
-            [sys.executable, "-c", "from station.cli import main; main()", "record", "--headless", *options],
+            [program, "-c", "from station.cli import main; main()", "record", "--headless", *options],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             cwd=folder,
-            env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
+            env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+            | dict(variables or {}),
         )
 
     def __enter__(self) -> Headless:

@@ -1,0 +1,111 @@
+"""Sessions on a drive that refuses to flush and with a clock that is set back, on this system and on Windows (Wine).
+
+Calls of the C library are replaced; those of Wine use the same.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from station.journal import read_journal
+from station.messages.codes import TrialCode
+from tests.house.sources import ROOT
+from tests.station.console.served import write_config
+from tests.station.terminal.practice import Headless
+from tests.timeout import scaled_timeout
+
+CALLS = """
+#define _GNU_SOURCE
+#include <errno.h>
+#include <stdlib.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+static int is_set(const char *name) {
+    const char *path = getenv(name);
+    return path && !access(path, F_OK);
+}
+
+int fsync(int file) {
+    if (is_set("FLUSH_FAILS_WITH")) { errno = EIO; return -1; }
+    return syscall(SYS_fsync, file);
+}
+
+int fdatasync(int file) { return fsync(file); }
+
+int clock_gettime(clockid_t clock, struct timespec *now) {
+    int result = syscall(SYS_clock_gettime, clock, now);
+    if ((clock == CLOCK_REALTIME || clock == CLOCK_REALTIME_COARSE) && is_set("CLOCK_SET_BACK_WITH"))
+        now->tv_sec -= 3600;
+    return result;
+}
+"""
+SESSION = Path("simulated", "monday")
+PLAN = ("--config", "station.toml", "--simulated", "--speed", "30", "--subject", "P01", "--session", str(SESSION))
+PATIENCE_S = 240.0
+COMPILER = shutil.which("cc")
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(600),
+    pytest.mark.skipif(
+        COMPILER is None or sys.platform != "linux", reason="replaces calls of Linux, with a C compiler (cc)"
+    ),
+]
+
+
+@pytest.fixture(params=["this system", "Windows"])
+def program(request: pytest.FixtureRequest) -> str:
+    if request.param == "this system":
+        return sys.executable
+    windows = ROOT / ".ci" / "windows-python"
+    if shutil.which("wine") is None or subprocess.run([windows, "-V"], check=False).returncode:  # noqa: S603
+        pytest.skip("Windows' Python cannot be made")
+    return str(windows)
+
+
+@pytest.fixture
+def calls(tmp_path: Path) -> Path:
+    assert COMPILER is not None
+    library = tmp_path / "calls.so"
+    command = [COMPILER, "-shared", "-fPIC", "-x", "c", "-", "-o", library]
+    subprocess.run(command, input=CALLS, text=True, check=True)  # noqa: S603
+    return library
+
+
+def bench(folder: Path) -> None:
+    path = write_config(folder, hold_s=4.0, swing_s=5.0, migration_m=0.0)
+    path.write_text(path.read_text().replace('control = "start"', 'control = "none"'))
+
+
+def test_a_drive_that_refuses_to_flush_is_refused_before_the_first_trial(
+    tmp_path: Path, calls: Path, program: str
+) -> None:
+    bench(tmp_path)
+    variables = {"LD_PRELOAD": str(calls), "FLUSH_FAILS_WITH": str(calls)}
+    with Headless(tmp_path, *PLAN, program=program, variables=variables) as terminal:
+        _, refusal = terminal.child.communicate(timeout=scaled_timeout(PATIENCE_S))
+        assert terminal.child.returncode == 1 and b"[journal.not_written]" in refusal, refusal
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
+def test_a_clock_that_is_set_back_by_an_hour_between_two_trials_is_a_note_of_the_second(
+    tmp_path: Path, calls: Path, program: str
+) -> None:
+    bench(tmp_path)
+    signal = tmp_path / "now"
+    variables = {"LD_PRELOAD": str(calls), "CLOCK_SET_BACK_WITH": str(signal)}
+    with Headless(tmp_path, *PLAN, program=program, variables=variables) as terminal:
+        terminal.until("trial_ended")
+        signal.touch()
+        terminal.until("trial_ended")
+        terminal.send("end")
+        terminal.until("session_closed")
+    first, second = ([message.code for message in one.codes] for one in read_journal(tmp_path / SESSION).recorded)
+    assert (TrialCode.CLOCK_SET_BACK in first, TrialCode.CLOCK_SET_BACK in second) == (False, True)
