@@ -136,7 +136,7 @@ REJECTIONS: Templates = {
     RejectionCode.NOT_UNLOADED: (
         "the static trial does not start unloaded, or does not end unloaded, so migration is not identified from it"
     ),
-    RejectionCode.SHORT: "the dynamic trial lasts {duration_s:.1f} s, too short for damping",
+    RejectionCode.SHORT: "the trial lasts {duration_s:.1f} s, too short for an oscillation",
     RejectionCode.NO_SWING: "the force does not swing for more than a few seconds; pull longer, about once a second",
     RejectionCode.FEW_CYCLES: ("the force swings for {cycles:.1f} cycles, expected at least {expected:g}; pull longer"),
     RejectionCode.FEW_SAMPLES: (f"force has {{samples:.1f}} {_FREQUENT}; pull slower or raise daq.sample_rate_hz"),

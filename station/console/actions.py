@@ -95,7 +95,9 @@ class Actions:
 
 def _unless_late(name: str, pressed_ms: object, action: Action) -> Awaitable[None] | None:
     """Raises CommandRefused for a press that waited in a lost connection, or that has no time."""
-    late_s = time.time() - pressed_ms / 1000 if isinstance(pressed_ms, float | int) else math.inf
-    if not late_s <= LATE_S:
+    late_s = time.time() - pressed_ms / 1000 if isinstance(pressed_ms, float | int) else math.nan
+    if not math.isfinite(late_s):
+        raise CommandRefused.of(CommandCode.PRESS_UNDATED, name=name)
+    if late_s > LATE_S:
         raise CommandRefused.of(CommandCode.PRESSED_LATE, name=name, late_s=late_s)
     return action()

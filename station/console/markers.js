@@ -31,19 +31,20 @@
       context.fillStyle = COLOURS[role];
       context.fill();
     }
-    names(context, ["cuff", "rope", "anchor", "arm", "suit", "body"].flatMap(of));
+    names(context, ["cuff", "rope", "anchor", "arm", "suit", "body"].flatMap(of), canvas.clientWidth);
     axes(context, view, canvas.clientHeight);
   }
 
   // A label that would cover another label or a marker is omitted.
-  function names(context, placed) {
+  function names(context, placed, width) {
     const boxes = placed.map(({ at }) => [at[0] - 5, at[1] - 5, at[0] + 5, at[1] + 5]);
     for (const { at, role, name } of placed) {
-      const box = [at[0] + 9, at[1] - 18, at[0] + 9 + context.measureText(name).width, at[1] - 4];
+      const long = context.measureText(name).width, left = at[0] + 9 + long <= width ? at[0] + 9 : at[0] - 9 - long;
+      const box = [left, at[1] - 18, left + long, at[1] - 4];
       if (boxes.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) continue;
       boxes.push(box);
       context.fillStyle = COLOURS[role];
-      context.fillText(name, at[0] + 9, at[1] - 6);
+      context.fillText(name, left, at[1] - 6);
     }
   }
 

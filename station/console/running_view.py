@@ -61,7 +61,8 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
     status = ui.label().classes("status quiet whitespace-pre-line").mark("status")
     actions.add("Stop", "s", lambda: _stop(controller, live, actions), kind="danger", asks=True)
     actions.add("Mark", "m", receipt.mark, kind="main").classes("mark-button")
-    actions.add("Tare", "z", controller.runner.tare)
+    if has_force(controller.session.config, live.spec):
+        actions.add("Tare", "z", controller.runner.tare)
     pause = actions.add("Pause the charts", "p", _toggle_pause, mark="pause")
     pause.tooltip("the wheel zooms a chart, with Shift it scales it, a drag moves it, a double click shows all")
     silence = actions.add(
@@ -160,7 +161,9 @@ def markers_of(seen: dict[str, bool], needed: Collection[str] = ()) -> str:
         return "markers: no frames yet"
     wanted = [name for name in seen if name in needed] or list(seen)
     hidden = sorted(name for name in wanted if not seen[name])
-    return f"hidden: {', '.join(hidden)}" if hidden else f"all {len(wanted)} markers seen"
+    if hidden:
+        return f"hidden: {', '.join(hidden)}"
+    return f"marker {wanted[0]} seen" if len(wanted) == 1 else f"all {len(wanted)} markers seen"
 
 
 def motion_of(live: LiveTrial) -> str:

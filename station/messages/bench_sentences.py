@@ -135,7 +135,7 @@ _CHECKS: Mapping[StrEnum, str] = {
     CheckCode.WRONG_RATE: (
         "{rate_hz:.1f} samples/s, expected {nominal_hz:g}; {source}; check the rate that is set at the device"
     ),
-    CheckCode.NO_CAPTURE: "no frames: no capture is running (nominal {nominal_hz:g} Hz)",
+    CheckCode.NO_CAPTURE: "no frames: no capture is running; start one to check rate ({nominal_hz:g} Hz) and labels",
     CheckCode.AT_REST: _FORCE,
     CheckCode.SATURATED: _FORCE + "; saturated at {limit:.4g} {unit}, check the wiring",
     CheckCode.LOADED: (
@@ -145,7 +145,7 @@ _CHECKS: Mapping[StrEnum, str] = {
     CheckCode.CALIBRATION_VALID: _CERTIFICATE,
     CheckCode.CALIBRATION_DUE: _CERTIFICATE + "; have the load cell calibrated",
     CheckCode.CALIBRATION_IN_FUTURE: _CERTIFICATE + ": the date is in the future; correct load_cell.calibrated_on",
-    CheckCode.CALIBRATION_UNKNOWN: "date unknown; enter load_cell.calibrated_on from the certificate",
+    CheckCode.CALIBRATION_UNKNOWN: "date unknown; enter load_cell.calibrated_on from the certificate (configuration)",
     CheckCode.SYNC_LOW: "{level_v:z.2f} V, threshold {threshold_v:g} V",
     CheckCode.SYNC_HIGH: (
         "{level_v:z.2f} V, threshold {threshold_v:g} V; expected low until a capture starts: stop the capture or check "
@@ -156,7 +156,10 @@ _CHECKS: Mapping[StrEnum, str] = {
     CheckCode.DISK: _DISK,
     CheckCode.DISK_LOW: _DISK + "; free some space",
     CheckCode.MASS_RIGHT: _MASS,
-    CheckCode.MASS_WRONG: _MASS + "; check the mass, load_cell.capacity_kg, full_scale_v and polarity",
+    CheckCode.MASS_WRONG: (
+        _MASS + "; check that the mass hangs freely on the cell. If it does, correct the scale of the cell in the "
+        "configuration: load_cell.capacity_kg, full_scale_v, polarity"
+    ),
     CheckCode.MASS_WITHOUT_ZERO: (
         _MASS + "; the reading includes the zero, run with --known-mass 0 on the empty cell first"
     ),

@@ -214,6 +214,7 @@ class CommandCode(StrEnum):
     NOT_IN_PLAN = "command.not_in_plan"
     NOT_NOW = "command.not_now"
     PRESSED_LATE = "command.pressed_late"
+    PRESS_UNDATED = "command.press_undated"
     NOT_WHILE_RUNNING = "command.not_while_running"
     BEING_RECORDED = "command.being_recorded"
     TOO_LATE = "command.too_late"

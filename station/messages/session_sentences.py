@@ -97,6 +97,9 @@ _COMMANDS: Mapping[StrEnum, str] = {
     CommandCode.PRESSED_LATE: (
         "{name} was pressed {late_s:.0f} s ago, while the console did not answer, and is not executed; press it again"
     ),
+    CommandCode.PRESS_UNDATED: (
+        "{name} arrived without the time of its press and is not executed; reload the page and press it again"
+    ),
     CommandCode.NOT_NOW: "{action} is not possible now",
     CommandCode.NOT_WHILE_RUNNING: "{action} is not possible while a trial runs",
     CommandCode.BEING_RECORDED: "this trial is being recorded; stop it, or redo it and give the reason",
@@ -124,7 +127,7 @@ _REASONS: Mapping[StrEnum, str] = {
     VerdictCode.DOUBTFUL: "usable, with doubts",
     VerdictCode.BAD: "redo advised",
     ReasonCode.NOT_ACCEPTED: "{text}",
-    ReasonCode.LOST_SAMPLES: "{samples} samples were lost during the transfer",
+    ReasonCode.LOST_SAMPLES: "samples lost during the transfer: {samples}",
     ReasonCode.UNUSABLE: "{text}",
     ReasonCode.NO_STATIC_RESULT: (
         "this static trial yields neither stiffness nor damping; load the cuff with every step of the plan"

@@ -57,7 +57,7 @@ BUNDLED_SUIT = (
 
 @dataclass(frozen=True)
 class FirstPage:
-    """answer, basis: sentences in parts, numbers apart;  decision, limits: sentences;  rigid: the theoretical limit."""
+    """answer, basis: sentences in parts, numbers apart;  decision, limits: sentences;  rigid: effect of rigid cuffs."""
 
     answer: Parts
     basis: Parts

@@ -269,4 +269,4 @@ CONDITIONS = {
     "visco_elastic": "compliance",
     "both": "migration and compliance",
 }
-LIMIT = "rigid cuffs (theoretical limit)"
+LIMIT = "rigid cuffs"

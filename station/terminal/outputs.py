@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import textwrap
 from contextlib import suppress
 from dataclasses import asdict
@@ -199,10 +200,16 @@ class TextOutput:
             lines.append(Text(f"{self._typed}_   (Enter: done, Esc: cancel)", "bold yellow"))
         else:
             is_recorded = self._live is not None and self._live.takes_marks
-            lines.append(Text(KEYS_RECORDING if is_recorded else KEYS_BETWEEN, "dim"))
+            lines += [Text(line, "dim") for line in _key_lines(KEYS_RECORDING if is_recorded else KEYS_BETWEEN, width)]
         for line in lines:
             line.truncate(width, overflow="ellipsis")
         return lines
+
+
+def _key_lines(keys: str, width: int) -> list[str]:
+    """Wrapped between two keys, never within one."""
+    unbroken = re.sub(r"(?<=\S) (?=\S)", "\u00a0", keys)
+    return [line.replace("\u00a0", " ") for line in textwrap.wrap(unbroken, width)]
 
 
 def _trial_lines(live: LiveTrial, title: str) -> list[Text]:

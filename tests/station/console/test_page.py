@@ -66,10 +66,11 @@ def test_an_action_that_deletes_its_button_still_reaches_the_page(monkeypatch, i
     assert reached and set(reached) == {client}
 
 
-@pytest.mark.parametrize("pressed_ms", [0, math.nan, -math.inf, None, "soon", [1], {}])
+@pytest.mark.parametrize("pressed_ms", [0, math.nan, math.inf, -math.inf, None, "soon", [1], {}])
 def test_a_press_without_a_time_and_one_of_long_ago_are_not_executed(pressed_ms: object) -> None:
     pressed: list[str] = []
-    with raises_refusal(CommandRefused, CommandCode.PRESSED_LATE):
+    code = CommandCode.PRESSED_LATE if pressed_ms == 0 else CommandCode.PRESS_UNDATED
+    with raises_refusal(CommandRefused, code):
         _unless_late("Begin", pressed_ms, lambda: pressed.append("Begin"))
     assert not pressed
 

@@ -77,7 +77,7 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
         False,
         True,
     ], "no chart of an idle load cell"
-    assert (markers_of(seen, roles), markers_of(seen, without)) == ("hidden: cord_arm", "all 1 markers seen")
+    assert (markers_of(seen, roles), markers_of(seen, without)) == ("hidden: cord_arm", "marker ac seen")
     assert (roles["ac"], roles["ij"], roles["cord_arm"]) == ("arm", "body", "suit") and "cuff_1" not in roles
 
 

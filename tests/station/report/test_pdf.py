@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,17 +11,28 @@ from typing import Any, NoReturn
 
 import pytest
 
+from station.assessment.assess import assess_cuffs, write_assessment
+from station.assessment.assessment_inputs import AssessmentInputs
 from station.checksums import Checksums, sha256_of
 from station.extras import MissingExtra, with_extras
+from station.fit import fit_session_folder
 from station.messages.setup_messages import ConfigCode, FolderCode
 from station.report import page
+from station.report.page import write_report
 from station.report.pdf import BrowserError, _launch, write_pdf
 from station.verbs.whole import report
-from tests.station.console.browsing import CHROMIUM
+from tests.fitting.experiment import PUBLISHED, Session, published
+from tests.station.console.browsing import CHROMIUM, chromium
+from tests.station.few_people import few_people
+from tests.station.foreign import Truth
 from tests.station.refusals import raises_refusal
+from tests.station.wearer import WearerSession
 
 STYLE = Path(page.__file__).with_name("page.css").read_text(encoding="utf-8")
 POINTS_PER_MM = 72 / 25.4
+MOST_SCREENS, MOST_UNFOLDED, MOST_SHEETS = 2.0, 8.0, 4
+FOLDED_WIDTHS = ((390, 844), (768, 1024), (1024, 768), (1440, 900))
+UNFOLD = "document.querySelectorAll('details').forEach(section => section.open = true)"
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
@@ -34,6 +46,38 @@ def test_a_page_is_printed_on_a4_and_its_hash_is_kept(tmp_path: Path) -> None:
     for width, height in sheets:
         assert (float(width), float(height)) == pytest.approx((210 * POINTS_PER_MM, 297 * POINTS_PER_MM), abs=1.0)
     assert Checksums(tmp_path).sums == {"report.pdf": sha256_of(written)}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_a_report_of_four_cuffs_and_a_wearer_is_short(tmp_path: Path, wearer: WearerSession) -> None:
+    """At most two screens folded, eight unfolded on a screen of 1440 px, and four pages of paper."""
+    report = report_four_cuffs(tmp_path, wearer)
+    with chromium(CHROMIUM) as browser:
+        shown = browser.new_page()
+        shown.goto(report.as_uri())
+        for width, height in FOLDED_WIDTHS:
+            shown.set_viewport_size({"width": width, "height": height})
+            assert shown.evaluate("document.documentElement.scrollHeight / innerHeight") <= MOST_SCREENS, width
+        shown.evaluate(UNFOLD)
+        assert shown.evaluate("document.documentElement.scrollHeight / innerHeight") <= MOST_UNFOLDED
+    assert len(re.findall(rb"/Type\s*/Page\b", write_pdf(report).read_bytes())) <= MOST_SHEETS
+
+
+def report_four_cuffs(folder: Path, wearer: WearerSession) -> Path:
+    """Three static and three dynamic trials of every published cuff, and the pose and motions of the wearer."""
+    for cuff in PUBLISHED:
+        session = Session(published(cuff, hold=4.2), 3)
+        for repeat in (1, 2, 3):
+            for test, make in (("static", session.static), ("dynamic", session.dynamic)):
+                Truth(*make(repeat)).record(folder / f"cuff-{cuff}_test-{test}_run-{repeat}.mcap")
+    for recording in wearer.folder.glob("*.mcap"):
+        shutil.copy(recording, folder)
+    fitted = fit_session_folder(folder, folder / "cuffs.json")
+    worn = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
+    inputs = AssessmentInputs(folder / "cuffs.json")
+    write_assessment(assess_cuffs(worn, inputs, most_frames=4, most_rest_lengths=9, people=few_people(4)), folder)
+    return write_report(folder, fitted)
 
 
 def test_without_the_extra_the_command_names_it_before_it_fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,6 +43,14 @@ def test_a_verdict_fits_the_terminal_and_a_missing_figure_has_no_line() -> None:
     assert paths.getvalue() == os.path.join("monday", "a.mcap") + "\n"  # noqa: PTH118
 
 
+def test_every_key_is_named_on_a_narrow_terminal() -> None:
+    out = io.StringIO()
+    console = SessionConsole(file=out, force_terminal=True, width=50, no_color=True)
+    with TextOutput(console, io.StringIO(), is_interactive=True) as output:
+        output.show_trial(None)
+    assert all(key in out.getvalue() for key in KEYS_BETWEEN.split("  "))
+
+
 def test_an_open_interval_is_null_in_json() -> None:
     out = io.StringIO()
     JsonOutput(out).show_event(VERDICT)
