@@ -231,7 +231,7 @@ def solve_wearers(sources: UncertaintySources, count: int) -> Wearers:
     model, suit = bundled_model(), read_suit()
     motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
     sources = replace(sources, donning=DonningSpread(0.0, 0.0, 0.0))
-    factors, draws = random_factors(sources, model, ()), MotionDraws(model, (motion.kinematics,))
+    factors, draws = random_factors(sources, model, ()), MotionDraws(model, motion.kinematics)
     efforts, slack = [], []
     for row in normal_scores(unit_sample(factors, count, "latin_hypercube", seed=1)):
         scores = scores_by_factor(factors, row)

@@ -9,7 +9,8 @@ that an interrupted run continues.
 
 With `--persons`, the part of simulated persons (tests/solver/personalisation/measured_person.py) whose true angles,
 effort and best rest length lie in their 95 % intervals, from body, motion and points of the cord alone: rigid cuffs,
-muscles as the model has them. Standard errors are those between persons.
+muscles as the model has them. Standard errors are those between persons. "live" is the second raise as a stream, on the
+body of the pose and the first raise.
 """
 
 from __future__ import annotations
@@ -31,12 +32,13 @@ from documents.interval import plus_minus
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
-from solver.model import Model
+from solver.model import Marker, Model
 from solver.motion import Kinematics, Motion, differentiate
 from solver.personalisation.estimate import estimate_body, within_ranges
 from solver.personalisation.segment_masses import set_arm_masses
 from solver.personalisation.wearer_motion import smooth_wearer
 from solver.scaling import Scaling, scale_model
+from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import Assessment, assess
 from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.scenarios import LoadedMotion
@@ -235,6 +237,9 @@ def cover_person(seed: int) -> Covered:
         error[name] = float(np.sqrt(np.mean((samples.mean(axis=0) - truth) ** 2)))
     held = {"all angles": float(np.mean(list(held.values()))), **held}
     deviation, error = {"all angles": np.nan, **deviation}, {"all angles": np.nan, **error}
+    for name, (live, stated, truth) in live_angles(person, markers).items():
+        held[name] = float(np.mean(np.abs(live - truth) < NORMAL_95 * stated))
+        deviation[name], error[name] = (float(np.sqrt(np.mean(part**2))) for part in (stated, live - truth))
     efforts = assess_person(person, scale_model(body.model, smoothed.scaling), smoothed.coordinates, drawn)
     for name, (truth, samples) in efforts.items():
         known = samples[np.isfinite(samples)]
@@ -243,6 +248,22 @@ def cover_person(seed: int) -> Covered:
         held[name] = float(low < truth < high) if is_enough else np.nan
         deviation[name], error[name] = float(np.std(known)), float(known.mean() - truth)
     return Covered(held, deviation, error, float(np.mean(~np.isfinite(efforts["effort"][1]))))
+
+
+def live_angles(person: MeasuredPerson, markers: Sequence[Marker]) -> dict[str, tuple[Array, Array, Array]]:
+    """Angle, standard deviation and truth (frames,) [deg] of the raise that is assessed, by name."""
+    *earlier, raised = person.trials
+    body = estimate_body(bundled_model(), markers, earlier)
+    stream = StreamSolver(body.model, body.tasks, {})
+    frames = [frame for k, seen in enumerate(raised) for frame in stream.push(k / RATE, seen)] + stream.finish()
+    found = np.degrees([(frame.coordinates, frame.standard_deviations[0]) for frame in frames])
+    return {
+        f"live, {name}": (
+            *found[:, :, body.model.coordinate_index(name)].T,
+            np.degrees(person.coordinates[-1][:, person.shoulder.index(name)]),
+        )
+        for name in ("plane_elv", "shoulder_elv", "axial_rot")
+    }
 
 
 def assess_person(
@@ -254,8 +275,8 @@ def assess_person(
     truth = np.tile(generic.default_coordinates, (len(coordinates), 1))
     truth[:, [generic.coordinate_index(name) for name in person.shoulder.coordinate_names]] = person.coordinates[-1]
     suits, cases = [], []
-    for model, motion in ((true_body, truth), (body, coordinates)):
-        worn = suit_from_markers(read_suit(), model, motion, person.cord).suit
+    for model, motion, cord in ((true_body, truth, person.cord), (body, coordinates, person.cord_markers)):
+        worn = suit_from_markers(read_suit(), model, motion, cord).suit
         if not suits:
             suits.append(fitted_to(worn, model, motion[0], (read_suit(), generic, assemble(generic))))
         known = suits[0]
@@ -291,6 +312,7 @@ def order_statistics(samples: Array) -> tuple[Array, Array]:
 
 
 PERSON_DRAWS, EVERY, MASS = 59, 5, 75.0  # kg
+NORMAL_95 = 1.96
 OF_PERSON = replace(UncertaintySources().of_fit, body=BodySpread(0.0, 0.0, 0.01, 0.0))
 """Points of the cord; the rest is drawn with the motion."""
 

@@ -130,8 +130,8 @@ def open_stream(
     markers: names in the order of the positions that are pushed, or name → weight. rest_lengths: name of a scenario →
     rest length of the cord [m]; "slack" is always solved. cuffs: an arm cuff and a waist cuff that all scenarios wear,
     with migration and compliance; rigid ones where there is none. soft_tissue_m: standard deviation along each axis [m]
-    of the skin under the markers, 0 for markers on bone, None for the published size. Raises NotIdentified, ModelError,
-    SuitError.
+    of a marker's place on its body, 0 for markers on bone, None for the published size. Raises NotIdentified,
+    ModelError, SuitError.
     """
     if isinstance(markers, str) or not isinstance(markers, Iterable):
         found = type(markers).__name__

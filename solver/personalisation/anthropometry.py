@@ -48,9 +48,7 @@ UPWARD_DEVIATION = np.radians(10.1)
 and 125 degrees of elevation differs between adults by as much (Dayanidhi et al. 2005, Clin. Biomech. 20:600).
 """
 TILT_DEVIATION = np.radians(13.0)
-"""The same, of the other coordinates of the scapula, without a slope: standard deviations between persons of posterior
-tilt and external rotation in a full raise, by bone pins (McClure et al. 2001, J. Shoulder Elbow Surg. 10:269).
-"""
+"""The same, of the other coordinates of the scapula, without a slope; assumed."""
 CLAVICLE_SLOPES: Final = (-0.26, 0.15)
 """Protraction and elevation of the clavicle per glenohumeral elevation: it retracts by 15 to 29 and rises by 11 to 15
 degrees in a full raise (Ludewig et al. 2004, J. Orthop. Sports Phys. Ther. 34:140), of about 85 degrees in this joint.

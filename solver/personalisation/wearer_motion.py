@@ -1,6 +1,7 @@
 """Smoother of a wearer's motion: the posterior of motion and body from the markers and a prior of anatomy.
 
-    x_t = p(q_t, θ) + skin_t            of a marker along each axis: Gaussian process, slide² K + SKIN_NOISE² 1
+    x_t = p(q_t, θ) + R_t skin_t        of a marker along each axis of its body, R_t the orientation of that body in q⁰:
+                                        Gaussian process, slide² K + SKIN_NOISE² 1
     c_kᵀ q_t = target_k(θ) + girdle_t   of coordinate k of the girdle: deviation_k² K + POSTURE_NOISE² 1
     q_t within the joint ranges         normal, with mean and variance of a uniform distribution on the range, once
     q_t = q⁰_t + Φ_t w,  g(q_t, θ) = 0  q⁰ the postures of inverse kinematics
@@ -231,6 +232,7 @@ class _Knots:
 
     coordinates (knots, coordinates) q⁰;  observed (knots, markers, 3);  modes (knots, modes) Φ
     growing      (knots, knots) K
+    turned       (knots, markers, 3, 3) from ground to the axes of the marker's body, in q⁰
     places       (knots, features) of _orientations;  basis (knots, modes) of Φ in the kernel with them
     wanted (frames, coordinates) q⁰ of the wanted motion;  wanted_modes (frames, modes);  lowest, highest (coordinates,)
     """
@@ -239,6 +241,7 @@ class _Knots:
     observed: Array
     modes: Array
     growing: Array
+    turned: Array
     places: Array
     basis: Array
     wanted: Array
@@ -284,6 +287,7 @@ def _knots(body: _Body, trials: Sequence[tuple[Array, InverseKinematics]], wante
         np.concatenate([observed[frames] for observed, _, frames in chosen]),
         narrow @ basis,
         growing,
+        _to_bodies(body, coordinates),
         places,
         basis,
         wanted,
@@ -309,6 +313,12 @@ def _evenly_spread(solution: InverseKinematics) -> NDArray[np.int64]:
     solved = np.flatnonzero(solution.gap < LARGEST_GAP)
     spread: NDArray[np.int64] = solved[np.linspace(0, len(solved) - 1, min(len(solved), KNOTS)).astype(int)]
     return spread
+
+
+def _to_bodies(body: _Body, coordinates: Array) -> Array:
+    """(frames, markers, 3, 3) rotations from ground to the axes of the bodies of the markers."""
+    state = postures(body.skeleton, coordinates, np.zeros_like(coordinates))
+    return np.swapaxes(state.rotation_to_ground[:, [marker.body for marker in body.markers]], 2, 3)
 
 
 def _orientations(body: _Body, coordinates: Array) -> Array:
@@ -379,7 +389,7 @@ def _marker_rows(body: _Body, knots: _Knots, found: LinearisedPostures, points: 
         along = found.jacobian[seen, marker][..., None] * knots.modes[seen][:, None, None]
         residual = found.points[seen, marker] - knots.observed[seen, marker]
         rows = [points[seen, marker], along.reshape(*residual.shape, -1), residual[..., None]]
-        stacked = np.concatenate(rows, axis=2)
+        stacked = knots.turned[seen, marker] @ np.concatenate(rows, axis=2)
         whitener = _whitener(knots.growing[np.ix_(seen, seen)], slide, SKIN_NOISE)
         yield (whitener @ stacked.reshape(len(stacked), -1)).reshape(-1, stacked.shape[2])
 

@@ -56,8 +56,9 @@ class StreamSolver:
     scenarios  name → what is worn; None is the body without the suit
     suit       cord and masses of all scenarios
     lag_s      how far behind the markers results are [s], 0 to 0.5
-    soft_tissue_m  standard deviation along each axis [m] of the skin under the markers, one for all or (markers,);
-               0 for markers on bone; None: 10 to 16 mm (solver/personalisation/anthropometry.py)
+    soft_tissue_m  standard deviation along each axis [m] of a marker's place on its body, one for all or (markers,); 0
+               for markers on bone; None: 8 to 26 mm, of where it is put and of the skin that slides over the bone
+               (solver/personalisation/anthropometry.py)
     """
 
     def __init__(
@@ -194,7 +195,8 @@ class _Pending:
 def _soft_tissue(model: Model, tasks: TrackingTasks, soft_tissue_m: ArrayLike | None) -> Array:
     """(markers,) [m]; raises ModelError for a negative or infinite one."""
     if soft_tissue_m is None:
-        return marker_errors(model, tasks.markers).scatter
+        errors = marker_errors(model, tasks.markers)
+        return np.hypot(errors.offset, errors.scatter)
     stated = np.asarray(soft_tissue_m, dtype=np.float64)
     if stated.shape not in ((), (len(tasks.markers),)) or not (np.isfinite(stated) & (stated >= 0)).all():
         raise ModelError(

@@ -48,6 +48,8 @@ SLIDE_SD = {"thorax": 0.012, "humerus": 0.015, "EpL": 0.010, "EpM": 0.010}
 PLACEMENT_SD = {"thorax": 0.009, "scapula": 0.009, "humerus": 0.009, "EpL": 0.004, "EpM": 0.004}
 """m along each axis: palpation, and another shape of the bone (4 mm: Langenderfer et al. 2009, Comput. Methods
 Biomech. Biomed. Eng. 12:211)."""
+CORD_SD = 0.010
+"""m along each axis, of where a marker of the cord is put, from the point at which the cord pulls."""
 RATE, CYCLE = 12.5, 3.2  # Hz, s
 WANDER, NOISE = 0.001, 0.0003  # m
 
@@ -55,7 +57,8 @@ WANDER, NOISE = 0.001, 0.0003  # m
 @dataclass(frozen=True, eq=False)
 class MeasuredPerson:
     """factors (3,) of a segment by name; coordinates of each trial (frames, 15) in the order of shoulder; what is seen
-    of it (frames, markers, 3) [m], and of the cord's points in the last trial (frames, 3, 3).
+    of it (frames, markers, 3) [m]. In the last trial (frames, 3, 3): cord, the points at which the cord pulls, and the
+    markers that are seen of them.
     """
 
     shoulder: Shoulder
@@ -63,6 +66,7 @@ class MeasuredPerson:
     coordinates: tuple[Array, ...]
     trials: tuple[Array, ...]
     cord: Array
+    cord_markers: Array
 
 
 def measure_person(seed: int, hanging_deg: float = 16.0) -> MeasuredPerson:
@@ -74,12 +78,11 @@ def measure_person(seed: int, hanging_deg: float = 16.0) -> MeasuredPerson:
     placed = np.array(sd)[:, None] * chance.standard_normal((len(MARKERS), 3))
     seated = [(segment, place + off) for (segment, place), off in zip(points, placed, strict=True)]
     slide = np.array([_slide(name, segment, chance) for name, (segment, _) in zip(MARKERS, points, strict=True)])
+    seen = tuple(_seen(shoulder, motion, seated, slide, chance) for motion in motions)
+    cord = list(shoulder.cord.values())
+    beside = [(segment, place + CORD_SD * chance.standard_normal(3)) for segment, place in cord]
     return MeasuredPerson(
-        shoulder,
-        factors,
-        motions,
-        tuple(_seen(shoulder, motion, seated, slide, chance) for motion in motions),
-        shoulder.places(motions[-1], list(shoulder.cord.values())),
+        shoulder, factors, motions, seen, *(shoulder.places(motions[-1], places) for places in (cord, beside))
     )
 
 

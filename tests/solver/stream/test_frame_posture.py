@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver.bundled import bundled_model
 from solver.inverse_kinematics.posture_uncertainty import posture_uncertainty
 from solver.inverse_kinematics.solve import PostureOutcome, solve_inverse_kinematics
+from solver.personalisation.estimate import estimate_body
 from solver.stream.frame_posture import PostureTracker
+from tests.solver.personalisation.measured_person import MARKERS, RATE, measure_person
 from tests.solver.stream.streams import INTERVAL, MODEL, NAMES, NOISE, TASKS, seen
 
 FRAMES = 20
@@ -38,3 +41,15 @@ def test_frames_without_markers_do_not_prevent_the_search_for_the_first_posture(
     found = tracker.solve(0.01, seen()[0], noise, is_start=True)
     assert found.outcome is PostureOutcome.SOLVED
     assert np.linalg.norm(seen()[0] - found.points, axis=1).max() < 6 * NOISE
+
+
+def test_a_hanging_arm_is_solved_within_the_ranges_of_the_joints() -> None:
+    """Its markers fit as well with an elevation of -16 degrees in the opposite plane."""
+    seen = measure_person(21)
+    body = estimate_body(bundled_model(), [bundled_model().marker(name) for name in MARKERS], seen.trials[:2])
+    tracker = PostureTracker(body.model, body.tasks, body.priors.errors.scatter)
+    elevation = body.model.coordinate_index("shoulder_elv")
+    for k, positions in enumerate(seen.trials[2]):
+        found = tracker.solve(k / RATE, positions, np.full(len(MARKERS), NOISE), is_start=k == 0)
+        truth = seen.coordinates[2][k, seen.shoulder.index("shoulder_elv")]
+        assert abs(found.coordinates[elevation] - truth) < np.radians(30.0)
