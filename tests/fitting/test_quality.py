@@ -19,7 +19,7 @@ from fitting.trial.trial_reader import TrialReading
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounce
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 TIME = np.arange(3000) / 100
 FORCE = 25 + 12 * np.sin(2 * np.pi * TIME)

@@ -18,7 +18,7 @@ from fitting.trial.trial import RejectedTrial, Trial, build_bounce, build_trial,
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounced
 from tests.fitting.experiment import PUBLISHED, Session, published
-from tests.fitting.refusals import figures_by_code
+from tests.refusals import figures_by_code
 
 
 @cache

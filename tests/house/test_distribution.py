@@ -18,7 +18,7 @@ import pytest
 
 from station.files.init import InitError, write_examples
 from station.messages.setup_messages import ConfigCode
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
@@ -121,6 +121,6 @@ def test_the_configuration_and_the_examples_are_written_and_no_file_is_replaced(
     written = {path.relative_to(tmp_path / "examples") for path in (tmp_path / "examples").rglob("*.*")}
     assert {Path("fit_a_cuff.py"), Path("leg/stride.mot")} <= written
     (tmp_path / "station.toml").write_text("mine", encoding="utf-8")
-    with raises_refusal(InitError, ConfigCode.EXISTS):
+    with raises_refusal(ConfigCode.EXISTS, kind=InitError):
         write_examples(tmp_path)
     assert (tmp_path / "station.toml").read_text(encoding="utf-8") == "mine"

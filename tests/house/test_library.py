@@ -23,7 +23,7 @@ from fitting.trial.trial import within
 from solver.errors import SolverCode
 from station.fit import SessionError
 from station.messages.setup_messages import FolderCode
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
@@ -105,7 +105,7 @@ def test_a_donning_is_that_of_its_session_and_two_cuffs_are_none(session: Path, 
     alone = cs.fit_donning([path for path in sorted(session.glob("*.mcap")) if "waist" not in path.name])
     assert alone.stiffness == whole.stiffness
     for recordings, reason in (([], "none was given"), ([session / file for file in fitted.bounces], "only bounce")):
-        with raises_refusal(SessionError, FolderCode.NO_TRIAL_USABLE) as refused:
+        with raises_refusal(FolderCode.NO_TRIAL_USABLE, kind=SessionError) as refused:
             cs.fit_donning(recordings)
         assert reason in str(refused.value)
 

@@ -22,7 +22,7 @@ from station.messages.codes import JournalCode
 from station.messages.setup_messages import ConfigCode
 from station.viewer import viewer as rerun_viewer
 from tests.house.sources import SOURCES, name_of, nodes_of
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 RUNS_CODE = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "yaml", "joblib"}
 WORKER = "station/session/worker.py"
@@ -138,7 +138,7 @@ def test_rerun_s_viewer_listens_on_this_machine_and_sends_no_reports(monkeypatch
 @pytest.mark.parametrize("name", ["../hand", "a/b", "a\\b", "..", "", "C:x", "hand\n", "{0}"])
 def test_a_cuff_s_name_cannot_lead_out_of_the_session_s_folder(name: str) -> None:
     cuff = {"site": "arm", "anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-    with raises_refusal(ConfigError, ConfigCode.WRONG_VALUE) as caught:
+    with raises_refusal(ConfigCode.WRONG_VALUE, kind=ConfigError) as caught:
         parse_config({"cuffs": {name: cuff}}, "t")
     assert repr(name) in str(caught.value)
 
@@ -147,6 +147,6 @@ def test_a_cuff_s_name_cannot_lead_out_of_the_session_s_folder(name: str) -> Non
 def test_a_journal_names_no_file_outside_its_folder(tmp_path: Path, name: str) -> None:
     line = f'{{"at": "2026-01-01", "kind": "verdict", "file": "{name}", "choice": "accept", "reason": ""}}\n'
     (tmp_path / JOURNAL_FILE).write_text(line)
-    with raises_refusal(JournalError, JournalCode.WRONG_LINE) as caught:
+    with raises_refusal(JournalCode.WRONG_LINE, kind=JournalError) as caught:
         read_journal(tmp_path)
     assert "line 1" in str(caught.value)

@@ -11,8 +11,8 @@ import pytest
 from recordings.contents import contents_of
 from recordings.errors import RecordingCode
 from recordings.samples import Item, Loss, Samples
-from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import MANIFEST, START_NS, chunk_ends, frames, record, scalars, skipped, trial
+from tests.refusals import raises_refusal
 
 
 def test_a_whole_recording_is_summed_up(tmp_path: Path) -> None:

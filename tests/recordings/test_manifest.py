@@ -8,8 +8,8 @@ import pytest
 
 from recordings.errors import RecordingCode
 from recordings.manifest import manifest_from_json, manifest_to_json
-from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import MANIFEST
+from tests.refusals import raises_refusal
 
 
 def test_a_manifest_comes_back_equal() -> None:

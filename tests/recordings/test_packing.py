@@ -21,8 +21,8 @@ from recordings.errors import RecordingCode, RecordingError
 from recordings.packing import pack, unpack
 from recordings.samples import Event, Loss, Samples, Stream
 from recordings.topics import wire_classes
-from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import ACCEPTED, FORCE, MANIFEST, START_NS, frames, record, scalars, skipped, trial
+from tests.refusals import raises_refusal
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
 UINT64 = st.integers(0, 2**64 - 1)

@@ -17,7 +17,6 @@ from recordings.errors import RecordingCode, RecordingError
 from recordings.reader import TrackCollector, open_recording
 from recordings.samples import Samples
 from recordings.writer import RecordingWriter
-from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -31,6 +30,7 @@ from tests.recordings.trials import (
     scalars,
     trial,
 )
+from tests.refusals import raises_refusal
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from recordings.errors import RecordingCode
 from recordings.reader import open_recording
 from recordings.recovery import recover, recovered_path
 from tests.recordings.cutting import Victim, record_boundaries, whole_file
-from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import chunk_ends, items_of, record, trial
+from tests.refusals import raises_refusal
 
 
 @pytest.fixture(scope="module")

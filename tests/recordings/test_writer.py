@@ -23,7 +23,6 @@ from recordings.recovery import recover
 from recordings.samples import Event, Samples, Stream
 from recordings.writer import BackgroundSync, RecordingWriter, create_exclusively, sync_folder
 from tests.recordings.failing_disks import disk_with_room, write_trial, write_trial_on_disk_that_goes
-from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -38,6 +37,7 @@ from tests.recordings.trials import (
     skipped,
     trial,
 )
+from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
 

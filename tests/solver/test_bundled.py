@@ -14,8 +14,8 @@ from solver.multibody.postures import postures
 from solver.osim.model_reader import read_osim
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion_solution import solve_motion
+from tests.refusals import raises_refusal
 from tests.solver.references import NO_WEIGHT
-from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 

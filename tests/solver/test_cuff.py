@@ -16,7 +16,7 @@ from solver.cuff import CuffLaw, CuffParameters, KelvinVoigt, Number
 from solver.errors import SolverCode
 from solver.suit.cord import CordLine, SuitForces, line_between, suit_forces
 from solver.suit.suit import Suit, read_suit
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 HAND = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
 PAGE = Path(__file__).parents[2] / "docs/how-to/law.md"

@@ -13,7 +13,7 @@ from solver.errors import SolverCode
 from solver.model import GROUND, Body, Marker, with_point_mass
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 

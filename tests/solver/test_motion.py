@@ -15,7 +15,7 @@ from solver.model import Coordinate, Model
 from solver.motion import Motion, decimate, differentiate, limits_outside, read_motion
 from solver.motion_splines import LEAST_FRAMES, differentiate_by_splines, held_by_constraints
 from solver.time_series_table import write_table
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MOT = """Coordinates
 version=1

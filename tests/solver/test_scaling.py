@@ -24,9 +24,9 @@ from solver.osim.tool_setups import read_scale_setup
 from solver.paths import evaluate_paths
 from solver.scaling import Scaling, scale_model
 from solver.scaling_findings import check_scaling, place_markers
+from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import seen_from
 from tests.solver.references import SHARED
-from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 BODIES = [body.name for body in MODEL.bodies[1:]]

@@ -11,7 +11,7 @@ import pytest
 from solver.errors import SolverCode
 from solver.suit.suit import read_suit
 from solver.time_series_table import TableHeader, read_table
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 ROWS = "time\ta\n0\t1\n0.01\t2\n0.02\t3\n"
 

@@ -12,7 +12,7 @@ from recordings.manifest import BodyMarkers, BounceRig, EmgAmplifier, TestKind, 
 from station.config import ConfigError, load_config, parse_config, preset_labels
 from station.messages.setup_messages import ConfigCode
 from station.protocol import TrialSpec, published_plan
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 HAND = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
 
@@ -35,7 +35,7 @@ def test_the_subject_of_a_trial_is_a_cuff_or_the_bouncing_weight() -> None:
     assert config.subject(bounce) == BounceRig(2.5, "weight")
     assert config.subject(bounce).labels == ("weight",)
     assert config.subject(hand).labels == ("a", "b", "c", "d")
-    with raises_refusal(ConfigError, ConfigCode.NO_BOUNCE):
+    with raises_refusal(ConfigCode.NO_BOUNCE, kind=ConfigError):
         parse_config({}, "test").subject(bounce)
 
 
@@ -52,7 +52,7 @@ def test_the_subject_of_a_wearer_s_trial_is_the_body_and_the_worn_suit() -> None
     assert isinstance(tight, BodyMarkers) and isinstance(free, BodyMarkers)
     assert (tight.is_cord_measured, free.is_cord_measured) == (True, False)
     assert (config.measurement_protocol().pose_s, config.measurement_protocol().cycles) == (5.0, 7)
-    with raises_refusal(ConfigError, ConfigCode.NO_BODY):
+    with raises_refusal(ConfigCode.NO_BODY, kind=ConfigError):
         parse_config({}, "test").subject(TrialSpec(None, "pose", 1))
 
 
@@ -101,7 +101,7 @@ def test_emg_is_recorded_with_the_gains_of_its_amplifier() -> None:
     ],
 )
 def test_a_wrong_value_is_refused_with_the_reason(data: dict[str, object], words: str) -> None:
-    with raises_refusal(ConfigError, ConfigCode.WRONG_VALUE) as caught:
+    with raises_refusal(ConfigCode.WRONG_VALUE, kind=ConfigError) as caught:
         parse_config(data, "station.toml")
     assert words in str(caught.value)
     assert str(caught.value).startswith("station.toml: ")
@@ -117,7 +117,7 @@ def test_a_wrong_value_is_refused_with_the_reason(data: dict[str, object], words
     ],
 )
 def test_an_unknown_key_is_refused_with_the_nearest_one(data: dict[str, object], key: str, advice: str) -> None:
-    with raises_refusal(ConfigError, ConfigCode.UNKNOWN_KEY) as caught:
+    with raises_refusal(ConfigCode.UNKNOWN_KEY, kind=ConfigError) as caught:
         parse_config(data, "station.toml")
     figures = caught.value.cause.figures
     assert key in figures["reason"] and advice in figures["advice"]
@@ -129,19 +129,19 @@ def test_one_channel_may_use_the_whole_device() -> None:
 
 
 def test_an_unknown_cuff_is_refused() -> None:
-    with raises_refusal(ConfigError, ConfigCode.UNKNOWN_CUFF):
+    with raises_refusal(ConfigCode.UNKNOWN_CUFF, kind=ConfigError):
         parse_config({"cuffs": {"hand": HAND}}, "t").cuff_site("knee")
 
 
 def test_a_missing_or_broken_file_is_refused(tmp_path: Path) -> None:
-    with raises_refusal(ConfigError, ConfigCode.MISSING):
+    with raises_refusal(ConfigCode.MISSING, kind=ConfigError):
         load_config(tmp_path / "none.toml")
     broken = tmp_path / "broken.toml"
     broken.write_text("[daq\n")
-    with raises_refusal(ConfigError, ConfigCode.WRONG_SYNTAX):
+    with raises_refusal(ConfigCode.WRONG_SYNTAX, kind=ConfigError):
         load_config(broken)
     broken.write_bytes(b"\xff\xfe\x00")
-    with raises_refusal(ConfigError, ConfigCode.WRONG_SYNTAX):
+    with raises_refusal(ConfigCode.WRONG_SYNTAX, kind=ConfigError):
         load_config(broken)
 
 
@@ -213,7 +213,7 @@ def test_a_preset_gives_the_labels_of_the_anchor_and_of_the_recording() -> None:
     ],
 )
 def test_an_unknown_preset_is_refused(cuff: dict[str, object], code: ConfigCode, reason: str) -> None:
-    with raises_refusal(ConfigError, code) as caught:
+    with raises_refusal(code, kind=ConfigError) as caught:
         parse_config({"cuffs": {"hand": {**cuff, "cuff_markers": ["strap"]}}}, "test")
     assert reason in str(caught.value)
 

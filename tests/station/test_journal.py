@@ -35,7 +35,7 @@ from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
 from station.whole_file import drafted, write_whole
 from tests.links import symlink
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
@@ -179,7 +179,7 @@ def test_a_pasted_note_leaves_the_journal_readable(tmp_path: Path, pasted: str) 
 def test_a_line_that_no_reader_accepts_is_not_written(tmp_path: Path) -> None:
     append_line(tmp_path / "checks.jsonl", "mass", mass_kg=2.0)
     before = (tmp_path / "checks.jsonl").read_bytes()
-    with raises_refusal(StationError, JournalCode.NOT_WRITTEN):
+    with raises_refusal(JournalCode.NOT_WRITTEN, kind=StationError):
         append_line(tmp_path / "checks.jsonl", "mass", mass_kg=[{"unit": "k\0g"}])
     assert (tmp_path / "checks.jsonl").read_bytes() == before
 
@@ -205,7 +205,7 @@ def test_a_line_of_another_file_has_its_time_and_kind_in_a_folder_that_is_made(t
 
 
 def test_a_redo_needs_a_reason(tmp_path: Path) -> None:
-    with raises_refusal(JournalError, JournalCode.NO_REASON) as caught:
+    with raises_refusal(JournalCode.NO_REASON, kind=JournalError) as caught:
         write_verdict(tmp_path, "a.mcap", "redo", "  ")
     assert figures_of(caught.value) == {"file": "a.mcap"}
     assert not (tmp_path / JOURNAL_FILE).exists()
@@ -241,7 +241,7 @@ def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
     write_setup(tmp_path, SETUP)
     path = tmp_path / JOURNAL_FILE
     path.write_bytes(path.read_bytes() + f"{line}\n".encode())
-    with raises_refusal(JournalError, JournalCode.WRONG_LINE) as caught:
+    with raises_refusal(JournalCode.WRONG_LINE, kind=JournalError) as caught:
         read_journal(tmp_path)
     assert figures_of(caught.value) == {"path": str(path), "line": 2, "found": repr(line[:60])}
 
@@ -258,7 +258,7 @@ def test_a_journal_above_16_mib_or_of_other_bytes_is_not_read(
     if is_read:
         assert read_journal(tmp_path).donnings == {"hand": 1}
         return
-    with raises_refusal(JournalError, JournalCode.UNREADABLE) as caught:
+    with raises_refusal(JournalCode.UNREADABLE, kind=JournalError) as caught:
         read_journal(tmp_path)
     reason = figures_of(caught.value)["reason"]
     assert figures_of(caught.value)["path"] == str(path)
@@ -267,7 +267,7 @@ def test_a_journal_above_16_mib_or_of_other_bytes_is_not_read(
 
 def test_a_failed_write_is_an_error(tmp_path: Path) -> None:
     (tmp_path / JOURNAL_FILE).mkdir()
-    with raises_refusal(JournalError, JournalCode.NOT_WRITTEN):
+    with raises_refusal(JournalCode.NOT_WRITTEN, kind=JournalError):
         write_setup(tmp_path, SETUP)
 
 
@@ -305,7 +305,7 @@ def test_a_journal_that_is_a_link_is_not_written_to(tmp_path: Path, link: Callab
     other = tmp_path / "letter.txt"
     other.write_text("first line\nlast line")
     link(tmp_path / JOURNAL_FILE, other)
-    with raises_refusal(JournalError, JournalCode.NOT_WRITTEN):
+    with raises_refusal(JournalCode.NOT_WRITTEN, kind=JournalError):
         write_verdict(tmp_path, "a.mcap", "accept", "")
     assert other.read_text() == "first line\nlast line"
 

@@ -26,8 +26,8 @@ from station.messages.codes import RefusalCode
 from station.messages.setup_messages import ConfigCode
 from station.protocol import windows_name_fault
 from station.whole_file import write_whole
+from tests.refusals import raises_refusal
 from tests.station.bench.test_trial_recorder import SPEC, Rig
-from tests.station.refusals import raises_refusal
 from tests.windows_files import behave_as_windows
 
 ROOT = Path(__file__).parents[2]
@@ -125,14 +125,14 @@ def test_a_name_that_windows_does_not_allow_has_a_fault(name: str) -> None:
 def test_a_configuration_with_names_that_windows_does_not_allow_is_refused_on_every_system(
     data: dict[str, object],
 ) -> None:
-    with raises_refusal(ConfigError, ConfigCode.WRONG_VALUE) as caught:
+    with raises_refusal(ConfigCode.WRONG_VALUE, kind=ConfigError) as caught:
         parse_config(data, "test")
     assert "session.file_name" in caught.value.cause.figures["reason"]
 
 
 def test_two_cuffs_that_differ_in_case_only_are_refused() -> None:
     cuff = {"site": "arm", "anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-    with raises_refusal(ConfigError, ConfigCode.WRONG_VALUE):
+    with raises_refusal(ConfigCode.WRONG_VALUE, kind=ConfigError):
         parse_config({"cuffs": {"Hand": cuff, "hand": cuff}}, "test")
 
 
@@ -140,7 +140,7 @@ def test_a_path_that_is_too_long_for_windows_is_refused_before_anything_is_recor
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(station.bench.trial_recorder.sys, "platform", "win32")
-    with raises_refusal(TrialRefused, RefusalCode.PATH_TOO_LONG):
+    with raises_refusal(RefusalCode.PATH_TOO_LONG, kind=TrialRefused):
         Rig().recorder().record(tmp_path / ("x" * 120) / ("y" * 120), SPEC)
 
 

@@ -8,8 +8,8 @@ from drivers.simulators.cuff_physics import STEP_S
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.load_script import BouncingMass, Trajectory, script_for
 from drivers.simulators.settings import BounceTest, Settings
-from tests.drivers.simulators.refusals import raises_refusal
 from tests.drivers.simulators.test_world import go_to, play, world
+from tests.refusals import raises_refusal
 
 BENCH = Settings()
 HOOK_KG = BENCH.rig.hook_n / g

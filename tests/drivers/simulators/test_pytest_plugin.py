@@ -16,7 +16,7 @@ from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.simulated_bench import Bench
 from recordings.samples import Loss
 from tests.drivers.contract import blocks, read_until
-from tests.drivers.simulators.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 pytest_plugins = ["pytester"]
 

@@ -12,7 +12,7 @@ from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.faults import Fault, Faults, fault_from_dict, read_fault_plan
 from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.world import World
-from tests.drivers.simulators.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 def test_by_default_the_cuffs_are_the_published_ones() -> None:

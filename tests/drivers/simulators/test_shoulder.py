@@ -10,7 +10,7 @@ from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.shoulder import SEGMENTS, Screw, published_shoulder
 from drivers.simulators.wearer import RaisedPosture
 from tests.conftest import SHARED
-from tests.drivers.simulators.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 @pytest.mark.shared

@@ -8,8 +8,8 @@ import pytest
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.wearer import EmgNoise
 from drivers.simulators.world import World
-from tests.drivers.simulators.refusals import raises_refusal
 from tests.drivers.simulators.test_world import play, world
+from tests.refusals import raises_refusal
 
 STILL = {"soft_tissue_mm": 0.0, "sway_mm": 0.0, "sway_deg": 0.0}
 WIRED = {"wiring": {"emg": {"deltoid": {"input": "ai2", "gain": 500.0}}}}

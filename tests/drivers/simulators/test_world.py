@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import Capture, World
-from tests.drivers.simulators.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 SHORT = {"repeats": 1, "static": {"hold_s": 3.0, "lead_in_s": 1.0}, "dynamic": {"swing_s": 6.0}}
 

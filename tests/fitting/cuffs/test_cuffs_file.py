@@ -16,7 +16,7 @@ from fitting.results.codes import FitErrorCode, RejectionCode, Verdict
 from fitting.results.rendering import Note, sentence_of
 from fitting.trial.trial import RejectedTrial
 from fitting.uncertainty import Estimate
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 K, C, M = (
     Estimate(8520.0, 10.0, (8500.0, 8540.0), {"noise": 8.0, "between_repeats": 6.0}, 8.0),

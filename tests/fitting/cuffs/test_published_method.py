@@ -18,7 +18,7 @@ from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from fitting.uncertainty import normal_estimate
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 @cache

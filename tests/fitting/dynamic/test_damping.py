@@ -22,7 +22,7 @@ from fitting.uncertainty import normal_estimate
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import Session, published
 from tests.fitting.pulls import MASS, pull_of, swing
-from tests.fitting.refusals import figures_by_code, raises_refusal
+from tests.refusals import figures_by_code, raises_refusal
 
 K, C = 2140.0, 124.0
 

@@ -16,7 +16,7 @@ from fitting.results.codes import FitErrorCode
 from recordings.exchange.exp import read_exp
 from tests.conftest import SHARED
 from tests.fitting.emg.simulated import RATE, activation, raw_emg
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 TIME = np.arange(6000) / RATE
 SOUND = raw_emg(activation(TIME), np.random.default_rng(1))[:, 0]

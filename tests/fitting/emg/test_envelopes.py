@@ -21,7 +21,7 @@ from fitting.emg.envelopes import (
 )
 from fitting.results.codes import FitErrorCode
 from tests.fitting.emg.simulated import RATE, activation, raw_emg
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 TIME = np.arange(6000) / RATE
 LEVEL = np.where(TIME < 3, 0.2, 0.4)

@@ -19,7 +19,7 @@ from fitting.trial.clocks import LagUncertainty
 from fitting.trial.trial import Trial, build_trial
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import figures_by_code, raises_refusal
+from tests.refusals import figures_by_code, raises_refusal
 
 ANCHOR = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22]])
 CUFF = np.array([[0.03, 0.07, 0.12], [0.05, 0.06, 0.10]])

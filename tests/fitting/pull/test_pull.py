@@ -16,7 +16,7 @@ from fitting.results.codes import GainMistake, RejectionCode, TrialNoteCode
 from fitting.trial.trial import Trial, build_trial
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
-from tests.fitting.refusals import figures_by_code
+from tests.refusals import figures_by_code
 
 
 @cache

@@ -18,7 +18,7 @@ from fitting.session import fit_session
 from fitting.spatial.tensor import NoTensor, Tensor, entries_of, require_span, symmetric
 from fitting.spatial.tensors import held_tensor, swung_tensor
 from tests.fitting.pulled_in_space import Space, directions, elbow, pulled
-from tests.fitting.refusals import figures_by_code, raises_refusal
+from tests.refusals import figures_by_code, raises_refusal
 
 RUNS = 12
 

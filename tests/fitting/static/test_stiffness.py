@@ -18,7 +18,7 @@ from fitting.results.outcome import FitOutcome
 from fitting.static import stiffness
 from fitting.static.stiffness import StiffnessFit, _fit_trial, fit_stiffness, trial_stiffness
 from fitting.uncertainty import NORMAL_95, Estimate
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 K = 8000.0
 NOISE = 2e-5

@@ -13,7 +13,7 @@ from fitting.trial.timeline import Timeline, build_timeline
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell, Manifest, Timing
 from recordings.reader import Track
 from recordings.samples import Stream
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 START_NS = 1_795_000_000_000_000_000
 EDGE_S, FALL_S, END_S = 2.0, 12.0, 12.5  # by the station's clock, from START_NS

@@ -16,7 +16,7 @@ from fitting.trial.trial import build_bounce
 from fitting.uncertainty import normal_estimate
 from recordings.manifest import LoadCell, Timing
 from tests.fitting.bouncing import Bounce, recorded
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 CODE = 20 / 4096
 

@@ -18,7 +18,7 @@ from fitting.trial.clock_fit import early_edge, fit_clock, stop_window
 from fitting.trial.clocks import DRIFT_PRIOR_SD, LARGEST_DRIFT, LagUncertainty, SyncEdges, capture_frames
 from fitting.trial.sync_line import find_edges, find_fall
 from recordings.manifest import Timing
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 time = np.arange(4000) / 1000
 END_OF_FRAME = stop_window(Timing(stop_edge="end_of_frame"), 0.01)

@@ -12,7 +12,7 @@ from fitting.trial.mass_checks import MassCheck, evaluate_reading, with_mass_che
 from fitting.trial.trial import build_trial
 from fitting.trial.trial_reader import SessionProtocol, read_protocol
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 def _written(folder: Path, text: str) -> Path:

@@ -15,7 +15,7 @@ from fitting.trial.trial import Trial, build_trial
 from recordings.manifest import CuffSite, LoadCell, Manifest, StopEdge, Timing
 from recordings.reader import Track
 from tests.fitting.experiment import Session, published, track
-from tests.fitting.refusals import figures_by_code
+from tests.refusals import figures_by_code
 
 LABELS = ("a1", "a2", "a3", "cuff")
 SECONDS_PER_VOLT = 20.0

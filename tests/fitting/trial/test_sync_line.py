@@ -13,7 +13,7 @@ from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
 from fitting.trial.clocks import SyncEdges
 from fitting.trial.sync_line import find_edges, find_fall
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 Line = tuple[NDArray[np.float64], NDArray[np.float64], float]
 CAPTURE = (2500, 6000)

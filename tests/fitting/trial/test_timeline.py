@@ -18,7 +18,7 @@ from recordings.manifest import BodyMarkers, CuffSite, LoadCell, Manifest, Timin
 from recordings.reader import Track
 from recordings.samples import Samples, Stream
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import figures_by_code, raises_refusal
+from tests.refusals import figures_by_code, raises_refusal
 
 HOST_NS = 1_790_000_000_000_000_000
 CUFF = CuffSite("hand", "arm", ("a",), ("b",))

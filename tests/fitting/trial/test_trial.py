@@ -31,7 +31,7 @@ from recordings.writer import RecordingWriter
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounce
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import figures_by_code, raises_refusal
+from tests.refusals import figures_by_code, raises_refusal
 
 Tracks = dict[str, Track]
 

@@ -14,8 +14,8 @@ from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.wearer.arm_cycles import CycleDetector, elevation, elevation_of, find_cycles
 from fitting.wearer.wearer_trial import build_wearer_trial
 from recordings.manifest import BodyMarkers, EmgAmplifier
-from tests.fitting.refusals import raises_refusal
 from tests.fitting.trial.test_analog_signals import LABELS, MANIFEST, recorded
+from tests.refusals import raises_refusal
 
 
 def test_markers_are_metres_and_emg_is_beside_them() -> None:

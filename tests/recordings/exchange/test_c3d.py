@@ -28,7 +28,7 @@ from tests.recordings.exchange.raw_c3d import (
 )
 from tests.recordings.exchange.raw_c3d import FRAMES as FRAMES_OF_RAW
 from tests.recordings.exchange.walk import FRAMES, same, walk
-from tests.recordings.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 FORCE = np.sin(np.arange(10 * FRAMES) / 7)
 

@@ -9,7 +9,7 @@ import pytest
 from recordings.errors import RecordingCode
 from recordings.exchange.delimited_emg import read_delimited_emg
 from recordings.exchange.sample_tables import SignalTable
-from tests.recordings.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 DELSYS = (
     "Label: EMG1 Sampling frequency: 1000 Unit: mV Domain: Time\n\n"

@@ -11,7 +11,7 @@ import pytest
 from recordings.errors import RecordingCode
 from recordings.exchange.exp import read_exp
 from tests.conftest import SHARED
-from tests.recordings.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 TEXT = """  \t// User name
 29-11-2018\t// Evaluation date

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from recordings.errors import RecordingCode
 from recordings.exchange.joint_force import read_joint_force
 from tests.conftest import SHARED
-from tests.recordings.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import pytest
 from recordings.errors import RecordingCode
 from recordings.exchange.qtm_tsv import read_qtm_tsv, write_qtm_tsv
 from tests.recordings.exchange.walk import FRAMES, same, walk
-from tests.recordings.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 HEADER = "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t12\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nDESCRIPTION\t--\nDATA_INCLUDED\t3D\n"
 NAMES = "MARKER_NAMES\ta\tb\n"

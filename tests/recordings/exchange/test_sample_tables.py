@@ -7,7 +7,7 @@ import pytest
 
 from recordings.errors import RecordingCode
 from recordings.exchange.sample_tables import MarkerTable, count_samples, require_rising, settle_times, without_origin
-from tests.recordings.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from recordings.errors import RecordingCode
 from recordings.exchange.signal_csv import read_signals, write_columns
-from tests.recordings.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 def table(tmp_path: Path, text: str) -> Path:

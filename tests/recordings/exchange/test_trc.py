@@ -10,7 +10,7 @@ import pytest
 from recordings.errors import RecordingCode
 from recordings.exchange.trc import read_trc, write_trc
 from tests.recordings.exchange.walk import FRAMES, same, walk
-from tests.recordings.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MARKERS = Path(__file__).parents[3].parent / "shared" / "data" / "markers"
 

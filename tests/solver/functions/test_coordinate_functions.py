@@ -20,7 +20,7 @@ from solver.functions.coordinate_functions import (
     smooth_step,
     times_linear,
 )
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 X = np.array([-2.1, -0.9, -0.2, 0.4, 0.7, 1.9])
 Y = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.2])

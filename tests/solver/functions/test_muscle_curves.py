@@ -11,7 +11,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.functions.muscle_curves import Curves, DeGrooteFreglyCurves, MillardCurves, ThelenCurves, outside_of_curves
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 CURVES, THELEN = MillardCurves(minimum=0.0), ThelenCurves()
 MUSCLE = bundled_model().muscles[0]

@@ -15,9 +15,9 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.exchanges import Exchange, find_exchanges
 from solver.inverse_kinematics.marker_fit import TO_Y_UP, longest_whole_motion, rotation_laboratory_to_ground
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome
+from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import tasks_of, with_markers
 from tests.solver.inverse_kinematics.test_solve import noisy
-from tests.solver.refusals import raises_refusal
 
 MODEL = with_markers(bundled_model())
 MARKERS = tasks_of(MODEL).markers

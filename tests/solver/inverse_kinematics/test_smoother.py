@@ -13,6 +13,7 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.smoother import SmootherOutcome, smooth_motion
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.motion import Motion, differentiate
+from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import (
     INTERVAL,
     MODEL,
@@ -25,7 +26,6 @@ from tests.solver.inverse_kinematics.marked import (
     sines,
     white_jerk,
 )
-from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 NOISE = 1e-3

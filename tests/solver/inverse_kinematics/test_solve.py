@@ -21,6 +21,7 @@ from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import CoordinateCoupler, CoordinateLock, Model
+from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import (
     cost_of,
     gaps_of,
@@ -30,7 +31,6 @@ from tests.solver.inverse_kinematics.marked import (
     with_markers,
 )
 from tests.solver.linkage import linkage
-from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 MODELS = pytest.mark.parametrize("make", [bundled_model, linkage], ids=["bundled", "linkage"])

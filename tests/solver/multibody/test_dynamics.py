@@ -16,7 +16,7 @@ from solver.multibody.rotations import rotate, wrench_about_origin
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
 from solver.redundancy.mechanics import response_maps
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 

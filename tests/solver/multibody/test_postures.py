@@ -33,8 +33,8 @@ from solver.multibody.rotations import (
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.redundancy_options import RedundancyOptions
+from tests.refusals import raises_refusal
 from tests.solver.linkage import linkage
-from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 

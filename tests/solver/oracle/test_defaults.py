@@ -13,10 +13,10 @@ import pytest
 from solver.errors import SolverCode
 from solver.functions.muscle_curves import MillardCurves
 from solver.osim.model_reader import read_osim
+from tests.refusals import raises_refusal
 from tests.solver.oracle.test_muscles import span
 from tests.solver.oracle.two_bodies import difference_to, model_with, opensim
 from tests.solver.osim.opensim_3 import opensim_3_document
-from tests.solver.refusals import raises_refusal
 
 ACTIVE = "<ActiveForceLengthCurve name='c'>{}</ActiveForceLengthCurve>"
 MUSCLE = "<Millard2012EquilibriumMuscle name='default'>{}</Millard2012EquilibriumMuscle>"

@@ -17,11 +17,11 @@ from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import postures
 from solver.osim.loads_document import read_external_loads
 from solver.paths import evaluate_paths
+from tests.refusals import raises_refusal
 from tests.solver.oracle.test_joints import FUNCTIONS
 from tests.solver.oracle.test_loads import written
 from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, random_states, read_back, vec3
 from tests.solver.references import relative_difference
-from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 TENSION, EFFORT = 130.0, 17.0  # N of the muscle, N or N m of the actuator

@@ -12,6 +12,7 @@ import pytest
 from solver.errors import SolverCode
 from solver.model import CoordinateLock
 from solver.osim.model_reader import read_osim
+from tests.refusals import raises_refusal
 from tests.solver.oracle.two_bodies import (
     add_muscle,
     body,
@@ -24,7 +25,6 @@ from tests.solver.oracle.two_bodies import (
     read_back,
     vec3,
 )
-from tests.solver.refusals import raises_refusal
 
 KNOTS = np.array([-2.1, -0.9, -0.2, 0.4, 0.7, 1.9])
 HEIGHTS = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.2])

@@ -28,8 +28,8 @@ from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from solver.paths import evaluate_paths
 from solver.tendons.evaluation import ElasticForces, elastic_forces
+from tests.refusals import raises_refusal
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back, vec3
-from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 # optimal fibre length and tendon slack length [m], pennation [rad]: from slack to far beyond the curves' ends

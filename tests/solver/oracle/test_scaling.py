@@ -33,12 +33,12 @@ from solver.osim.tool_setups import (
 )
 from solver.scaling import Scaling, scale_model, scale_skeleton
 from solver.time_series_table import read_table
+from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from
 from tests.solver.oracle.test_actuators import ADDED
 from tests.solver.oracle.test_force_elements import between_tilted_frames, lay
 from tests.solver.oracle.test_joints import coupler
 from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, read_back, vec3
-from tests.solver.refusals import raises_refusal
 
 
 @pytest.mark.parametrize("seed", [1, 2])

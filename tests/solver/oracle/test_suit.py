@@ -26,9 +26,9 @@ from solver.osim.suited import SuitedModel, add_suit, read_suited
 from solver.suit.cord import SuitForces, cord_line, suit_forces, with_migration
 from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import Suit, SuitMass, SuitPoint, read_suit, with_suit_masses
+from tests.refusals import raises_refusal
 from tests.solver.legs import leg
 from tests.solver.oracle.two_bodies import given, opensim, vec3
-from tests.solver.refusals import raises_refusal
 
 certify: Any = pytest.importorskip("tests.solver.certify")
 

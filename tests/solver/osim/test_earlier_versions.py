@@ -13,9 +13,9 @@ from solver.model import Model
 from solver.osim.document import read_document
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_scale_setup
+from tests.refusals import raises_refusal
 from tests.solver.legs import JOINTS, leg
 from tests.solver.osim.opensim_3 import opensim_3_document
-from tests.solver.refusals import raises_refusal
 
 
 def read(folder: Path, *exchanged: tuple[str, str]) -> Model:

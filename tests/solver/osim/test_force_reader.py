@@ -8,8 +8,8 @@ import pytest
 
 from solver.errors import SolverCode
 from solver.osim.model_reader import read_osim
+from tests.refusals import raises_refusal
 from tests.solver.osim.test_model_reader import DOOR
-from tests.solver.refusals import raises_refusal
 
 BOTH = "<socket_body1>/bodyset/leaf</socket_body1><socket_body2>/bodyset/leaf</socket_body2>"
 ENDS = "<bodyA>leaf</bodyA><bodyB>ground</bodyB>"

@@ -12,7 +12,7 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.osim.loads_document import LoadsDocument, read_external_loads, read_loads_document
 from solver.time_series_table import read_table, write_table
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 HAND, THORAX = MODEL.body_index("hand"), MODEL.body_index("thorax")

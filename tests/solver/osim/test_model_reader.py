@@ -12,8 +12,8 @@ from solver.model import NO_COORDINATE, AxisMotion, Model, MovingPathPoint
 from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.document import as_utf8, read_document
 from solver.osim.model_reader import read_osim
+from tests.refusals import raises_refusal
 from tests.solver.references import NO_WEIGHT, TWO_KILOGRAM_WEIGHT
-from tests.solver.refusals import raises_refusal
 
 CURVES = """<ActiveForceLengthCurve name="length"><minimum_value>0</minimum_value></ActiveForceLengthCurve>
 <ForceVelocityCurve name="speed"/><FiberForceLengthCurve name="passive"/><TendonForceLengthCurve name="tendon"/>"""

@@ -37,7 +37,7 @@ from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document, read_marker_set, with_markers
 from solver.osim.tool_setups import read_ik_setup
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 SHOULDER = MODEL.joint("GlenoHumeral")

@@ -41,11 +41,11 @@ from solver.personalisation.segment_masses import (
 )
 from solver.scaling import Scaling, scale_skeleton
 from solver.scaling_findings import FIBRE_RANGE, LARGEST_JUMP, muscle_ranges
+from tests.refusals import raises_refusal
 from tests.solver.personalisation.measured_person import MARKERS as MEASURED
 from tests.solver.personalisation.measured_person import measure_person, scaled_shoulder
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
 from tests.solver.references import SHARED
-from tests.solver.refusals import raises_refusal
 
 PRIORS = population_priors(MODEL, MARKERS)
 

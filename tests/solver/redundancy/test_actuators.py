@@ -14,7 +14,7 @@ from solver.motion import decimate, differentiate
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, with_reserves
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 ELBOW = MODEL.coordinate_index("elbow_flexion")

@@ -23,7 +23,7 @@ from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, Solver, static_optimisation, with_reserves
 from solver.tendons.evaluation import elastic_forces
 from solver.tendons.fiber import elastic_muscles
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 

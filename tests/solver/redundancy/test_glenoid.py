@@ -24,7 +24,7 @@ from solver.redundancy.glenoid import (
     glenoid_cone,
     with_rim,
 )
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 CONE = glenoid_cone(MODEL)

@@ -18,8 +18,8 @@ from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_reader import read_osim
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import actuator_forces, forces_of, without_forces
+from tests.refusals import raises_refusal
 from tests.solver.legs import step_in
-from tests.solver.refusals import raises_refusal
 
 BARE = bundled_model()
 BAND = PathSpring("band", BARE.muscles[0].path, 0.05, 500.0, 0.1)

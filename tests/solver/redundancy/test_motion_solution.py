@@ -27,9 +27,9 @@ from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, with_reserves
 from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_sequence_with_clarabel
+from tests.refusals import raises_refusal
 from tests.solver.redundancy.test_interior_point import random_sequence
 from tests.solver.redundancy.test_problem import with_a_singular_elbow
-from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 40)

@@ -17,7 +17,7 @@ from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.redundancy_options import RedundancyOptions, options_for
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 MOTION = decimate(differentiate(simulate_arm_raise(MODEL)), 100)

@@ -11,7 +11,7 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.multibody.joint_reactions import ReactionRequest
 from solver.redundancy.redundancy_options import RedundancyOptions, effort_weights
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
 from solver.suit.suit import read_suit
+from tests.refusals import raises_refusal
 from tests.solver.redundancy.test_problem import with_a_singular_elbow
-from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 MOTION = differentiate(simulate_arm_raise(MODEL))

@@ -14,7 +14,7 @@ from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.cord import check_cord, cord_line, ensure_possible, line_between, suit_forces, with_migration
 from solver.suit.suit import read_suit
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 SUIT = read_suit()

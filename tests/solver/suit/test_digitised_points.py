@@ -14,7 +14,7 @@ from solver.raise_arm import simulate_arm_raise
 from solver.scaling import Scaling, scale_model
 from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.suit import PARTS, SuitPoint, read_suit
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 SUIT = read_suit()

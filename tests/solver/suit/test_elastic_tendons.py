@@ -19,7 +19,7 @@ from solver.suit.assessment import assess
 from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 WHOLE = differentiate(simulate_arm_raise(MODEL), start=1.0, end=1.3)

@@ -8,7 +8,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.suit.suit import BUNDLED_SUIT, ensure_fits, read_suit, suit_toml, with_suit_masses
-from tests.solver.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 SUIT = read_suit()

@@ -32,10 +32,9 @@ from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
 from station.report.first_page import IN_TABLES
 from station.report.page import write_report
-from tests.solver import refusals as solver_refusals
+from tests.refusals import raises_refusal
 from tests.station.few_people import few_people
 from tests.station.loads import write_weight
-from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
 
 
@@ -137,7 +136,7 @@ def test_the_file_has_a_format_and_one_of_a_later_format_is_refused(plain: dict[
     assert plain["format"] == 1
     path = tmp_path / "assessment.json"
     path.write_text(json.dumps({**plain, "format": 2}), encoding="utf-8")
-    with raises_refusal(AssessmentFileError, AssessmentFileCode.INVALID_ENTRY) as caught:
+    with raises_refusal(AssessmentFileCode.INVALID_ENTRY, kind=AssessmentFileError) as caught:
         read_assessment(path)
     assert "format is 2, expected 1" in str(caught.value)
 
@@ -181,13 +180,13 @@ def test_the_difference_from_the_source_study_is_given_by_exchanging_one_part_at
 def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
     assert [cuff.name for cuff in worn_cuffs(cuffs, ("elbow",))] == ["waist", "elbow"]
-    with raises_refusal(InputError, InputCode.UNKNOWN_CUFF):
+    with raises_refusal(InputCode.UNKNOWN_CUFF, kind=InputError):
         worn_cuffs(cuffs, ("knee", "hand"))
 
 
 def test_a_cuff_with_the_reserved_name_of_the_rigid_suit_is_refused(folder: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
-    with raises_refusal(InputError, InputCode.CUFF_NAMED_RIGID):
+    with raises_refusal(InputCode.CUFF_NAMED_RIGID, kind=InputError):
         worn_cuffs({"rigid": replace(cuffs["hand"], name="rigid")}, ())
 
 
@@ -207,7 +206,7 @@ def test_a_cuff_that_gives_energy_is_refused_before_anything_is_solved(
     read = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
     figure = replace(getattr(read["hand"], key), value=float(value))
     cuffs = read | {"hand": replace(read["hand"], **{key: figure})}
-    with solver_refusals.raises_refusal(SolverCode.WRONG_CUFF, "hand") if is_refused else nullcontext():
+    with raises_refusal(SolverCode.WRONG_CUFF, "hand") if is_refused else nullcontext():
         assert len(worn_cuffs(cuffs, ("hand",))) == 2
     _, left_out = wearable(cuffs)
     assert list(left_out) == ["hand"] * is_refused
@@ -255,7 +254,7 @@ def test_the_draws_of_a_cuff_are_as_wide_as_its_intervals(tmp_path: Path) -> Non
     ],
 )
 def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], law: str) -> None:
-    with raises_refusal(InputError, InputCode.RICHER_LAW) as caught:
+    with raises_refusal(InputCode.RICHER_LAW, kind=InputError) as caught:
         read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", **named))
     cause = caught.value.cause
     assert isinstance(cause, Message) and cause.figures["law"] == law
@@ -279,7 +278,7 @@ def test_a_cuff_of_a_richer_law_is_refused_wherever_it_comes_from(
 ) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
     cuffs["hand"] = replace(cuffs["hand"], law=chosen)
-    with raises_refusal(InputError, InputCode.RICHER_LAW) if is_refused else nullcontext():
+    with raises_refusal(InputCode.RICHER_LAW, kind=InputError) if is_refused else nullcontext():
         assert len(worn_cuffs(cuffs, ())) == 3
 
 
@@ -287,7 +286,7 @@ def test_a_cuff_in_three_dimensions_is_refused(tmp_path: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
     for law, is_refused in (((), False), (("tensor",), True)):
         cuffs["hand"] = replace(cuffs["hand"], law=law)
-        with raises_refusal(InputError, InputCode.RICHER_LAW) if is_refused else nullcontext():
+        with raises_refusal(InputCode.RICHER_LAW, kind=InputError) if is_refused else nullcontext():
             assert len(worn_cuffs(cuffs, ())) == 3
 
 
@@ -327,12 +326,12 @@ def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:
 def test_a_malformed_emg_file_is_refused(tmp_path: Path, text: str, code: InputCode, line: int | None) -> None:
     path = tmp_path / "emg.csv"
     path.write_text(text, encoding="utf-8")
-    with raises_refusal(EmgError, code) as caught:
+    with raises_refusal(code, kind=EmgError) as caught:
         read_emg(path, ("biceps", "triceps"))
     cause = caught.value.cause
     assert isinstance(cause, Message) and cause.figures.get("line") == line
 
 
 def test_an_emg_file_that_is_not_there_gives_one_sentence(tmp_path: Path) -> None:
-    with raises_refusal(EmgError, InputCode.EMG_UNREADABLE):
+    with raises_refusal(InputCode.EMG_UNREADABLE, kind=EmgError):
         read_emg(tmp_path / "none.csv", ())

@@ -9,7 +9,7 @@ import pytest
 from solver.uncertainty.sources import UncertaintySources
 from station.assessment.budget_file import BUNDLED_BUDGET, BudgetError, read_budget
 from station.messages.codes import InputCode
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 def written(folder: Path, text: str) -> Path:
@@ -53,11 +53,11 @@ def test_missing_keys_keep_the_bundled_values(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path, text: str, reason: str) -> None:
-    with raises_refusal(BudgetError, InputCode.BUDGET) as caught:
+    with raises_refusal(InputCode.BUDGET, kind=BudgetError) as caught:
         read_budget(written(tmp_path, text))
     assert reason in str(caught.value)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with raises_refusal(BudgetError, InputCode.BUDGET):
+    with raises_refusal(InputCode.BUDGET, kind=BudgetError):
         read_budget(tmp_path / "none.toml")

@@ -19,9 +19,9 @@ from station.errors import UnusedOption
 from station.messages.codes import InputCode
 from station.messages.study_messages import StudyCode
 from station.study.sessions import StudyError
+from tests.refusals import raises_refusal
 from tests.solver.uncertainty.test_people import CASE, HAND, MODEL
 from tests.station.assessment.test_assess import write_cuffs
-from tests.station.refusals import raises_refusal
 from tests.station.study.synthetic_sessions import MIGRATION, STIFFNESS, write_sessions
 
 DECLARED = DonningSpread(0.5, 0.6, 0.7)
@@ -58,13 +58,13 @@ def test_cuffs_written_by_hand_keep_the_declared_spread_and_sessions_may_bring_d
 
 
 def test_what_is_no_session_and_mixed_origins_are_refused(session: Path, tmp_path: Path) -> None:
-    with raises_refusal(StudyError, StudyCode.NOT_A_FOLDER):
+    with raises_refusal(StudyCode.NOT_A_FOLDER, kind=StudyError):
         donning_sources(DECLARED, session / "cuffs.json", [tmp_path / "none"])
     simulated = write_sessions(tmp_path, 1, operators=1, origin="simulated")
-    with raises_refusal(StudyError, StudyCode.MIXED_ORIGIN):
+    with raises_refusal(StudyCode.MIXED_ORIGIN, kind=StudyError):
         donning_sources(DECLARED, session / "cuffs.json", simulated)
     with (
-        raises_refusal(UnusedOption, InputCode.NO_PEOPLE),
+        raises_refusal(InputCode.NO_PEOPLE, kind=UnusedOption),
         people_run(tmp_path, PeopleOptions(people=0, donnings=(session,))),
     ):
         pass

@@ -23,10 +23,9 @@ from station.assessment.export_model import SuitToExport, write_suited_model
 from station.exit_code import WRONG_USAGE
 from station.messages.codes import InputCode
 from station.sources import model_of
-from tests.solver.refusals import raises_refusal as raises_solver_refusal
+from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.command import assert_one_sentence
-from tests.station.refusals import raises_refusal
 
 
 def written(worn: SuitToExport, folder: Path) -> Xml.Element:
@@ -55,7 +54,7 @@ def test_a_yielding_cuff_is_on_a_bushing_and_its_migration_in_the_cord(tmp_path:
 
 def test_a_model_with_the_suit_is_refused_where_another_would_be_added(tmp_path: Path) -> None:
     written(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="elbow"), tmp_path)
-    with raises_solver_refusal(SolverCode.UNSUPPORTED, "without the suit"):
+    with raises_refusal(SolverCode.UNSUPPORTED, "without the suit"):
         model_of(str(tmp_path / "out" / "suited.osim"))
 
 
@@ -78,7 +77,7 @@ def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:
 def test_a_model_that_wears_the_suit_does_not_get_a_second_one() -> None:
     root, rigid = osim_document(bundled_model()), SuitScenario("rigid", None, None, np.array([0.7]))
     add_suit(root, bundled_model(), read_suit(), rigid)
-    with raises_solver_refusal(SolverCode.SUIT_NOT_WRITABLE):
+    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE):
         add_suit(root, bundled_model(), read_suit(), rigid)
 
 
@@ -94,7 +93,7 @@ def test_a_model_that_wears_the_suit_does_not_get_a_second_one() -> None:
 def test_the_cuffs_of_the_suit_must_be_unambiguous(tmp_path: Path, worn: dict[str, str], code: InputCode) -> None:
     write_cuffs(tmp_path / "cuffs.json")
     named = {key: tmp_path / value if key == "cuffs" else value for key, value in worn.items()}
-    with raises_refusal(InputError, code) as caught:
+    with raises_refusal(code, kind=InputError) as caught:
         write_suited_model(SuitToExport(**named), tmp_path / "out.osim")  # type: ignore[arg-type]
     assert caught.value.exit_code == WRONG_USAGE
     assert not (tmp_path / "out.osim").exists()
@@ -115,7 +114,7 @@ def test_a_suit_that_opensim_cannot_have_is_refused(tmp_path: Path, old: str, ne
     text = BUNDLED_SUIT.read_text(encoding="utf-8")
     assert old in text
     (tmp_path / "suit.toml").write_text(text.replace(old, new), encoding="utf-8")
-    with raises_solver_refusal(SolverCode.SUIT_NOT_WRITABLE, naming):
+    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE, naming):
         write_suited_model(SuitToExport(suit=tmp_path / "suit.toml"), tmp_path / "out.osim")
 
 
@@ -196,12 +195,12 @@ def test_a_suit_that_was_changed_beyond_the_exported_structure_is_refused(
 def test_the_suit_is_not_added_to_a_document_in_the_layout_of_opensim_3() -> None:
     root = osim_document(bundled_model())
     root.set("Version", "30000")
-    with raises_solver_refusal(SolverCode.SUIT_NOT_WRITABLE):
+    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE):
         add_suit(root, bundled_model(), read_suit(), SuitScenario("rigid", None, None, np.array([0.7])))
 
 
 def test_the_suit_is_not_added_to_a_document_of_several_files() -> None:
     root = osim_document(bundled_model())
     root.iter("ForceSet").__next__().set("file", "forces.xml")
-    with raises_solver_refusal(SolverCode.SUIT_NOT_WRITABLE, "one file"):
+    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE, "one file"):
         add_suit(root, bundled_model(), read_suit(), SuitScenario("rigid", None, None, np.array([0.7])))

@@ -16,9 +16,9 @@ from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 from station.messages.message import Message
 from station.output_folder import NotAFolder
 from station.report.page import write_report
+from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.few_people import few_people
-from tests.station.refusals import raises_refusal
 
 
 def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> None:
@@ -85,13 +85,13 @@ def test_an_assessment_with_elastic_tendons_suggests_nothing_that_is_refused(tmp
 def test_an_output_that_is_a_file_is_refused_before_anything_is_solved(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
     for solve in (optimise_file, assess_file):
-        with raises_refusal(NotAFolder, InputCode.OUTPUT_IS_FILE) as caught:
+        with raises_refusal(InputCode.OUTPUT_IS_FILE, kind=NotAFolder) as caught:
             solve(inputs, inputs.cuffs)
         assert caught.value.exit_code == WRONG_USAGE
 
 
 def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
-    with raises_refusal(InputError, InputCode.ONE_ARM_CUFF):
+    with raises_refusal(InputCode.ONE_ARM_CUFF, kind=InputError):
         optimise_file(AssessmentInputs(write_cuffs(tmp_path / "cuffs.json")), tmp_path)
 
 
@@ -102,7 +102,7 @@ def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
 def test_a_cuff_that_is_not_the_one_arm_cuff_is_wrong_usage(
     tmp_path: Path, chosen: tuple[str, ...], code: InputCode
 ) -> None:
-    with raises_refusal(InputError, code) as caught:
+    with raises_refusal(code, kind=InputError) as caught:
         optimise_file(AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=chosen), tmp_path)
     assert caught.value.exit_code == WRONG_USAGE
     assert chosen == () or chosen[0] in str(caught.value)

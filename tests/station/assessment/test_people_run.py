@@ -36,10 +36,10 @@ from station.messages.message import Message
 from station.report.page import write_report
 from station.report.report_file import read_numbers
 from station.report.verification import number_links
+from tests.refusals import raises_refusal
 from tests.solver.uncertainty.test_people import CASE
 from tests.station.assessment.test_assess import numbers_in, write_cuffs
 from tests.station.few_people import few_people
-from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
 
 BUDGET = "[sample]\npeople = 40\nframes = 8\n[donning]\nmigration = 0.3\n"
@@ -126,7 +126,7 @@ def test_a_file_whose_bands_or_postures_do_not_fit_is_refused(
     parent[last] = broken if place != ("postures",) else parent[last][:2]
     path = tmp_path / "assessment.json"
     path.write_text(json.dumps(changed), encoding="utf-8")
-    with raises_refusal(AssessmentFileError, code) as caught:
+    with raises_refusal(code, kind=AssessmentFileError) as caught:
         read_assessment(path)
     assert str(place[0]) in str(caught.value)
 
@@ -229,5 +229,5 @@ def test_people_are_drawn_by_default_and_kept_where_they_are_asked_for(tmp_path:
     with people_run(tmp_path, PeopleOptions(people=0)) as run:
         assert run is None
     for options in (PeopleOptions(people=0, workers=2), PeopleOptions(people=0, index_blocks=8)):
-        with raises_refusal(UnusedOption, InputCode.NO_PEOPLE), people_run(tmp_path, options):
+        with raises_refusal(InputCode.NO_PEOPLE, kind=UnusedOption), people_run(tmp_path, options):
             pass

@@ -15,8 +15,8 @@ from solver.redundancy.redundancy_options import RedundancyOptions, static_optim
 from solver.time_series_table import read_table
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import SolvedMotion, solve_muscles
+from tests.refusals import raises_refusal
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in, write_motion
-from tests.solver.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused
 
 CUT = MotionCut(6.0, 0.2, 0.6, 5, "splines")

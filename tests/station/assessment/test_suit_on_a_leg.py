@@ -29,7 +29,7 @@ from solver.suit.scenarios import LoadedMotion, SuitScenario, prepare_suited_mot
 from solver.suit.suit import Suit, SuitError, read_suit, suit_toml
 from solver.time_series_table import read_table, write_table
 from station.exit_code import FAILED
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 from tests.solver.legs import PELVIS, step_in
 from tests.station.command import assert_refused
 

@@ -24,7 +24,7 @@ from station.fit import fit_session_folder
 from station.journal import append_line
 from station.messages.codes import CheckCode
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import raises_refusal
+from tests.refusals import raises_refusal
 from tests.station.fake_devices import FakeCapture, FakeDaq
 
 CONFIG = parse_config({"load_cell": {"capacity_kg": 50, "gain_relative_sd": 0.001}}, "t")

@@ -29,9 +29,9 @@ from station.messages.codes import TrialCode
 from station.messages.setup_messages import SimulationCode
 from station.protocol import TrialSpec
 from tests.drivers.contract import raises_refusal as raises_device_refusal
+from tests.refusals import raises_refusal
 from tests.station.child_process import press
 from tests.station.command import Ran
-from tests.station.refusals import raises_refusal
 
 CONFIG = """
 [daq]
@@ -194,15 +194,15 @@ def test_a_bench_answers_until_it_is_closed_and_refuses_with_a_code() -> None:
         pointed = bench.configure(config)
         assert pointed.daq.grpc_target == f"127.0.0.1:{bench.ready['ports']['ni']}"
         assert pointed.mocap.port == bench.ready["ports"]["qtm"]
-        with raises_refusal(SimulationError, SimulationCode.REFUSED):
+        with raises_refusal(SimulationCode.REFUSED, kind=SimulationError):
             bench.request({"don": "knee"})
         assert bench.request({"truth": True})["truth"]["cuffs"]["hand"]["stiffness_n_per_m"] == 8520
-    with raises_refusal(SimulationError, SimulationCode.NOT_RUNNING):
+    with raises_refusal(SimulationCode.NOT_RUNNING, kind=SimulationError):
         bench.request({"truth": True})
 
 
 def test_unknown_settings_are_refused() -> None:
-    with raises_refusal(SimulationError, SimulationCode.REFUSED) as caught, SimulatedBench({"gravity": 3}, 1.0, 1):
+    with raises_refusal(SimulationCode.REFUSED, kind=SimulationError) as caught, SimulatedBench({"gravity": 3}, 1.0, 1):
         pass
     assert "gravity" in caught.value.cause.figures["reason"]
 

@@ -30,10 +30,10 @@ from station.files.timed_replay import replay
 from station.journal import read_journal
 from station.messages.codes import RefusalCode, TrialCode
 from station.protocol import TrialSpec
+from tests.refusals import raises_refusal
 from tests.station.bench.test_trial_recorder import CONFIG
 from tests.station.command import Ran, assert_refused
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
-from tests.station.refusals import raises_refusal
 from tests.station.session.benched import Recorder, simulated_bench
 
 Station = Callable[..., Ran]
@@ -121,7 +121,7 @@ def test_the_origin_of_a_trial_is_that_of_its_devices(tmp_path: Path, is_simulat
 def test_measured_and_simulated_trials_do_not_share_a_session(tmp_path: Path, first: bool) -> None:
     folder = tmp_path / "simulated"
     record(folder, first)
-    with raises_refusal(TrialRefused, RefusalCode.MIXED_ORIGIN):
+    with raises_refusal(RefusalCode.MIXED_ORIGIN, kind=TrialRefused):
         record(folder, not first)
     record(folder, first, "dynamic")
     assert len(list(folder.glob("*.mcap"))) == 2

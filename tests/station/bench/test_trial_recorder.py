@@ -36,8 +36,8 @@ from station.messages.codes import RefusalCode, TrialCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 from station.verbs.bench import _exit_code, _stop_on_signals
+from tests.refusals import raises_refusal
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
-from tests.station.refusals import raises_refusal
 
 SPEC = TrialSpec("hand", "static", 1)
 CONFIG = parse_config(
@@ -183,13 +183,13 @@ def test_a_second_trial_at_the_same_time_is_refused(tmp_path: Path) -> None:
 
 def test_a_session_that_cannot_be_a_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with raises_refusal(TrialRefused, RefusalCode.FOLDER_NOT_MADE):
+    with raises_refusal(RefusalCode.FOLDER_NOT_MADE, kind=TrialRefused):
         Rig().recorder().record(tmp_path / "file", SPEC)
 
 
 def test_a_full_disk_is_refused_before_arming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=5e6))
-    with raises_refusal(TrialRefused, RefusalCode.DISK_FULL):
+    with raises_refusal(RefusalCode.DISK_FULL, kind=TrialRefused):
         Rig().recorder().record(tmp_path, SPEC)
 
 

@@ -16,8 +16,8 @@ from station.files.timed_replay import replay
 from station.fit import SessionError, fit_session_folder
 from station.messages.setup_messages import FolderCode
 from station.recordings_of_session import pulls_in
+from tests.refusals import raises_refusal
 from tests.station.command import Ran
-from tests.station.refusals import raises_refusal
 from tests.station.wearer import BODY, SPECS, WearerSession
 
 POSE, FREE, TIGHT = SPECS
@@ -78,7 +78,7 @@ def test_a_replay_holds_the_same_samples_under_the_same_name(wearer: WearerSessi
 
 def test_no_fit_uses_a_pose_or_motion(wearer: WearerSession) -> None:
     assert pulls_in(wearer.folder) == []
-    with raises_refusal(SessionError, FolderCode.NO_RECORDING):
+    with raises_refusal(FolderCode.NO_RECORDING, kind=SessionError):
         fit_session_folder(wearer.folder, None)
     for spec in (POSE, TIGHT):
         with pytest.raises(UnusableTrial) as caught:

@@ -25,8 +25,8 @@ from station.journal import write_recorded, write_setup
 from station.journal_lines import JOURNAL_FILE, Recorded, Setup
 from station.messages.study_messages import CatalogueCode
 from station.session.listing import list_sessions
+from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused
-from tests.station.refusals import raises_refusal
 from tests.station.study.synthetic_sessions import write_sessions
 
 
@@ -243,7 +243,7 @@ def test_a_disk_that_fills_during_the_first_build_leaves_nothing(folder: Path, b
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_free, before[1]))
     try:
-        with raises_refusal(CatalogueError, CatalogueCode.NOT_CREATED):
+        with raises_refusal(CatalogueCode.NOT_CREATED, kind=CatalogueError):
             update_catalogue(folder, path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)

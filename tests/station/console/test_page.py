@@ -23,8 +23,8 @@ from station.live.published import LiveBest, LiveDelivery, LiveUpdate
 from station.messages.codes import CheckCode, CommandCode
 from station.messages.message import Message
 from station.session.open_session import CommandRefused
+from tests.refusals import raises_refusal
 from tests.station.console.live_source import live_setup
-from tests.station.refusals import raises_refusal
 
 
 @pytest.mark.parametrize("is_deleted_first", [True, False])
@@ -70,7 +70,7 @@ def test_an_action_that_deletes_its_button_still_reaches_the_page(monkeypatch, i
 def test_a_press_without_a_time_and_one_of_long_ago_are_not_executed(pressed_ms: object) -> None:
     pressed: list[str] = []
     code = CommandCode.PRESSED_LATE if pressed_ms == 0 else CommandCode.PRESS_UNDATED
-    with raises_refusal(CommandRefused, code):
+    with raises_refusal(code, kind=CommandRefused):
         _unless_late("Begin", pressed_ms, lambda: pressed.append("Begin"))
     assert not pressed
 
@@ -101,7 +101,7 @@ def test_load_steps_are_taken_with_a_decimal_point_or_comma(typed: str) -> None:
 
 @pytest.mark.parametrize("typed", ["1,53,2", "1.5 kg", "1.5.3"])
 def test_an_ambiguous_number_is_refused(typed: str) -> None:
-    with raises_refusal(CommandRefused, CommandCode.MASSES_NOT_NUMBERS):
+    with raises_refusal(CommandCode.MASSES_NOT_NUMBERS, kind=CommandRefused):
         _parse_masses(typed)
 
 

@@ -18,9 +18,9 @@ from station.config import parse_config
 from station.console.compression import CompressionMiddleware
 from station.console.server import COOKIE, LOOPBACK, AccessMiddleware, ServeError, serve
 from station.messages.codes import ServeCode
+from tests.refusals import raises_refusal
 from tests.station.child_process import STOP, press
 from tests.station.console.served import ServedConsole, write_config
-from tests.station.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
 TOKEN = "right-token"  # noqa: S105  (of the tests)
@@ -165,13 +165,13 @@ def test_the_lifespan_of_the_server_is_passed_on() -> None:
 
 
 def test_a_port_in_use_is_refused_before_a_device_is_opened() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken, raises_refusal(ServeError, ServeCode.CANNOT_LISTEN):
+    with socket.create_server(("127.0.0.1", 0)) as taken, raises_refusal(ServeCode.CANNOT_LISTEN, kind=ServeError):
         serve(parse_config({}, "this test"), port=taken.getsockname()[1])
 
 
 @pytest.mark.parametrize("host", ["no.such.host.invalid", "192.0.2.1"])
 def test_a_host_that_is_unknown_or_not_this_computer_is_refused(host: str) -> None:
-    with raises_refusal(ServeError, ServeCode.WRONG_HOST):
+    with raises_refusal(ServeCode.WRONG_HOST, kind=ServeError):
         serve(parse_config({}, "this test"), host=host)
 
 

@@ -19,6 +19,7 @@ from station.emg.trials import EmgFileError
 from station.exit_code import DONE, LOSSY, WRONG_USAGE
 from station.messages.codes import InputCode
 from station.messages.emg_messages import EmgCode
+from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 from tests.station.emg.measured import (
     levels,
@@ -27,7 +28,6 @@ from tests.station.emg.measured import (
     write_mvc,
     write_setup,
 )
-from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
 
 Station = Callable[..., Ran]
@@ -241,7 +241,7 @@ def test_a_malformed_emg_json_is_refused_with_its_key(
     path = tmp_path / "emg.json"
     text = path.read_text().replace('"findings": []', '"findings": ["hum"]', 1)
     path.write_text(text.replace(before, after, 1))
-    with raises_refusal(EmgFileError, EmgCode.WRONG_DOCUMENT) as caught:
+    with raises_refusal(EmgCode.WRONG_DOCUMENT, kind=EmgFileError) as caught:
         read_emg_document(path)
     assert key in caught.value.cause.figures["reason"]
     assert station("report", tmp_path).code == 1

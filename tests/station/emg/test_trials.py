@@ -16,7 +16,7 @@ from station.config import ConfigError
 from station.emg.trials import EmgFileError, emg_of, read_emg_setup, read_emg_trial
 from station.messages.emg_messages import EmgCode
 from tests.fitting.trial.test_analog_signals import MANIFEST, recorded
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 SETUP = read_emg_setup(None)
 
@@ -57,7 +57,7 @@ def test_a_missing_unit_is_unknown_unless_the_set_up_has_one(tmp_path: Path) -> 
     ],
 )
 def test_a_file_without_sampled_emg_is_refused(tmp_path: Path, name: str, text: str, code: EmgCode) -> None:
-    with raises_refusal(EmgFileError, code):
+    with raises_refusal(code, kind=EmgFileError):
         read_emg_trial(written(tmp_path, text, name), SETUP)
 
 
@@ -78,7 +78,7 @@ def test_a_recording_has_volts_at_the_electrodes_from_the_sync_edge_on() -> None
 
 def test_a_recording_without_emg_on_the_markers_clock_is_refused_with_the_reason() -> None:
     wearer = build_wearer_trial(replace(MANIFEST, emg=EmgAmplifier("lsl")), recorded(), "motion.mcap", "0" * 64)
-    with raises_refusal(EmgFileError, EmgCode.NO_EMG):
+    with raises_refusal(EmgCode.NO_EMG, kind=EmgFileError):
         emg_of(wearer)
 
 
@@ -127,17 +127,17 @@ def test_several_muscles_are_combined() -> None:
     ],
 )
 def test_a_wrong_set_up_is_refused_with_its_key(tmp_path: Path, text: str, reason: str) -> None:
-    with raises_refusal(ConfigError, EmgCode.SETUP_WRONG) as caught:
+    with raises_refusal(EmgCode.SETUP_WRONG, kind=ConfigError) as caught:
         setup_of(tmp_path, text)
     assert reason in caught.value.cause.figures["reason"]
 
 
 def test_an_unknown_name_is_refused_with_similar_names() -> None:
     setup = read_emg_setup(None)
-    with raises_refusal(ConfigError, EmgCode.UNKNOWN_CHANNEL) as caught:
+    with raises_refusal(EmgCode.UNKNOWN_CHANNEL, kind=ConfigError) as caught:
         setup.require_channels(["LAD", "serratus"], "emg.csv")
     assert caught.value.cause.figures["name"] == "AD" and "LAD" in caught.value.cause.figures["known"]
-    with raises_refusal(ConfigError, EmgCode.UNKNOWN_MUSCLE) as caught:
+    with raises_refusal(EmgCode.UNKNOWN_MUSCLE, kind=ConfigError) as caught:
         setup.require_muscles(["AD"], ["TRIlong", "DeltoideusClavicle_B"], "act.sto")
     figures = caught.value.cause.figures
     assert figures["name"] == "DeltoideusClavicle_A" and "DeltoideusClavicle_B" in figures["known"]

@@ -15,9 +15,9 @@ from station.files.foreign_files import ImportRefused, MarkerSource
 from station.messages.file_messages import ImportCode
 from station.messages.message import Message
 from station.recordings_of_session import recordings_in
+from tests.refusals import raises_refusal
 from tests.station.command import assert_refused
 from tests.station.foreign import Truth, static_and_dynamic
-from tests.station.refusals import raises_refusal
 
 NAME = "cuff-hand_test-static_run-1.mcap"
 
@@ -121,7 +121,7 @@ def test_a_marker_hidden_in_the_export_is_hidden_in_the_completed_recording(
 def test_an_export_of_another_trial_is_refused(station, truth: Truth, lossy: Path, tmp_path: Path) -> None:
     ask = ("import", "--over", lossy, "--mocap")
     elsewhere = export(truth, tmp_path, positions=truth.markers.positions + np.array([30.0, 0, 0]))
-    with raises_refusal(ImportRefused, ImportCode.OTHER_TRIAL) as caught:
+    with raises_refusal(ImportCode.OTHER_TRIAL, kind=ImportRefused) as caught:
         complete_trial(lossy, MarkerSource(elsewhere))
     assert caught.value.cause.figures["distance_mm"] == pytest.approx(30.0, abs=0.5)
     later = export(truth, tmp_path, time_s=truth.markers.time_s + 500)

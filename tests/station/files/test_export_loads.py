@@ -15,9 +15,9 @@ from fitting.trial.trial_reader import read_trial
 from station.files.export_trial import Exported, export_recordings
 from station.files.synchronised import ExportRefused
 from station.messages.file_messages import ExportCode
+from tests.refusals import raises_refusal
 from tests.station.command import assert_refused
 from tests.station.foreign import Truth, static_and_dynamic
-from tests.station.refusals import raises_refusal
 
 HIDDEN = slice(700, 750)  # of the frames at 100 Hz: half a second
 
@@ -140,7 +140,7 @@ def test_without_gaps_there_is_one_file_and_no_note(tmp_path: Path) -> None:
 
 
 def test_a_cuff_that_is_never_seen_is_refused(tmp_path: Path) -> None:
-    with raises_refusal(ExportRefused, ExportCode.NO_DIRECTION):
+    with raises_refusal(ExportCode.NO_DIRECTION, kind=ExportRefused):
         export(recorded(tmp_path / "s", slice(None)), "mot", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -30,9 +30,9 @@ from station.fit import fit_session_folder
 from station.messages.codes import InputCode
 from station.messages.file_messages import ExportCode
 from station.protocol import TrialSpec
+from tests.refusals import raises_refusal
 from tests.station.command import assert_refused
 from tests.station.foreign import Truth, config, static_and_dynamic
-from tests.station.refusals import raises_refusal
 from tests.station.wearer import BODY, GAIN, SPECS, WearerSession
 
 
@@ -266,7 +266,7 @@ def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
     truth = static_and_dynamic()[1]
     manifest = replace(truth.manifest, cuff=None, test="bounce", bounce=BounceRig(2.0, "cuff_1"))
     path = Truth(manifest, truth.tracks).record(tmp_path / "test-bounce_run-1.mcap")
-    with raises_refusal(ExportRefused, ExportCode.BOUNCE):
+    with raises_refusal(ExportCode.BOUNCE, kind=ExportRefused):
         export_recordings([path], "mot", tmp_path, "01")
     assert set(export(path, "csv", tmp_path / "out")) == {"_force.csv", "_markers.csv", ".csv.json"}
     assert contents_of(path).complete
@@ -308,7 +308,7 @@ def test_a_recording_without_a_common_clock_is_refused_and_leaves_nothing(static
     truth = static_and_dynamic()[0]
     low = replace(truth.tracks["/sync"], values=0 * truth.tracks["/sync"].values)
     path = Truth(truth.manifest, truth.tracks | {"/sync": low}).record(tmp_path / "low.mcap")
-    with raises_refusal(ExportRefused, ExportCode.RAW_POSSIBLE):
+    with raises_refusal(ExportCode.RAW_POSSIBLE, kind=ExportRefused):
         export_recordings([path], "parquet", tmp_path / "out", "01")
     assert not (tmp_path / "out").exists()
 
@@ -453,7 +453,7 @@ def test_foxglove_has_a_curve_for_each_channel(wearer: WearerSession, tmp_path: 
 
 
 def test_a_wearer_s_trial_has_no_load_on_a_cuff_to_export(wearer: WearerSession, tmp_path: Path) -> None:
-    with raises_refusal(ExportRefused, ExportCode.NO_CUFF_FORCE):
+    with raises_refusal(ExportCode.NO_CUFF_FORCE, kind=ExportRefused):
         export_recordings([wearer.path(TIGHT)], "mot", tmp_path, "01")
 
 

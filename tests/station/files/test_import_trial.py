@@ -29,9 +29,9 @@ from station.messages.file_messages import ExportCode, ImportCode
 from station.messages.setup_messages import ConfigCode
 from station.protocol import TrialSpec
 from tests.fitting.bouncing import Bounce, recorded
+from tests.refusals import raises_refusal
 from tests.station.command import assert_one_sentence, assert_refused
 from tests.station.foreign import Truth, config, import_by_verb, static_and_dynamic
-from tests.station.refusals import raises_refusal
 
 STATIC, DYNAMIC = TrialSpec("hand", "static", 1), TrialSpec("hand", "dynamic", 1)
 
@@ -225,7 +225,7 @@ def test_no_file_is_overwritten_and_a_refused_import_leaves_none(static: tuple[P
     second = run(session, *static).path
     assert (first.name, second.name) == ("cuff-hand_test-static_run-1.mcap", "cuff-hand_test-static_run-2.mcap")
     static[0].write_text("time_s,force_v,sync_v\n" + "".join(f"{i / 1000},1.0,{5 * (i > 500)}\n" for i in range(30000)))
-    with raises_refusal(ImportRefused, ImportCode.NOT_USABLE):
+    with raises_refusal(ImportCode.NOT_USABLE, kind=ImportRefused):
         run(session, *static)
     left = {path.name for path in session.iterdir() if not path.name.startswith(".")}
     assert left == {first.name, second.name, "SHA256SUMS"}
@@ -309,7 +309,7 @@ def test_a_force_column_that_is_missing_or_ambiguous_is_refused(
         static[0].write_text("\n".join([f"{titles},{column}", *(f"{row},1" for row in rows)]))
     else:
         edit(static[0], "force_v", column)
-    with raises_refusal(ImportRefused, code):
+    with raises_refusal(code, kind=ImportRefused):
         read_force(ForceSource(static[0]))
 
 
@@ -343,7 +343,7 @@ def test_the_unit_in_a_title_is_that_of_the_force(tmp_path: Path, title: str, un
     (tmp_path / "daq.csv").write_text(f"time_s,{title}\n" + "".join(f"{i / 1000},1\n" for i in range(100)))
     source = ForceSource(tmp_path / "daq.csv", title)
     if unit is None:
-        with raises_refusal(ImportRefused, ImportCode.FORCE_UNIT):
+        with raises_refusal(ImportCode.FORCE_UNIT, kind=ImportRefused):
             read_force(source)
     else:
         assert read_force(source).unit == unit
@@ -382,7 +382,7 @@ def test_a_force_of_another_measurement_is_refused_and_leaves_no_file(
     static: tuple[Path, Path], tmp_path: Path, rows: list[str], code: ImportCode
 ) -> None:
     static[0].write_text("\n".join(["time_s,force_v,sync_v", *rows]))
-    with raises_refusal(ImportRefused, code):
+    with raises_refusal(code, kind=ImportRefused):
         run(tmp_path / "s", *static)
     assert not list(tmp_path.glob("s/*"))
 
@@ -393,7 +393,7 @@ def test_a_position_that_no_laboratory_has_is_refused(pair: tuple[Truth, Truth],
     positions[70, 0, 1] = 9_999_999
     mocap = tmp_path / "walk.trc"
     mocap.write_text(write_trc(replace(truth, positions=positions), "walk"), encoding="utf-8")
-    with raises_refusal(ImportRefused, ImportCode.IMPOSSIBLE_VALUE) as caught:
+    with raises_refusal(ImportCode.IMPOSSIBLE_VALUE, kind=ImportRefused) as caught:
         run(tmp_path / "s", pair[0].write_csv(tmp_path / "daq.csv"), mocap)
     assert caught.value.cause.figures["time_s"] == pytest.approx(truth.time_s[70])
 
@@ -407,7 +407,7 @@ def test_files_with_too_little_time_in_common_are_refused_and_a_remainder_is_rep
 
     for first, seconds, common in ((100.0, 30.0, 0.0), (0.0, 12.0, 12.0)):
         static[0].write_text(rows(first, seconds))
-        with raises_refusal(ImportRefused, ImportCode.SHORT_OVERLAP) as caught:
+        with raises_refusal(ImportCode.SHORT_OVERLAP, kind=ImportRefused) as caught:
             run(tmp_path / "s", *static)
         figures = caught.value.cause.figures
         assert figures["common_s"] == pytest.approx(common, abs=2e-3)
@@ -426,7 +426,7 @@ def test_the_time_in_common_is_that_after_the_lag(
     files = ForceSource(static[0]), MarkerSource(static[1])
     begin, end = -pair[0].edge_s, len(pair[0].tracks["/force"].values) / 1000 - pair[0].edge_s
     for lag, common in ((20.0, 29.38 - 20 - begin), (-20.0, end - 20)):
-        with raises_refusal(ImportRefused, ImportCode.SHORT_OVERLAP) as caught:
+        with raises_refusal(ImportCode.SHORT_OVERLAP, kind=ImportRefused) as caught:
             import_trial(tmp_path / "s", STATIC, with_lag(config(), lag, None), *files)
         assert caught.value.cause.figures["common_s"] == pytest.approx(common, abs=3e-3)
         assert caught.value.cause.figures["force_from_s"] == pytest.approx(begin + lag, abs=2e-3)

@@ -22,8 +22,8 @@ from station.kinematics.person_findings import mass_findings
 from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode
 from station.messages.kinematics_messages import PersonCode
+from tests.refusals import raises_refusal
 from tests.solver.references import SHARED
-from tests.solver.refusals import raises_refusal
 from tests.station.kinematics.test_ik import SETUP as IK_SETUP
 from tests.station.kinematics.test_ik import TASK, trial
 from tests.station.kinematics.test_ik import run as run_verb

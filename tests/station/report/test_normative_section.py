@@ -16,7 +16,7 @@ from station.report.normative_section import adopt_normative, normative_section
 from station.report.page import write_report
 from station.report.verification import number_links
 from station.study.sessions import StudyError
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 from tests.station.report.test_page import _fitted
 from tests.station.report.unmarked import unmarked_numbers
 
@@ -76,6 +76,6 @@ def test_the_table_is_kept_with_the_session_shown_and_verified(table: Path, tmp_
 def test_another_file_is_refused_and_not_copied(tmp_path: Path) -> None:
     other = tmp_path / "study.json"
     other.write_text("{}", encoding="utf-8")
-    with raises_refusal(StudyError, StudyCode.WRONG_NORMATIVE):
+    with raises_refusal(StudyCode.WRONG_NORMATIVE, kind=StudyError):
         adopt_normative(other, tmp_path)
     assert not (tmp_path / "normative.json").exists()

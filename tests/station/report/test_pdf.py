@@ -22,10 +22,10 @@ from station.report.page import write_report
 from station.report.pdf import BrowserError, _launch, write_pdf
 from station.verbs.whole import report
 from tests.fitting.experiment import PUBLISHED, Session, published
+from tests.refusals import raises_refusal
 from tests.station.console.browsing import CHROMIUM, chromium
 from tests.station.few_people import few_people
 from tests.station.foreign import Truth
-from tests.station.refusals import raises_refusal
 from tests.station.wearer import WearerSession
 
 STYLE = Path(page.__file__).with_name("page.css").read_text(encoding="utf-8")
@@ -82,7 +82,7 @@ def report_four_cuffs(folder: Path, wearer: WearerSession) -> Path:
 
 def test_without_the_extra_the_command_names_it_before_it_fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "playwright", None)
-    with raises_refusal(MissingExtra, ConfigCode.MISSING_PACKAGE) as caught:
+    with raises_refusal(ConfigCode.MISSING_PACKAGE, kind=MissingExtra) as caught:
         with_extras(report, "report")(tmp_path, format="pdf")
     assert "[pdf]" in str(caught.value)
     assert caught.value.exit_code == 1
@@ -96,6 +96,6 @@ def test_a_computer_without_a_browser_has_a_code(monkeypatch: pytest.MonkeyPatch
         tried.append(channel)
         raise OSError("not installed")
 
-    with raises_refusal(BrowserError, FolderCode.NO_BROWSER):
+    with raises_refusal(FolderCode.NO_BROWSER, kind=BrowserError):
         _launch(SimpleNamespace(chromium=SimpleNamespace(launch=launch)), OSError)  # type: ignore[arg-type]
     assert tried == ["chrome", "msedge", None]

@@ -21,7 +21,7 @@ from station.messages.codes import CheckCode, CommandCode
 from station.messages.message import Message
 from station.session.controller import BenchChecker
 from station.session.open_session import CommandRefused, OpenSession
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 GOOD = CheckResult("disk", Message(CheckCode.LABELS_PRESENT), is_good=True)
 DOUBTFUL = CheckResult("/markers", Message(CheckCode.NO_CAPTURE, {"nominal_hz": 100}), is_good=True, is_doubtful=True)
@@ -130,6 +130,6 @@ def test_while_a_trial_runs_the_devices_are_not_read() -> None:
     bench = Bench(GOOD)
     checker, session = checker_of(bench)
     session.has_running_trial = True
-    with raises_refusal(CommandRefused, CommandCode.TRIAL_RUNNING):
+    with raises_refusal(CommandCode.TRIAL_RUNNING, kind=CommandRefused):
         asyncio.run(checker.check())
     assert bench.checks == 0

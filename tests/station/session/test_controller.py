@@ -36,8 +36,8 @@ from station.session.open_session import CommandRefused
 from station.session.summary import Summary
 from station.session.trial_runner import TrialRunner
 from station.session.worker import Worker, WorkerKilled
+from tests.refusals import raises_refusal
 from tests.station.console.served import write_config
-from tests.station.refusals import raises_refusal
 from tests.station.session.benched import simulated_bench
 from tests.timeout import scaled_timeout
 
@@ -103,7 +103,7 @@ def put_recording(controller: SessionController, run: int = 1, test: str = "stat
 def test_a_wrong_set_up_is_refused_without_a_folder(
     controller: SessionController, setup: Setup, code: CommandCode
 ) -> None:
-    with raises_refusal(CommandRefused, code):
+    with raises_refusal(code, kind=CommandRefused):
         controller.session.begin(setup)
     assert controller.session.folder is None and not controller.session.config.session.folder.exists()
 
@@ -185,7 +185,7 @@ def test_a_session_whose_folder_is_lost_is_closed_with_one_sentence(
     assert name in {recorded.file for recorded in controller.session.journal.recorded}
     lose(folder)
     assert controller.session.plan is not None, "a page shows the session until it is closed"
-    with raises_refusal(JournalError, code):
+    with raises_refusal(code, kind=JournalError):
         run(controller.runner.arm())
     if code is not JournalCode.WRONG_LINE:
         with pytest.raises(JournalError):
@@ -253,9 +253,9 @@ def test_a_malformed_journal_hides_no_other_session(controller: SessionControlle
 def test_another_plan_under_the_same_number_is_refused(controller: SessionController) -> None:
     controller.session.begin(SETUP)
     controller.session.leave()
-    with raises_refusal(CommandRefused, CommandCode.OTHER_PLAN):
+    with raises_refusal(CommandCode.OTHER_PLAN, kind=CommandRefused):
         controller.session.begin(replace(SETUP, repeats=3))
-    with raises_refusal(CommandRefused, CommandCode.OTHER_PLAN):
+    with raises_refusal(CommandCode.OTHER_PLAN, kind=CommandRefused):
         controller.session.begin(replace(SETUP, step_masses_kg=(5.0,)))
     controller.session.begin(replace(SETUP, step_masses_kg=(2.0, 2.0, 2.0)))
     controller.session.begin(replace(SETUP, repeats=3, number="2"))
@@ -273,7 +273,7 @@ def test_a_rehearsal_leaves_nothing(controller: SessionController) -> None:
 def test_to_redo_a_trial_needs_a_reason(controller: SessionController) -> None:
     controller.session.begin(SETUP)
     put_recording(controller)
-    with raises_refusal(JournalError, JournalCode.NO_REASON):
+    with raises_refusal(JournalCode.NO_REASON, kind=JournalError):
         controller.reviewer.decide("redo", " ")
     assert controller.session.plan is not None and controller.session.plan.undecided is not None
     controller.reviewer.decide("redo", "the wearer coughed")
@@ -298,7 +298,7 @@ def test_a_session_in_a_folder_of_any_name_is_resumed(controller: SessionControl
     controller.session.leave()
     controller.session.resume(tmp_path / "monday")
     assert controller.session.journal.setup == SETUP
-    with raises_refusal(CommandRefused, CommandCode.NO_PLAN):
+    with raises_refusal(CommandCode.NO_PLAN, kind=CommandRefused):
         controller.session.resume(tmp_path / "tuesday")
 
 
@@ -311,7 +311,7 @@ def test_a_skipped_trial_stays_skipped_when_the_session_is_resumed(controller: S
     assert plan is not None and plan.spec is not None
     assert plan.spec.test == "dynamic" and len(plan.skipped) == 1 and not plan.done
     controller.session.skip()
-    with raises_refusal(CommandRefused, CommandCode.NOTHING_TO_SKIP):
+    with raises_refusal(CommandCode.NOTHING_TO_SKIP, kind=CommandRefused):
         controller.session.skip()
 
 
@@ -323,14 +323,14 @@ def test_any_trial_that_is_left_is_skipped_or_chosen_and_any_kept_one_redone(con
     plan = controller.session.plan
     assert plan is not None and (plan.left, plan.skipped) == ((fourth, first, second), {third})
     put_recording(controller)
-    with raises_refusal(CommandRefused, CommandCode.NOT_DONE):
+    with raises_refusal(CommandCode.NOT_DONE, kind=CommandRefused):
         controller.reviewer.redo(first, "no decision yet")
     controller.reviewer.decide("accept", "")
-    with raises_refusal(CommandRefused, CommandCode.NOT_LEFT):
+    with raises_refusal(CommandCode.NOT_LEFT, kind=CommandRefused):
         controller.session.choose(first)
-    with raises_refusal(CommandRefused, CommandCode.NOTHING_TO_SKIP):
+    with raises_refusal(CommandCode.NOTHING_TO_SKIP, kind=CommandRefused):
         controller.session.skip(first)
-    with raises_refusal(JournalError, JournalCode.NO_REASON):
+    with raises_refusal(JournalCode.NO_REASON, kind=JournalError):
         controller.reviewer.redo(first, " ")
     controller.reviewer.redo(first, "the rope was caught")
     plan = controller.session.plan
@@ -343,18 +343,18 @@ def test_commands_that_are_not_possible_now_are_refused(controller: SessionContr
         (controller.runner.stop, CommandCode.NO_TRIAL),
         (controller.runner.mark, CommandCode.NO_TRIAL),
     ):
-        with raises_refusal(CommandRefused, code):
+        with raises_refusal(code, kind=CommandRefused):
             run(work())
-    with raises_refusal(CommandRefused, CommandCode.NOTHING_TO_DECIDE):
+    with raises_refusal(CommandCode.NOTHING_TO_DECIDE, kind=CommandRefused):
         controller.reviewer.decide("accept", "")
     controller.session.begin(SETUP)
     put_recording(controller)
-    with raises_refusal(CommandRefused, CommandCode.UNDECIDED):
+    with raises_refusal(CommandCode.UNDECIDED, kind=CommandRefused):
         run(controller.runner.arm())
     controller.reviewer.decide("accept", "")
     put_recording(controller, test="dynamic")
     controller.reviewer.decide("accept", "")
-    with raises_refusal(CommandRefused, CommandCode.COMPLETE):
+    with raises_refusal(CommandCode.COMPLETE, kind=CommandRefused):
         run(controller.runner.arm())
 
 
@@ -427,7 +427,7 @@ def test_devices_that_are_not_ready_are_a_message_and_no_trial(controller: Sessi
     async def whole() -> None:
         controller.session.begin(SETUP)
         await controller.runner.arm()
-        with raises_refusal(CommandRefused, CommandCode.TRIAL_RUNNING):
+        with raises_refusal(CommandCode.TRIAL_RUNNING, kind=CommandRefused):
             controller.session.leave()
         await until(lambda: controller.runner.live is None)
 
@@ -488,7 +488,7 @@ def test_a_trial_a_second_start_an_alarm_and_a_new_controller_that_resumes(
     async def record() -> None:
         first.session.begin(SETUP)
         await first.runner.arm()
-        with raises_refusal(CommandRefused, CommandCode.TRIAL_RUNNING):
+        with raises_refusal(CommandCode.TRIAL_RUNNING, kind=CommandRefused):
             await first.runner.arm()
         live = first.runner.live
         assert live is not None

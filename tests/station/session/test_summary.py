@@ -23,8 +23,8 @@ from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.session.summary import EndedSession, SummaryError, end_session, summarise
+from tests.refusals import raises_refusal
 from tests.station.foreign import static_and_dynamic
-from tests.station.refusals import raises_refusal
 from tests.station.wearer import SPECS, WearerSession
 
 POSE, FREE, TIGHT = (spec.file_name(1) for spec in SPECS)
@@ -141,7 +141,7 @@ def test_a_recording_that_was_assigned_is_fitted_as_the_other_trial(tmp_path: Pa
 
 
 def test_an_empty_session_is_refused(tmp_path: Path) -> None:
-    with raises_refusal(SummaryError, FolderCode.NO_RECORDING):
+    with raises_refusal(FolderCode.NO_RECORDING, kind=SummaryError):
         summarise(tmp_path)
 
 

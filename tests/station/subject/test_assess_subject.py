@@ -27,9 +27,9 @@ from station.report.page import write_report
 from station.subject import assessed_subject
 from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit
 from station.subject.subject_file import Subject, SubjectError
+from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.few_people import few_people
-from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
 from tests.station.wearer import SPECS, WearerSession
 
@@ -143,7 +143,7 @@ def test_a_wearer_who_cannot_be_used_is_refused_by_key(
     for path in folder.glob("*.mcap"):
         shutil.copy(path, tmp_path)
     (tmp_path / "subject.toml").write_text(text, encoding="utf-8")
-    with raises_refusal(SubjectError, code) as caught:
+    with raises_refusal(code, kind=SubjectError) as caught:
         build_subject(tmp_path, GENERIC)
     assert named in str(caught.value)
 
@@ -177,7 +177,7 @@ def test_a_pose_in_which_the_person_moves_is_refused_by_code(folder: Path) -> No
 def test_a_folder_without_a_motion_is_refused(folder: Path, tmp_path: Path) -> None:
     shutil.copy(folder / "subject.toml", tmp_path)
     shutil.copy(folder / POSE.file_name(1), tmp_path)
-    with raises_refusal(SubjectError, SubjectCode.NO_MOTION):
+    with raises_refusal(SubjectCode.NO_MOTION, kind=SubjectError):
         build_subject(tmp_path, GENERIC)
 
 

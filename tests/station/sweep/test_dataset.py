@@ -28,8 +28,8 @@ from station.messages.study_messages import SweepCode
 from station.sweep.dataset import SweepResult, run_sweep
 from station.sweep.solving import Outcome, Task, solve_task
 from station.sweep.sweep_plan import PlanError, read_plan
+from tests.refusals import raises_refusal
 from tests.station.loads import write_weight
-from tests.station.refusals import raises_refusal
 from tests.station.sweep.test_sweep_plan import write_plan
 
 
@@ -253,5 +253,5 @@ def test_a_cuff_that_is_missing_or_at_the_waist_is_refused(tmp_path: Path) -> No
         ("waist", PlanError, SweepCode.WORN_CUFFS),
     ):
         plan.write_text(f'[vary]\ncuffs = "cuffs.json"\ncuff = "{cuff}"\n', "utf-8")
-        with raises_refusal(error, code):
+        with raises_refusal(code, kind=error):
             run_sweep(read_plan(plan), tmp_path / "out", nowhere)

@@ -26,8 +26,8 @@ from station.messages.study_messages import SweepCode
 from station.sweep.dataset import SweepResult, run_sweep
 from station.sweep.solving import solve_on, solve_task
 from station.sweep.sweep_plan import SweepPlan, read_plan
+from tests.refusals import raises_refusal
 from tests.solver.uncertainty.test_people import CASE
-from tests.station.refusals import raises_refusal
 from tests.station.sweep.test_sweep_plan import write_plan
 from tests.timeout import scaled_timeout
 
@@ -134,7 +134,7 @@ def test_drawn_people_are_the_same_on_a_cluster_as_here(client: Client, monkeypa
     for place, reading in here.items():
         np.testing.assert_allclose(there[place].at_reference, reading.at_reference, rtol=1e-12)
     monkeypatch.setattr("station.assessment.people_run.solve_people_task", divide_by_zero)
-    with raises_refusal(PeopleError, InputCode.PEOPLE_FAILED):
+    with raises_refusal(InputCode.PEOPLE_FAILED, kind=PeopleError):
         run_people(CASE, scores, PeopleRun(read_budget(), None, partial(solve_people_on, client)))
 
 
@@ -151,7 +151,7 @@ def test_local_workers_listen_to_this_machine_only_and_serve_no_dashboard(client
 
 def test_a_scheduler_that_does_not_answer_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("station.dask_cluster.CONNECT_TIMEOUT", 1)
-    with raises_refusal(ClusterError, SweepCode.NO_SCHEDULER), connected("tcp://127.0.0.1:9", 1):
+    with raises_refusal(SweepCode.NO_SCHEDULER, kind=ClusterError), connected("tcp://127.0.0.1:9", 1):
         pytest.fail("no scheduler listens there")
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from station.messages.study_messages import SweepCode
 from station.sweep.sweep_plan import PlanError, read_plan
+from tests.refusals import raises_refusal
 from tests.station.command import assert_refused
-from tests.station.refusals import raises_refusal
 
 
 def test_a_grid_has_every_combination_in_the_order_of_the_axes(tmp_path: Path) -> None:
@@ -81,20 +81,20 @@ def test_a_latin_hypercube_has_one_point_in_every_part_of_a_span(tmp_path: Path)
 def test_a_wrong_plan_is_refused_with_the_name_of_its_key(
     tmp_path: Path, vary: str, head: str, code: SweepCode, key: str
 ) -> None:
-    with raises_refusal(PlanError, code) as caught:
+    with raises_refusal(code, kind=PlanError) as caught:
         read_plan(write_plan(tmp_path, vary, head))
     assert key in str(caught.value)
 
 
 def test_a_plan_without_cuffs_and_one_that_is_missing_are_refused(tmp_path: Path) -> None:
     (tmp_path / "bare.toml").write_text("[vary]\n", encoding="utf-8")
-    with raises_refusal(PlanError, SweepCode.WRONG_TABLE) as caught:
+    with raises_refusal(SweepCode.WRONG_TABLE, kind=PlanError) as caught:
         read_plan(tmp_path / "bare.toml")
     assert "vary.cuffs" in str(caught.value)
     (tmp_path / "empty.toml").write_text("", encoding="utf-8")
-    with raises_refusal(PlanError, SweepCode.WRONG_TABLE):
+    with raises_refusal(SweepCode.WRONG_TABLE, kind=PlanError):
         read_plan(tmp_path / "empty.toml")
-    with raises_refusal(PlanError, SweepCode.UNREADABLE):
+    with raises_refusal(SweepCode.UNREADABLE, kind=PlanError):
         read_plan(tmp_path / "none.toml")
 
 

@@ -7,7 +7,7 @@ import pytest
 from station.messages.codes import CommandCode
 from station.terminal.commands import KEYS, MEANINGS, Action, Command, UnknownCommand, parse_command
 from station.terminal.keyboard import KeyParser
-from tests.station.refusals import raises_refusal
+from tests.refusals import raises_refusal
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_a_line_is_a_word_or_its_letter_with_a_trial_and_a_reason(line: str, com
     ],
 )
 def test_a_line_that_is_not_a_command_is_refused(line: str, code: CommandCode) -> None:
-    with raises_refusal(UnknownCommand, code):
+    with raises_refusal(code, kind=UnknownCommand):
         parse_command(line)
 
 

@@ -35,9 +35,8 @@ from station.validation.lifts import (
 )
 from station.validation.validation_table import write_validation
 from tests.conftest import SHARED
-from tests.recordings import refusals
+from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused
-from tests.station.refusals import raises_refusal
 
 SUBJECT = SHARED / "subject"
 VARIANTS = ("none", "circle", "ellipse")
@@ -153,7 +152,7 @@ def test_a_published_solution_of_another_time_is_refused() -> None:
     lift = read_lift(SUBJECT, "S8R_back", ("none",))
     published = lift.published["none"]
     later = replace(lift, published={"none": replace(published, time=published.time + 100.0)})
-    with raises_refusal(ValidationFileError, ValidationCode.TIMES_DIFFER):
+    with raises_refusal(ValidationCode.TIMES_DIFFER, kind=ValidationFileError):
         solve_variant(later, PUBLISHED_VARIANTS[0])
 
 
@@ -307,10 +306,10 @@ def test_a_lift_with_wrong_files_is_refused(tmp_path: Path) -> None:
     record = tmp_path / "S8R_back_measured_force.txt"
     whole = record.read_text(encoding="latin-1")
     record.write_text(whole.replace("BodyWeight", "Weight"), encoding="latin-1")
-    with raises_refusal(ValidationFileError, ValidationCode.NO_BODY_WEIGHT):
+    with raises_refusal(ValidationCode.NO_BODY_WEIGHT, kind=ValidationFileError):
         read_lift(tmp_path, "S8R_back", ())
     record.write_bytes((SUBJECT / "S8R_side_measured_force.txt").read_bytes())
-    with raises_refusal(ValidationFileError, ValidationCode.DIFFERENT_FORCES):
+    with raises_refusal(ValidationCode.DIFFERENT_FORCES, kind=ValidationFileError):
         read_lift(tmp_path, "S8R_back", ())
     record.write_text(whole, encoding="latin-1")
     motion = tmp_path / "S8R_back.mot"
@@ -318,7 +317,7 @@ def test_a_lift_with_wrong_files_is_refused(tmp_path: Path) -> None:
     first = next(number for number, line in enumerate(lines) if line.strip() == "endheader") + 2
     later = [f"{float(time) + 7:g}\t{rest}" for time, rest in (line.split(maxsplit=1) for line in lines[first:])]
     motion.write_text("\n".join([*lines[:first], *later]), encoding="utf-8")
-    with raises_refusal(ValidationFileError, ValidationCode.NOT_COVERED):
+    with raises_refusal(ValidationCode.NOT_COVERED, kind=ValidationFileError):
         read_lift(tmp_path, "S8R_back", ())
 
 
@@ -353,13 +352,13 @@ def test_a_published_solution_is_read_by_its_titles(tmp_path: Path, seed: int) -
     read = read_published_force(path)
     np.testing.assert_array_equal(read.force, table[["Fx", "Fy", "Fz"]].to_numpy())
     table.assign(Fx=table["Fx"].where(table.index != 4)).to_csv(path, index=False)
-    with refusals.raises_refusal(RecordingCode.FOREIGN_NOT_A_NUMBER, naming="line 6"):
+    with raises_refusal(RecordingCode.FOREIGN_NOT_A_NUMBER, naming="line 6"):
         read_published_force(path)
     table.drop(columns="Fy").to_csv(path, index=False)
-    with refusals.raises_refusal(RecordingCode.FOREIGN_MISSING_COLUMN):
+    with raises_refusal(RecordingCode.FOREIGN_MISSING_COLUMN):
         read_published_force(path)
     table.assign(time=0.0).to_csv(path, index=False)
-    with refusals.raises_refusal(RecordingCode.FOREIGN_TIME_NOT_RISING):
+    with raises_refusal(RecordingCode.FOREIGN_TIME_NOT_RISING):
         read_published_force(path)
 
 
@@ -370,7 +369,7 @@ def test_a_published_solution_that_was_cut_within_a_row_is_refused_with_its_line
     rows = [f"{frame / 50:.3f},1.25,2.5,3.75,0.0625,0.03125,0.015625" for frame in range(20)]
     text = "\n".join(["time,Fx,Fy,Fz,BIC_long,BIC_brevis,TRIlong", *rows])
     path.write_text(text[: -lost - len("0.015625")], encoding="utf-8")
-    with refusals.raises_refusal(RecordingCode.FOREIGN_CUT, naming="line 21"):
+    with raises_refusal(RecordingCode.FOREIGN_CUT, naming="line 21"):
         read_published_force(path)
 
 

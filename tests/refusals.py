@@ -1,0 +1,48 @@
+"""Expect an error by its code and its figures, not by its sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+
+import pytest
+
+from drivers.simulators.errors import SimulatorCode, SimulatorError
+from fitting.errors import CodedError
+from fitting.results.codes import FitErrorCode, RejectionCode, TensorCode, TrialNoteCode
+from fitting.results.rendering import Figures, Note
+from recordings.errors import RecordingCode, RecordingError
+from solver.errors import SolverCode, SolverError
+from station.errors import StationError
+
+_ROOTS: dict[type[StrEnum], type[Exception]] = {
+    SimulatorCode: SimulatorError,
+    RecordingCode: RecordingError,
+    SolverCode: SolverError,
+    RejectionCode: CodedError,
+    TensorCode: CodedError,
+    FitErrorCode: CodedError,
+}
+"""Codes → class of the errors that carry them; the station's have a class for each of their enumerations."""
+
+
+@contextmanager
+def raises_refusal(
+    code: StrEnum, naming: str = "", *, kind: type[StationError] | None = None, **figures: object
+) -> Iterator[pytest.ExceptionInfo[Exception]]:
+    """The block raises an error of this code and kind, in one line that names the file, key or value at fault."""
+    with pytest.raises(kind or _ROOTS[type(code)]) as caught:
+        yield caught
+    error = caught.value
+    assert error.code == code  # type: ignore[attr-defined]
+    assert naming in str(error)
+    assert "\n" not in str(error)
+    if figures:
+        found = error.reason.figures  # type: ignore[attr-defined]
+        assert {name: found[name] for name in figures} == figures
+
+
+def figures_by_code(notes: Iterable[Note]) -> dict[TrialNoteCode, Figures]:
+    """Code → figures of the notes on a trial."""
+    return {note.code: note.figures for note in notes}  # type: ignore[misc]
