@@ -42,7 +42,7 @@ HARMLESS_FILE = Path(__file__).with_name("harmless_mutations.toml")
 FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents", "tests", "benchmarks")
 MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/FOLDER/test_MODULE.py
     "fitting.static.migration": ("tests/fitting/static/test_held_loads.py",),
-    "fitting.static.stiffness": ("tests/fitting/static/test_slip_decisions.py",),
+    "fitting.static.stiffness": ("tests/fitting/static/test_held_loads.py",),
     "fitting.study.power": (),
     "fitting.study.reml": (),
     "fitting.trial.calibration": (),
@@ -53,9 +53,9 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "recordings.writer": (),
     "solver.suit.cord": ("tests/solver/test_cuff.py",),
     "solver.suit.decision": (),
-    "solver.suit.quantity": (),
+    "solver.suit.quantity": ("tests/solver/suit/test_assessment.py",),
     "station.bench.sync_line": (),
-    "station.bench.trial_state_machine": ("tests/station/bench/test_silence.py",),
+    "station.bench.trial_state_machine": ("tests/station/bench/test_arming.py",),
     "documents.interval": (),
     "station.journal": (),
     "station.session.plan_status": (),

@@ -25,7 +25,7 @@ RECORDING = ROOT / "tests" / "recordings" / "golden" / "format_1.mcap"
 PATIENCE_S = 240.0
 RELATIVE, ABSOLUTE = 1e-7, 1e-12  # the two C libraries round exp and log differently
 KILLED = (
-    "tests/station/session/test_killed_recorder.py::"
+    "tests/station/session/test_trial_daemon.py::"
     "test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_recorder"
 )
 PAGE = """

@@ -46,7 +46,7 @@ assert all(before[f"{module}.{name}"] == 1 for module, name in KERNELS), before
 from fitting.cuffs.cuffs_file import read_cuffs
 from station.assessment.assess import assess_cuffs
 from station.assessment.assessment_inputs import AssessmentInputs
-from tests.station.few_people import few_people
+from tests.station.reported import few_people
 
 assess_cuffs(read_cuffs(file), AssessmentInputs(file), most_frames=3, most_rest_lengths=4, people=few_people(2))
 after = signatures()

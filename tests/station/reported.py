@@ -1,10 +1,12 @@
-"""A session as it was recorded, fitted, assessed with a short motion, and reported."""
+"""A session as it was recorded, fitted, assessed with a short motion and few people, and reported."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+from station.assessment.budget_file import read_budget
+from station.assessment.people_run import PeopleRun, SourceChoice
 from station.checksums import write_checksums
 from tests.station.foreign import static_and_dynamic
 
@@ -17,7 +19,6 @@ def report_session(folder: Path, people: int = 0) -> Path:
     from station.assessment.assessment_inputs import AssessmentInputs
     from station.fit import fit_session_folder
     from station.report.page import write_report
-    from tests.station.few_people import few_people
 
     folder /= "session"
     folder.mkdir(parents=True)
@@ -33,3 +34,10 @@ def report_session(folder: Path, people: int = 0) -> Path:
     write_assessment(assess_cuffs(worn, inputs, most_frames=4, most_rest_lengths=5, people=run), folder)
     write_report(folder, fitted)
     return folder
+
+
+def few_people(count: int, frames: int = 4, sources: SourceChoice = "all") -> PeopleRun:
+    """A run with the bundled sources and so many people, each in about so many frames."""
+    budget = read_budget()
+    sample = budget.sample.model_copy(update={"people": count, "frames": frames})
+    return PeopleRun(budget.model_copy(update={"sample": sample}), sources=sources)

@@ -1,14 +1,27 @@
-"""The restricted likelihood, by its textbook form and by closed forms of balanced designs."""
+"""REML and mixed models: the textbook form, balanced designs, variance components of published data."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from fitting.results.outcome import FitOutcome
 from fitting.study import reml
+from fitting.study.cuff_study import Observation
+from fitting.study.donning_spread import SpreadOutcome, estimate_donning_spread
 from fitting.study.reml import ErrorContrasts, contrast, dependencies, evaluate, maximise
+from fitting.study.variance_components import (
+    ComponentOutcome,
+    Factor,
+    MixedModel,
+    TooFewObservations,
+    component_interval,
+    deviance_quantile,
+    fit_components,
+)
+from tests.fitting.study.published import AIAG, PENICILLIN, SIRSTV
 
 Array = NDArray[np.float64]
 RNG = np.random.default_rng(7)
@@ -151,3 +164,219 @@ def test_a_factor_of_one_level_has_no_influence_and_one_of_single_observations_i
     for difference, is_level in ((3e-8, True), (4e-8, False)):  # √12 · 1e-8 is the limit
         slope = np.arange(12.0)[:, None] * difference / np.sqrt(143)
         assert contrast(VALUES, ONES, np.eye(12), [ONES + slope]).roots[0].any() != is_level
+
+
+def _no_noise(count: int) -> np.ndarray:
+    return np.zeros((count, count))
+
+
+def _one_way(table: np.ndarray) -> MixedModel:
+    """Rows are groups."""
+    groups = np.repeat(np.arange(len(table)), table.shape[1])
+    factors = [Factor("group", groups), Factor("within", range(table.size))]
+    return fit_components(table.ravel(), factors, _no_noise(table.size))
+
+
+def test_the_gauge_study_of_aiag_gives_its_published_standard_deviations() -> None:
+    """MSA 4th edition, ANOVA method without interaction: PV 1.042327, AV 0.226838, EV 0.199933."""
+    appraiser, _, part = np.indices(AIAG.shape).reshape(3, -1)
+    cell = [f"{a} {p}" for a, p in zip(appraiser, part, strict=True)]
+    factors = [Factor("part", part), Factor("appraiser", appraiser), Factor("interaction", cell)]
+    model = fit_components(AIAG.ravel(), [*factors, Factor("repeat", range(90))], _no_noise(90))
+    sd = {name: np.sqrt(component.variance) for name, component in model.components.items()}
+    assert sd == pytest.approx(
+        {"part": 1.042327, "appraiser": 0.226838, "interaction": 0.0, "repeat": 0.199933}, abs=1e-6
+    )
+    assert model.components["interaction"].outcome is ComponentOutcome.AT_ZERO
+    assert model.outcome is FitOutcome.CONVERGED
+
+
+def test_the_silicon_wafers_of_nist_give_their_certified_mean_squares() -> None:
+    """StRD SiRstv: between 1.27865654000E-02 on 4, within 1.08318280000E-02 on 20 degrees of freedom."""
+    model = _one_way(SIRSTV)
+    assert model.components["within"].variance == pytest.approx(1.08318280000e-02, rel=1e-6)
+    assert model.components["group"].variance == pytest.approx((1.27865654e-02 - 1.0831828e-02) / 5, rel=1e-5)
+
+
+def test_blends_of_penicillin_give_the_published_reml_estimates() -> None:
+    """Faraway, Extending the Linear Model with R, 2nd edition, section 10.4: blend 11.79, residual 18.83."""
+    treatment, blend = np.indices(PENICILLIN.shape).reshape(2, -1)
+    fixed = np.eye(4)[treatment]
+    factors = [Factor("blend", blend), Factor("residual", range(20))]
+    model = fit_components(PENICILLIN.ravel(), factors, _no_noise(20), fixed)
+    found = [model.components[name].variance for name in ("blend", "residual")]
+    assert found == pytest.approx([11.79, 18.83], abs=0.005)
+
+
+def test_an_unbalanced_nested_design_agrees_with_statsmodels() -> None:
+    formula_api = pytest.importorskip("statsmodels.formula.api")
+    import pandas as pd
+
+    rng = np.random.default_rng(3)
+    rows = [(v, f"{v}{d}") for v in range(12) for d in range(1 + v % 3) for _ in range(1 + (v + d) % 3)]
+    volunteer, donning = map(list, zip(*rows, strict=True))
+    offsets = {name: rng.normal(0, 20) for name in donning}, rng.normal(0, 40, 12)
+    values = np.array([500 + offsets[1][v] + offsets[0][d] + rng.normal(0, 10) for v, d in rows])
+    factors = [Factor("volunteer", volunteer), Factor("donning", donning), Factor("repeat", range(len(rows)))]
+    model = fit_components(values, factors, _no_noise(len(rows)), with_intervals=False)
+
+    table = pd.DataFrame({"y": values, "volunteer": volunteer, "donning": donning})
+    nested = {"donning": "0 + C(donning)"}
+    oracle = formula_api.mixedlm("y ~ 1", table, groups="volunteer", re_formula="1", vc_formula=nested).fit(reml=True)
+    expected = [float(oracle.cov_re.iloc[0, 0]), float(oracle.vcomp[0]), float(oracle.scale)]
+    assert model.theta == pytest.approx(expected, rel=2e-3)
+
+
+def test_known_noise_is_not_counted_as_a_component() -> None:
+    """Twice the same table: once all spread is the component's, once half of the variance within is known."""
+    plain = _one_way(SIRSTV)
+    within = plain.components["within"].variance
+    groups = np.repeat(np.arange(5), 5)
+    factors = [Factor("group", groups), Factor("within", range(25))]
+    model = fit_components(SIRSTV.ravel(), factors, 0.5 * within * np.eye(25))
+    assert model.components["within"].variance == pytest.approx(0.5 * within, rel=1e-5)
+    assert model.components["group"].variance == pytest.approx(plain.components["group"].variance, rel=1e-4)
+
+
+def test_a_negative_variance_of_the_anova_is_zero_with_an_upper_end() -> None:
+    table = np.array([[1.0, -1.0, 1.0, -1.0]] * 3)  # equal means: the mean square between is zero
+    group = _one_way(table).components["group"]
+    assert group.outcome is ComponentOutcome.AT_ZERO
+    assert group.variance == 0.0
+    assert group.ci95[0] == 0.0
+    assert group.ci95[1] > 0.0
+
+
+def test_factors_that_the_design_does_not_separate_have_outcomes() -> None:
+    volunteers = [0, 0, 1, 1, 2, 2]
+    donnings, repeats = [f"{v}{i % 2}" for i, v in enumerate(volunteers)], range(6)
+    factors = [Factor("volunteer", volunteers), Factor("donning", donnings), Factor("repeat", repeats)]
+    factors.append(Factor("operator", ["A"] * 6))
+    model = fit_components(np.array([1.0, 1.2, 2.0, 2.1, 3.0, 3.3]), factors, 0.01 * np.eye(6))
+    assert model.components["repeat"].outcome is ComponentOutcome.CONFOUNDED
+    assert model.components["repeat"].confounded_with == ("donning",)
+    assert model.components["operator"].outcome is ComponentOutcome.ONE_LEVEL
+    assert [component.name for component in model.estimated] == ["volunteer", "donning"]
+
+
+@pytest.mark.parametrize("values", [[1.0], [2.0, 2.0]], ids=["one observation", "no variance and no noise"])
+def test_values_without_spread_are_refused(values: list[float]) -> None:
+    with pytest.raises(TooFewObservations):
+        fit_components(np.array(values), [], _no_noise(len(values)))
+
+
+def test_the_gradient_and_the_information_are_those_of_finite_differences() -> None:
+    model = _one_way(AIAG[0])
+    theta, step = np.array([0.3, 0.8]), 1e-5
+    here = evaluate(model.contrasts, theta)
+    sides = [[evaluate(model.contrasts, theta + sign * step * unit) for sign in (1, -1)] for unit in np.eye(2)]
+    slopes = [(up.deviance - down.deviance) / (2 * step) for up, down in sides]
+    curvature = [(up.gradient - down.gradient) / (2 * step) for up, down in sides]
+    assert here.gradient == pytest.approx(slopes, rel=1e-6)
+    assert here.observed == pytest.approx(np.array(curvature) / 2, rel=1e-6)
+
+
+def test_the_interval_of_one_variance_is_that_of_the_likelihood_ratio() -> None:
+    """One stratum: the deviance of σ² is ν (x − 1 − log x) above its least, x = s² / σ²."""
+    values = np.array([3.0, 1.0, 4.0, 1.0, 5.0])
+    model = fit_components(values, [Factor("repeat", range(5))], _no_noise(5))
+    low, high = component_interval(model.contrasts, model.solution, 0, 4)
+    for end in (low, high):
+        ratio = float(model.solution.theta[0]) / end
+        assert 4 * (ratio - 1 - np.log(ratio)) == pytest.approx(deviance_quantile(4), rel=5e-3)
+
+
+def test_the_quantile_for_many_levels_is_that_of_chi_square() -> None:
+    assert deviance_quantile(200) == pytest.approx(float(stats.chi2.ppf(0.95, 1)), rel=2e-3)
+    assert deviance_quantile(1) > deviance_quantile(5) > deviance_quantile(50)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_small_design_without_known_noise_has_intervals_or_is_refused(seed: int) -> None:
+    """A variance of zero makes the covariance singular there: the search for an end passes by it."""
+    rng = np.random.default_rng(seed)
+    volunteers = rng.integers(0, 3, 7)
+    donnings = [f"{v} {rng.integers(0, 2)}" for v in volunteers]
+    factors = [Factor("volunteer", volunteers.tolist()), Factor("donning", donnings), Factor("repeat", range(7))]
+    model = fit_components(10 + volunteers + 1e-3 * rng.standard_normal(7), factors, _no_noise(7))
+    for component in model.estimated:
+        low, high = component.ci95
+        assert low <= component.variance * (1 + 1e-6)
+        assert not high < component.variance
+
+
+def test_factors_that_leave_the_covariance_singular_are_refused() -> None:
+    with pytest.raises(TooFewObservations):
+        fit_components(np.array([1.0, 1.0, 2.0, 2.0]), [Factor("volunteer", [0, 0, 1, 1])], _no_noise(4))
+
+
+# Relative spread between donnings: against analysis of variance, in coverage, and where it cannot be estimated.
+
+
+SPREAD, WITHIN = 0.15, 0.02
+
+
+def measured(
+    seed: int, cuffs: int = 3, donnings: int = 4, repeats: int = 3, *, spread: float = SPREAD, noise: float = 0.0
+) -> list[Observation]:
+    """Values of cuffs of different stiffness, with normal logarithms."""
+    generator = np.random.default_rng(seed)
+    found = []
+    for cuff in range(cuffs):
+        for donning in range(donnings):
+            centre = np.log(2000.0 * (cuff + 1)) + spread * generator.normal()
+            for repeat in range(1, repeats + 1):
+                value = float(np.exp(centre + np.hypot(WITHIN, noise) * generator.normal()))
+                found.append(
+                    Observation(
+                        value, noise * value, 0.01 * value, "P01", "A", "monday", str(donning), repeat, f"{cuff}"
+                    )
+                )
+    return found
+
+
+def test_the_spread_is_that_of_an_analysis_of_variance_of_logarithms() -> None:
+    # balanced, without known noise: REML and the method of moments are the same estimator
+    found = estimate_donning_spread(measured(1))
+    table = np.log([one.value for one in measured(1)]).reshape(3, 4, 3)
+    between = 3 * table.mean(axis=2).var(axis=1, ddof=1).mean()
+    within = table.var(axis=2, ddof=1).mean()
+    assert found.outcome is SpreadOutcome.ESTIMATED
+    assert found.spread == pytest.approx(np.sqrt((between - within) / 3), rel=1e-4)
+    assert (found.donnings, found.cuffs) == (12, 3)
+    assert found.freedom == pytest.approx(9, abs=0.5)
+    assert found.ci95[0] < found.spread < found.ci95[1]
+
+
+def test_the_scale_of_a_cuff_and_an_error_of_the_whole_session_do_not_matter() -> None:
+    plain = estimate_donning_spread(measured(2))
+    scaled = [
+        Observation(7 * one.value, 0.0, 0.3 * 7 * one.value, "P01", "A", "monday", one.donning, one.repeat, one.cuff)
+        for one in measured(2)
+    ]
+    assert estimate_donning_spread(scaled).spread == pytest.approx(plain.spread, rel=1e-6)
+
+
+def test_intervals_of_many_studies_contain_the_true_spread() -> None:
+    found = [estimate_donning_spread(measured(seed, repeats=2)) for seed in range(80)]
+    inside = [one.ci95[0] <= SPREAD <= one.ci95[1] for one in found]
+    assert 0.88 <= np.mean(inside) <= 1.0
+    assert np.mean([one.spread**2 for one in found]) == pytest.approx(SPREAD**2, rel=0.1)
+
+
+@pytest.mark.parametrize(("cuffs", "donnings"), [(3, 1), (3, 2), (1, 4), (0, 0)])
+def test_few_donnings_give_no_spread(cuffs: int, donnings: int) -> None:
+    found = estimate_donning_spread(measured(3, cuffs, donnings))
+    assert found.outcome is SpreadOutcome.FEW_DONNINGS
+    assert np.isnan(found.spread)
+
+
+def test_a_spread_below_the_noise_of_the_fits_is_not_resolved() -> None:
+    found = estimate_donning_spread(measured(4, spread=0.0, noise=0.3))
+    assert found.outcome is SpreadOutcome.UNRESOLVED
+
+
+def test_values_that_are_not_positive_and_cuffs_donned_once_are_left_out() -> None:
+    once = Observation(9000.0, 0.0, 0.0, "P01", "A", "monday", "1", 1, "single")
+    negative = Observation(-3.0, 0.1, 0.0, "P01", "A", "monday", "9", 1, "0")
+    assert estimate_donning_spread([*measured(1), once, negative]) == estimate_donning_spread(measured(1))

@@ -20,7 +20,7 @@ from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, wit
 from solver.redundancy.sequence import FrameByFrame, solve_redundancy
 from solver.stream.stream_solver import StreamSolver
 from tests.refusals import raises_refusal
-from tests.solver.redundancy.test_cubes import only
+from tests.solver.redundancy.test_conic import only
 from tests.solver.redundancy.test_elastic import ELASTIC
 from tests.solver.redundancy.test_elastic import MODEL as ELASTIC_MODEL
 from tests.solver.redundancy.test_motion_solution import two_muscles

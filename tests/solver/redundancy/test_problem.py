@@ -1,8 +1,9 @@
-"""What no control reaches, and what moves nothing: locked coordinates, round-off columns, ranks that change."""
+"""Options of the problem; what no control reaches and what moves nothing: locks, ranks that change."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,16 +11,19 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.constraint import CoordinatePrescription
+from solver.errors import SolverCode
 from solver.functions.coordinate_functions import PiecewisePolynomial, Sine
 from solver.model import CoordinateCoupler, CoordinateLock, Model
 from solver.motion import Kinematics, decimate, differentiate, read_motion
+from solver.multibody.joint_reactions import ReactionRequest
 from solver.osim.model_reader import read_osim
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions, Solver
+from solver.redundancy.redundancy_options import RedundancyOptions, Solver, effort_weights
 from solver.redundancy.sequence import solve_redundancy
+from tests.refusals import raises_refusal
 from tests.solver.references import SHARED
 
 Array = NDArray[np.float64]
@@ -169,3 +173,35 @@ def test_a_lift_with_locked_coordinates_has_its_published_activations() -> None:
     names, table = rows[0].split(","), np.array([row.split(",") for row in rows[1:]], dtype=float)
     published = table[:, [names.index(name) for name in model.muscle_names]]
     assert np.abs(found.activations - published).mean() < 3e-4
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "known"),
+    [
+        ("tendons", "Elastic", "'elastic'"),
+        ("path_mode", "geodesics", "'geodesic'"),
+        ("muscle_force_model", "passive", "'active'"),
+        ("solver", "slsqp", "'clarabel'"),
+        ("exponent", 4, "2 or 3"),
+        ("glenoid_aspect", np.nan, "above 0"),
+        ("glenoid_aspect", -0.5, "above 0"),
+        ("free_coordinates", "plane_elv", "('plane_elv',)"),
+        ("unweighted_coordinates", "elbow_flexion", "('elbow_flexion',)"),
+    ],
+)
+def test_a_value_that_is_not_known_is_refused_with_those_that_are(option: str, value: Any, known: str) -> None:
+    with raises_refusal(SolverCode.WRONG_OPTION, naming=option) as caught:
+        RedundancyOptions(**{option: value})
+    assert known in str(caught.value)
+
+
+@pytest.mark.parametrize(("option", "value"), [("joints", "knee_r"), ("on", "parents"), ("axes", "world")])
+def test_a_request_of_reactions_is_checked_alike(option: str, value: Any) -> None:
+    with raises_refusal(SolverCode.WRONG_OPTION, naming=f"{option} is '{value}'"):
+        ReactionRequest(**{option: value})
+
+
+@pytest.mark.parametrize("weight", [-1.0, np.nan])
+def test_a_weight_is_a_number_from_zero(weight: float) -> None:
+    with raises_refusal(SolverCode.NEGATIVE_WEIGHT, naming=f"{weight:g}"):
+        effort_weights(bundled_model(), RedundancyOptions(muscle_weight=weight))

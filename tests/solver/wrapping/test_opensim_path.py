@@ -1,11 +1,16 @@
-"""A path over several surfaces: one after the other, until the length settles."""
+"""A path over several surfaces, one after the other, and against OpenSim."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from tests.solver.wrapping.laid import cylinder, ellipsoid, lengths_over, sphere, straight_lengths
+from solver.model import WrapSurface
+from tests.solver.wrapping.laid import Method, cylinder, ellipsoid, lengths_over, sphere, straight_lengths
 
 LINE = np.array([[[-0.3, 0.001, 0.0], [0.3, 0.001, 0.0]]])
 
@@ -39,3 +44,99 @@ def test_a_second_surface_around_an_end_swaps_the_order_and_leaves_the_path_stra
 def test_a_path_point_between_surfaces_bends_the_path() -> None:
     via = np.array([[[-0.3, 0.001, 0.0], [0.0, 0.08, 0.0], [0.3, 0.001, 0.0]]])
     assert lengths_over([sphere(0.05)], via)[0] == straight_lengths(via)[0]
+
+
+opensim: Any = pytest.importorskip("opensim", reason="needs OpenSim: pip install cuffstation[oracle]")
+
+Array = NDArray[np.float64]
+
+METHODS: tuple[Method, ...] = ("hybrid", "midpoint", "axial")
+QUADRANTS = ("all", "+x", "-x", "+y", "-y", "+z", "-z")
+PATHS_IN_A_MODEL = 12
+SMALL, ROUND = sphere(0.05, centre=(0.04, 0.03, 0.02)), ellipsoid((0.05, 0.06, 0.07), centre=(0.04, 0.03, 0.02))
+
+
+@pytest.fixture(autouse=True)
+def _quiet(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(str(tmp_path))
+    opensim.Logger.setLevelString("off")
+
+
+@pytest.mark.parametrize("quadrant", QUADRANTS)
+@pytest.mark.parametrize("method", METHODS)
+def test_ellipsoid(quadrant: str, method: Method) -> None:
+    _assert_same([ellipsoid((0.05, 0.09, 0.06), quadrant)], _random_lines(ends=2), method)
+
+
+@pytest.mark.parametrize("quadrant", QUADRANTS)
+def test_sphere(quadrant: str) -> None:
+    _assert_same([sphere(0.06, quadrant)], _random_lines(ends=3))
+
+
+@pytest.mark.parametrize("quadrant", QUADRANTS[:5])
+@pytest.mark.parametrize("others", [[], [SMALL], [ROUND], [cylinder(0.03, 0.3, centre=(0.04, 0.03, 0.02))]])
+def test_cylinder_alone_and_with_others(quadrant: str, others: list[WrapSurface]) -> None:
+    _assert_same([cylinder(0.04, 0.2, quadrant), *others], _random_lines(ends=3))
+    _assert_same([*others, cylinder(0.04, 0.2, quadrant)], _random_lines(ends=2))
+
+
+def test_paths_in_a_coordinate_plane() -> None:
+    for surface in (ellipsoid((0.05, 0.09, 0.06)), sphere(0.06), cylinder(0.04, 0.2), cylinder(0.04, 0.2, "-y")):
+        for axis in range(3):
+            lines = _random_lines(ends=3)
+            lines[..., axis] = 0.0
+            _assert_same([surface], lines)
+
+
+def _random_lines(ends: int) -> Array:
+    return np.random.default_rng(ends).uniform(-0.15, 0.15, (120, ends, 3))
+
+
+def _assert_same(surfaces: Sequence[WrapSurface], lines: Array, method: Method = "hybrid") -> None:
+    ours, theirs = lengths_over(surfaces, lines, method), _lengths_in_opensim(surfaces, lines, method)
+    assert (theirs > straight_lengths(lines) + 1e-6).sum() > 10
+    assert np.allclose(ours, theirs, rtol=1e-9, atol=1e-12, equal_nan=True)
+
+
+def _lengths_in_opensim(surfaces: Sequence[WrapSurface], lines: Array, method: Method) -> Array:
+    """In several models: OpenSim's addForce goes through all components of the model again."""
+    parts = np.split(lines, range(PATHS_IN_A_MODEL, len(lines), PATHS_IN_A_MODEL))
+    return np.concatenate([_lengths_in_one_model(surfaces, part, method) for part in parts])
+
+
+def _lengths_in_one_model(surfaces: Sequence[WrapSurface], lines: Array, method: Method) -> Array:
+    model = opensim.Model()
+    ground = model.getGround()
+    objects = [_wrap_object(surface, f"surface_{k}") for k, surface in enumerate(surfaces)]
+    for wrap_object in objects:
+        ground.addWrapObject(wrap_object)
+    for k, line in enumerate(lines):
+        spring = opensim.PathSpring(f"path_{k}", 0.1, 1.0, 0.1)
+        path = spring.updGeometryPath()
+        for end, place in enumerate(line):
+            path.appendNewPathPoint(f"path_{k}_{end}", ground, opensim.Vec3(*place))
+        for j, wrap_object in enumerate(objects):
+            path.addPathWrap(wrap_object)
+            path.updWrapSet().get(j).setMethod(METHODS.index(method))
+        model.addForce(spring)
+    state = model.initSystem()
+    model.realizePosition(state)
+    springs = (opensim.PathSpring.safeDownCast(model.getForceSet().get(k)) for k in range(len(lines)))
+    return np.array([spring.getLength(state) for spring in springs])
+
+
+def _wrap_object(surface: WrapSurface, name: str) -> Any:
+    if surface.kind == "ellipsoid":
+        wrap_object = opensim.WrapEllipsoid()
+        wrap_object.set_dimensions(opensim.Vec3(*surface.dimensions))
+    elif surface.kind == "sphere":
+        wrap_object = opensim.WrapSphere()
+        wrap_object.set_radius(surface.dimensions[0])
+    else:
+        wrap_object = opensim.WrapCylinder()
+        wrap_object.set_radius(surface.dimensions[0])
+        wrap_object.set_length(surface.dimensions[2])
+    wrap_object.setName(name)
+    wrap_object.set_quadrant(surface.quadrant)
+    wrap_object.set_translation(opensim.Vec3(*surface.placement.translation))
+    return wrap_object

@@ -1,15 +1,29 @@
-"""uncertainty.toml: every key of the bundled file, defaults for missing ones, and refusals that name the key."""
+"""uncertainty.toml: every key, defaults, refusals that name the key, and spreads from repeated donnings."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy import stats
 
-from solver.uncertainty.sources import UncertaintySources
+from fitting.study.donning_spread import SpreadOutcome
+from solver.uncertainty.factors import columns_of, normal_scores, random_factors, scores_by_factor, unit_sample
+from solver.uncertainty.sources import DonningSpread, FitSpread, UncertaintySources
+from solver.uncertainty.varied_model import varied_cuff
 from station.assessment.budget_file import BUNDLED_BUDGET, BudgetError, read_budget
+from station.assessment.donning import donning_sources
+from station.assessment.people_run import PeopleOptions, people_run
+from station.errors import UnusedOption
 from station.messages.codes import InputCode
+from station.messages.study_messages import StudyCode
+from station.study.sessions import StudyError
 from tests.refusals import raises_refusal
+from tests.solver.uncertainty.test_people import CASE, HAND, MODEL
+from tests.station.assessment.test_assess import write_cuffs
+from tests.station.study.synthetic_sessions import MIGRATION, STIFFNESS, write_sessions
 
 
 def written(folder: Path, text: str) -> Path:
@@ -61,3 +75,67 @@ def test_a_file_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path, text: 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with raises_refusal(InputCode.BUDGET, kind=BudgetError):
         read_budget(tmp_path / "none.toml")
+
+
+DECLARED = DonningSpread(0.5, 0.6, 0.7)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    (found,) = write_sessions(tmp_path_factory.mktemp("donnings"), 1, operators=1, donnings=12)
+    return found
+
+
+def test_repeated_donnings_of_the_assessed_session_replace_the_declared_spread(session: Path) -> None:
+    found = donning_sources(DECLARED, session / "cuffs.json")
+    assert found.is_estimated("stiffness")
+    assert found.spread.stiffness == pytest.approx(STIFFNESS.donning / STIFFNESS.mean, rel=0.4)
+    assert found.spread.migration == pytest.approx(MIGRATION.donning / MIGRATION.mean, rel=0.4)
+    assert found.spread.freedom[0] == pytest.approx(22, abs=3), "24 donnings of two cuffs"
+    entry = found.plain()["stiffness"]
+    assert entry["is_estimated"] and entry["donnings"]["value"] == 24
+    assert entry["spread"]["ci95"][0] < entry["spread"]["value"] < entry["spread"]["ci95"][1]
+
+
+def test_cuffs_written_by_hand_keep_the_declared_spread_and_sessions_may_bring_donnings(
+    session: Path, tmp_path: Path
+) -> None:
+    cuffs = write_cuffs(tmp_path / "cuffs.json")
+    alone, more = donning_sources(DECLARED, cuffs), donning_sources(DECLARED, cuffs, [session])
+    assert alone.spread == DECLARED
+    assert alone.estimates["damping"].outcome is SpreadOutcome.FEW_DONNINGS
+    assert alone.message.figures["stiffness"] == "stiffness 50 % (declared)"
+    assert more.spread == donning_sources(DECLARED, session / "cuffs.json", [session]).spread
+    assert more.message.code is InputCode.DONNING_SPREAD
+    assert donning_sources(DECLARED, cuffs, [session], estimates=False).spread == DECLARED
+
+
+def test_what_is_no_session_and_mixed_origins_are_refused(session: Path, tmp_path: Path) -> None:
+    with raises_refusal(StudyCode.NOT_A_FOLDER, kind=StudyError):
+        donning_sources(DECLARED, session / "cuffs.json", [tmp_path / "none"])
+    simulated = write_sessions(tmp_path, 1, operators=1, origin="simulated")
+    with raises_refusal(StudyCode.MIXED_ORIGIN, kind=StudyError):
+        donning_sources(DECLARED, session / "cuffs.json", simulated)
+    with (
+        raises_refusal(InputCode.NO_PEOPLE, kind=UnusedOption),
+        people_run(tmp_path, PeopleOptions(people=0, donnings=(session,))),
+    ):
+        pass
+
+
+def test_cuffs_drawn_about_an_estimated_spread_have_the_t_distribution_of_its_degrees_of_freedom() -> None:
+    donning = DonningSpread(0.1, 0.2, 0.3, freedom=(5.0, np.inf, 12.0))
+    sources = replace(UncertaintySources(), donning=donning, fit=FitSpread(0.0))
+    factors = random_factors(sources, MODEL, (HAND,))
+    scores = normal_scores(unit_sample(factors, 2000, "latin_hypercube", seed=2))
+    assert len(columns_of(factors, ["donning_spread"])) == 3
+    drawn = [varied_cuff(HAND, sources.fit, donning, scores_by_factor(factors, row)) for row in scores]
+    for name, spread, freedom in (("stiffness", 0.1, 5.0), ("damping", 0.2, np.inf), ("migration", 0.3, 12.0)):
+        logs = np.log([getattr(cuff, name) / getattr(HAND, name) for cuff in drawn]) / (np.sqrt(2) * spread)
+        if name == "stiffness":
+            logs = logs[logs > np.log(0.05) / (np.sqrt(2) * spread) + 1e-9]  # the least stiffness of a drawn cuff
+        assert stats.kstest(logs, stats.t(freedom).cdf).pvalue > 0.01
+
+
+def test_a_declared_spread_needs_no_further_scores() -> None:
+    assert not len(columns_of(CASE.factors, ["donning_spread"]))

@@ -18,7 +18,7 @@ from station.output_folder import NotAFolder
 from station.report.page import write_report
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
-from tests.station.few_people import few_people
+from tests.station.reported import few_people
 
 
 def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> None:

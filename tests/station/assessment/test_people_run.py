@@ -14,12 +14,18 @@ import numpy as np
 import pytest
 
 from fitting.results.outcome import Standing
+from solver.bundled import bundled_model
+from solver.motion import differentiate
+from solver.multibody.postures import points_in_ground, postures
+from solver.raise_arm import simulate_arm_raise
+from solver.suit.suit import read_suit
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.sources import BodySpread
 from station.assessment.assess import assess_cuffs, decision_sentences, write_assessment
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.budget_file import read_budget
+from station.assessment.drawn_postures import PostureEntry, plain_postures
 from station.assessment.people_run import (
     PeopleOptions,
     PeopleRun,
@@ -39,8 +45,8 @@ from station.report.verification import number_links
 from tests.refusals import raises_refusal
 from tests.solver.uncertainty.test_people import CASE
 from tests.station.assessment.test_assess import numbers_in, write_cuffs
-from tests.station.few_people import few_people
 from tests.station.report.unmarked import unmarked_numbers
+from tests.station.reported import few_people
 
 BUDGET = "[sample]\npeople = 40\nframes = 8\n[donning]\nmigration = 0.3\n"
 
@@ -231,3 +237,41 @@ def test_people_are_drawn_by_default_and_kept_where_they_are_asked_for(tmp_path:
     for options in (PeopleOptions(people=0, workers=2), PeopleOptions(people=0, index_blocks=8)):
         with raises_refusal(InputCode.NO_PEOPLE, kind=UnusedOption), people_run(tmp_path, options):
             pass
+
+
+MODEL, SUIT = bundled_model(), read_suit()
+MOTION = differentiate(simulate_arm_raise(MODEL))
+
+
+@pytest.fixture(scope="module")
+def drawn() -> list[dict[str, Any]]:
+    return plain_postures(MODEL, MOTION, SUIT, MOTION.time[::20])
+
+
+def test_the_arm_is_at_its_lowest_in_the_middle_and_at_its_highest(drawn: list[dict[str, Any]]) -> None:
+    elevations = [posture["elevation_deg"]["value"] for posture in drawn]
+    state = postures(MODEL, MOTION.positions[::20], MOTION.speeds[::20])
+    of = {marker.name: marker for marker in MODEL.markers}
+    epicondyles = np.mean(
+        [points_in_ground(state, of[name].body, of[name].location) for name in ("EpL", "EpM")], axis=0
+    )
+    along = epicondyles - state.origin_in_ground[:, MODEL.body_index("humerus")]
+    by_markers = np.degrees(np.arccos(-along[:, 1] / np.linalg.norm(along, axis=1)))
+    middle = (by_markers.min() + by_markers.max()) / 2
+    assert elevations == pytest.approx([by_markers.min(), middle, by_markers.max()], abs=4.0)
+    assert elevations == sorted(elevations)
+
+
+def test_lines_are_those_of_the_model_and_the_suit_at_that_time(drawn: list[dict[str, Any]]) -> None:
+    for posture in drawn:
+        PostureEntry.model_validate(posture)
+        frame = int(np.argmin(np.abs(MOTION.time - posture["time_s"]["value"])))
+        state = postures(MODEL, MOTION.positions[[frame]], MOTION.speeds[[frame]])
+        for muscle in MODEL.muscles:
+            line = np.array(posture["muscles_m"][muscle.name]["value"])
+            for end, point in ((line[0], muscle.path.points[0]), (line[-1], muscle.path.points[-1])):
+                np.testing.assert_allclose(end, points_in_ground(state, point.body, point.location)[0], atol=6e-4)
+        arm = points_in_ground(state, MODEL.body_index(SUIT.arm.body), SUIT.arm.location)[0]
+        np.testing.assert_allclose(posture["cord_m"]["value"][-1], arm, atol=6e-4)
+        ring = np.array(posture["cuffs_m"]["arm"]["value"])
+        assert np.linalg.norm(ring - arm, axis=1).min() < 0.01, "the cord ends on the cuff"

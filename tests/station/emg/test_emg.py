@@ -1,24 +1,28 @@
-"""station emg, on the command line: from EMG, MVC and activations to envelopes, shapes, change and report."""
+"""station emg, on the command line and on public data: envelopes, shapes, change and report."""
 
 from __future__ import annotations
 
+import gzip
 import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from fitting.emg.channels import ChannelFinding
 from fitting.emg.shape import ShapeOutcome
 from fitting.results.codes import FitErrorCode
 from solver.time_series_table import read_table
 from station.assessment.emg import read_emg
+from station.emg.comparison import ConditionFiles, compare_emg
 from station.emg.emg_json import EmgDocument, read_emg_document
 from station.emg.trials import EmgFileError
 from station.exit_code import DONE, LOSSY, WRONG_USAGE
 from station.messages.codes import InputCode
 from station.messages.emg_messages import EmgCode
+from tests.conftest import SHARED
 from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 from tests.station.emg.measured import (
@@ -308,3 +312,42 @@ def test_an_output_that_is_a_file_or_within_one_is_wrong_usage(station: Station,
     before = files(lab_folder)
     assert_refused(station("emg", "lift.csv", "--output", output), WRONG_USAGE, InputCode.OUTPUT_IS_FILE)
     assert files(lab_folder) == before
+
+
+pytestmark = pytest.mark.shared
+
+PUBLISHED_MAXIMA = {"MD": 0.706, "SA": 1.862}
+"""By which the authors divide their EMG, in its unknown unit."""
+SETUP = '[envelope]\nmethod = "seth_2019"\n[channels]\n' + "".join(
+    f"{label} = {{ muscles = {muscles}, maximum = {PUBLISHED_MAXIMA[label]} }}\n"
+    for label, muscles in (
+        ("MD", ["DeltoideusScapula_M"]),
+        ("SA", ["SerratusAnterior_I", "SerratusAnterior_M", "SerratusAnterior_S"]),
+    )
+)
+
+
+def test_level_and_correlation_are_those_of_the_published_processing(tmp_path: Path) -> None:
+    """Divided by the maximum, high-pass forwards, rectified, low-pass forwards and backwards; then Pearson's r."""
+    path, setup = tmp_path / "FLX01.exp", tmp_path / "emg.toml"
+    path.write_bytes(gzip.decompress((SHARED / "markers" / "FLX01_emg.exp.gz").read_bytes()))
+    setup.write_text(SETUP, encoding="utf-8")
+    activations = SHARED / "published" / "FLX01_gh.csv"
+    compared = compare_emg(ConditionFiles((path,), (activations,)), ConditionFiles(()), (), setup).trials[0]
+
+    raw, model = np.genfromtxt(path, skip_header=9), np.genfromtxt(activations, delimiter=",", names=True)
+    columns = {"MD": (2, ["DeltoideusScapula_M"]), "SA": (8, [f"SerratusAnterior_{part}" for part in "IMS"])}
+    for label, (column, muscles) in columns.items():
+        high = signal.lfilter(*signal.butter(4, 100 / 500, "high"), raw[:, column] / PUBLISHED_MAXIMA[label])
+        envelope = signal.filtfilt(*signal.butter(2, 2.5 / 500), np.abs(high), padlen=6)
+        np.testing.assert_allclose(compared.levels.of(label), np.maximum(envelope, 0), rtol=1e-7, atol=1e-12)
+        inner = slice(50, -50)
+        activation = np.mean([model[muscle] for muscle in muscles], axis=0)
+        r = np.corrcoef(np.interp(model["time"], raw[:, 0] / 1000, envelope)[inner], activation[inner])[0, 1]
+        found = compared.comparisons[label]
+        assert found.outcome is ShapeOutcome.LAG_NOT_IDENTIFIED
+        assert found.correlation == pytest.approx(r, abs=0.02)  # ours smooths the model, too, and at fewer samples
+        assert found.correlation_ci95[0] < r < found.correlation_ci95[1]
+    assert compared.levels.of("MD").max() == pytest.approx(0.43, abs=0.01)
+    assert compared.envelopes.findings["Infra"] == (ChannelFinding.HUM,)
+    assert ChannelFinding.NO_MVC in compared.levels.findings["AD"]

@@ -1,4 +1,4 @@
-"""Run `station` with limits in a fork of this process, once for each line on stdin; tests/station/hostile/bounded.py.
+"""Run `station` with limits in a fork of this process, once for each line on stdin, for test_documents.py.
 
 What the verbs import is imported once, before the forks: it would take most of their processor time.
 """

@@ -24,8 +24,8 @@ from station.verbs.whole import report
 from tests.fitting.experiment import PUBLISHED, Session, published
 from tests.refusals import raises_refusal
 from tests.station.console.browsing import CHROMIUM, chromium
-from tests.station.few_people import few_people
 from tests.station.foreign import Truth
+from tests.station.reported import few_people
 from tests.station.wearer import WearerSession
 
 STYLE = Path(page.__file__).with_name("page.css").read_text(encoding="utf-8")

@@ -29,8 +29,8 @@ from station.subject.assessed_subject import AssessedSubject, build_subject, fit
 from station.subject.subject_file import Subject, SubjectError
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
-from tests.station.few_people import few_people
 from tests.station.report.unmarked import unmarked_numbers
+from tests.station.reported import few_people
 from tests.station.wearer import SPECS, WearerSession
 
 GENERIC = bundled_model()

@@ -28,7 +28,7 @@ from station.sweep.solving import solve_on, solve_task
 from station.sweep.sweep_plan import SweepPlan, read_plan
 from tests.refusals import raises_refusal
 from tests.solver.uncertainty.test_people import CASE
-from tests.station.sweep.test_sweep_plan import write_plan
+from tests.station.sweep.test_dataset import write_plan
 from tests.timeout import scaled_timeout
 
 VARY = 'condition = ["rigid", "both"]\nrest_length_m = [0.7, 0.74]\nhand_mass_kg = [0, 0.5, 1, 1.5, 2]'
