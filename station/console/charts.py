@@ -10,7 +10,8 @@ from typing import Any
 
 INK, FORCE, DISPLACEMENT = "#2c3640", "#0b4f9e", "#a83a00"
 DISPLACEMENT_AXIS, FORCE_AXIS, TIME_AXIS = "displacement [mm]", "force [N]", "time from the sync edge [s]"
-ELEVATION_AXIS = "elevation [deg]"
+ELEVATION_AXIS, EMG_AXIS = "elevation [deg]", "EMG RMS [\u00b5V]"
+EMG_COLOURS = (FORCE, DISPLACEMENT, "#1b7f3b", "#7a3f9d", INK, "#8a6d00")
 LINE_WIDTH = 3
 
 
@@ -43,6 +44,14 @@ def axis_below(name: str, **more: Any) -> dict[str, Any]:
 def line(colour: str = FORCE, **more: Any) -> dict[str, Any]:
     style = {"width": LINE_WIDTH, "color": colour}
     return {"type": "line", "showSymbol": False, "color": colour, "lineStyle": style, "data": [], **more}
+
+
+def emg_lines(curves: Mapping[str, list[tuple[float, float]]]) -> list[dict[str, Any]]:
+    """Series of the EMG over time, one for each channel."""
+    return [
+        line(EMG_COLOURS[number % len(EMG_COLOURS)], name=channel, data=points)
+        for number, (channel, points) in enumerate(curves.items())
+    ]
 
 
 def zoomed_by_wheel(**axes: Any) -> dict[str, Any]:

@@ -19,11 +19,13 @@ from station.console.charts import (
     DISPLACEMENT,
     DISPLACEMENT_AXIS,
     ELEVATION_AXIS,
+    EMG_AXIS,
     FORCE,
     FORCE_AXIS,
     TIME_AXIS,
     axis,
     axis_below,
+    emg_lines,
     force_over_motion,
     line,
     marks_at,
@@ -253,11 +255,15 @@ class _Charts:
         self._sender = UpdateSender(self._draw)
         self._roles = marker_roles(controller.session.config, live.spec)
         motion, self._has_force = motion_axis(live), has_force(controller.session.config, live.spec)
+        has_emg = live.is_of_wearer and controller.session.config.emg is not None
+        self._emg: ui.echart | None = None
         self._loop: ui.echart | None = None
-        with ui.element("div").classes("charts" if self._has_force else "charts without-force"):
+        with ui.element("div").classes("charts" if self._has_force or has_emg else "charts two"):
             chart = _over_time(motion) if self._has_force else _motion_over_time(motion)
             self._over_time = ui.echart(chart).mark("over-time")
-            if self._has_force:
+            if has_emg:
+                self._emg = ui.echart(_emg_over_time()).mark("emg")
+            elif self._has_force:
                 self._loop = ui.echart(force_over_motion([], motion)).mark("loop")
             self._markers = ui.element("canvas").classes("markers").props('aria-label="markers, drag to turn"')
 
@@ -281,10 +287,15 @@ class _Charts:
         """Id of each chart and its series."""
         curves = curves_over_time(self._live)
         marked = {"markLine": marks_at(self._live.marks, self._live.mark_names)}
-        if self._loop is None:
-            return [(self._over_time.id, [{"data": curves[1], **marked}])]
-        loop = (self._loop.id, [{"data": _force_over_motion(self._live)}])
-        return [(self._over_time.id, [{"data": curves[0], **marked}, {"data": curves[1]}]), loop]
+        shown = curves if self._has_force else curves[1:]
+        drawn: list[tuple[int, list[dict[str, Any]]]] = [
+            (self._over_time.id, [{"data": shown[0], **marked}, *({"data": curve} for curve in shown[1:])])
+        ]
+        if self._emg is not None:
+            drawn.append((self._emg.id, emg_lines(emg_over_time(self._live))))
+        if self._loop is not None:
+            drawn.append((self._loop.id, [{"data": _force_over_motion(self._live)}]))
+        return drawn
 
 
 def has_force(config: StationConfig, spec: TrialSpec) -> bool:
@@ -297,6 +308,11 @@ def has_force(config: StationConfig, spec: TrialSpec) -> bool:
 def curves_over_time(live: LiveTrial) -> list[list[tuple[float, float]]]:
     """Force, and displacement or elevation, of the last SHOWN_S, with their time from the sync edge."""
     return [_last(live.from_edge(points)) for points in (live.force, live.motion)]
+
+
+def emg_over_time(live: LiveTrial) -> dict[str, list[tuple[float, float]]]:
+    """RMS [µV] of every channel in the last SHOWN_S, with its time from the sync edge."""
+    return {channel: _last(live.from_edge(points)) for channel, points in live.emg.items()}
 
 
 def _last(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -333,6 +349,15 @@ def _motion_over_time(motion: str) -> dict[str, Any]:
     chart = _over_time(motion)
     zoom = [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=0, zoomOnMouseWheel="shift")]
     return {**chart, "yAxis": [axis(motion, DISPLACEMENT)], "dataZoom": zoom, "series": [line(DISPLACEMENT)]}
+
+
+def _emg_over_time() -> dict[str, Any]:
+    """Chart of the EMG; its channels are named by the first samples."""
+    zoom = [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=0, zoomOnMouseWheel="shift")]
+    grid = {"left": 60, "right": 20, "top": 70, "bottom": 60}
+    legend = {"top": 0, "right": 10, "type": "scroll", "textStyle": {"fontSize": 16}}
+    axes = {"xAxis": axis_below(TIME_AXIS, splitNumber=4), "yAxis": axis(EMG_AXIS)}
+    return {"animation": False, "grid": grid, "legend": legend, **axes, "dataZoom": zoom, "series": []}
 
 
 class MarkReceipt:

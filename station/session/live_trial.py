@@ -37,6 +37,7 @@ class LiveTrial:
     force: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     displacement: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     elevation: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+    emg: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)  # RMS [µV], by channel
     events: deque[str] = field(default_factory=lambda: deque(maxlen=8))
     alarm: Message[AlarmCode] | None = None
     is_alarm_seen: bool = False
@@ -96,6 +97,8 @@ class LiveTrial:
         self.displacement.extend((t, d) for t, d in telemetry["displacement"])
         elevation = [(t, angle) for t, angle in telemetry["elevation"]]
         self.elevation.extend(elevation)
+        for channel, rms_uv in telemetry.get("emg_uv", {}).items() if self.force else ():
+            self.emg.setdefault(channel, deque(maxlen=KEPT_POINTS)).append((self.force[-1][0], rms_uv))
         self.events.extend(telemetry["events"])
         if telemetry["state"] in ("armed", "recording"):
             points = elevation if self.is_of_wearer else force

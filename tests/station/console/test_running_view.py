@@ -12,6 +12,7 @@ from station.console.running_view import (
     UNDRAWN_UPDATES,
     UpdateSender,
     curves_over_time,
+    emg_over_time,
     has_force,
     marker_roles,
     markers_of,
@@ -22,7 +23,7 @@ from station.console.running_view import (
 )
 from station.protocol import TrialSpec
 from station.session.guide import guide_for
-from station.session.live_trial import LiveTrial
+from station.session.live_trial import LiveTrial, force_limits
 from station.session.wearer_guide import MotionGuide
 from tests.station.wearer import wearer_config
 
@@ -69,6 +70,9 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
     live.latest = {"state": "recording", "edge_s": 0.5, "emg_uv": {"deltoid": 120.4, "biceps": 4.0}}
     assert motion_of(live) == "88 deg" and curves_over_time(live)[1] == [(0.5, 87.6)]
     assert "EMG RMS [\u00b5V] deltoid 120, biceps 4" in streams_of(live.latest)
+    new = dict.fromkeys(("displacement", "elevation", "events"), ())
+    live.update({**live.latest, **new, "force": [(1.5, 2.0)]}, force_limits(wearer_config()))
+    assert emg_over_time(live) == {"deltoid": [(1.0, 120.4)], "biceps": [(1.0, 4.0)]}
     roles = marker_roles(wearer_config(), spec)
     without = marker_roles(wearer_config(), TrialSpec(None, "motion", 1, condition="unsuited"))
     seen = {"ac": True, "cord_arm": False, "cuff_1": False}
