@@ -169,7 +169,7 @@ _TERMINAL: Mapping[StrEnum, str] = {
         "stop that capture, then start the capture of this trial"
     ),
     TerminalCode.PAUSED: "paused; arm to continue",
-    TerminalCode.START: "{instruction}; then arm",
+    TerminalCode.START: "arm when this is done",
     TerminalCode.DECIDE: "keep it, or redo it",
     TerminalCode.DECIDE_OR_REDON: "keep it, or redo it" + _KEEP_MIGRATION,
     TerminalCode.REDO_ADVISED: "redo advised: {reasons}",

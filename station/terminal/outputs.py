@@ -137,10 +137,11 @@ class TextOutput:
     def _print_verdict(self, event: events.VerdictGiven) -> None:
         headline = Message(VerdictCode(f"verdict.{event.grade}"))
         self._print(f"  {event.title}: {headline}", GRADE_STYLES[event.grade])
-        for row in event.rows:
-            if row.this != "-":
-                so_far = f"   so far {row.so_far}" if row.so_far not in ("-", row.this) else ""
-                self._print(f"    {row.quantity:<14} {row.this}{so_far}")
+        rows = [row for row in event.rows if row.this != "-"]
+        width = max((len(row.quantity) for row in rows), default=0)
+        for row in rows:
+            so_far = f"   so far {row.so_far}" if row.so_far not in ("-", row.this) else ""
+            self._print(f"    {row.quantity:<{width}}  {row.this}{so_far}")
         for reason in event.reasons:
             self._print(f"    - {reason}", GRADE_STYLES[event.grade])
         for doubt in event.doubts:

@@ -132,12 +132,8 @@ class SessionSequencer:
             if command is not None and command.action is not Action.ARM and self._handle_between(command):
                 return False
         while self._is_paused or (self._waits_for_start and not self._is_started):
-            start = Message(TerminalCode.START, {"instruction": instruction})
-            self._show_once(
-                Waiting("pause", str(Message(TerminalCode.PAUSED)), BETWEEN)
-                if self._is_paused
-                else Waiting("start", str(start), BETWEEN)
-            )
+            code = TerminalCode.PAUSED if self._is_paused else TerminalCode.START
+            self._show_once(Waiting("pause" if self._is_paused else "start", str(Message(code)), BETWEEN))
             command = await self._commands.next(JOURNAL_POLL_S)
             if command is not None and command.action is Action.ARM:
                 self._is_paused, self._is_started = False, True
