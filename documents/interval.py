@@ -59,6 +59,15 @@ def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) ->
     return f"{shown(scale * value, decimals)} ± {rounded(_half(ci95, scale), decimals)}"
 
 
+def with_error(value: float, error: float) -> str:
+    """`8515 ± 30`, with SIGNIFICANT digits of the standard error; six digits of the number without one."""
+    ends = (value - error, value + error)
+    if not has_width(ends):
+        return f"{value:.6g}"
+    digits = digits_of(ends)
+    return f"{rounded(value, digits)} ± {rounded(error, digits)}"
+
+
 def digits_of(ci95: Ends, scale: float = 1.0, otherwise: int = 0) -> int:
     """Decimals for SIGNIFICANT digits of the half width; `otherwise` without an interval."""
     if ci95 is None or not has_width(ci95):

@@ -38,7 +38,9 @@ def describe_error(error: ValidationError, *, context: str = "") -> str:
             more.remove(unknown)
             sentence += f", and {unknown['loc'][-1]} is not known"
     else:
-        expected = _expected(first["type"], first["msg"], first.get("ctx", {}))
+        same = [error for error in more if _is_alternative(error, first)]
+        more = [error for error in more if error not in same]
+        expected = " or ".join([_expected(first), *(_expected(error).removeprefix("expected ") for error in same)])
         sentence = f"{key} is {shortened(first['input'])}, {expected}" if key else expected
     return " ".join(sentence.split()) + (f" (and {len(more)} more)" if more else "")
 
@@ -48,11 +50,23 @@ def _is_beside(error: Mapping[str, Any], missing: Mapping[str, Any]) -> bool:
     return bool(error["type"] in _UNKNOWN_KEY and error["loc"][:-1] == missing["loc"][:-1])
 
 
+def _is_alternative(error: Mapping[str, Any], first: Mapping[str, Any]) -> bool:
+    """Whether it is the error of another type of the same value, as of a text or a whole number."""
+    return bool(error["loc"] != _place(error) == _place(first) != first["loc"])
+
+
 def faulty_key(error: ValidationError, *, context: str = "") -> str:
     """The key of the first fault below `context`, with dots: `cuffs.hand.site`."""
-    return ".".join([context] * bool(context) + [str(part) for part in error.errors()[0]["loc"]])
+    return ".".join([context] * bool(context) + [str(part) for part in _place(error.errors()[0])])
 
 
+def _place(error: Mapping[str, Any]) -> tuple[str | int, ...]:
+    """The keys to the value, without the type that pydantic puts behind them if a value may have several."""
+    place: tuple[str | int, ...] = error["loc"]
+    return place[:-1] if error["type"].endswith("_type") and {*place[-1:]} & _TYPES else place
+
+
+_TYPES = {"str", "int", "float", "bool"}
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 """Types of pydantic's error for a key that a model, or a dataclass, does not have."""
 _EXPECTED = {
@@ -69,11 +83,12 @@ _EXPECTED = {
     "less_than": "a number below {lt:g}",
     "less_than_equal": "a number of at most {le:g}",
     "too_short": "a list of {min_length} or more",
+    "too_long": "a list of at most {max_length}",
 }
 """Type of pydantic's error → expectation in terms of TOML."""
 
 
-def _expected(kind: str, message: str, bounds: dict[str, Any]) -> str:
-    if kind in _EXPECTED:
-        return "expected " + _EXPECTED[kind].format_map(bounds)
-    return message.replace("Input should be", "expected", 1)
+def _expected(error: Mapping[str, Any]) -> str:
+    if error["type"] in _EXPECTED:
+        return "expected " + _EXPECTED[error["type"]].format_map(error.get("ctx", {}))
+    return str(error["msg"]).replace("Input should be", "expected", 1)

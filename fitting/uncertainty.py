@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import between, has_width, with_error
 from fitting.results.outcome import FitOutcome
 
 NORMAL_95 = 1.959963984540054
@@ -20,7 +21,7 @@ CHI_SQUARE_LEVEL = 0.999
 """Probability of χ² up to which a line or a curve is accepted."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate:
     """A number, its standard error and its 95 % interval, in the unit of the number.
 
@@ -37,6 +38,14 @@ class Estimate:
     parts: Mapping[str, float] = field(default_factory=dict)
     bound: float | None = None
     outcome: FitOutcome = FitOutcome.CONVERGED
+
+    def __repr__(self) -> str:
+        return self.text()
+
+    def text(self, unit: str = "") -> str:
+        """`8515 ± 30 N/m, 95 %: 8301 to 8741`; without an interval that has no width."""
+        value = f"{with_error(self.value, self.standard_error)} {unit}".rstrip()
+        return f"{value}, 95 %: {between(self.ci95)}" if has_width(self.ci95) else value
 
     @property
     def is_too_wide(self) -> bool:

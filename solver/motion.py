@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from documents.results import EqualByFields, labelled_dataset
-from solver.checks import ensure_at_least
+from solver.checks import ensure_at_least, ensure_known, ensure_type
 from solver.coded_findings import CodedFinding, describe_codes
 from solver.errors import MotionError, SolverCode
 from solver.model import Model
@@ -32,6 +32,8 @@ LARGEST_COORDINATE = 1e6
 """[rad or m] Beyond any motion, also one in degrees or millimetres; a filter would spread it over all frames."""
 _SCALES = {"": 1.0, "s": 1.0, "rad": 1.0, "m": 1.0, "deg": np.pi / 180, "mm": 1e-3}
 """Unit of a column of a DataFrame → factor to SI."""
+_TIMES = ("time", "time_s")
+"""Names of the column of times of a DataFrame."""
 LONGEST_STEP, SHORT_STEP_S = 1.5, 0.01
 """A step is a gap above 1.5 steps of the even grid, since a missing frame makes a step of 2, and above 10 ms without a
 cut-off."""
@@ -47,6 +49,7 @@ class Motion:
     time         (frames,) [s], evenly spaced
     coordinates  (frames, coordinates) [rad], translations [m]
     missing      names of the coordinates without data, which keep their default values
+    unused       columns that are no coordinate, without the other states of a table that OpenSim wrote
     steps        shortest and longest step of the recorded times [s], if they were uneven; None if they were even
     largest_degrees  largest angle [°] of a file in degrees; None of one in radians
     row_counts  rows by the header of the file and rows that it has, if they differ; all of them are used
@@ -61,6 +64,7 @@ class Motion:
     largest_degrees: float | None = None
     row_counts: tuple[int, int] | None = None
     repeated_rows: int = 0
+    unused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +76,7 @@ class Kinematics(EqualByFields):
     speeds        u [rad/s or m/s];  accelerations [rad/s² or m/s²]
     cutoff        of the low-pass filter [Hz], None where none was used
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
-    steps, missing, largest_degrees, row_counts, repeated_rows  of the recorded motion, as in Motion
+    steps, missing, largest_degrees, row_counts, repeated_rows, unused  of the recorded motion, as in Motion
     findings      of cuffstation.load_motion: what is unusual in the motion
     units         name of a coordinate → rad or m, in the order of positions; of cuffstation.load_motion, else empty
 
@@ -92,6 +96,7 @@ class Kinematics(EqualByFields):
     largest_degrees: float | None = None
     row_counts: tuple[int, int] | None = None
     repeated_rows: int = 0
+    unused: tuple[str, ...] = ()
     findings: tuple[CodedFinding, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
 
@@ -128,10 +133,13 @@ class Kinematics(EqualByFields):
         """
         import pandas as pd
 
-        per = {"positions": "", "speeds": "/s", "accelerations": "/s²"}[quantity]
+        per_quantity = {"positions": "", "speeds": "/s", "accelerations": "/s²"}
+        ensure_known("quantity", quantity, per_quantity)
         table = pd.DataFrame(getattr(self, quantity), columns=self._coordinates)
         table.insert(0, "time_s", self.time)
-        table.attrs["units"] = {"time_s": "s"} | {name: unit + per for name, unit in self.units.items()}
+        table.attrs["units"] = {"time_s": "s"} | {
+            name: unit + per_quantity[quantity] for name, unit in self.units.items()
+        }
         return table
 
     def to_xarray(self) -> xr.Dataset:
@@ -159,7 +167,7 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
 
     A column has the name of its coordinate, or the path of its value as OpenSim 4 writes it
     (/jointset/hip_r/hip_flexion_r/value).
-    Angles are converted to radians if the header has inDegrees=yes. Columns without a coordinate are ignored. A
+    Angles are converted to radians if the header has inDegrees=yes. Columns without a coordinate are not read. A
     coordinate without a column is refused; with_defaults it keeps its default value, as in OpenSim, unless all are
     missing. A motion with uneven steps, as OpenSim's RRA and CMC write it, is interpolated to an even grid, and a row
     that repeats the one before is left out; a motion with times in ms is refused. The functions that differentiate a
@@ -167,34 +175,56 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
     missing or malformed part.
     """
     columns, table, header = read_table(path)
-    return _motion(
-        path, [_coordinate_of(column) for column in columns], table, header, model, with_defaults=with_defaults
-    )
+    names = [_coordinate_of(column) for column in columns]
+    return _motion(path, names, table, header, model, with_defaults=with_defaults)
 
 
 def motion_from_dataframe(table: pd.DataFrame, model: Model) -> Motion:
-    """Motion of a table with the columns "time" (or "time_s") [s] and the names of coordinates [rad or m].
+    """Motion of a table with the column or the index "time" (or "time_s") [s] and the names of coordinates [rad or m].
 
-    attrs["units"] of the table may name the unit of a column: rad, deg, m or mm. Other columns are ignored, and a
+    attrs["units"] of the table may name the unit of a column: rad, deg, m or mm. Other columns are not read, and a
     coordinate without a column keeps its default. Raises MotionError as read_motion does.
     """
-    columns = ["time" if column == "time_s" else _coordinate_of(str(column)) for column in table.columns]
+    if table.index.name in _TIMES and table.index.name not in table.columns:
+        table = table.reset_index()
     units = table.attrs.get("units", {})
-    try:
-        values = np.array(table.to_numpy(dtype=float))
-    except (TypeError, ValueError) as error:
-        sentence = f"the DataFrame should hold numbers ({error}); leave the other columns out"
-        raise MotionError(sentence, SolverCode.MALFORMED_TABLE) from error
-    if len(values) < 2 or not np.isfinite(values).all():
-        sentence = f"the DataFrame should hold finite numbers in at least 2 rows and has {len(values)} rows, "
-        sentence += f"{int(np.isnan(values).any(axis=1).sum())} of them with a gap; fill or cut it"
-        raise MotionError(sentence, SolverCode.NOT_FINITE)
-    for index, column in enumerate(table.columns):
-        values[:, index] *= _SCALES.get(units.get(column, ""), np.nan)
-        if np.isnan(values[:, index]).any():
-            sentence = f"the DataFrame has {column} in {units[column]}, expected {', '.join(filter(None, _SCALES))}"
-            raise MotionError(f"{sentence}; correct attrs['units']", SolverCode.MALFORMED_TABLE)
+    ensure_type("attrs['units']", units, Mapping, "a mapping from columns to units")
+    columns = ["time" if column in _TIMES else _coordinate_of(str(column)) for column in table.columns]
+    _ensure_columns_with_units(units, [*columns, *table.columns, *model.coordinate_names, *_TIMES])
+    values = np.zeros(table.shape)
+    for index, (name, column) in enumerate(zip(columns, table.columns, strict=True)):
+        if name in ("time", *model.coordinate_names):
+            values[:, index] = _in_si(table.iloc[:, index], str(column), units.get(column, ""))
+    if len(values) < 2:
+        sentence = f"the DataFrame should have at least 2 rows and has {len(values)}; give more frames"
+        raise MotionError(sentence, SolverCode.NO_FRAMES)
     return _motion(Path("the DataFrame"), columns, values, TableHeader(), model, with_defaults=True)
+
+
+def _in_si(column: pd.Series[Any], name: str, unit: str) -> Array:
+    """The values of a column in s, rad or m. Raises MotionError for a text, a gap and an unknown unit."""
+    if unit not in _SCALES:
+        expected = ", ".join(filter(None, _SCALES))
+        sentence = f"the DataFrame has {name} in {unit}, expected {expected}; correct attrs['units']"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
+    try:
+        values = column.to_numpy(dtype=float)
+    except (TypeError, ValueError) as error:
+        sentence = f"the DataFrame should have numbers in {name} ({error}); convert the column"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE) from error
+    gaps = np.flatnonzero(~np.isfinite(values))
+    if len(gaps):
+        sentence = f"the DataFrame should have finite numbers in {name} and has none in {len(gaps)} of {len(values)} "
+        raise MotionError(f"{sentence}rows, the first in row {gaps[0]}; fill or cut them", SolverCode.NOT_FINITE)
+    return values * _SCALES[unit]
+
+
+def _ensure_columns_with_units(units: Mapping[Any, str], names: Sequence[Any]) -> None:
+    """Raise MotionError if a unit other than the SI one is that of no column: a name is misspelt, or was changed."""
+    lost = [name for name, unit in units.items() if name not in names and _SCALES.get(unit) != 1.0]
+    if lost:
+        sentence = f"attrs['units'] of the DataFrame has {lost[0]} in {units[lost[0]]}, and there is no such column"
+        raise MotionError(f"{sentence}; correct the name, or leave it out", SolverCode.MALFORMED_TABLE)
 
 
 def _motion(
@@ -218,7 +248,8 @@ def _motion(
     _ensure_not_minutes(path, model, time, coordinates)
     time, coordinates, steps = _on_even_grid(path, time, coordinates)
     names = model.coordinate_names
-    return Motion(names, time, coordinates, missing, steps, largest_degrees, counts, header.repeated)
+    unused = tuple(column for column in columns if column not in ("time", *names) and not column.startswith("/"))
+    return Motion(names, time, coordinates, missing, steps, largest_degrees, counts, header.repeated, unused)
 
 
 def differentiate(
@@ -247,6 +278,7 @@ def differentiate(
         largest_degrees=motion.largest_degrees,
         row_counts=motion.row_counts,
         repeated_rows=motion.repeated_rows,
+        unused=motion.unused,
     )
 
 

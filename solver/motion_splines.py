@@ -68,6 +68,7 @@ def differentiate_by_splines(
         largest_degrees=motion.largest_degrees,
         row_counts=motion.row_counts,
         repeated_rows=motion.repeated_rows,
+        unused=motion.unused,
     )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.interval import between, digits_of
+from documents.interval import between, with_error
 from documents.results import Curve, EqualByFields
 from fitting.cuffs.trial_fit import TrialFit
 from fitting.cuffs.wearable_cuff import QUANTITIES, TENSOR, UNITS, Cuff, cuff_html
@@ -264,14 +264,10 @@ def _estimate_line(fit: CuffFit, name: str) -> str:
     estimate = getattr(fit, name)
     if estimate is None:
         return f"    {name + ':':11} not identified"
-    value, error = estimate.value, estimate.standard_error
-    digits = digits_of((value - error, value + error), otherwise=6)
-    relative = 100 * error / abs(value) if value else np.inf
+    text = with_error(estimate.value, estimate.standard_error).replace("±", "+/-")
+    relative = 100 * estimate.standard_error / abs(estimate.value) if estimate.value else np.inf
     standing = "" if name not in fit.missing else ", not identified"
-    return (
-        f"    {name + ':':11} {value:.{digits}f} +/- {error:.{digits}f} {UNITS[name]} ({relative:.2g} %), "
-        f"95 %: {between(estimate.ci95)}{standing}"
-    )
+    return f"    {name + ':':11} {text} {UNITS[name]} ({relative:.2g} %), 95 %: {between(estimate.ci95)}{standing}"
 
 
 def _parts_line(fit: CuffFit, name: str) -> str:

@@ -88,7 +88,7 @@ def _cuff(given: Any, name: str = "") -> Cuff:
         return given
     if hasattr(given, "to_frame"):  # a row of a DataFrame, which may be named by the index
         fallback = given.name if isinstance(given.name, str) else ""
-        return _of_keys({key: value for key, value in given.to_dict().items() if not _is_gap(value)}, name or fallback)
+        return _of_keys(given.to_dict(), name or fallback)
     if isinstance(given, Mapping):
         return _of_keys(given, name)
     raise TypeError(
@@ -98,6 +98,7 @@ def _cuff(given: Any, name: str = "") -> Cuff:
 
 
 def _of_keys(given: Mapping[Any, Any], name: str) -> Cuff:
+    given = {key: value for key, value in given.items() if not _is_gap(value)}
     figures = {_QUANTITY_OF[key]: _number(value) for key, value in given.items() if key in _QUANTITY_OF}
     name = name or str(next((given[key] for key in NAMES if key in given), ""))
     if not name:
@@ -105,6 +106,9 @@ def _of_keys(given: Mapping[Any, Any], name: str) -> Cuff:
     if unknown := [str(key) for key in given if key not in (*_QUANTITY_OF, *NAMES, *_OTHERS)]:
         expected = f"{', '.join(QUANTITIES)} [N/m, N s/m, m] and {', '.join(_OTHERS)}"
         raise UnnamedCuff(FitErrorCode.CUFF_KEY, {"cuff": name, "key": unknown[0], "expected": expected})
+    if twice := [key for key in QUANTITIES if key in given and QUANTITIES[key] in given]:
+        expected = f"{twice[0]} alone"
+        raise UnnamedCuff(FitErrorCode.CUFF_KEY, {"cuff": name, "key": QUANTITIES[twice[0]], "expected": expected})
     return Cuff(name, **figures, **{key: given[key] for key in _OTHERS if key in given})
 
 

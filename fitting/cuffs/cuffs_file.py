@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import path_of, replaced
@@ -26,6 +26,8 @@ from recordings.manifest import is_file_name
 
 CUFFS_FILE = "cuffs.json"
 """Its name in a session folder."""
+FIGURE_KEYS = ("value", "standard_error", "ci95")
+"""Of a figure that is written by hand."""
 
 
 class CuffsFileError(CodedError):
@@ -99,14 +101,17 @@ def _validated(path: Path, data: Mapping[str, Any]) -> CuffsDocument:
 def _ensure_known_keys(path: Path, cuffs: Mapping[str, Any]) -> None:
     """Raise CuffsFileError for an unknown key of a cuff that no station wrote; later stations may add keys."""
     for name, entry in cuffs.items():
-        figures = {f"cuffs.{name}.{key}": entry[key] for key in QUANTITIES.values() if isinstance(entry.get(key), dict)}
-        tables: list[tuple[str, Any, type[BaseModel], tuple[str, ...]]]
-        tables = [(f"cuffs.{name}", entry, CuffEntry, tuple(QUANTITIES.values()))]
-        tables += [
-            (place, figure, FigureEntry, ("value", "standard_error", "ci95")) for place, figure in figures.items()
+        quantities, doubtful = tuple(QUANTITIES.values()), entry.get("not_identified") or {}
+        tables: list[tuple[str, Any, Collection[str], tuple[str, ...]]]
+        tables = [
+            (f"cuffs.{name}", entry, CuffEntry.model_fields, quantities),
+            (f"cuffs.{name}.not_identified", doubtful, quantities, quantities),
         ]
-        for place, table, model, expected in tables:
-            if unknown := [key for key in table if key not in model.model_fields]:
+        for place, table, *_ in tuple(tables):
+            figures = {f"{place}.{key}": table[key] for key in quantities if isinstance(table.get(key), dict)}
+            tables += [(key, figure, FigureEntry.model_fields, FIGURE_KEYS) for key, figure in figures.items()]
+        for place, table, known, expected in tables:
+            if unknown := [key for key in table if key not in known]:
                 problem = f"{place} has the unknown key {shortened(unknown[0])}, expected {', '.join(expected)}"
                 fault: Figures = {
                     "file": str(path),

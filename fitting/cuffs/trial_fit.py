@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from documents.interval import with_error
 from documents.results import EqualByFields
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.damping import DampingFit
@@ -22,6 +23,7 @@ from fitting.trial.sync_certificate import SyncCertificate
 from fitting.trial.trial import Trial
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin
+from solver.cuff import CuffParameters
 
 State = Literal["used", "superseded", "unusable"]
 
@@ -54,10 +56,9 @@ class TrialFit(EqualByFields):
     damage: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        figures = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
-        found = {name: (getattr(self, name), unit) for name, unit in figures.items()}
+        found = {name: (getattr(self, name), unit) for name, unit in CuffParameters.UNITS.items()}
         values = [
-            f"{name} {one.value:.4g} ± {one.standard_error:.2g} {unit}" for name, (one, unit) in found.items() if one
+            f"{name} {with_error(one.value, one.standard_error)} {unit}" for name, (one, unit) in found.items() if one
         ]
         return f"TrialFit {self.file}: {', '.join([self.state, *values])}" + (
             f"; {self.reason.code}" if self.reason else ""

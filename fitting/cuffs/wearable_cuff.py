@@ -137,11 +137,13 @@ class Cuff(EqualByFields):
         return simulated + by_hand
 
     def __repr__(self) -> str:
-        rows = (
-            self.to_dataframe().drop(columns=["cuff", "donning"]).to_string(index=False, float_format="{:.4g}".format)
-        )
         donning = f", donning {self.donning}" if self.donning else ""
-        return f"Cuff {self.name}{donning}: {self.verdict}\n{rows}"
+        lines = [
+            f"{name:9}  {estimate.text(UNITS[name]) if estimate else 'no value'}"
+            + (", not identified" if name in self.missing else "")
+            for name, estimate in self._estimates().items()
+        ]
+        return "\n".join([f"Cuff {self.name}{donning}: {self.verdict}", *lines])
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row per quantity, with its unit, value, standard_error, ci95_low, ci95_high and is_identified."""

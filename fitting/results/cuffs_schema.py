@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from documents.plain_data import shortened
 from fitting.results.codes import CauseCode, FindingCode, NoteCode, RejectionCode, TensorCode, TrialNoteCode, Verdict
 from fitting.results.outcome import FitOutcome, Standing
 from recordings.manifest import DataOrigin
@@ -48,7 +49,11 @@ class FigureEntry(_Entry):
 
 
 def _with_value(entry: Any) -> Any:
-    return entry if isinstance(entry, dict | FigureEntry) else {"value": entry}
+    if isinstance(entry, dict | FigureEntry):
+        return entry
+    if isinstance(entry, bool) or not isinstance(entry, int | float | None):
+        raise ValueError(f"found {shortened(entry)}, expected a number or a table")
+    return {"value": entry}
 
 
 Figure = Annotated[FigureEntry, BeforeValidator(_with_value, json_schema_input_type=FigureEntry | float | None)]

@@ -274,12 +274,11 @@ _REFUSALS: Templates = {
     FitErrorCode.CUFF_IMPOSSIBLE: (
         "cuff {cuff}: {figure} is {value:g} {unit}, expected {low:g} to {high:g} {unit}; give it in {unit}"
     ),
-    FitErrorCode.CUFF_KEY: "cuff {cuff} has the unknown key {key}, expected {expected}; rename it or leave it out",
+    FitErrorCode.CUFF_KEY: "cuff {cuff} has the key {key}, expected {expected}; rename it or leave it out",
     FitErrorCode.CUFF_TWICE: "{count:.0f} cuffs have the name {cuff}, expected one; rename or choose one",
     FitErrorCode.CUFF_NAME: "a cuff has the keys {keys} and no name; its name is its key in a mapping of cuffs",
     FitErrorCode.NOT_IDENTIFIED: (
-        "cuff {cuff} has no identified {missing} ({verdict}); measure it, or write a value with its standard_error "
-        "into cuffs.json"
+        "cuff {cuff} has no identified {missing} ({verdict}); measure it, or give a value with its standard error"
     ),
     FitErrorCode.EMG_RATE: (
         "the sampling rate of the EMG is {rate_hz:.4g} Hz, expected at least {lowest_hz:g} Hz; record it at 1000 "

@@ -1,14 +1,16 @@
 """Checks of a model, its motion and its loads.
 
-Inertias that no body has, coordinates without data, limits of time outside the motion, a header with another number of
-rows, steps that are uneven, a filter with a low cut-off, coordinates against a coupler, lock or prescription or far out
-of range, angles that look like radians in a file in degrees, and loads that are off or far from their body. None is an
-error: OpenSim's tools take such files as they are. Notes name the coordinates, the greatest value first.
+Inertias that no body has, coordinates without data and columns without a coordinate, limits of time outside the
+motion, a header with another number of rows, steps that are uneven, a filter with a low cut-off, coordinates against a
+coupler, lock or prescription or far out of range, angles that look like radians in a file in degrees, and loads that
+are off or far from their body. None is an error: OpenSim's tools take such files as they are. Notes name the
+coordinates, the greatest value first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +46,15 @@ LARGEST_RADIANS = np.pi
 FAR_FROM_BODY, SHARE_OF_FORCE = 1.0, 0.05
 """A load is far from its body if its point is more than 1 m from the body's origin, longer than any segment, while its
 force is above 5 % of its greatest: a centre of pressure has no meaning without a force."""
+SIMILAR, MOST_NAMED = 0.7, 8
+"""Least similarity of a column to the name that is suggested for it, and the columns that a note names."""
 LARGEST_MOMENT = 100.0
 """Of inertia, over the sum of the other two principal ones: at most 1 for any body. Published models have up to 33
 (WalkerModel of opensim-models; the bundled radius has 3.5), or a single moment where the motion is planar."""
 FINDINGS = {
     "impossible_inertia": (AssessmentCode.IMPOSSIBLE_INERTIA, "bodies"),
     "without_data": (AssessmentCode.WITHOUT_DATA, "coordinates"),
+    "unused_columns": (AssessmentCode.UNUSED_COLUMNS, "columns"),
     "range_not_covered": (AssessmentCode.RANGE_NOT_COVERED, "range"),
     "row_counts": (AssessmentCode.ROW_COUNTS, "rows"),
     "repeated_rows": (AssessmentCode.REPEATED_ROWS, "count"),
@@ -87,6 +92,7 @@ def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:
     notes = {
         "impossible_inertia": _impossible_inertia(model),
         "without_data": ", ".join(kinematics.missing),
+        "unused_columns": _unused_columns(kinematics),
         "row_counts": "" if rows is None else f"nRows {rows[0]}, found {rows[1]}",
         "repeated_rows": str(kinematics.repeated_rows or ""),
         "resampled_from_s": "" if steps is None else f"{steps[0]:.6g} to {steps[1]:.6g}",
@@ -131,6 +137,16 @@ def load_checks(
 def motion_findings(notes: Mapping[str, str]) -> list[Message[AssessmentCode]]:
     """A finding for each of the notes of motion_checks, range_checks and load_checks."""
     return [Message(code, {figure: notes[name]}) for name, (code, figure) in FINDINGS.items() if name in notes]
+
+
+def _unused_columns(kinematics: Kinematics) -> str:
+    """Columns without a coordinate, those first that have nearly the name of a coordinate without data."""
+    lower = {name.lower(): name for name in kinematics.missing}
+    near = {column: get_close_matches(column.lower(), lower, n=1, cutoff=SIMILAR) for column in kinematics.unused}
+    named = [f"{column} ({lower[names[0]]}?)" for column, names in near.items() if names]
+    named += [column for column, names in near.items() if not names]
+    others = len(named) - MOST_NAMED
+    return ", ".join(named[:MOST_NAMED]) + (f" and {others} more" if others > 0 else "")
 
 
 def _impossible_inertia(model: Model) -> str:

@@ -145,6 +145,9 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.WITHOUT_DATA: (
         "Coordinates without data: {coordinates}. They keep their default values, or those that a constraint gives."
     ),
+    AssessmentCode.UNUSED_COLUMNS: (
+        "Columns of the motion that are no coordinate of the model, and are not used: {columns}."
+    ),
     AssessmentCode.RANGE_NOT_COVERED: (
         "The motion does not cover the requested time: {range}. Only its own frames are solved."
     ),
@@ -160,8 +163,8 @@ ASSESSMENT: Mapping[StrEnum, str] = {
         "difference: {coordinates}. Leave their columns out of the motion, and the constraint gives their values."
     ),
     AssessmentCode.BEYOND_RANGE: (
-        "Angles more than a full turn outside their range: {coordinates}. If the file of the motion is in degrees, its "
-        "header should have inDegrees=yes."
+        "Angles more than a full turn outside their range: {coordinates}. If the motion is in degrees, the header of "
+        "its file should have inDegrees=yes, and a DataFrame deg in attrs['units']."
     ),
     AssessmentCode.TRANSLATION_BEYOND_RANGE: (
         "Translations far outside their range: {coordinates}. If these columns of the motion are in millimetres, "

@@ -337,6 +337,7 @@ class AssessmentCode(StrEnum):
     LEFT_OUT = "model.left_out"
     IMPOSSIBLE_INERTIA = "model.impossible_inertia"
     WITHOUT_DATA = "motion.without_data"
+    UNUSED_COLUMNS = "motion.unused_columns"
     RANGE_NOT_COVERED = "motion.range_not_covered"
     ROW_COUNTS = "motion.row_counts"
     REPEATED_ROWS = "motion.repeated_rows"

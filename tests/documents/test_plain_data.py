@@ -72,6 +72,7 @@ class Document(Section):
     damping: NonNegative = 0.0
     place: Vector = (0.0, 0.0, 0.0)
     name: str = ""
+    label: str | int = ""
     part: Part = Part()
 
     @model_validator(mode="after")
@@ -95,6 +96,8 @@ class Document(Section):
         ({"place": 3}, "place is 3, expected a list"),
         ({"name": 3}, "name is 3, expected a text"),
         ({"name": "devil"}, "name is 'devil', expected another"),
+        ({"label": [1]}, "label is [1], expected a text or a whole number"),
+        ({"label": [1], "value": "x"}, "value is 'x', expected a number (and 2 more)"),
         ({"part": []}, "part is [], expected a table"),
         ({"part": {"count": 4}}, "part.count is 4, expected a number of at least 5"),
         ({"part": {"count": 10}}, "part.count is 10, expected a number of at most 9"),

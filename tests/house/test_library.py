@@ -143,6 +143,10 @@ def test_every_result_prints_a_few_lines_and_is_drawn(session: Path, fitted: cs.
         cs.plot(result).savefig(tmp_path / "plot.png")
         assert (tmp_path / "plot.png").stat().st_size > 5000
     assert max(len(repr(each)) for each in (model, motion, recording.load("/force"))) < 200
+    static = next(trial for trial in fitted.cuffs["hand"].trials if trial.stiffness)
+    assert static.stiffness and f"{static.stiffness.value:.0f} ± {static.stiffness.standard_error:.0f} N/m" in repr(
+        static
+    )
     assert isinstance(solution.to_dataframe(), pd.DataFrame)
     assert solution.to_dataframe()[solution.muscles[3]].tolist() == solution.activations[:, 3].tolist()
     for (_, row), curve in zip(assessment.to_dataframe().iterrows(), assessment.curves, strict=True):
@@ -254,19 +258,35 @@ def test_every_table_names_the_unit_of_its_columns(session: Path, fitted: cs.Ses
     assert cuff.covariance_dataframe().loc["stiffness", "damping"] == cuff.covariance[0, 1]
 
 
+def test_columns_that_are_no_coordinate_are_named_and_may_have_any_content() -> None:
+    model = cs.load_model()
+    table = cs.load_motion(model).to_dataframe().rename(columns={"shoulder_elv": "Shoulder_Elevation"})
+    table = table.assign(subject="P01", emg=np.nan, **{"/jointset/elbow/elbow_flexion/speed": 1.0})
+    motion = cs.load_motion(model, table)
+    assert motion.missing == ("shoulder_elv",)
+    assert [finding.code for finding in motion.findings] == ["motion.without_data", "motion.unused_columns"]
+    assert motion.findings[1].figures == {"columns": "Shoulder_Elevation (shoulder_elv?), subject, emg"}
+
+
 def test_a_motion_goes_through_a_table_and_back(tmp_path: Path) -> None:
     model = cs.load_model()
     motion = cs.load_motion(model, cutoff_hz=None)
     again = cs.load_motion(model, motion.to_dataframe(), cutoff_hz=None)
     assert again == motion
+    assert cs.load_motion(model, motion.to_dataframe().set_index("time_s"), cutoff_hz=None) == motion
     degrees = motion.to_dataframe()
     angles = [name for name, unit in degrees.attrs["units"].items() if unit == "rad"]
     degrees[angles] = np.degrees(degrees[angles])
     degrees.attrs["units"].update(dict.fromkeys(angles, "deg"))
     np.testing.assert_allclose(cs.load_motion(model, degrees, cutoff_hz=None).positions, motion.positions, atol=1e-12)
-    degrees.attrs["units"][angles[0]] = "turns"
+    turns, renamed = degrees.copy(), degrees.rename(columns={"shoulder_elv": "elevation"})
+    turns.attrs["units"] = {**degrees.attrs["units"], angles[0]: "turns"}
+    renamed.attrs["units"] = {"shoulder_elevation": "deg"}
     for table, code in (
-        (degrees, SolverCode.MALFORMED_TABLE),
+        (turns, SolverCode.MALFORMED_TABLE),
+        (renamed, SolverCode.MALFORMED_TABLE),
+        (degrees.assign(shoulder_elv="high"), SolverCode.MALFORMED_TABLE),
+        (degrees[:1], SolverCode.NO_FRAMES),
         (motion.to_dataframe().drop(columns="time_s"), SolverCode.MISSING_COLUMN),
         (motion.to_dataframe().replace(0.0, np.nan), SolverCode.NOT_FINITE),
         (motion.to_dataframe()[["time_s"]], SolverCode.MISSING_COLUMN),
