@@ -1,4 +1,4 @@
-"""A recording made by the first version of the format opens, to the last bit, for as long as there is this project."""
+"""Recordings made by the first version of the format open, to the last bit, for as long as there is this project."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from recordings.contents import contents_of
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from recordings.samples import Event, Loss
+from tests.recordings.golden import make_format_1_body as of_body
 from tests.recordings.golden.make_format_1 import MANIFEST, STREAMS, write_golden
 from tests.recordings.trials import items_of
 
 FORMAT_1 = Path(__file__).parent / "golden" / "format_1.mcap"
+BODY = Path(__file__).parent / "golden" / "format_1_body.mcap"
 
 
 def test_the_golden_file_is_the_one_that_was_made() -> None:
@@ -72,3 +74,31 @@ def test_format_1_can_be_recovered_when_it_is_cut(tmp_path: Path) -> None:
 def test_the_code_of_today_writes_the_same_items(tmp_path: Path) -> None:
     write_golden(tmp_path / "today.mcap")
     assert items_of(open_recording(tmp_path / "today.mcap")) == items_of(open_recording(FORMAT_1))
+
+
+def test_the_golden_file_of_a_body_is_the_one_that_was_made() -> None:
+    assert sha256(BODY.read_bytes()).hexdigest() == "5ad37ca9ca939c9163ea6b051b892ae86ef8a1bfef908e8968d75cf9a1507268"
+
+
+def test_format_1_opens_whole_with_body_condition_and_amplifier() -> None:
+    recording = open_recording(BODY)
+    assert recording.complete
+    assert recording.manifest == of_body.MANIFEST
+    assert recording.manifest.subject == of_body.MANIFEST.body
+    assert recording.streams == of_body.STREAMS
+    assert not contents_of(BODY).gaps
+
+
+def test_emg_has_a_column_per_channel_and_both_clocks() -> None:
+    recording = open_recording(BODY)
+    emg, pulse, clock = (recording.load(name) for name in ("/emg", "/emg_sync", "/emg_clock"))
+    assert emg.values.shape == (400, 2)
+    assert emg.values[399].tolist() == [99.75, -199.5]
+    assert np.flatnonzero(np.diff(pulse.values[:, 0])).tolist() == [199]
+    assert int(clock.host_time_ns[0] - clock.device_time_ns[0]) == of_body.START_NS - of_body.AMPLIFIER_AHEAD_NS
+    assert recording.load("/analog").values[[0, -1], 0].tolist() == [-2.5, 2.5]
+
+
+def test_the_code_of_today_writes_the_same_items_of_a_body(tmp_path: Path) -> None:
+    of_body.write_golden(tmp_path / "today.mcap")
+    assert items_of(open_recording(tmp_path / "today.mcap")) == items_of(open_recording(BODY))

@@ -18,8 +18,8 @@ from solver.multibody.postures import postures
 from solver.osim.loads_document import read_external_loads
 from solver.paths import evaluate_paths
 from tests.refusals import raises_refusal
+from tests.solver.oracle.test_inverse_dynamics import written
 from tests.solver.oracle.test_joints import FUNCTIONS
-from tests.solver.oracle.test_loads import written
 from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, random_states, read_back, vec3
 from tests.solver.references import relative_difference
 

@@ -1,12 +1,34 @@
-"""The sample of the random factors: stratified, seeded, and normal."""
+"""Random factors of the sources of uncertainty, and their Sobol indices."""
+
+from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
-from solver.uncertainty.factors import columns_of, normal_scores, random_factors, scores_by_factor, unit_sample
-from solver.uncertainty.sources import GROUPS, BodySpread, DonningSpread, MotionSpread, MuscleSpread, UncertaintySources
+from solver.uncertainty.factors import (
+    RandomFactor,
+    columns_of,
+    normal_scores,
+    random_factors,
+    scores_by_factor,
+    unit_sample,
+)
+from solver.uncertainty.indices import group_names, group_sample, sobol_indices
+from solver.uncertainty.people import solve_people
+from solver.uncertainty.sources import (
+    GROUPS,
+    BodySpread,
+    DonningSpread,
+    FitSpread,
+    MotionSpread,
+    MuscleSpread,
+    UncertaintySources,
+)
+from tests.solver.uncertainty.test_people import CASE
 
 MODEL = bundled_model()
 GIVEN = CuffParameters("given", "arm", 100.0, 1.0, 0.01)
@@ -56,3 +78,57 @@ def test_columns_and_scores_belong_to_their_factors():
     np.testing.assert_array_equal(
         row[columns_of(FACTORS, ("size", "duration"))], [*by_name["size"], by_name["duration"][0]]
     )
+
+
+INDEXED = (
+    RandomFactor("x", "fit", 2),
+    RandomFactor("y", "donning", 1),
+    RandomFactor("z", "body", 1),
+    RandomFactor("w", "muscles", 3),
+)
+
+
+def test_indices_of_a_linear_function_with_an_interaction_are_its_shares_of_variance():
+    """x₁ + 2 x₂ + 3 y + 2 y z has the variance 5 + 9 + 4: fit 5, donning 9 alone, donning and body 4 together."""
+    x = group_sample(INDEXED, 1024, seed=1)
+    found = sobol_indices(INDEXED, {"f": x[:, 0] + 2 * x[:, 1] + 3 * x[:, 2] + 2 * x[:, 2] * x[:, 3]}, seed=1)["f"]
+    assert found.groups == ("fit", "donning", "body", "muscles")
+    np.testing.assert_allclose(found.first, np.array([5, 9, 0, 0]) / 18, atol=0.03)
+    np.testing.assert_allclose(found.total, np.array([5, 13, 4, 0]) / 18, atol=0.03)
+    assert found.variance == pytest.approx(18, rel=0.05)
+    assert (np.abs(found.first - np.array([5, 9, 0, 0]) / 18) < 2 * found.first_half_width + 1e-12).all()
+
+
+def test_blocks_with_an_unknown_value_are_left_out_and_a_constant_has_no_indices():
+    x = group_sample(INDEXED, 64, seed=1)
+    y = x[:, 0].copy()
+    y[3] = np.nan
+    found = sobol_indices(INDEXED, {"f": y, "constant": np.ones(len(y)), "unknown": y * np.nan}, seed=1)
+    assert found["f"].blocks == 63
+    assert found["constant"] is None and found["unknown"] is None
+
+
+@pytest.mark.slow
+def test_first_order_indices_of_the_suit_agree_with_brute_force():
+    """Brute force: the variance of the mean over everything else, with the group held, over the variance."""
+    silent = replace(
+        CASE.sources, fit=FitSpread(0.0), muscles=MuscleSpread(*[0.0] * 7), motion=MotionSpread(*[0.0] * 4)
+    )
+    case = replace(CASE, sources=replace(silent, body=BodySpread(0.0, 0.0, 0.01, 0.05)))
+    held = others = 16
+
+    def cost(scores):
+        return solve_people(case, scores, workers=1)["both", "hand"].at_reference
+
+    found = sobol_indices(case.factors, {"f": cost(group_sample(case.factors, 64, seed=1))}, seed=1)["f"]
+    scores = normal_scores(unit_sample(case.factors, held * others, "latin_hypercube", seed=2))
+    for group in ("donning", "body"):
+        columns = columns_of(case.factors, [factor.name for factor in case.factors if factor.group == group])
+        drawn = scores.copy()
+        drawn[:, columns] = np.repeat(scores[:held][:, columns], others, axis=0)
+        efforts = cost(drawn).reshape(held, others)
+        noise = efforts.var(axis=1, ddof=1).mean() / others
+        expected = (efforts.mean(axis=1).var(ddof=1) - noise) / efforts.var(ddof=1)
+        index = group_names(case.factors).index(group)
+        assert found.first[index] == pytest.approx(expected, abs=found.first_half_width[index] + 0.1)
+    assert found.first.argmax() == group_names(case.factors).index("body")

@@ -1,4 +1,4 @@
-"""Trials on the clock of a simulated bench: what holds the world, who else may listen, and what ends with it."""
+"""Clocks of the station, and trials on the clock of a simulated bench: what holds the world, and what ends with it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
 from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
-from station.clock import RealClock
+from station.clock import ManualClock, RealClock, SteppedClock
 from station.config import StationConfig, parse_config
 from station.console.running_view import streams_of
 from station.messages.codes import TrialCode
@@ -209,3 +209,23 @@ def test_a_detached_clock_does_not_advance_the_world(simulated_bench: Callable[.
     with pytest.raises(DeviceLost) as caught:
         clock.step()
     assert caught.value.code is DeviceCode.CLOSED
+
+
+def test_the_manual_clock_advances_on_request_and_by_steps() -> None:
+    clock = ManualClock(step_s=0.5)
+    before = clock.utc_ns()
+    clock.advance(2.0)
+    clock.step()
+    assert clock.station_s() == 2.5
+    assert clock.utc_ns() - before == 2_500_000_000
+
+
+def test_only_a_simulated_clock_is_a_stepped_clock() -> None:
+    assert isinstance(ManualClock(), SteppedClock)
+    assert not isinstance(RealClock(), SteppedClock)
+
+
+def test_the_real_clock_never_goes_back() -> None:
+    clock = RealClock()
+    readings = [clock.utc_ns() for _ in range(1000)]
+    assert readings == sorted(readings)
