@@ -51,8 +51,8 @@ from solver.uncertainty.total import INFEASIBLE_MOTION, DrawnPeople, IndexedFigu
 from solver.uncertainty.varied_motion import DrawnMotion
 from station.assessment.budget_file import read_budget
 from station.assessment.case import AssessedCase
-from station.assessment.decision_json import plain_decision
 from station.assessment.people_run import PeopleRun, assess_people
+from station.assessment.uncertainty_json import plain_decision
 from station.defaults import LEAST_DRAWS
 from station.sources import motion_of
 from tests.solver.personalisation.measured_person import MARKERS, RATE, MeasuredPerson, measure_person

@@ -16,9 +16,9 @@ from recordings.manifest import DataOrigin
 from solver.suit.assessment import Assessment
 from solver.suit.optimise import OptimisedSuit
 from solver.suit.quantity import Quantity
-from station.assessment.interval_sources import sources_text
 from station.cuff_text import of_cuff
 from station.folded_table import FoldedTable
+from station.messages.assessment_messages import sources_text
 
 EFFORT_AND_ERROR = (
     "effort: of the muscles, relative to that with a slack cord; permissible error: full width of rest lengths that "

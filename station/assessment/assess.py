@@ -40,7 +40,6 @@ from station.assessment.assessment_json import (
     plain_emg,
 )
 from station.assessment.case import AssessedCase, read_case
-from station.assessment.decision_json import plain_decision, without_decision
 from station.assessment.donning import DonningSources, donning_sources
 from station.assessment.drawn_postures import plain_postures
 from station.assessment.emg import MeasuredReduction
@@ -48,14 +47,19 @@ from station.assessment.findings import Finding, findings
 from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, assess_people
 from station.assessment.study_comparison import StudyComparisonEntry, compare_with_study
-from station.assessment.uncertainty_json import PEOPLE_FILE, people_table, plain_uncertainty
+from station.assessment.uncertainty_json import (
+    PEOPLE_FILE,
+    people_table,
+    plain_decision,
+    plain_uncertainty,
+    without_decision,
+)
 from station.checksums import write_checksums
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
-from station.subject.assessed_subject import compare_cord
-from station.subject.subject_json import plain_subject, subject_inputs
+from station.subject.assessed_subject import compare_cord, plain_subject, subject_inputs
 from station.versions import solving_versions
 from station.whole_file import write_whole
 

@@ -11,7 +11,7 @@ from solver.muscle import MuscleOutcome
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
 from solver.suit.readouts import LARGE_RESERVES
-from station.assessment.interval_sources import sources_text
+from station.messages.assessment_messages import sources_text
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 

@@ -1,20 +1,25 @@
-"""Drawn people in assessment.json: what its intervals are from; and the people as a table."""
+"""Drawn people in assessment.json: what its intervals are from, and the decision on a cuff; the people as a table."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from solver.suit.assessment import UncertaintySummary
+from solver.suit.decision import Basis, CuffDecision, DecisionOutcome, DecisionRule, PairProbability
 from solver.suit.quantity import TAIL
 from solver.suit.readouts import FIGURES
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.sources import Group
-from solver.uncertainty.total import DrawnPeople
+from solver.uncertainty.total import DrawnPeople, IndexedFigure
 from station.assessment.assessment_json import known
 from station.assessment.donning import DonningEntry, DonningSources
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
+from station.messages.codes import DecisionCode
+from station.messages.message import Figures, Message
 
 PEOPLE_FILE = "people.csv"
 UNITS = {
@@ -119,3 +124,196 @@ def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> Plain:
             for group, first, first_half, total, total_half in rows
         },
     }
+
+
+CERTAIN = 0.995
+"""Above it the percentage is "> 99": draws do not resolve certainty."""
+
+
+class PairEntry(StrictEntry):
+    """Two cuffs: efforts of the first less those of the second, relative to a slack cord, and three probabilities."""
+
+    cuffs: Annotated[list[str], Field(min_length=2, max_length=2)]
+    difference: KnownNumberEntry
+    first_saves_more: KnownNumberEntry
+    second_saves_more: KnownNumberEntry
+    equivalent: KnownNumberEntry
+
+
+class SettleEntry(StrictEntry):
+    """What would settle an open decision: the group of sources with the largest expected reduction of variance, or that
+    it is not known.
+    """
+
+    code: Annotated[DecisionCode, Field(strict=False)]
+    figures: dict[str, float | str]
+    text: str
+
+
+class BasisEntry(StrictEntry):
+    """The decision on one basis. leading, worse and undecided are cuffs; text is the sentence of code and figures."""
+
+    code: Annotated[DecisionCode, Field(strict=False)]
+    leading: list[str] = Field(default_factory=list)
+    worse: list[str] = Field(default_factory=list)
+    undecided: list[str] = Field(default_factory=list)
+    probability: NumberEntry = Field(default_factory=lambda: NumberEntry(value=None))
+    pairs: list[PairEntry] = Field(default_factory=list)
+    figures: dict[str, float | str] = Field(default_factory=dict)
+    text: str
+    settle: SettleEntry | None = None
+
+
+class DecisionEntry(StrictEntry):
+    """Which cuff to choose. contains: "fit" if only the uncertainty of the fit is known, "total" with a budget.
+
+    people  drawn from the budget; relevant_difference is the smallest effect of interest, relative to a slack cord
+    """
+
+    contains: Literal["fit", "total"]
+    people: KnownNumberEntry
+    relevant_difference: KnownNumberEntry
+    certainty: KnownNumberEntry
+    at_reference: BasisEntry
+    at_best: BasisEntry
+
+
+def plain_decision(
+    summary: UncertaintySummary,
+    indices: Mapping[IndexedFigure, SobolIndices | None],
+    reference_rest_length: float,
+) -> dict[str, Any]:
+    """The decision from the efforts of drawn people; reference_rest_length [m]."""
+    rule, drawn = summary.rule, summary.people
+    places: dict[Basis, str] = {
+        "at_reference": f"At {reference_rest_length:.3f} m",
+        "at_best": "Each at its own best rest length",
+    }
+    return {
+        "contains": "total",
+        **_plain_rule(rule, drawn),
+        **{
+            basis: {
+                **_plain_basis(decision, rule, drawn, places[basis]),
+                "settle": _plain_settle(decision, basis, indices),
+            }
+            for basis, decision in summary.decisions.items()
+        },
+    }
+
+
+def without_decision(rule: DecisionRule | None = None, *, can_draw_people: bool = True) -> dict[str, Any]:
+    """No decision, because the fit of one donning does not contain what differs between days and people.
+
+    can_draw_people: False with elastic tendons, with which people are refused
+    """
+    message = Message(DecisionCode.FIT_ONLY if can_draw_people else DecisionCode.NO_PEOPLE)
+    entry = {"code": message.code.value, "text": str(message)}
+    return {"contains": "fit", **_plain_rule(rule or DecisionRule(), 0), "at_reference": entry, "at_best": entry}
+
+
+def decision_message(decision: CuffDecision, rule: DecisionRule, drawn: int, at: str) -> Message[DecisionCode]:
+    """Code and figures; `at` names the basis at the beginning of the sentence."""
+    figures: Figures = {
+        "at": at,
+        "leading": listed(decision.leading),
+        "worse": listed(decision.worse),
+        "relevant_points": 100 * rule.relevant_difference,
+        "people": decision.people,
+        "drawn": drawn,
+    }
+    if decision.outcome is DecisionOutcome.UNDECIDED:
+        return Message(DecisionCode.UNDECIDED, {**figures, **_rival(decision)})
+    if decision.probability is not None:
+        figures = {**figures, "percent": percent(decision.probability)}
+    if decision.outcome is DecisionOutcome.EQUIVALENT and decision.worse:
+        return Message(DecisionCode.EQUIVALENT_AND_WORSE, figures)
+    return Message(DecisionCode(f"decision.{decision.outcome}"), figures)
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    *others, last = names or ("",)
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def percent(probability: float) -> str:
+    """A probability in whole per cent."""
+    if probability > CERTAIN:
+        return "> 99"
+    return "< 1" if probability < 1 - CERTAIN else f"{100 * probability:.0f}"
+
+
+def _plain_rule(rule: DecisionRule, people: int) -> dict[str, Any]:
+    return {
+        "people": known(people),
+        "relevant_difference": known(rule.relevant_difference),
+        "certainty": known(rule.certainty),
+    }
+
+
+def _plain_basis(decision: CuffDecision, rule: DecisionRule, drawn: int, at: str) -> dict[str, Any]:
+    message = decision_message(decision, rule, drawn, at)
+    return {
+        "code": message.code.value,
+        "leading": list(decision.leading),
+        "worse": list(decision.worse),
+        "undecided": list(decision.undecided),
+        "probability": {"value": decision.probability, "ci95": None},
+        "pairs": [_plain_pair(pair) for pair in decision.pairs],
+        "figures": dict(message.figures),
+        "text": str(message),
+    }
+
+
+def _plain_pair(pair: PairProbability) -> dict[str, Any]:
+    return {
+        "cuffs": list(pair.cuffs),
+        "difference": {"value": pair.difference, "ci95": list(pair.ci95)},
+        "first_saves_more": known(pair.first_saves_more),
+        "second_saves_more": known(pair.second_saves_more),
+        "equivalent": known(pair.equivalent),
+    }
+
+
+def _plain_settle(
+    decision: CuffDecision, basis: Basis, indices: Mapping[IndexedFigure, SobolIndices | None]
+) -> dict[str, Any] | None:
+    """The group with the largest expected reduction of the variance of the open difference, its first-order index; a
+    code of its own where no share is known to differ from zero. None for a decision that is not open.
+    """
+    if decision.outcome is not DecisionOutcome.UNDECIDED:
+        return None
+    first, second = decision.leading[0], str(_rival(decision)["rival"])
+    code = DecisionCode.SETTLE_UNKNOWN
+    figures: Figures = {"first": first, "second": second}
+    for (figure, cuffs), found in indices.items():
+        if figure == f"difference_{basis}" and set(cuffs) == {first, second} and found is not None:
+            largest = int(np.argmax(found.first))
+            group, share = found.groups[largest], float(found.first[largest])
+            if share > found.first_half_width[largest]:
+                code = DecisionCode(f"settle.{group}")
+                figures = {"group": group, "percent": percent(share), "first": cuffs[0], "second": cuffs[1]}
+    message = Message(code, figures)
+    return {"code": code.value, "figures": dict(figures), "text": str(message)}
+
+
+def _rival(decision: CuffDecision) -> Figures:
+    """The undecided cuff whose statements are least certain, with the probabilities from the leading cuff's side."""
+    lead = decision.leading[0]
+    pairs = {next(name for name in pair.cuffs if name != lead): pair for pair in decision.pairs if lead in pair.cuffs}
+    rival = min(decision.undecided, key=lambda name: _certainty(pairs[name]))
+    pair = pairs[rival]
+    ahead, behind = pair.first_saves_more, pair.second_saves_more
+    if pair.cuffs[0] != lead:
+        ahead, behind = behind, ahead
+    return {
+        "rival": rival,
+        "first_percent": percent(ahead),
+        "equivalent_percent": percent(pair.equivalent),
+        "second_percent": percent(behind),
+    }
+
+
+def _certainty(pair: PairProbability) -> float:
+    return max(pair.first_saves_more, pair.second_saves_more, pair.equivalent)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
@@ -316,3 +316,19 @@ ASSESSMENT_FILE: Mapping[StrEnum, str] = {
     ),
     AssessmentFileCode.ACTIVATIONS_NOT_NUMBERS: "{path}, column {column}, holds values that are not numbers" + _REMEDY,
 }
+
+
+SOURCE_TEXT = {
+    "fit": "the fit of the cuffs",
+    "donning": "their donning",
+    "body": "body",
+    "muscles": "muscles",
+    "motion": "motion",
+}
+"""Group of sources → what it is called in a list that begins with the cuffs."""
+
+
+def sources_text(sources: Sequence[str]) -> str:
+    """Groups of sources: "the fit of the cuffs, their donning, body, muscles and motion"."""
+    *others, last = (SOURCE_TEXT[source] for source in sources)
+    return f"{', '.join(others)} and {last}" if others else last

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from fitting.cuffs.wearable_cuff import QUANTITIES
-from station.assessment.decision_json import listed
-from station.assessment.interval_sources import sources_text
+from station.assessment.uncertainty_json import listed
+from station.messages.assessment_messages import sources_text
 from station.messages.codes import AssessmentCode, DecisionCode
 from station.report.cuff_section import Cuffs, effect_of
 from station.report.numbers import Shown, figure, fixed, length, saving_in_words

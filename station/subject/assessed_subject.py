@@ -5,13 +5,16 @@ The cord's tension that the load cell measured on the wearer is compared with th
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.regular_file import LARGEST_SUIT, read_regular
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import DataOrigin, TrialCondition
@@ -36,7 +39,8 @@ from station.kinematics.person_findings import pose_findings
 from station.messages.kinematics_messages import PersonCode, SubjectCode
 from station.messages.message import Message
 from station.progress import Progress, silent
-from station.subject.subject_file import Subject, read_subject, refuse_subject
+from station.subject.subject_document import BodyFactor, CordTension, MarkerResidual, SubjectDocument, WearerFinding
+from station.subject.subject_file import SUBJECT_FILE, Subject, read_subject, refuse_subject
 
 Array = NDArray[np.float64]
 
@@ -268,3 +272,66 @@ def compare_cord(
     worn = (cuffs[waist] if waist else None, cuffs[arm]) if arm else (None, None)
     at_rest = replace(suit, reference_rest_length=cord.rest_length_m)
     return check_cord(at_rest, subject.model, differentiate(motion), measured, worn)
+
+
+NORMAL_95 = 1.959964
+
+
+def plain_subject(subject: AssessedSubject, spread: dict[str, float] | None, cord: CordCheck | None) -> dict[str, Any]:
+    """The document as plain data."""
+    estimate = subject.body.estimate
+    posterior = subject.posterior
+    factors = {
+        factor.name: BodyFactor(value=float(value), ci95=[float(value - NORMAL_95 * e), float(value + NORMAL_95 * e)])
+        for factor, value, e in zip(estimate.priors.factors, posterior.factors, posterior.factor_errors, strict=True)
+    }
+    return SubjectDocument(
+        mass_kg=subject.body.body_mass,
+        hand_load_kg=subject.declared.hand_load_kg,
+        origin=subject.origin,
+        motion=subject.assessed.file,
+        condition=subject.assessed.manifest.condition or "",
+        frames=len(subject.kinematics.time),
+        interpolated_frames=subject.motion.interpolated,
+        frames_left_out=subject.motion.left_out,
+        drawn_motions=DRAWS,
+        body_outcome=estimate.outcome,
+        is_whole=subject.body.is_whole,
+        factors=factors,
+        trials=[_residual(subject, place) for place in range(len(subject.trials))],
+        coordinates_not_measured=list(subject.not_measured),
+        suit_point_spread_m=spread,
+        cord=None if cord is None else _tension(cord),
+        findings=[WearerFinding(code=finding.code, text=str(finding)) for finding in subject.body.findings],
+    ).model_dump(mode="json")
+
+
+def subject_inputs(folder: Path, subject: AssessedSubject) -> dict[str, str]:
+    """Roles of the assessment's inputs → what stood for them."""
+    digest = hashlib.sha256(read_regular(folder / SUBJECT_FILE, LARGEST_SUIT)).hexdigest()
+    recorded = subject.assessed.sha256
+    return {
+        "model": f"{subject.model.name}, scaled to the wearer by {len(subject.trials)} trials",
+        "motion": f"{subject.assessed.file} {recorded}",
+        "subject": f"{SUBJECT_FILE} {digest}",
+    }
+
+
+def _residual(subject: AssessedSubject, place: int) -> MarkerResidual:
+    postures = subject.body.estimate.postures[place]
+    return MarkerResidual(
+        file=subject.trials[place].file,
+        rms_m=float(np.sqrt(np.nanmean(postures.residuals**2))),
+        frames=len(postures.outcomes),
+        unsolved_frames=postures.unsolved,
+    )
+
+
+def _tension(cord: CordCheck) -> CordTension:
+    return CordTension(
+        offset_n=cord.offset,
+        rms_n=cord.rms,
+        correlation=None if np.isnan(cord.correlation) else cord.correlation,
+        largest_measured_n=float(cord.measured.max()),
+        largest_predicted_n=float(cord.predicted.max()),
+    )

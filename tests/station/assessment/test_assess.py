@@ -29,8 +29,8 @@ from station.assessment.assessment_inputs import (
     wearable,
     worn_cuffs,
 )
-from station.assessment.decision_json import DecisionEntry, percent, plain_decision, without_decision
 from station.assessment.emg import EmgError, read_emg
+from station.assessment.uncertainty_json import DecisionEntry, percent, plain_decision, without_decision
 from station.messages.assessment_messages import AssessmentFileCode
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 from station.messages.message import Message
