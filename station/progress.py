@@ -143,12 +143,15 @@ class StageProgress:
 
 def time_left(elapsed_s: float, done: float, total: float) -> str:
     """Estimate of the time left, from the mean duration of the finished steps; empty before the first one."""
-    return f"about {_seconds(elapsed_s * (total - done) / done)} left" if done else ""
+    return f"about {_whole_seconds(elapsed_s * (total - done) / done)} left" if done else ""
 
 
 def _seconds(duration_s: float) -> str:
-    """Tenths of a second below 10 s, then seconds; from two minutes on, minutes and seconds."""
-    if duration_s < 9.95:
-        return f"{duration_s:.1f} s"
+    """Tenths of a second below 10 s, then seconds."""
+    return f"{duration_s:.1f} s" if duration_s < 9.95 else _whole_seconds(duration_s)
+
+
+def _whole_seconds(duration_s: float) -> str:
+    """Seconds; from two minutes on, minutes and seconds."""
     whole = math.floor(duration_s + 0.5)
     return f"{whole} s" if whole < 120 else f"{whole // 60} min {whole % 60:02d} s"

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from documents.interval import UNBROKEN
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from station.assessment.uncertainty_json import listed
 from station.messages.assessment_messages import sources_text
@@ -104,10 +105,10 @@ def answer(assessment: Plain) -> Iterator[Shown]:
         at = figure(best["rest_length_m"])
         at = at if isinstance(at, str) else at.alone
         if cuff == leading[0]:
-            yield from (saving_in_words(best["normalised_cost"]), " at a rest length of ", at, " m")
+            yield from (saving_in_words(best["normalised_cost"]), " at a rest length of ", at, f"{UNBROKEN}m")
             yield f" with {cuff}" if len(leading) > 1 else ""
         else:
-            yield from (", ", at, f" m with {cuff}")
+            yield from (", ", at, f"{UNBROKEN}m with {cuff}")
     yield "."
 
 
