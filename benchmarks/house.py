@@ -4,8 +4,8 @@
 
 Prints files and lines of every top-level folder, the number of modules with sentences, pairs of a dataclass and a
 pydantic model with the same fields, and file names that occur more than once. With the folder of a session, as
-`simulated/demo`, also the files whose functions run during a fit of two recordings, an assessment of three frames, and
-the live solution of a motion. `__init__.py` is not counted.
+`simulated/demo`, also the files whose functions run during a fit of two recordings, an assessment of three frames and
+one live frame with and without the suit. `__init__.py` is not counted.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ PRODUCT = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver
 ALIKE = 0.6
 """Shared fields over all fields from which a dataclass and a model mirror each other."""
 LEAST_FIELDS = 3
+FRAMES_APART = 300
+"""Of the bundled motion, so that three are assessed."""
 LEAST_WORDS, LEAST_SENTENCES = 4, 3
 """A file with this many dictionary values or enumeration members of this many words has sentences."""
 
@@ -112,15 +114,24 @@ def _tree(path: Path) -> ast.Module:
 def _flows(session: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
     """Names of the flows and functions that run them. What they import is loaded before."""
     import cuffstation as cs
-    from station.live.replay import prepare_replay, replay_live
+    from solver.bundled import bundled_model
+    from solver.motion import differentiate
+    from solver.raise_arm import simulate_arm_raise
+    from solver.suit.assessment import assess
+    from solver.suit.scenarios import LoadedMotion
+    from tests.solver.stream.streams import ARM, INTERVAL, SUIT, WORN, seen, solver
 
     pulls = [session / f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic")]
     yield "a fit of two recordings", lambda: cs.fit_donning(pulls)
-    cuffs = cs.fit_session(session).cuffs
-    yield "an assessment of three frames", lambda: cs.assess(cuffs, people=0, most_frames=3)
-    motion = next(path for path in sorted(session.glob("*.mcap")) if "motion" in path.name)
-    recording, prepared = prepare_replay(motion)
-    yield "the live solution of a motion", lambda: replay_live(recording, prepared)
+    motion = LoadedMotion(bundled_model(), differentiate(simulate_arm_raise(bundled_model())))
+    yield "an assessment of three frames", lambda: assess(motion, SUIT, [ARM], every=FRAMES_APART)
+    stream, frames = solver({"bare": None, "worn": WORN}, lag_s=0.0), iter(enumerate(seen()))
+
+    def push() -> None:
+        frame, positions = next(frames)
+        stream.push(frame * INTERVAL, positions)
+
+    yield "one live frame", push
 
 
 def _entered(flow: Callable[[], Any]) -> set[str]:
