@@ -84,29 +84,6 @@ class ShapeRow:
     note: str
 
 
-@dataclass(frozen=True)
-class PooledRow:
-    """A channel over the trials of a condition, as text."""
-
-    condition: str
-    channel: str
-    trials: str
-    correlation: str
-    trials_of_lag: str
-    lag: str
-
-
-@dataclass(frozen=True)
-class ChangeRow:
-    """A channel's change and the model's, as text."""
-
-    channel: str
-    muscles: str
-    emg: str
-    model: str
-    repeats: str
-
-
 def shape_rows(document: EmgDocument) -> Iterator[ShapeRow]:
     for trial in document.trials:
         for channel in trial.channels:
@@ -125,26 +102,6 @@ def shape_rows(document: EmgDocument) -> Iterator[ShapeRow]:
             )
 
 
-def pooled_rows(document: EmgDocument) -> Iterator[PooledRow]:
-    for pooled in document.pooled:
-        yield PooledRow(
-            pooled.condition,
-            pooled.channel,
-            str(pooled.trials),
-            _figure(pooled.correlation, digits=2),
-            str(pooled.trials_of_lag),
-            _figure(pooled.lag_s, 1e3),
-        )
-
-
-def change_rows(document: EmgDocument) -> Iterator[ChangeRow]:
-    for change in document.changes:
-        ratios = _figure(change.emg_ratio, digits=2), _figure(change.model_ratio, digits=2)
-        repeats = zip(change.repeats, change.repeat_units, strict=True)
-        counts = ", ".join(f"{count} {unit}{'s' if count != 1 else ''}" for count, unit in repeats)
-        yield ChangeRow(change.channel, ", ".join(change.muscles), *ratios, counts)
-
-
 def shape_table(document: EmgDocument) -> FoldedTable:
     """A row per channel that is compared with the model."""
     table = FoldedTable("trial", "channel", "muscles", "correlation", "lag [ms]", "shape RMSE", "note")
@@ -158,16 +115,21 @@ def pooled_table(document: EmgDocument) -> FoldedTable:
     """A row for each channel that is compared in several trials of a condition."""
     table = FoldedTable("trials", "channel", "number", "correlation", "with a lag", "lag [ms]")
     table.caption = "over the trials, random effects; in brackets 95 % intervals"
-    for row in pooled_rows(document):
-        table.add_row(*astuple(row))
+    for pooled in document.pooled:
+        correlation = str(pooled.trials), _figure(pooled.correlation, digits=2)
+        lag = str(pooled.trials_of_lag), _figure(pooled.lag_s, 1e3)
+        table.add_row(pooled.condition, pooled.channel, *correlation, *lag)
     return table
 
 
 def change_table(document: EmgDocument) -> FoldedTable:
     """Ratio of EMG in the condition to the reference, and of the activations of the model."""
     table = FoldedTable("channel", "muscles", "EMG, condition / reference", "model", "repeats")
-    for row in change_rows(document):
-        table.add_row(*astuple(row))
+    for change in document.changes:
+        ratios = _figure(change.emg_ratio, digits=2), _figure(change.model_ratio, digits=2)
+        repeats = zip(change.repeats, change.repeat_units, strict=True)
+        counts = ", ".join(f"{count} {unit}{'s' if count != 1 else ''}" for count, unit in repeats)
+        table.add_row(change.channel, ", ".join(change.muscles), *ratios, counts)
     return table
 
 
