@@ -178,7 +178,7 @@ def _means(document: StudyDocument) -> FoldedTable:
     for cuff, name, found in _rows(document):
         quantity = name.split()[0]
         predicted = shown_range(found.prediction.ci95, quantity) if found.prediction else OPEN
-        count = str(len(found.volunteers))
+        count = str(len(found.volunteers) or "none")
         table.add_row(cuff, name, count, shown_effect(found.mean, quantity), predicted)
     return table
 
@@ -216,5 +216,5 @@ def _comparison_rows(document: StudyDocument) -> FoldedTable:
         name = f"{found.quantity} [{SHOWN[found.quantity][1]}]"
         difference = shown_effect(found.difference, found.quantity) if found.difference else found.outcome.value
         cuffs = f"{found.second} − {found.first}"
-        table.add_row(cuffs, name, str(found.volunteers), difference.replace("_", " "))
+        table.add_row(cuffs, name, str(found.volunteers or "none with both"), difference.replace("_", " "))
     return table

@@ -92,11 +92,16 @@ def test_one_volunteer_one_operator_and_one_repeat_have_outcomes(tmp_path: Path)
     assert found.prediction is None
 
 
-def test_a_single_donning_is_too_little_and_cuffs_of_one_volunteer_are_not_compared(tmp_path: Path) -> None:
+def test_a_single_donning_is_too_little_and_cuffs_of_one_volunteer_are_not_compared(
+    tmp_path: Path, station: Callable[..., Ran]
+) -> None:
     write_sessions(tmp_path, 1, operators=1, donnings=1, repeats=1)
     found = study_document(make_study(read_sessions([tmp_path])))
     assert found.cuffs["hand"]["stiffness"].outcome is StudyOutcome.TOO_FEW
     assert {one.outcome for one in found.comparisons} == {ComparisonOutcome.FEW_COMMON}
+    station("study", tmp_path, "--output", tmp_path / "study")
+    page = (tmp_path / "study" / "study.html").read_text(encoding="utf-8")
+    assert "standard deviation [" not in page, "no table without a row"
 
 
 def test_sessions_and_donnings_that_cannot_be_used_are_listed_by_code(folder: Path, tmp_path: Path) -> None:
