@@ -31,9 +31,10 @@ from solver.linked import KernelCompiler, LinkedCompiler, PrivateKernelCompiler
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
+HASH_SIZE = sha256().digest_size
 LOCK_TIMEOUT_S = 900.0  # the longest kernel takes half a minute; with 16 busy loops, ten times as long
 
-_UNREADABLE = (AttributeError, ImportError, EOFError, IndexError, ValueError, UnpicklingError)
+_UNREADABLE = (AttributeError, ImportError, EOFError, IndexError, KeyError, TypeError, ValueError, UnpicklingError)
 """Of a kernel that was cached for a type that was renamed or moved, or of a file that lost its end as power failed."""
 
 logger = logging.getLogger(__name__)
@@ -123,7 +124,23 @@ def _linked(function: Function, *, counts_references: bool, fastmath: Mapping[st
 
 _unliteral: Any = unliteral  # without types
 _Cache: Any = FunctionCache
+_File: Any = IndexDataCacheFile
 _Null: Any = NullCache
+
+
+class _HashedFile(_File):  # type: ignore[misc]
+    """Files of machine code with its hash behind it: damaged code would end the process, or give another number."""
+
+    def _dump(self, content: Any) -> bytes:
+        packed: bytes = super()._dump(content)
+        return packed + sha256(packed).digest()
+
+    def _load_data(self, name: str) -> Any:
+        """Raises ValueError for code that has changed since it was written."""
+        packed = Path(self._data_path(name)).read_bytes()
+        if sha256(packed[:-HASH_SIZE]).digest() != packed[-HASH_SIZE:]:
+            raise ValueError(f"{name} has changed since it was compiled")
+        return super()._load_data(name)  # which ignores what is behind it
 
 
 class _CodeCache(_Cache):  # type: ignore[misc]
@@ -134,6 +151,8 @@ class _CodeCache(_Cache):  # type: ignore[misc]
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = _HashedFile(self._cache_path, self._impl.filename_base, stamp)
         name = function.__name__.strip("<>")  # of a lambda; Windows has no such file names
         lock = Path(self.cache_path) / f"{function.__module__}.{name}.lock"
         self._lock = FileLock(lock, LOCK_TIMEOUT_S, thread_local=False)
@@ -245,7 +264,6 @@ TARGETS = {"x86_64": ("x86-64-v3", X86_64_V3), "aarch64": ("generic", frozenset(
 """Architecture → LLVM's name of the processor that a wheel is compiled for, and the features that it needs."""
 
 _Result: Any = CompileResult  # without types
-_File: Any = IndexDataCacheFile
 _find_features: Any = get_host_cpu_features
 
 
@@ -283,4 +301,4 @@ def _host_features() -> frozenset[str]:
 
 def _file(folder: Path, function: Callable[..., object]) -> Any:
     """numba's file of compiled functions. It reads none of another version of numba."""
-    return _File(str(folder), f"{function.__module__}.{function.__name__}", None)
+    return _HashedFile(str(folder), f"{function.__module__}.{function.__name__}", None)

@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from station.exit_code import ENDED_BY_CTRL_C, FAILED, INTERRUPTED
 
-LEAST, SPARE = 400 * 2**20, 2**26
+LEAST, SPARE = 600 * 2**20, 2**26
 """Bytes: of the libraries that the verbs import, and what a failing verb leaves if memory was not the cause."""
 BLAS_SIZE = 128
 """Rows of matrices for which OpenBLAS allocates the memory that it keeps."""

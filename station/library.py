@@ -6,6 +6,7 @@ recordings in station/sample_session are those of `python -m tests.house.one_cuf
 
 from __future__ import annotations
 
+import filecmp
 import os
 import shutil
 import sys
@@ -100,7 +101,7 @@ RECORDINGS = Path(__file__).with_name("sample_session")
 
 
 def sample_session() -> Path:
-    """A session folder to try things on, in the user's cache, where it may be changed: delete it to have it anew.
+    """A session folder to try things on, in the user's cache: its recordings are restored, other files may be changed.
 
     Its hand cuff has k = 8520 N/m, c = 210 N s/m and a migration of 12.0 mm; devices and wearer are simulated. Raises
     OSError where the cache cannot be written.
@@ -108,7 +109,7 @@ def sample_session() -> Path:
     folder = _cache() / "cuffstation" / version("cuffstation") / "simulated" / "sample"
     for source in sorted(RECORDINGS.glob("*.mcap")):
         kept = folder / source.name
-        if not kept.is_file() or kept.stat().st_size != source.stat().st_size:
+        if not kept.is_file() or not filecmp.cmp(source, kept, shallow=False):
             with replaced(kept) as draft:
                 shutil.copyfile(source, draft)
     return folder

@@ -52,6 +52,11 @@ def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
             f"{path} holds no markers ({layout.points} points, {layout.frames} frames)",
             RecordingCode.FOREIGN_NO_MARKERS,
         )
+    if layout.frames < 2:
+        raise ForeignFile(
+            f"{path} holds {layout.frames} frame, expected at least 2; export the complete file",
+            RecordingCode.FOREIGN_TOO_SHORT,
+        )
     named = [i for i, label in enumerate(labels[: layout.points]) if label and not label.startswith("*")]
     names, notes = distinct_labels([labels[i] for i in named], str(path))
     scale = millimetres(unit or (c3d.parameters.texts("POINT", "UNITS") or [""])[0], str(path))

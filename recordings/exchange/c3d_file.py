@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.plain_data import shortened
 from documents.regular_file import describe_failure, open_regular
 from recordings.errors import ForeignFile, RecordingCode
 
@@ -334,11 +335,11 @@ def _records(section: bytes, processor: Processor) -> Iterator[tuple[int, str, b
         end_of_name = at + 2 + abs(length)
         name = section[at + 2 : end_of_name].decode("latin-1").strip().upper()
         if end_of_name + 2 > len(section):
-            raise ValueError(f"the record {name!r} ends beyond the parameters")
+            raise ValueError(f"the record {shortened(name)} ends beyond the parameters")
         size = _size(section[end_of_name : end_of_name + 2], processor, len(section) - end_of_name)
         end = end_of_name + size if size else len(section)
         if end > len(section) or size == 1:
-            raise ValueError(f"the record {name!r} states a length of {size} bytes")
+            raise ValueError(f"the record {shortened(name)} states a length of {size} bytes")
         yield number, name, section[end_of_name + 2 : end]
         if size == 0:
             return
@@ -353,13 +354,13 @@ def _size(data: bytes, processor: Processor, room: int) -> int:
 
 def _parameter(name: str, body: bytes) -> Parameter:
     if len(body) < 2:
-        raise ValueError(f"the parameter {name!r} has no type")
+        raise ValueError(f"the parameter {shortened(name)} has no type")
     kind, count = struct.unpack_from("bB", body)
     dimensions = tuple(body[2 : 2 + count])
     size = math.prod(dimensions) * abs(kind)
     data = body[2 + count : 2 + count + size]
     if kind not in (CHARACTER, BYTE, INTEGER, REAL) or len(dimensions) < count or len(data) < size:
-        raise ValueError(f"the parameter {name!r} has {size} bytes of type {kind}, and {len(body)} are there")
+        raise ValueError(f"the parameter {shortened(name)} has {size} bytes of type {kind}, and {len(body)} are there")
     return Parameter(kind, dimensions, data)
 
 

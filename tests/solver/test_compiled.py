@@ -124,6 +124,20 @@ def test_a_kernel_whose_cached_file_was_damaged_is_compiled_again_and_kept(
     assert not caplog.records
 
 
+@pytest.mark.parametrize("part", range(8))
+def test_machine_code_that_was_damaged_is_not_run(tmp_path: Path, caplog: pytest.LogCaptureFixture, part: int) -> None:
+    """Zeros in the middle, of a sector that was not written: LLVM or the code itself would end the process."""
+    _kernel(tmp_path)(3.0)
+    (file,) = tmp_path.rglob("*.nbc")
+    code = bytearray(file.read_bytes())
+    at = len(code) * (2 * part + 1) // 16
+    code[at : at + 64] = bytes(64)
+    file.write_bytes(code)
+    caplog.clear()
+    assert _kernel(tmp_path)(3.0) == 6.0
+    assert any("compiling" in record.getMessage() for record in caplog.records)
+
+
 def test_a_kernel_runs_on_a_full_disk_and_reports_that_it_is_not_cached(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

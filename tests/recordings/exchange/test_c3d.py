@@ -4,6 +4,7 @@ import re
 import struct
 import warnings
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import c3d
@@ -94,6 +95,14 @@ def test_files_that_are_none_are_refused_in_a_sentence(tmp_path: Path) -> None:
     write_c3d(tmp_path / "silent.c3d", walk(), {}, {})
     with raises_refusal(RecordingCode.FOREIGN_NO_CHANNEL, "silent.c3d"):
         read_c3d_signals(tmp_path / "silent.c3d", ["force_n"])
+
+
+def test_a_file_of_one_frame_has_no_rate(tmp_path: Path) -> None:
+    table = walk()
+    first = replace(table, time_s=table.time_s[:1], positions=table.positions[:1], residuals=table.residuals[:1])
+    write_c3d(tmp_path / "one.c3d", first, {}, {})
+    with raises_refusal(RecordingCode.FOREIGN_TOO_SHORT, "one.c3d"):
+        read_c3d_markers(tmp_path / "one.c3d")
 
 
 def test_a_file_without_labels_holds_no_markers(file: Path) -> None:
