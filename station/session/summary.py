@@ -40,6 +40,10 @@ class Summary:
     findings: tuple[str, ...]
 
 
+NOT_ASSESSED = "The effect on the muscles is not known, because no cuff could be assessed."
+"""In the place of the answer; the other findings have the reasons."""
+
+
 @dataclass(frozen=True)
 class EndedSession:
     """The results of a session, which are written in its folder.
@@ -83,7 +87,7 @@ def summarise(folder: Path, progress: Progress = silent) -> Summary:
         for name, cuff in ended.fitted.cuffs.items()
     )
     if ended.assessed is None:
-        return Summary(rows, (*ended.assumed, *ended.missing))
+        return Summary(rows, (NOT_ASSESSED, *ended.assumed, *ended.missing))
     assessment = located_assessment(read_assessment(folder / ASSESSMENT_FILE))
     found = ("".join(map(str, answer(assessment))), *ended.missing, *ended.assumed)
     return Summary(rows, tuple(dict.fromkeys((*found, *findings_of(assessment), *limits_of(assessment)))))

@@ -25,7 +25,7 @@ from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.session.listing import EarlierSessions, list_sessions
-from station.session.summary import EndedSession, SummaryError, end_session, summarise
+from station.session.summary import NOT_ASSESSED, EndedSession, SummaryError, end_session, summarise
 from station.subject.subject_file import Cord, Subject, write_subject
 from tests.refusals import raises_refusal
 from tests.station.foreign import static_and_dynamic
@@ -103,6 +103,7 @@ def test_a_session_without_a_wearable_cuff_has_its_table_and_report(
     summary = summarise(tmp_path)
     assert [row["cuff"] for row in summary.rows] == ["hand"]
     assert summary.findings == (
+        NOT_ASSESSED,
         "not in the assessment: the cuff hand has the law creep",
         "no assessment: the cuff hand has the law creep",
     )
