@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
@@ -234,8 +235,13 @@ def _estimate_of(cuff: str, quantity: str, figure: Figure | None) -> Estimate | 
 
 
 def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
-    """Diagonal covariance of independent estimates, 0 for None."""
-    return np.diag([estimate.standard_error**2 if estimate else 0.0 for estimate in estimates])
+    """Covariance of k, c and migration of one donning, 0 for None. A wrong gain of the load cell scales k and c alike;
+    their other errors, and that of migration, are independent.
+    """
+    by_gain = [math.copysign(one.parts.get("gain", 0.0), one.value) if one else 0.0 for one in estimates]
+    covariance = np.outer(by_gain, by_gain)
+    np.fill_diagonal(covariance, [one.standard_error**2 if one else 0.0 for one in estimates])
+    return covariance
 
 
 def cuff_html(cuffs: Mapping[str, Cuff], pulls: Mapping[str, Curve]) -> str:

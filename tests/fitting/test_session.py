@@ -74,6 +74,15 @@ def test_a_fit_says_whether_a_bounce_calibrated_lag_and_gain() -> None:
     assert known.bounces == ("bounce-1",)
 
 
+def test_a_wrong_gain_of_the_load_cell_scales_stiffness_and_damping_alike() -> None:
+    gain_sd = 0.02
+    fit = _fit([replace(trial, gain_sd=gain_sd) for trial in _donning("tube")[0]])
+    stiffness, damping, _ = _values(fit)
+    assert fit.covariance[0, 1] == pytest.approx(gain_sd**2 * stiffness * damping, rel=1e-3)
+    assert fit.covariance[1, 0] == fit.covariance[0, 1]
+    assert not fit.covariance[2, :2].any()
+
+
 @pytest.mark.parametrize("cuff", ["waist", "tube"])
 def test_force_at_twenty_hertz_still_gives_the_stiffness_and_an_honest_damping(cuff: str) -> None:
     fit = _fit(_donning(cuff, seed=1 if cuff == "waist" else 4, rate=20.0)[0])
