@@ -1,8 +1,11 @@
+"""C3D files, as other programs write them and as written here: markers and analog signals, and refusals."""
+
 from __future__ import annotations
 
 import re
 import struct
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -11,25 +14,99 @@ import c3d
 import ezc3d
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals, write_c3d
 from recordings.exchange.sample_tables import MarkerTable
-from tests.recordings.exchange.raw_c3d import (
-    CHANNELS,
-    DEC,
-    INTEGER,
-    INTEL,
-    MIPS,
-    PER_FRAME,
-    POSITIONS,
-    REAL,
-    SCALE,
-    write_raw_c3d,
-)
-from tests.recordings.exchange.raw_c3d import FRAMES as FRAMES_OF_RAW
 from tests.recordings.exchange.walk import FRAMES, same, walk
 from tests.refusals import raises_refusal
+
+POINTS, RAW_FRAMES, CHANNELS, PER_FRAME, SCALE = 3, 60, 2, 4, 0.1
+POSITIONS = np.arange(RAW_FRAMES * POINTS * 3).reshape(RAW_FRAMES, POINTS, 3) + 10
+INTEL, DEC, MIPS = 84, 85, 86
+CHARACTER, INTEGER, REAL = -1, 2, 4
+
+
+def write_raw_c3d(
+    path: Path,
+    labels: Sequence[str] = ("a", "b", "c"),
+    *,
+    header_analog: int = CHANNELS * PER_FRAME,
+    used_analog: int = CHANNELS,
+    processor: int = INTEL,
+    is_real: bool = False,
+    rate: float = 100.0,
+    offset: float = 0,
+    offset_kind: int = INTEGER,
+    analog_format: str = "",
+    gen_scale: float = 1.0,
+    counts: NDArray[np.int64] | None = None,
+    unit: str = "mm",
+) -> Path:
+    """POSITIONS × 0.1 (or POSITIONS, if real) at 100 Hz and 2 channels at 400 Hz, which are there whatever is stated.
+
+    counts (RAW_FRAMES × PER_FRAME, CHANNELS): stored numbers of the channels, whose SCALE is 1 and 0.5.
+    """
+    numbers = _Numbers(processor)
+    scale = -SCALE if is_real else SCALE
+    width = max(map(len, labels))
+    stated_format = [(2, "FORMAT", CHARACTER, (len(analog_format),), analog_format.encode())] if analog_format else []
+    parameters = [
+        (1, "USED", INTEGER, (), numbers.integers(POINTS)),
+        (1, "RAW_FRAMES", INTEGER, (), numbers.integers(RAW_FRAMES)),
+        (1, "DATA_START", INTEGER, (), numbers.integers(4)),
+        (1, "SCALE", REAL, (), numbers.reals(scale)),
+        (1, "RATE", REAL, (), numbers.reals(rate)),
+        (1, "UNITS", CHARACTER, (len(unit),), unit.encode()),
+        (1, "LABELS", CHARACTER, (width, len(labels)), "".join(x.ljust(width) for x in labels).encode()),
+        (2, "USED", INTEGER, (), numbers.integers(used_analog)),
+        (2, "RATE", REAL, (), numbers.reals(rate * PER_FRAME)),
+        (2, "GEN_SCALE", REAL, (), numbers.reals(gen_scale)),
+        (2, "SCALE", REAL, (CHANNELS,), numbers.reals(1, 0.5)),
+        (2, "OFFSET", offset_kind, (CHANNELS,), numbers.of(offset_kind, offset, offset)),
+        *stated_format,
+        (2, "LABELS", CHARACTER, (2, CHANNELS), b"f1f2"),
+    ]
+    records = [_record(numbers, -1, "POINT", b"\0"), _record(numbers, -2, "ANALOG", b"\0")]
+    records += [
+        _record(numbers, group, name, struct.pack("bB", kind, len(dimensions)) + bytes(dimensions) + data + b"\0")
+        for group, name, kind, dimensions, data in parameters
+    ]
+    section = (bytes([1, 0x50, 2, processor]) + b"".join(records)).ljust(1024, b"\0")
+    counted = numbers.integers(POINTS, header_analog, 1, RAW_FRAMES, 0)
+    header = b"\2\x50" + counted + numbers.reals(scale) + numbers.integers(4, PER_FRAME) + numbers.reals(rate)
+    points = np.concatenate([POSITIONS, np.zeros((RAW_FRAMES, POINTS, 1), dtype=int)], axis=2).reshape(RAW_FRAMES, -1)
+    stored = np.full((RAW_FRAMES * PER_FRAME, CHANNELS), 7) if counts is None else counts
+    frames = np.hstack([points, stored.reshape(RAW_FRAMES, -1)])
+    data = numbers.reals(*frames.ravel()) if is_real else numbers.integers(*frames.ravel())
+    path.write_bytes(header.ljust(512, b"\0") + section + data)
+    return path
+
+
+class _Numbers:
+    """Numbers in the bytes of a processor."""
+
+    def __init__(self, processor: int) -> None:
+        self._order, self._is_vax = ">" if processor == MIPS else "<", processor == DEC
+
+    def integers(self, *values: float) -> bytes:
+        """Of either sign: 40000 and −25536 are the same 16 bits."""
+        return (np.array(values).astype(np.int64) & 0xFFFF).astype(f"{self._order}u2").tobytes()
+
+    def reals(self, *values: float) -> bytes:
+        """VAX: the halves of four times the number, exchanged."""
+        if not self._is_vax:
+            return np.array(values, f"{self._order}f4").tobytes()
+        return (4 * np.array(values, "<f4")).view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+
+    def of(self, kind: int, *values: float) -> bytes:
+        return self.reals(*values) if kind == REAL else self.integers(*values)
+
+
+def _record(numbers: _Numbers, group: int, name: str, body: bytes) -> bytes:
+    return struct.pack("<bb", len(name), group) + name.encode() + numbers.integers(2 + len(body)) + body
+
 
 FORCE = np.sin(np.arange(10 * FRAMES) / 7)
 
@@ -184,7 +261,7 @@ def test_the_format_states_the_sign_of_offset_and_samples(
     tmp_path: Path, processor: int, is_real: bool, analog_format: str, offset_kind: int
 ) -> None:
     low, offset = (0, 40_000) if analog_format == "UNSIGNED" else (-32_768, -200)
-    counts = np.linspace(low, low + 65_535, FRAMES_OF_RAW * PER_FRAME * CHANNELS).astype(np.int64).reshape(-1, CHANNELS)
+    counts = np.linspace(low, low + 65_535, RAW_FRAMES * PER_FRAME * CHANNELS).astype(np.int64).reshape(-1, CHANNELS)
     file = write_raw_c3d(
         tmp_path / "a.c3d",
         processor=processor,
@@ -209,7 +286,7 @@ def test_the_format_states_the_sign_of_offset_and_samples(
 @pytest.mark.parametrize("rate", [150.001, 149.999, 59.94, 29.97, 1e-3, 3000.0])
 def test_a_quotient_of_rates_that_is_not_whole_in_single_precision_is_rounded(tmp_path: Path, rate: float) -> None:
     read = read_c3d_signals(write_raw_c3d(tmp_path / "odd.c3d", rate=rate), ["f1"])
-    assert len(read.time_s) == FRAMES_OF_RAW * PER_FRAME
+    assert len(read.time_s) == RAW_FRAMES * PER_FRAME
     assert np.diff(read.time_s) == pytest.approx(1 / (PER_FRAME * rate), rel=1e-4)
 
 
@@ -246,9 +323,9 @@ def test_a_damaged_parameter_ends_in_a_sentence_or_in_what_the_file_holds(tmp_pa
         for replaced in (b"\xff\xff", b"\0\0", b"\1\0", b"\xff\x7f\xff\xff\xff\xff", b"\x7f" * 8):
             file.write_bytes(whole[:at] + replaced + whole[at + len(replaced) :])
             with suppress(ForeignFile):
-                assert len(read_c3d_markers(file).time_s) <= FRAMES_OF_RAW
+                assert len(read_c3d_markers(file).time_s) <= RAW_FRAMES
             with suppress(ForeignFile):
-                assert len(read_c3d_signals(file, ["f1"]).time_s) <= FRAMES_OF_RAW * 255
+                assert len(read_c3d_signals(file, ["f1"]).time_s) <= RAW_FRAMES * 255
 
 
 @pytest.mark.parametrize("frames", [FRAMES, pytest.param(70_000, marks=pytest.mark.slow)])

@@ -1,4 +1,4 @@
-"""The suit assessed on the wearer: the simulated person's body, motion and cord come back, with their uncertainty.
+"""subject.toml, and the suit on the wearer: the simulated person's body, motion and cord, with their uncertainty.
 
 The simulated person shares no code with the solver (drivers/simulators/wearer.py).
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from drivers.simulators.settings import PersonSettings
+from fitting.wearer.wearer_trial import read_wearer_trial
 from solver.bundled import bundled_model
 from solver.suit.suit import PARTS, read_suit
 from station.assessment import case
@@ -25,8 +27,8 @@ from station.kinematics.person_findings import PersonError
 from station.messages.kinematics_messages import PersonCode, SubjectCode
 from station.report.page import write_report
 from station.subject import assessed_subject
-from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit
-from station.subject.subject_file import Subject, SubjectError
+from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit, worn_arm_cuff
+from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, SubjectError, read_subject, write_subject
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.report.unmarked import unmarked_numbers
@@ -185,3 +187,52 @@ def test_the_document_is_json_without_nan_or_infinity(folder: Path, plain: dict[
     constants: list[str] = []
     json.loads((folder / "assessment.json").read_text(encoding="utf-8"), parse_constant=constants.append)
     assert constants == []
+
+
+MARKED = Subject(mass_kg=61.5, vertical="y", markers={"acro mion": "aa", 'Él\u007f\t"': "ij"})
+CORDED = Subject(
+    mass_kg=75, hand_load_kg=2.0, marker_set=r"C:\sets\own.toml", cord=Cord(rest_length_m=0.73, cuff="hand")
+)
+
+
+@pytest.mark.parametrize(
+    "subject", [Subject(), MARKED, CORDED, Subject(cord=Cord(rest_length_m=0.7)), Subject(cord=Cord(cuff="hand"))]
+)
+def test_a_wearer_is_read_as_written(subject: Subject, tmp_path: Path) -> None:
+    write_subject(tmp_path, subject)
+    assert read_subject(tmp_path) == subject
+
+
+def test_what_is_not_known_is_left_out(tmp_path: Path) -> None:
+    write_subject(tmp_path, Subject(vertical="y"))
+    assert tomllib.loads((tmp_path / SUBJECT_FILE).read_text()) == {"hand_load_kg": 0.0, "vertical": "y"}
+
+
+def test_markers_are_where_the_person_had_them(wearer: WearerSession) -> None:
+    trial = read_wearer_trial(wearer.path(FREE))
+    truth = wearer.person.markers(wearer.starts[trial.file] + trial.time)
+    recorded = [trial.labels.index(label) for label in trial.body.body]
+    columns = [wearer.person.labels.index(label) for label in trial.body.body]
+    error = 1e3 * trial.markers[:, recorded] - truth[:, columns]
+    assert np.sqrt(np.nanmean(error**2)) < 0.5, "mm, of the cameras"
+
+
+def test_the_tension_of_the_cord_is_there_where_it_was_measured(wearer: WearerSession) -> None:
+    trial = read_wearer_trial(wearer.path(TIGHT))
+    assert trial.body.is_cord_measured and 20 < np.ptp(trial.force) < 80
+
+
+@pytest.mark.parametrize(
+    ("named", "arms", "worn"),
+    [
+        ("tube", ["hand", "tube"], "tube"),
+        (None, ["hand"], "hand"),
+        (None, ["hand", "tube"], None),
+        (None, [], None),
+        ("", ["hand"], "hand"),
+    ],
+)
+def test_the_cuff_that_is_worn_is_the_named_one_or_the_only_one(
+    named: str | None, arms: list[str], worn: str | None
+) -> None:
+    assert worn_arm_cuff(named, arms) == worn
