@@ -122,14 +122,15 @@ class IkSetup:
 
 def read_ik_setup(path: Path) -> IkSetup:
     """Read an InverseKinematicsTool. Raises ModelError, with the line, for any other file."""
-    tool = read_document(path).own("InverseKinematicsTool")
+    document = read_document(path)
+    tool = document.own("InverseKinematicsTool")
     if tool is None:
         raise ModelError(
             f"{path.name} should have an InverseKinematicsTool and has none; give OpenSim's set-up of one",
             SolverCode.WRONG_DOCUMENT,
         )
     setup = ik_setup_of(tool)
-    return replace(setup, unused=tuple(tool.unused(WITHOUT_EFFECT)), moved=tuple(tool.moved_files()))
+    return replace(setup, unused=tuple(document.unused(WITHOUT_EFFECT)), moved=tuple(tool.moved_files()))
 
 
 def ik_setup_of(tool: Element) -> IkSetup:
@@ -353,7 +354,8 @@ class ScaleSetup:
 
 def read_scale_setup(path: Path) -> ScaleSetup:
     """Read a ScaleTool. Raises ModelError, with the line, for any other file."""
-    tool = read_document(path).own("ScaleTool")
+    document = read_document(path)
+    tool = document.own("ScaleTool")
     if tool is None:
         raise ModelError(
             f"{path.name} should have a ScaleTool and has none; give OpenSim's set-up of one", SolverCode.WRONG_DOCUMENT
@@ -380,7 +382,7 @@ def read_scale_setup(path: Path) -> ScaleSetup:
         ik_setup_of(placer) if placer is not None and is_placed else None,
         maker.named_file("marker_set_file") if maker is not None else None,
     )
-    return replace(setup, unused=tuple(tool.unused(WITHOUT_EFFECT_IN_SCALING)), moved=tuple(tool.moved_files()))
+    return replace(setup, unused=tuple(document.unused(WITHOUT_EFFECT_IN_SCALING)), moved=tuple(tool.moved_files()))
 
 
 def scale_setup_document(setup: ScaleSetup, folder: Path, output_model: str) -> Xml.Element:

@@ -219,6 +219,14 @@ def test_elements_that_change_nothing_here_are_named(tmp_path: Path) -> None:
     assert found == [["<IKOrientationTask> imu", "<constraint_weight> 20"], ["<IKOrientationTask> imu"]]
 
 
+def test_another_tool_in_the_document_is_named(tmp_path: Path) -> None:
+    text = SETUP.format(range="0 1", tasks=TASK.format(name="C7", weight=1))
+    other = "<AnalyzeTool name='second'><start_time>0</start_time></AnalyzeTool></OpenSimDocument>"
+    (tmp_path / "setup.xml").write_text(text.replace("</OpenSimDocument>", other))
+    (found,) = read_ik_setup(tmp_path / "setup.xml").unused
+    assert found.startswith("<AnalyzeTool> second")
+
+
 POSE, FREE, TIGHT = SPECS
 MOST_RMS_DEG = 3.0  # of axial rotation, which upper-arm markers alone hold worst; the others reach 1.3
 
