@@ -34,7 +34,8 @@ def _sources() -> dict[str, Path]:
     """Path in the user's folder → file of the checkout or of the installation."""
     checkout = Path(__file__).parents[2]
     if (checkout / "station.toml").is_file():
-        found = [checkout / "station.toml", *sorted((checkout / "examples").rglob("*.*"))]
-        return {path.relative_to(checkout).as_posix(): path for path in found if "__pycache__" not in path.parts}
-    installed = {file.as_posix().partition(SHARED)[2]: Path(str(file.locate())) for file in files("cuffstation") or ()}
-    return {name: path for name, path in installed.items() if name}
+        files_in = [checkout / "station.toml", *sorted((checkout / "examples").rglob("*.*"))]
+        found = {path.relative_to(checkout).as_posix(): path for path in files_in}
+    else:
+        found = {file.as_posix().partition(SHARED)[2]: Path(str(file.locate())) for file in files("cuffstation") or ()}
+    return {name: path for name, path in found.items() if name and not name.endswith(".pyc")}  # pip compiles scripts

@@ -112,6 +112,7 @@ def test_the_quick_start_runs_line_by_line_from_a_wheel_in_a_new_environment(tmp
             (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
     assert "8515 +/- 30 N/m (0.36 %), 95 %: 8301 to 8741" in printed and "visco_elastic" in printed
     assert (tmp_path / "effort.png").is_file() and (tmp_path / "study" / "station.toml").is_file()
+    assert not list((tmp_path / "study").rglob("*.pyc")), "pip compiles the examples"
     assert list(tmp_path.glob("cuffs/lib/python*/site-packages/cuffstation/__init__.py"))
 
 
