@@ -6,7 +6,7 @@ A session is one donning of a published cuff (the four in turn), with three stat
 experiment of tests/fitting/defects.py, which shares no code with the fit. Every row has the bias and the coverage of
 the quantities that are identified, with Monte-Carlo standard errors, and the findings: causes and notes of at least 5 %
 of the sessions. c is identified if its standard error is below half of it, which selects sessions whose noise made it
-large; another row has c of all sessions. Truth of k is the stiffness at rest along the rope, of a stiffening cuff the
+large; another row has the others, too. Truth of k is the stiffness at rest along the rope, of a stiffening cuff the
 slope of the line through its held loads; of c that of a damper at the frequency of the swing, of a tangent that at the
 load; of migration the displacement that remains after the last static trial.
 """
@@ -190,8 +190,8 @@ def _quantities(sessions: Sequence[Session]) -> dict[str, list[Found | None]]:
             if quantity == "k" and held and held.creep and held.creep.is_measured:
                 estimate = held.creep.stiffness_at_rest
             found[quantity].append(None if name in session.fit.missing else (estimate, truth))
-        if session.fit.damping:
-            found.setdefault("c, also where not identified", []).append((session.fit.damping, session.damping))
+        if (damping := session.fit.damping) and ("damping" not in session.fit.missing or damping.is_too_wide):
+            found.setdefault("c, also where too wide", []).append((damping, session.damping))
         if session.bend and session.fit.held:
             for load, tangent in session.fit.held.tangents:
                 true = session.at_rest + session.bend * (HOOK + load)

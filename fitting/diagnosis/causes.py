@@ -214,7 +214,7 @@ def _weight_causes(static: Sequence[FittedPull]) -> Iterator[Cause]:
 
 
 def _law_causes(classes: ModelComparison | None, *, creeps: bool) -> Iterator[Cause]:
-    """The chosen extensions, and those that explain nearly as much (ALIKE).
+    """The chosen extensions, and those that explain nearly as much (ALIKE), and enough to be an extension (GAIN).
 
     Creep also explains part of friction. If no hold shows creep, friction is ranked before it; if holds do, friction
     and slip are no explanation, because they do not move a cuff under a constant load.
@@ -227,7 +227,7 @@ def _law_causes(classes: ModelComparison | None, *, creeps: bool) -> Iterator[Ca
         if name not in classes.chosen:
             is_excluded = classes.chosen == ("creep",) and creeps and name in {FRICTION, SLIP}
             is_worse = (1 - best) < (1 - ALIKE) * (1 - gains[name])
-            if name not in LAW_CAUSES or is_excluded or is_worse:
+            if name not in LAW_CAUSES or is_excluded or is_worse or gains[name] < GAIN:
                 continue
         is_friction = name == "creep" and not creeps and FRICTION in classes.chosen
         share = 1.0 if name in classes.chosen and not is_friction else 0.5
