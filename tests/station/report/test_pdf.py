@@ -31,7 +31,7 @@ from tests.station.wearer import WearerSession
 STYLE = Path(page.__file__).with_name("page.css").read_text(encoding="utf-8")
 POINTS_PER_MM = 72 / 25.4
 MOST_SCREENS, MOST_UNFOLDED, MOST_SHEETS = 2.0, 8.0, 4
-FOLDED_WIDTHS = ((390, 844), (768, 1024), (1024, 768), (1440, 900))
+FOLDED_WIDTHS = ((768, 1024), (1024, 768), (1440, 900))
 UNFOLD = "document.querySelectorAll('details').forEach(section => section.open = true)"
 
 
@@ -51,7 +51,7 @@ def test_a_page_is_printed_on_a4_and_its_hash_is_kept(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_a_report_of_four_cuffs_and_a_wearer_is_short(tmp_path: Path, wearer: WearerSession) -> None:
-    """At most two screens folded, eight unfolded on a screen of 1440 px, and four pages of paper."""
+    """At most two screens folded, eight unfolded on a screen of 1440 px, and four pages of paper; fonts may differ by 8 %."""
     report = report_four_cuffs(tmp_path, wearer)
     with chromium(CHROMIUM) as browser:
         shown = browser.new_page()
