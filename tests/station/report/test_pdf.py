@@ -51,7 +51,10 @@ def test_a_page_is_printed_on_a4_and_its_hash_is_kept(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_a_report_of_four_cuffs_and_a_wearer_is_short(tmp_path: Path, wearer: WearerSession) -> None:
-    """At most two screens folded, eight unfolded on a screen of 1440 px, and four pages of paper; fonts may differ by 8 %."""
+    """At most two screens folded, eight unfolded on a screen of 1440 px, four pages of paper.
+
+    Nine tenths of that with the fonts of one machine: those of others may differ.
+    """
     report = report_four_cuffs(tmp_path, wearer)
     with chromium(CHROMIUM) as browser:
         shown = browser.new_page()
