@@ -10,7 +10,7 @@ from typing import Any
 
 INK, FORCE, DISPLACEMENT = "#2c3640", "#0b4f9e", "#a83a00"
 DISPLACEMENT_AXIS, FORCE_AXIS, TIME_AXIS = "displacement [mm]", "force [N]", "time from the sync edge [s]"
-ELEVATION_AXIS, EMG_AXIS = "elevation [deg]", "EMG RMS [\u00b5V]"
+ELEVATION_AXIS, EMG_AXIS, EMG_OF_MVC_AXIS = "elevation [deg]", "EMG RMS [\u00b5V]", "EMG RMS [% of the MVC]"
 EMG_COLOURS = (FORCE, DISPLACEMENT, "#1b7f3b", "#7a3f9d", INK, "#8a6d00")
 LINE_WIDTH = 3
 

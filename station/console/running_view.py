@@ -20,6 +20,7 @@ from station.console.charts import (
     DISPLACEMENT_AXIS,
     ELEVATION_AXIS,
     EMG_AXIS,
+    EMG_OF_MVC_AXIS,
     FORCE,
     FORCE_AXIS,
     TIME_AXIS,
@@ -141,7 +142,7 @@ def status_of(live: LiveTrial, needed: Collection[str] = ()) -> str:
     seen_alarm = [f"seen: {live.alarm}"] if live.alarm is not None and live.is_alarm_seen else []
     sync = f"sync line {level:z.2f} V" if level is not None else "sync line: no sample yet"
     first = [*seen_alarm, state_of(latest), sync, markers_of(latest.get("seen", {}), needed), *list(live.events)[-1:]]
-    return " · ".join(first) + "\n" + streams_of(latest)
+    return " · ".join(first) + "\n" + " · ".join([*emg_of(live), streams_of(latest)])
 
 
 def streams_of(telemetry: dict[str, Any]) -> str:
@@ -152,9 +153,8 @@ def streams_of(telemetry: dict[str, Any]) -> str:
     rate, left = telemetry.get("slow_rate"), telemetry.get("disk_left_s")
     slow = [f"simulated bench runs at {rate:.2f} of real time"] if rate is not None else []
     disk = [f"disk for {left / 3600:.0f} h"] if left is not None else []
-    emg = [f"EMG RMS [\u00b5V] {emg_of(telemetry)}"] if telemetry.get("emg_uv") else []
     dropped = [f"items not shown: {telemetry['dropped']}"] if telemetry.get("dropped") else []
-    return " · ".join([*slow, f"lost {telemetry.get('lost_samples', 0)}", *dropped, *emg, *rates, *disk])
+    return " · ".join([*slow, f"lost {telemetry.get('lost_samples', 0)}", *dropped, *rates, *disk])
 
 
 def markers_of(seen: dict[str, bool], needed: Collection[str] = ()) -> str:
@@ -179,8 +179,14 @@ def motion_axis(live: LiveTrial) -> str:
     return ELEVATION_AXIS if live.is_of_wearer else DISPLACEMENT_AXIS
 
 
-def emg_of(telemetry: dict[str, Any]) -> str:
-    return ", ".join(f"{channel} {rms_uv:.0f}" for channel, rms_uv in telemetry.get("emg_uv", {}).items())
+def emg_axis(live: LiveTrial) -> str:
+    return EMG_OF_MVC_AXIS if live.mvc_uv else EMG_AXIS
+
+
+def emg_of(live: LiveTrial) -> list[str]:
+    """The last EMG of every channel; empty without EMG."""
+    last = ", ".join(f"{channel} {points[-1][1]:.0f}" for channel, points in live.shown_emg.items())
+    return [f"{emg_axis(live)} {last}"] if last else []
 
 
 def marker_roles(config: StationConfig, spec: TrialSpec) -> dict[str, str]:
@@ -262,7 +268,7 @@ class _Charts:
             chart = _over_time(motion) if self._has_force else _motion_over_time(motion)
             self._over_time = ui.echart(chart).mark("over-time")
             if has_emg:
-                self._emg = ui.echart(_emg_over_time()).mark("emg")
+                self._emg = ui.echart(_emg_over_time(live)).mark("emg")
             elif self._has_force:
                 self._loop = ui.echart(force_over_motion([], motion)).mark("loop")
             self._markers = ui.element("canvas").classes("markers").props('aria-label="markers, drag to turn"')
@@ -311,8 +317,8 @@ def curves_over_time(live: LiveTrial) -> list[list[tuple[float, float]]]:
 
 
 def emg_over_time(live: LiveTrial) -> dict[str, list[tuple[float, float]]]:
-    """RMS [µV] of every channel in the last SHOWN_S, with its time from the sync edge."""
-    return {channel: _last(live.from_edge(points)) for channel, points in live.emg.items()}
+    """RMS of every channel in the last SHOWN_S, with its time from the sync edge."""
+    return {channel: _last(live.from_edge(points)) for channel, points in live.shown_emg.items()}
 
 
 def _last(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -351,12 +357,12 @@ def _motion_over_time(motion: str) -> dict[str, Any]:
     return {**chart, "yAxis": [axis(motion, DISPLACEMENT)], "dataZoom": zoom, "series": [line(DISPLACEMENT)]}
 
 
-def _emg_over_time() -> dict[str, Any]:
+def _emg_over_time(live: LiveTrial) -> dict[str, Any]:
     """Chart of the EMG; its channels are named by the first samples."""
     zoom = [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=0, zoomOnMouseWheel="shift")]
     grid = {"left": 60, "right": 20, "top": 70, "bottom": 60}
     legend = {"top": 0, "right": 10, "type": "scroll", "textStyle": {"fontSize": 16}}
-    axes = {"xAxis": axis_below(TIME_AXIS, splitNumber=4), "yAxis": axis(EMG_AXIS)}
+    axes = {"xAxis": axis_below(TIME_AXIS, splitNumber=4), "yAxis": axis(emg_axis(live))}
     return {"animation": False, "grid": grid, "legend": legend, **axes, "dataZoom": zoom, "series": []}
 
 

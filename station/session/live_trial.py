@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,6 +38,7 @@ class LiveTrial:
     displacement: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     elevation: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     emg: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)  # RMS [µV], by channel
+    mvc_uv: Mapping[str, float] = field(default_factory=dict)  # largest RMS in the MVC trial, of all channels or none
     events: deque[str] = field(default_factory=lambda: deque(maxlen=8))
     alarm: Message[AlarmCode] | None = None
     is_alarm_seen: bool = False
@@ -54,6 +55,20 @@ class LiveTrial:
     def motion(self) -> deque[tuple[float, float]]:
         """Elevation of the wearer's arm [deg] or displacement of the cuff [mm]."""
         return self.elevation if self.is_of_wearer else self.displacement
+
+    @property
+    def shown_emg(self) -> dict[str, list[tuple[float, float]]]:
+        """RMS of every channel over time [% of its MVC; without a known MVC: µV]."""
+        return {
+            channel: [(t, uv / self.mvc_uv[channel] * 100 if self.mvc_uv else uv) for t, uv in points]
+            for channel, points in self.emg.items()
+        }
+
+    @property
+    def largest_emg_uv(self) -> dict[str, float]:
+        """By channel; empty if one has no signal."""
+        largest = {channel: max(uv for _, uv in points) for channel, points in self.emg.items()}
+        return largest if all(largest.values()) else {}
 
     @property
     def cue(self) -> Cue:

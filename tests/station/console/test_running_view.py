@@ -19,7 +19,6 @@ from station.console.running_view import (
     motion_of,
     state_of,
     status_of,
-    streams_of,
 )
 from station.protocol import TrialSpec
 from station.session.guide import guide_for
@@ -67,12 +66,25 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
     assert motion_of(live) == "\u2013 deg"
     live.elevation.append((1.0, 87.6))
     live.displacement.append((1.0, 3.0))
-    live.latest = {"state": "recording", "edge_s": 0.5, "emg_uv": {"deltoid": 120.4, "biceps": 4.0}}
+    live.latest = {
+        "state": "recording",
+        "problems": "",
+        "sentence": "",
+        "edge_s": 0.5,
+        "recorded_s": 1.0,
+        "emg_uv": {"deltoid": 120.4, "biceps": 4.0},
+    }
     assert motion_of(live) == "88 deg" and curves_over_time(live)[1] == [(0.5, 87.6)]
-    assert "EMG RMS [\u00b5V] deltoid 120, biceps 4" in streams_of(live.latest)
     new = dict.fromkeys(("displacement", "elevation", "events"), ())
     live.update({**live.latest, **new, "force": [(1.5, 2.0)]}, force_limits(wearer_config()))
     assert emg_over_time(live) == {"deltoid": [(1.0, 120.4)], "biceps": [(1.0, 4.0)]}
+    assert "EMG RMS [\u00b5V] deltoid 120, biceps 4" in status_of(live)
+    live.mvc_uv = {"deltoid": 240.8, "biceps": 80.0}
+    assert emg_over_time(live) == {"deltoid": [(1.0, 50.0)], "biceps": [(1.0, 5.0)]}
+    assert "EMG RMS [% of the MVC] deltoid 50, biceps 5" in status_of(live)
+    assert live.largest_emg_uv == {"deltoid": 120.4, "biceps": 4.0}
+    live.emg["biceps"][0] = (1.5, 0.0)
+    assert live.largest_emg_uv == {}, "a channel without a signal has no MVC"
     roles = marker_roles(wearer_config(), spec)
     without = marker_roles(wearer_config(), TrialSpec(None, "motion", 1, condition="unsuited"))
     seen = {"ac": True, "cord_arm": False, "cuff_1": False}
