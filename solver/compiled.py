@@ -179,8 +179,9 @@ class _CodeCache(_Cache):  # type: ignore[misc]
     def _cached(self, signature: Any, target: Any) -> Any:
         try:
             return super()._load_overload(signature, target)
-        except _UNREADABLE:
-            self.flush()
+        except (*_UNREADABLE, OSError):
+            with suppress(OSError):
+                self.flush()
             return None
 
     def _save_overload(self, signature: Any, data: Any) -> None:

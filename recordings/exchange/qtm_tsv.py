@@ -19,6 +19,7 @@ from recordings.exchange.sample_tables import (
     MarkerTable,
     distinct_labels,
     millimetres,
+    note_on_far,
     require_whole_positions,
     settle_times,
     without_origin,
@@ -48,7 +49,9 @@ def read_qtm_tsv(path: Path, unit: str = "mm") -> MarkerTable:
     extra = _leading_columns(lines[first - 1], rows, widest, len(labels), path)
     require_whole_positions(rows, extra, extra + 3 * len(labels), path, first + 1)
     values = read_numbers(rows, "\t", range(extra + 3 * len(labels)), path, first + 1)
-    positions = without_origin(millimetres(unit, str(path)) * values[:, extra:].reshape(len(rows), len(labels), 3))
+    read = millimetres(unit, str(path)) * values[:, extra:].reshape(len(rows), len(labels), 3)
+    notes += note_on_far(read, str(path))
+    positions = without_origin(read)
     rate, time, on_rate = _time(values[:, :extra], header, str(path), first + 1)
     return MarkerTable(labels, rate, time, positions, np.zeros(positions.shape[:2]), notes + on_rate)
 

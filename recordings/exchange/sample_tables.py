@@ -28,6 +28,8 @@ SPELLED_OUT = {
 
 TIME_UNITS = {"ms": 1e3, "µs": 1e6, "min": 1 / 60, "frames": 0.0}
 """How many of it are a second; frames are counted."""
+ABOUT = 1.5
+"""Largest ratio of the durations of two files of one measurement for which their ratio names a unit."""
 FEWEST_LETTERS = 4
 """Of a spelled unit; C3D cuts it to the width of its parameter."""
 
@@ -170,6 +172,22 @@ def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     missing = ~(np.abs(positions) < HIDDEN_FROM_MM).all(axis=2) | (positions == 0).all(axis=2)
     return np.where(missing[..., None], np.nan, positions)
+
+
+def note_on_far(positions: NDArray[np.float64], where: str) -> tuple[str, ...]:
+    """A note on positions (frames, markers, 3) [mm] that without_origin removes because of their size."""
+    far = int((np.abs(positions) >= HIDDEN_FROM_MM).any(axis=2).sum())
+    if not far:
+        return ()
+    return (f"{where} has {far} positions beyond {HIDDEN_FROM_MM:g} mm, which are read as missing",)
+
+
+def unit_of_times(durations: float) -> str | None:
+    """The unit of times, of a duration over that in seconds of about the same measurement; None for seconds or none."""
+    for unit, in_second in TIME_UNITS.items():
+        if in_second and 1 / ABOUT < durations / in_second < ABOUT:
+            return unit
+    return None
 
 
 def settle_times(

@@ -13,6 +13,7 @@ from recordings.exchange.sample_tables import (
     MarkerTable,
     distinct_labels,
     millimetres,
+    note_on_far,
     require_whole_positions,
     settle_times,
     without_origin,
@@ -57,6 +58,7 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
     scale = millimetres(unit or header.get("Units", ""), str(path))
     positions = scale * values[:, 2:].reshape(len(rows), len(labels), 3)
     found = without_origin(positions)
+    notes += note_on_far(positions, str(path))
     shown = np.isfinite(found).any(axis=(1, 2))
     origin = _origin(positions[shown], labels, tracked)
     if origin is not None:

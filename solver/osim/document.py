@@ -140,7 +140,11 @@ class Element:
         return found
 
     def _is_switched_off(self) -> bool:
-        return any(child.tag in SWITCHES and child.text.lower() == SWITCHES[child.tag] for child in self.children)
+        """By a switch that the reader obeyed, or that is in an element of which it read nothing."""
+        return any(
+            child.text.lower() == SWITCHES.get(child.tag) and (child.tag in self.sought or not self.sought)
+            for child in self.children
+        )
 
     def objects(self, tag: str) -> list[Element]:
         """Content of one of OpenSim's sets; empty if absent."""

@@ -23,7 +23,7 @@ from fitting.errors import UnusableTrial
 from fitting.trial.sync_line import find_edges
 from fitting.trial.trial_reader import read_trials
 from recordings.errors import RecordingError
-from recordings.exchange.sample_tables import MarkerTable, count_samples
+from recordings.exchange.sample_tables import MarkerTable, count_samples, unit_of_times
 from recordings.manifest import LoadCell, Manifest, TrialOutcome
 from recordings.reader import read_manifest
 from recordings.samples import Event, Item, Loss, Samples, Stream
@@ -244,6 +244,10 @@ def _require_common_time(
         "markers_to_s": float(ends[1]),
     }
     if common < LEAST_OVERLAP * expected:
+        ratio = float((ends[0] - starts[0]) / (ends[1] - starts[1]))
+        for quantity, durations in (("the force", ratio), ("the markers", 1 / ratio)):
+            if unit := unit_of_times(durations):
+                raise ImportRefused(Message(ImportCode.TIME_UNIT, {**figures, "times_of": quantity, "unit": unit}))
         raise ImportRefused(Message(ImportCode.SHORT_OVERLAP, figures))
     return (Message(ImportCode.PARTIAL_OVERLAP, figures),) if ends[1] - common > UNUSED_S else ()
 

@@ -27,6 +27,7 @@ class ImportCode(StrEnum):
     IMPOSSIBLE_VALUE = "import.impossible_value"
     BEFORE_CAPTURE = "import.before_capture"
     SHORT_OVERLAP = "import.short_overlap"
+    TIME_UNIT = "import.time_unit"
     NOT_USABLE = "import.not_usable"
     FILE_EXISTS = "import.file_exists"
     PARTIAL_OVERLAP = "import.partial_overlap"
@@ -163,6 +164,10 @@ _IMPORT: Mapping[StrEnum, str] = {
     ImportCode.SHORT_OVERLAP: (
         "{files} have {common_s:.2f} s in common, expected at least half of {expected_s:.2f} s (" + _SPANS + "); check "
         "that both are of the same trial and the lag is in seconds, or cut the longer one"
+    ),
+    ImportCode.TIME_UNIT: (
+        "{files} should have times in s, and those of {times_of} are in {unit} by their duration (" + _SPANS + "); "
+        "export them in s"
     ),
     ImportCode.NOT_USABLE: "{files} cannot be used: {reason}",
     ImportCode.FILE_EXISTS: "{path} exists and is not overwritten; move it to another folder",

@@ -138,6 +138,19 @@ def test_machine_code_that_was_damaged_is_not_run(tmp_path: Path, caplog: pytest
     assert any("compiling" in record.getMessage() for record in caplog.records)
 
 
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_a_folder_in_place_of_a_cached_file_is_reported_and_the_kernel_runs(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, suffix: str
+) -> None:
+    _kernel(tmp_path)(3.0)
+    (file,) = tmp_path.rglob(f"*.{suffix}")
+    file.unlink()
+    file.mkdir()
+    assert _kernel(tmp_path)(3.0) == 6.0
+    (message,) = [record.getMessage() for record in caplog.records if record.name == "solver.cache"]
+    assert os.strerror(errno.EISDIR) in message
+
+
 def test_a_kernel_runs_on_a_full_disk_and_reports_that_it_is_not_cached(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

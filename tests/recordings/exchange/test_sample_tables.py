@@ -15,6 +15,7 @@ from recordings.exchange.sample_tables import (
     MarkerTable,
     SignalTable,
     count_samples,
+    note_on_far,
     require_rising,
     settle_times,
     without_origin,
@@ -64,6 +65,13 @@ def test_a_jittering_clock_loses_no_sample() -> None:
 def test_exact_zeros_half_a_position_and_one_in_space_are_missing_markers() -> None:
     positions = np.array([[[0.0, 0.0, 0.0], [0.0, 1.0, 2.0], [np.nan, 1.0, 2.0], [1.0, -1e300, 2.0]]])
     assert np.isnan(without_origin(positions)).all(axis=2).tolist() == [[True, False, True, True]]
+
+
+def test_positions_beyond_a_thousand_kilometres_are_counted_in_a_note() -> None:
+    positions = np.array([[[1.0, 2.0, 3.0], [1.0, -1e30, 2.0]], [[np.nan, 0.0, 0.0], [1e12, np.inf, 1.0]]])
+    (note,) = note_on_far(positions, "f")
+    assert "2 positions" in note
+    assert not note_on_far(positions[:, :1], "f")
 
 
 def test_a_frame_without_time_is_placed_by_its_number() -> None:

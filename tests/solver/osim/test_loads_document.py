@@ -200,6 +200,12 @@ def test_a_load_on_the_ground_and_an_element_that_is_not_used_are_named(files: P
     assert found.unused == ("<external_loads_model_kinematics_file> walk.mot (line 10)",)
 
 
+def test_a_switch_that_opensim_does_not_know_there_is_named(files: Path) -> None:
+    """ExternalForce has appliesForce, whose value false leaves the force out; apply is not a property of it."""
+    files.write_text(XML.replace("<applied_to", "<apply>false</apply><applied_to"))
+    assert [text.partition(" (")[0] for text in read_loads_document(files).unused] == ["<apply> false"]
+
+
 def test_a_document_whose_root_is_the_loads_is_read(files: Path) -> None:
     files.write_text(XML.replace('<OpenSimDocument Version="40000">', "").replace("</OpenSimDocument>", ""))
     assert len(read_external_loads(files, MODEL, TIME)) == 1

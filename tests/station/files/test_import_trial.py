@@ -418,6 +418,21 @@ def test_files_with_too_little_time_in_common_are_refused_and_a_remainder_is_rep
     assert (note.code, note.figures["common_s"]) == (ImportCode.PARTIAL_OVERLAP, pytest.approx(28.0, abs=2e-3))
 
 
+@pytest.mark.parametrize(
+    ("of", "factor", "has_sync"),
+    [("the force", 1 / 60, True), ("the force", 1 / 60, False), ("the markers", 60, False)],
+)
+def test_times_in_minutes_are_refused_by_their_unit(
+    static: tuple[Path, Path], tmp_path: Path, of: str, factor: float, has_sync: bool
+) -> None:
+    """Without a sync line, the force may be that of seconds, and the markers' times the ones in minutes."""
+    rows = [f"{factor * i / 500!r},{1 + i % 4}" + f",{5 * (i > 200)}" * has_sync for i in range(14750)]
+    static[0].write_text("\n".join(["time_s,force_v" + ",sync_v" * has_sync, *rows]))
+    with raises_refusal(ImportCode.TIME_UNIT, kind=ImportRefused) as caught:
+        run(tmp_path / "s", *static)
+    assert (caught.value.cause.figures["times_of"], caught.value.cause.figures["unit"]) == (of, "min")
+
+
 @pytest.mark.parametrize("has_sync", [True, False])
 def test_the_time_in_common_is_that_after_the_lag(
     pair: tuple[Truth, Truth], static: tuple[Path, Path], tmp_path: Path, has_sync: bool
