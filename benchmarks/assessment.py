@@ -18,7 +18,7 @@ from solver.cuff import CuffParameters
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate, read_motion
 from solver.suit.assessment import Assessment, assess
-from solver.suit.scenarios import LoadedMotion
+from solver.suit.scenarios import Condition, LoadedMotion
 from solver.suit.suit import read_suit
 
 SHARED = Path(__file__).parents[2] / "shared"
@@ -91,7 +91,8 @@ def print_cells(found: Assessment) -> None:
 
 def print_reductions(found: Assessment) -> None:
     """Reduction of mean activation by group of muscles at the reference rest length, as the study's Fig. 10 has it."""
-    shown = [("rigid", None), *(("both", cuff) for cuff in CUFFS if cuff != "waist")]
+    arm = [cuff for cuff in CUFFS if cuff != "waist"]
+    shown: list[tuple[Condition, str | None]] = [("rigid", None), *(("both", cuff) for cuff in arm)]
     curves = {(curve.condition, curve.cuff): curve for curve in found.curves}
     print("\nreduction of mean activation at 0.74 m [%]:  " + "  ".join(" ".join(filter(None, pair)) for pair in shown))
     for group in read_suit().groups:

@@ -150,7 +150,8 @@ def simulate(
     claimed = wearers.assess(generator.integers(len(wearers.slack), size=people), drawn)
     one = generator.integers(len(wearers.slack), size=1)
     happened = wearers.assess(one, true * np.exp(SPREADS * generator.standard_normal((1, 2, 2))))
-    rule, decisions, pair = DecisionRule(), {}, ()
+    rule, decisions = DecisionRule(), {}
+    pair: tuple[tuple[float, bool], ...] = ()
     for basis, name in BASES.items():
         decision = decide(dict(zip(NAMES, claimed[name].T, strict=True)), rule)
         a, b = happened[name][0].tolist()
@@ -263,9 +264,8 @@ def _solve_grid(suited: SuitedMotion) -> Array | None:
     effort = np.array([one.muscles for one in solved])[:, ::-1]
     if not np.isfinite(effort).all() or solved[0].reserves[-1] > LARGE_RESERVES:
         return None
-    grid = (np.linspace(0.0, 1.0, size) for size in NODES)
-    fine = (np.linspace(0.0, 1.0, size) for size in FINE)
-    found: Array = scipy.interpolate.RectBivariateSpline(*grid, effort, kx=3, ky=3)(*fine)
+    (x, y), (fine_x, fine_y) = ([np.linspace(0.0, 1.0, size) for size in sizes] for sizes in (NODES, FINE))
+    found: Array = scipy.interpolate.RectBivariateSpline(x, y, effort, kx=3, ky=3)(fine_x, fine_y)
     return found
 
 

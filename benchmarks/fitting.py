@@ -21,6 +21,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from fitting.dynamic.cross_checks import check, output_error
 from fitting.dynamic.damping import fit_damping
 from fitting.dynamic.errors_in_variables import C, K, Swing, estimate
 from fitting.pull.pull import make_pulls
+from fitting.results.codes import CauseCode
 from fitting.results.rendering import name_of
 from fitting.session import fit_session
 from fitting.spatial.tensor import entries_of
@@ -63,7 +65,7 @@ def main() -> None:
                 print(line, flush=True)
 
 
-def _estimates(title: str, runs: int, pool: ProcessPoolExecutor, **settings: float) -> Iterator[str]:
+def _estimates(title: str, runs: int, pool: ProcessPoolExecutor, **settings: Any) -> Iterator[str]:
     yield f"| {title} | bias k % | RMSE k / bound | cover k % | bias c % | RMSE c / bound | cover c % |"
     yield "|---|---|---|---|---|---|---|"
     for cuff in PUBLISHED:
@@ -223,18 +225,19 @@ def _causes(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
     seeds = range(max(1, runs // 50))
     yield "| T8 defect | ranked first or second % |"
     yield "|---|---|"
-    for name in (*DEFECTS, NO_DEFECT):
-        found = list(pool.map(partial(_is_named, name), seeds))
-        yield f"| {name_of(name) if name in DEFECTS else name} | {100 * np.mean(found):.0f} |"
+    for cause in (*DEFECTS, None):
+        found = list(pool.map(partial(_is_named, cause), seeds))
+        yield f"| {NO_DEFECT if cause is None else name_of(cause)} | {100 * np.mean(found):.0f} |"
     yield ""
 
 
-def _is_named(name: str, seed: int) -> bool:
-    law, rig = DEFECTS.get(name, (Law(), Rig()))
+def _is_named(cause: CauseCode | None, seed: int) -> bool:
+    """Whether the cause is named first or second; None: whether no cause is named."""
+    law, rig = DEFECTS[cause] if cause else (Law(), Rig())
     fitted = fit_session(_donning(law, rig, 1000 + seed, 1))
     (fit,) = fitted.cuffs.values()
-    named = [cause.code for cause in fit.diagnosis.causes[:2]] if fit.diagnosis else []
-    return name in named or (name == NO_DEFECT and not named)
+    named = [found.code for found in fit.diagnosis.causes[:2]] if fit.diagnosis else []
+    return cause in named if cause else not named
 
 
 def _laws(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
@@ -284,7 +287,7 @@ def _in_space(seed: int) -> list[Row]:
     reduced, _ = make_pulls(trials)
     stiffness = held_tensor([pull for pull in reduced if pull.trial.test == "static"], 0.0)
     damping = swung_tensor([pull for pull in reduced if pull.trial.test == "dynamic"], {}, 0.0)
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for tensor, true in ((stiffness, space.stiffness), (damping, space.damping)):
         off = tensor.value - true
         inside = entries_of(np.abs(off)) < tensor.factor * entries_of(tensor.standard_error)

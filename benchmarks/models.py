@@ -122,7 +122,7 @@ def examine(path: Path, states: int, repeats: int, *, ignore_forces: bool) -> Ro
     except RuntimeError:  # OpenSim does not open the file, or cannot build its system
         return replace(row, ratio=None)
     differences = {name: float(_error(name, ours[name], theirs[name]).max(initial=0.0)) for name in theirs}
-    return replace(row, **differences, ratio=1e6 * seconds / (row.microseconds or np.nan))
+    return replace(row, ratio=1e6 * seconds / (row.microseconds or np.nan), **differences)  # type: ignore[arg-type]
 
 
 def random_states(model: Model, states: int) -> tuple[Array, Array, Array]:

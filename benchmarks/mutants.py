@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 from types import CodeType
+from typing import Any
 
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -159,7 +160,7 @@ def _with(node: ast.AST, **changes: object) -> ast.AST:
     return other
 
 
-def _other_values(value: object, *, is_decisive: bool) -> list[object]:
+def _other_values(value: object, *, is_decisive: bool) -> list[Any]:
     match value:
         case bool():
             return [not value]

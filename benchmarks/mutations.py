@@ -32,8 +32,10 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from multiprocessing.connection import wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import CodeType, ModuleType
+from typing import Any
 
 from benchmarks.mutants import Mutation, mutations_of
 
@@ -54,7 +56,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "solver.suit.cord": ("tests/solver/test_cuff.py",),
     "solver.suit.decision": (),
     "solver.suit.quantity": ("tests/solver/suit/test_assessment.py",),
-    "station.bench.sync_line": (),
+    "station.bench.sync_line": ("tests/station/bench/test_arming.py",),
     "station.bench.trial_state_machine": ("tests/station/bench/test_arming.py",),
     "documents.interval": (),
     "station.journal": (),
@@ -158,7 +160,8 @@ class _Runner:
 
     def survivors(self, mutations: Iterable[Mutation], processes: int) -> list[Mutation]:
         """The mutations with which all tests pass, in the order of the file."""
-        waiting, running, found = list(mutations), {}, []
+        waiting, found = list(mutations), list[Mutation]()
+        running: dict[Any, tuple[Mutation, BaseProcess, float]] = {}
         while waiting or running:
             while waiting and len(running) < processes:
                 mutation = waiting.pop(0)
@@ -169,7 +172,7 @@ class _Runner:
             for key in [*ended, *late]:
                 mutation, process, _ = running.pop(key)
                 with suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)  # also what its tests have started
+                    os.killpg(process.pid or 0, signal.SIGKILL)  # also what its tests have started
                 process.join()
                 if process.exitcode == 0:
                     found.append(mutation)

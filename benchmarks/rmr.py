@@ -20,8 +20,10 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,10 +175,8 @@ def stations(model: Model, kinematics: Kinematics) -> None:
 
 
 def single_frame(model: Model, kinematics: Kinematics) -> None:
-    frame = replace(
-        kinematics,
-        **{n: v[100:101] for n, v in vars(kinematics).items() if isinstance(v, np.ndarray) and v.ndim > 0},
-    )
+    one: dict[str, Any] = {n: v[100:101] for n, v in vars(kinematics).items() if isinstance(v, np.ndarray) and v.ndim}
+    frame = replace(kinematics, **one)
     wall, processor = (least(lambda: solve_motion(model, frame), 100, clock) for clock in (perf_counter, process_time))
     print(f"one frame alone                 {1e3 * wall:8.2f} ms by the clock, {1e3 * processor:.2f} ms of processor")
 
@@ -195,7 +195,7 @@ def further_scenario(problem: RedundancyProblem) -> bool:
     """
     frames, loads = len(problem.time), scenarios_of(problem, 20)
     one = LoadResponse(loads.acceleration[:1], loads.reaction[:1])
-    more, single = (least(lambda a=a: solve_redundancy(problem, a, workers=1)) for a in (loads, one))
+    more, single = (least(partial(solve_redundancy, problem, a, workers=1)) for a in (loads, one))
     ours = (more - single) / (19 * frames)
     alone = replace(problem, interval=1e3)  # no bounds from frame to frame, so that both solve the same problems
     start = process_time()
@@ -247,7 +247,7 @@ def linearity(problem: RedundancyProblem, scenarios: int) -> None:
     for i, part in enumerate(parts):
         for j, count in enumerate(counts):
             loads = scenarios_of(part, count)
-            seconds[i, j] = least(lambda p=part, a=loads: solve_redundancy(p, a, workers=1), 2)
+            seconds[i, j] = least(partial(solve_redundancy, part, loads, workers=1), 2)
             print(f"    {len(part.time):4} × {count:<4} {1e6 * seconds[i, j] / count / len(part.time):8.1f} µs")
     frames = np.log([len(part.time) for part in parts])
     in_frames = np.polyfit(frames, np.log(seconds).mean(axis=1), 1)[0]

@@ -42,7 +42,7 @@ from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import Assessment, assess
 from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.scenarios import LoadedMotion
-from solver.suit.suit import read_suit
+from solver.suit.suit import Suit, read_suit
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.people import PeopleCase, solve_people
@@ -239,14 +239,15 @@ def cover_person(seed: int) -> Covered:
     deviation, error = {"all angles": np.nan, **deviation}, {"all angles": np.nan, **error}
     for name, (live, stated, truth) in live_angles(person, markers).items():
         held[name] = float(np.mean(np.abs(live - truth) < NORMAL_95 * stated))
-        deviation[name], error[name] = (float(np.sqrt(np.mean(part**2))) for part in (stated, live - truth))
+        deviation[name] = float(np.sqrt(np.mean(stated**2)))
+        error[name] = float(np.sqrt(np.mean((live - truth) ** 2)))
     efforts = assess_person(person, scale_model(body.model, smoothed.scaling), smoothed.coordinates, drawn)
-    for name, (truth, samples) in efforts.items():
+    for name, (true, samples) in efforts.items():
         known = samples[np.isfinite(samples)]
-        is_enough = np.isfinite(truth) and len(known) >= LEAST_DRAWS
-        low, high = order_statistics(known) if is_enough else (np.nan, np.nan)
-        held[name] = float(low < truth < high) if is_enough else np.nan
-        deviation[name], error[name] = float(np.std(known)), float(known.mean() - truth)
+        is_enough = np.isfinite(true) and len(known) >= LEAST_DRAWS
+        least, most = order_statistics(known) if is_enough else (np.nan, np.nan)
+        held[name] = float(least < true < most) if is_enough else np.nan
+        deviation[name], error[name] = float(np.std(known)), float(known.mean() - true)
     return Covered(held, deviation, error, float(np.mean(~np.isfinite(efforts["effort"][1]))))
 
 
@@ -274,7 +275,7 @@ def assess_person(
     true_body = scale_model(generic, Scaling(person.factors, keeps_masses=True))
     truth = np.tile(generic.default_coordinates, (len(coordinates), 1))
     truth[:, [generic.coordinate_index(name) for name in person.shoulder.coordinate_names]] = person.coordinates[-1]
-    suits, cases = [], []
+    suits, cases = list[Suit](), []
     for model, motion, cord in ((true_body, truth, person.cord), (body, coordinates, person.cord_markers)):
         worn = suit_from_markers(read_suit(), model, motion, cord).suit
         if not suits:

@@ -65,7 +65,8 @@ def main(arguments: Sequence[str]) -> int:
 @contextmanager
 def busy_loops(count: int, at_most_s: float) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Processes with busy loops, ended by their ids."""
-    python = sys._base_executable  # that of a venv on Windows starts this one, and would be the parent
+    # The python.exe of a virtual environment on Windows only starts this one, and would be the parent.
+    python = getattr(sys, "_base_executable", sys.executable)
     command = [python, "-c", LOOP, str(os.getpid()), str(at_most_s)]
     loops: list[subprocess.Popen[bytes]] = []
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
 import numpy as np
 
@@ -171,19 +172,17 @@ class PreRoll:
         self._items.clear()
         return kept
 
-    def _has_daq_time(self, item: Item) -> bool:
+    def _has_daq_time(self, item: Item) -> TypeGuard[Samples | Loss]:
         return isinstance(item, Samples | Loss) and self._is_of_daq(item.stream)
 
 
-def _from(item: Item, device_time_ns: int) -> Item | None:
-    """The part of a DAQ block from this device time on, None if there is none; other items unchanged."""
+def _from(item: Samples | Loss, device_time_ns: int) -> Item | None:
+    """The part of a DAQ block from this device time on, None if there is none."""
     if isinstance(item, Loss):
         return item if item.last_device_time_ns >= device_time_ns else None
-    if not isinstance(item, Samples):
-        return item
     first = int(np.searchsorted(item.device_time_ns, device_time_ns))
-    if first == 0 or first == len(item.device_time_ns):
-        return item if first == 0 else None
+    if first == len(item.device_time_ns):
+        return None
     return replace(
         item,
         sample_numbers=item.sample_numbers[first:],
@@ -192,8 +191,6 @@ def _from(item: Item, device_time_ns: int) -> Item | None:
     )
 
 
-def _ends_before(item: Item, device_time_ns: int) -> bool:
-    """Whether a block of the DAQ ends before this device time; False for all other items."""
-    if not isinstance(item, Samples):
-        return False
-    return len(item.device_time_ns) > 0 and int(item.device_time_ns[-1]) < device_time_ns
+def _ends_before(item: Samples | Loss, device_time_ns: int) -> bool:
+    """Whether a block of the DAQ ends before this device time; False for a loss."""
+    return isinstance(item, Samples) and len(item.device_time_ns) > 0 and int(item.device_time_ns[-1]) < device_time_ns

@@ -18,9 +18,9 @@ from fitting.errors import UnusableTrial
 from fitting.trial.decimation import decimate
 from fitting.trial.sync_certificate import SyncCertificate, certify
 from recordings.reader import open_recording
-from recordings.samples import Event, Item, Samples
+from recordings.samples import Event, Item, Loss, Samples
 from station.bench.bench_clock import BenchClock
-from station.bench.sync_line import Edge, SyncLine, wrong_polarity
+from station.bench.sync_line import Edge, FallingEdges, PreRoll, SyncLine, wrong_polarity
 from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.bench.view import Snapshot, TrialState
 from station.config import StationConfig, parse_config
@@ -228,6 +228,98 @@ def test_a_missing_edge_is_reported_with_what_the_line_did(
 
 def test_a_falling_edge_in_place_of_a_rising_one_is_reported_with_its_levels() -> None:
     assert wrong_polarity(FELL) == Message(TrialCode.WRONG_POLARITY, {"from_v": 4.9, "to_v": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("started_s", "stopped_s", "fell_s", "is_unexplained"),
+    [
+        (None, None, 10.0, True),
+        (None, 9.1, 10.0, False),
+        (None, 10.9, 10.0, False),
+        (None, 9.0, 10.0, True),
+        (None, 11.0, 10.0, True),
+        (10.0, None, 10.0, True),
+    ],
+    ids=["no event", "stop before", "stop after", "stop long before", "stop long after", "start"],
+)
+def test_the_end_of_a_capture_explains_a_falling_edge_within_a_second(
+    started_s: float | None, stopped_s: float | None, fell_s: float, is_unexplained: bool
+) -> None:
+    edges = FallingEdges()
+    assert edges.unexplained is None
+    for kind, at_s in (("capture_started", started_s), ("capture_stopped", stopped_s), ("mark", fell_s)):
+        if at_s is not None:
+            edges.handle_event(kind, at_s)
+    edges.add(FELL, fell_s)
+    assert edges.unexplained == (FELL if is_unexplained else None)
+
+
+@pytest.mark.parametrize(("started_s", "fell_s"), [(10.0, 10.5), (10.5, 10.0)])
+def test_a_falling_edge_at_the_start_of_a_capture_is_one_once_neither_can_arrive_late(
+    started_s: float, fell_s: float
+) -> None:
+    edges = FallingEdges()
+    edges.add(FELL, fell_s)
+    assert edges.inverted_start(100.0) is None
+    edges.handle_event("capture_started", started_s)
+    assert edges.inverted_start(11.5) is None and edges.inverted_start(11.51) == FELL
+    edges.handle_event("capture_started", fell_s + 1.0)
+    assert edges.inverted_start(100.0) is None
+
+
+SECOND = 1_000_000_000  # ns
+
+
+def arrived(stream: str, first_s: float, last_s: float, host_s: float) -> Samples:
+    """Samples every tenth of a second."""
+    numbers = np.arange(round(10 * first_s), round(10 * last_s) + 1, dtype=np.uint64)
+    times = numbers.astype(np.int64) * (SECOND // 10)
+    return Samples(stream, numbers, times, round(host_s * SECOND), numbers.astype(float)[:, None])
+
+
+def lost(stream: str, last_s: float) -> Loss:
+    return Loss(stream, "skipped", 1, 1, round(last_s * SECOND), 0)
+
+
+def test_items_of_the_last_three_seconds_are_kept() -> None:
+    pre_roll = PreRoll()
+    items = [arrived("/emg", host_s, host_s, host_s) for host_s in (1.9, 2.0, 5.0)]
+    for item in items:
+        pre_roll.append(item)
+    assert pre_roll.take_from(0) == items[1:] and pre_roll.take_from(0) == []
+
+
+def test_daq_blocks_that_end_two_seconds_before_the_edge_are_left_out_and_other_items_are_not() -> None:
+    early, last, frames = (arrived("/force", 0, 2.9, 5), arrived("/force", 0, 3.0, 5), arrived("/markers", 0, 1, 5))
+    kept = [last, frames, lost("/force", 1.0), arrived("/force", 1.0, 0.9, 5), Event("mark", "", 0, "")]
+    pre_roll = PreRoll()
+    for item in (early, *kept):
+        pre_roll.append(item)
+    assert pre_roll.take_from(5 * SECOND) == kept
+
+
+def test_what_the_daq_measured_before_the_line_fell_is_dropped() -> None:
+    pre_roll = PreRoll()
+    before, after = arrived("/sync", 1.0, 2.9, 5), arrived("/sync", 3.0, 4.0, 5)
+    others = [arrived("/markers", 1.0, 2.0, 5), Event("mark", "", 0, "")]
+    for item in (before, arrived("/force", 2.0, 4.0, 5), after, *others, lost("/force", 2.9), lost("/force", 3.0)):
+        pre_roll.append(item)
+    pre_roll.drop_before(3 * SECOND)
+    cut, whole, *rest = pre_roll.take_from(0)
+    for item in (cut, whole):  # the sync block is whole, the force from 3 s on
+        assert isinstance(item, Samples)
+        assert item.sample_numbers.tolist() == item.values[:, 0].tolist() == list(range(30, 41))
+        assert (item.device_time_ns * 10 // SECOND).tolist() == list(range(30, 41))
+    assert rest == [*others, lost("/force", 3.0)]
+
+
+def test_frames_of_an_earlier_capture_are_dropped_with_their_losses() -> None:
+    pre_roll = PreRoll()
+    kept = [arrived("/force", 1.0, 2.0, 5), lost("/force", 2.0), Event("mark", "", 0, "")]
+    for item in (arrived("/markers", 1.0, 2.0, 5), *kept, lost("/markers", 2.0)):
+        pre_roll.append(item)
+    pre_roll.drop_frames()
+    assert pre_roll.take_from(0) == kept
 
 
 # Every fault of the sync line, through the real wires: its message, and the outcome of the trial.
