@@ -27,7 +27,7 @@ from station.journal_lines import Assignment
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
-from station.recordings_of_session import copies_of_others_in, pulls_in
+from station.recordings_of_session import pulls_in, useless_copies_in
 from station.whole_file import write_whole
 
 
@@ -113,7 +113,7 @@ def _fit(
     }
     trials, rejected = read_trials(_with_progress(used, "reading trials", progress), {**readings, **assigned})
     rejected += tuple(_set_aside(path, journal) for path in paths if path.name in redone)
-    rejected += tuple(RejectedTrial(path.name, Note(RejectionCode.OTHER_TRIAL)) for path in copies_of_others_in(folder))
+    rejected += tuple(RejectedTrial(path.name, Note(RejectionCode.OTHER_TRIAL)) for path in useless_copies_in(folder))
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
         reasons = reasons or "there are only bounce trials; record a trial of a cuff"

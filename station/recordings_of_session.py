@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
+
+from mcap.writer import MCAP0_MAGIC
 
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
@@ -14,16 +17,16 @@ RECORDINGS = "[!.]*.mcap"
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """The recordings of a session; a recovered or completed file replaces its original, if it is of the same trial."""
-    files, others = sorted(folder.glob(RECORDINGS)), copies_of_others_in(folder)
+    """The recordings of a session; a whole recovered or completed file of the same trial replaces its original."""
+    files, others = sorted(folder.glob(RECORDINGS)), useless_copies_in(folder)
     replaced = {_original_of(path) for path in files if _is_copy(path) and path not in others}
     return [path for path in files if path not in replaced and path not in others]
 
 
-def copies_of_others_in(folder: Path) -> list[Path]:
-    """Recovered or completed files that have the name of a recording and are of another trial."""
+def useless_copies_in(folder: Path) -> list[Path]:
+    """Recovered or completed files that have the name of a readable recording, and are cut or of another trial."""
     copies = [path for path in sorted(folder.glob(RECORDINGS)) if _is_copy(path)]
-    return [path for path in copies if _are_of_different_trials(path, _original_of(path))]
+    return [path for path in copies if not _can_replace(path, _original_of(path))]
 
 
 def pulls_in(folder: Path) -> list[Path]:
@@ -42,7 +45,7 @@ def motions_in(folder: Path) -> dict[Path, Manifest]:
 
 def originals_in(folder: Path) -> list[Path]:
     """As recordings_in, without recovered copies whose original exists: they contain no other data."""
-    others = copies_of_others_in(folder)
+    others = useless_copies_in(folder)
     files = {path for path in folder.glob(RECORDINGS) if not _is(path, "completed") and path not in others}
     kept = [path for path in files if not (_is(path, "recovered") and _original_of(path) in files)]
     completed = {_original_of(path): path for path in recordings_in(folder) if _is(path, "completed")}
@@ -60,10 +63,15 @@ def _is_copy(path: Path) -> bool:
     return _is(path, "recovered") or _is(path, "completed")
 
 
-def _are_of_different_trials(copy: Path, original: Path) -> bool:
-    """False where one of the manifests cannot be read: a recovered file holds the readable part of its original."""
-    with suppress(RecordingError, OSError):
-        return _identity(read_manifest(copy)) != _identity(read_manifest(original))
+def _can_replace(copy: Path, original: Path) -> bool:
+    """Also where the original cannot be read: a recovered file holds the readable part of it."""
+    try:
+        replaced = _identity(read_manifest(original))
+    except (RecordingError, OSError):
+        return True
+    with suppress(RecordingError, OSError), copy.open("rb") as file:
+        file.seek(-len(MCAP0_MAGIC), os.SEEK_END)
+        return file.read() == MCAP0_MAGIC and _identity(read_manifest(copy)) == replaced
     return False
 
 

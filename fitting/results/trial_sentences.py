@@ -25,7 +25,7 @@ REJECTIONS: Templates = {
     RejectionCode.NOT_ACCEPTED: "the trial was not accepted when it was recorded: {outcome}",
     RejectionCode.SET_ASIDE: "set aside by the operator: {reason}",
     RejectionCode.OTHER_TRIAL: (
-        "a copy by its name, and of another trial by its content; the original is used, delete the copy"
+        "a copy by its name, and by its content cut or of another trial; the original is used, delete the copy"
     ),
     RejectionCode.DAMAGED: _ONLY_DAMAGE,
     RejectionCode.UNREADABLE: "{problem}",

@@ -26,7 +26,7 @@ from station.journal import write_mark, write_setup, write_verdict
 from station.journal_lines import JOURNAL_FILE, Setup
 from station.messages.file_messages import ChainCode
 from station.messages.message import Message
-from station.recordings_of_session import originals_in, recordings_in
+from station.recordings_of_session import originals_in, recordings_in, useless_copies_in
 from tests.made_once import made_once
 from tests.station.bench.test_session_folder import record
 from tests.station.command import Ran, assert_refused
@@ -174,6 +174,17 @@ def test_a_copy_of_another_trial_does_not_replace_a_recording(session: Path, kin
     fitted = fit_session_folder(session, None)
     assert {trial.file: trial.reason.code for trial in fitted.rejected} == {copy.name: RejectionCode.OTHER_TRIAL}
     assert set(fitted.recordings) == {STATIC, DYNAMIC}
+
+
+@pytest.mark.parametrize("kind", ["completed", "recovered"])
+@pytest.mark.parametrize("kept", [0.0, 0.5])
+def test_a_cut_copy_replaces_only_a_recording_that_cannot_be_read(session: Path, kind: str, kept: float) -> None:
+    content, copy = (session / STATIC).read_bytes(), session / STATIC.replace(".mcap", f".{kind}.mcap")
+    copy.write_bytes(content[: int(kept * len(content))])
+    assert [path.name for path in recordings_in(session)] == [path.name for path in originals_in(session)]
+    assert [path.name for path in useless_copies_in(session)] == [copy.name]
+    (session / STATIC).write_bytes(b"")
+    assert copy in recordings_in(session) and not useless_copies_in(session)
 
 
 def test_a_deleted_recording_is_missing(session: Path, station: Station) -> None:
