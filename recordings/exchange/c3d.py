@@ -121,10 +121,10 @@ def _analog_rate(c3d: C3dFile) -> float:
 
 @np.errstate(invalid="ignore", over="ignore")
 def _channel(c3d: C3dFile, channel: int, name: str) -> Array:
-    """(raw − OFFSET) × SCALE × GEN_SCALE of all samples. FORMAT states the sign of OFFSET and of integer samples."""
+    """(raw − OFFSET) × SCALE × GEN_SCALE. FORMAT, whose text may be cut, states the sign of OFFSET and of integers."""
     layout, parameters = c3d.layout, c3d.parameters
     raw = c3d.values[:, 4 * layout.points :].reshape(-1, layout.channels)[:, channel]
-    is_signed = not any(text.upper() == "UNSIGNED" for text in parameters.texts("ANALOG", "FORMAT"))
+    is_signed = not any(text.upper().startswith("UNSIGN") for text in parameters.texts("ANALOG", "FORMAT"))
     if not (is_signed or c3d.is_real):
         raw = raw.astype(np.int16).view(np.uint16)
     scales = parameters.numbers("ANALOG", "SCALE")
