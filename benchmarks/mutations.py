@@ -171,8 +171,9 @@ class _Runner:
             late = [key for key, (*_, end) in running.items() if key not in ended and time.monotonic() > end]
             for key in [*ended, *late]:
                 mutation, process, _ = running.pop(key)
+                assert process.pid is not None  # noqa: S101  (it was started)
                 with suppress(ProcessLookupError):
-                    os.killpg(process.pid or 0, signal.SIGKILL)  # also what its tests have started
+                    os.killpg(process.pid, signal.SIGKILL)  # also what its tests have started
                 process.join()
                 if process.exitcode == 0:
                     found.append(mutation)

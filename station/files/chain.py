@@ -152,8 +152,11 @@ def _cuffs_links(sums: Checksums) -> Iterator[Link]:
     for name, fit in fits.items():
         if fit.given:
             yield Link(f"{CUFFS_FILE}, cuff {name}", Standing.BY_HAND, ", ".join(fit.remarks))
+    fitted = {name: sha256 for fit in fits.values() for name, sha256 in fit.sources.items()}
     for name in _objects(path).get("recordings", {}):
-        yield Link(f"{CUFFS_FILE} ← {name}", sums.compare(name)[0])
+        standing = sums.compare(name)[0]
+        is_another = not standing.is_break and sums.sha256(name) != fitted.get(name, sums.sha256(name))
+        yield Link(f"{CUFFS_FILE} ← {name}", Standing.CHANGED if is_another else standing)
 
 
 def _objects(path: Path) -> dict[str, dict[str, Any]]:

@@ -38,7 +38,7 @@ class LiveTrial:
     displacement: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     elevation: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     emg: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)  # RMS [µV], by channel
-    mvc_uv: Mapping[str, float] = field(default_factory=dict)  # largest RMS in the MVC trial, of all channels or none
+    mvc_uv: Mapping[str, float] = field(default_factory=dict)  # largest RMS of each channel in the MVC trial
     events: deque[str] = field(default_factory=lambda: deque(maxlen=8))
     alarm: Message[AlarmCode] | None = None
     is_alarm_seen: bool = False
@@ -58,17 +58,19 @@ class LiveTrial:
 
     @property
     def shown_emg(self) -> dict[str, list[tuple[float, float]]]:
-        """RMS of every channel over time [% of its MVC; without a known MVC: µV]."""
+        """RMS over time [% of its MVC] of every channel that has one; without an MVC trial [µV] of all."""
+        shown = self.mvc_uv or self.emg
         return {
             channel: [(t, uv / self.mvc_uv[channel] * 100 if self.mvc_uv else uv) for t, uv in points]
             for channel, points in self.emg.items()
+            if channel in shown
         }
 
     @property
     def largest_emg_uv(self) -> dict[str, float]:
-        """By channel; empty if one has no signal."""
-        largest = {channel: max(uv for _, uv in points) for channel, points in self.emg.items()}
-        return largest if all(largest.values()) else {}
+        """Largest RMS from the sync edge on, of every channel with a signal."""
+        recorded = {name: [uv for t, uv in self.from_edge(points) if t >= 0] for name, points in self.emg.items()}
+        return {name: max(values) for name, values in recorded.items() if any(values)}
 
     @property
     def cue(self) -> Cue:

@@ -44,7 +44,6 @@ class TrialRunner:
         self.live: LiveTrial | None = None
         self.ended: TrialProcess | None = None
         self.limits = force_limits(session.config)
-        self._mvc_uv: dict[str, float] = {}
         self._trial: TrialProcess | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._operator = SimulatedOperator(bench, session.config.protocol.pause_s) if bench is not None else None
@@ -58,7 +57,7 @@ class TrialRunner:
             raise CommandRefused.of(CommandCode.NO_SESSION)
         spec = self._session.next_spec(plan)
         self._session.message, self._session.judgement = "", None
-        self.live = LiveTrial(spec, _guide(spec, self._session.trial_config), mvc_uv=self._mvc_uv)
+        self.live = LiveTrial(spec, _guide(spec, self._session.trial_config), mvc_uv=self._session.mvc_uv)
         self._session.has_running_trial = True
         try:
             if self._operator is not None:
@@ -121,7 +120,7 @@ class TrialRunner:
             self._session.has_running_trial = False
         recorded = trial.recorded
         if recorded is not None and recorded.accepted and live.spec.condition == "mvc":
-            self._mvc_uv = live.largest_emg_uv
+            self._session.mvc_uv = live.largest_emg_uv
         refusal = f"{trial.refusal} [{trial.refusal_code}]" if trial.refusal_code else trial.refusal
         self._session.message = refusal or (recorded.sentence if recorded else "")
         if recorded is not None and recorded.file and self._session.folder is not None:

@@ -35,7 +35,8 @@ def open_page(browser: Browser, address: str, width: int = 1280, height: int = 8
     """A page whose user presses again what was not executed: a busy machine's console may answer too late."""
     page = browser.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(patience_ms())
-    page.add_locator_handler(page.get_by_role("alert").filter(has_text="not executed", visible=True), press_again)
+    refused = page.get_by_role("alert").filter(has_text="not executed", visible=True)
+    page.add_locator_handler(refused, press_again, times=3)  # a console that refuses all presses fails the test
     page.goto(address)
     return page
 

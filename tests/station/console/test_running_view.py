@@ -84,7 +84,10 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
     assert "EMG RMS [% of the MVC] deltoid 50, biceps 5" in status_of(live)
     assert live.largest_emg_uv == {"deltoid": 120.4, "biceps": 4.0}
     live.emg["biceps"][0] = (1.5, 0.0)
-    assert live.largest_emg_uv == {}, "a channel without a signal has no MVC"
+    live.emg["deltoid"].appendleft((0.4, 5000.0))
+    assert live.largest_emg_uv == {"deltoid": 120.4}, "from the sync edge on, with a signal"
+    live.mvc_uv = live.largest_emg_uv
+    assert emg_over_time(live).keys() == {"deltoid"}
     roles = marker_roles(wearer_config(), spec)
     without = marker_roles(wearer_config(), TrialSpec(None, "motion", 1, condition="unsuited"))
     seen = {"ac": True, "cord_arm": False, "cuff_1": False}

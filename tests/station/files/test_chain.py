@@ -166,6 +166,16 @@ def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Pat
     assert found.code == 1 and standings(found)[STATIC] == CHANGED
 
 
+def test_a_recording_that_was_replaced_with_its_line_in_the_list_is_not_the_one_that_was_fitted(
+    session: Path, station: Station
+) -> None:
+    replace_trial(session / STATIC)
+    write_checksums(session / STATIC)
+    found = standings(station("verify", session, "--format", "json"))
+    assert (found[STATIC], found[f"cuffs.json \u2190 {STATIC}"]) == (AS_RECORDED, CHANGED)
+    assert found[f"cuffs.json \u2190 {DYNAMIC}"] == AS_RECORDED
+
+
 @pytest.mark.parametrize("kind", ["completed", "recovered"])
 def test_a_copy_of_another_trial_does_not_replace_a_recording(session: Path, kind: str) -> None:
     copy = session / STATIC.replace(".mcap", f".{kind}.mcap")

@@ -30,8 +30,9 @@ from tests.station.wearer import WearerSession
 
 STYLE = Path(page.__file__).with_name("page.css").read_text(encoding="utf-8")
 POINTS_PER_MM = 72 / 25.4
-MOST_SCREENS, MOST_UNFOLDED, MOST_SHEETS = 2.0, 8.0, 4
-FOLDED_WIDTHS = ((768, 1024), (1024, 768), (1440, 900))
+MOST_UNFOLDED, MOST_SHEETS = 8.0, 4
+MOST_FOLDED = {(390, 844): 2.2, (768, 1024): 2.0, (1024, 768): 2.0, (1440, 900): 2.0}
+"""Screens by their size. On a telephone it is 1.97 with the fonts of one machine."""
 UNFOLD = "document.querySelectorAll('details').forEach(section => section.open = true)"
 
 
@@ -59,9 +60,9 @@ def test_a_report_of_four_cuffs_and_a_wearer_is_short(tmp_path: Path, wearer: We
     with chromium(CHROMIUM) as browser:
         shown = browser.new_page()
         shown.goto(report.as_uri())
-        for width, height in FOLDED_WIDTHS:
+        for (width, height), most in MOST_FOLDED.items():
             shown.set_viewport_size({"width": width, "height": height})
-            assert shown.evaluate("document.documentElement.scrollHeight / innerHeight") <= MOST_SCREENS, width
+            assert shown.evaluate("document.documentElement.scrollHeight / innerHeight") <= most, width
         shown.evaluate(UNFOLD)
         assert shown.evaluate("document.documentElement.scrollHeight / innerHeight") <= MOST_UNFOLDED
     assert len(re.findall(rb"/Type\s*/Page\b", write_pdf(report).read_bytes())) <= MOST_SHEETS

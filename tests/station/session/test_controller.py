@@ -141,9 +141,11 @@ def test_a_session_is_resumed_with_its_plan(controller: SessionController) -> No
     controller.session.begin(SETUP)
     name = put_recording(controller)
     controller.reviewer.decide("accept", "")
+    controller.session.mvc_uv = {"deltoid": 240.0}
     controller.session.leave()
     assert controller.session.folder is None
     controller.session.begin(SETUP)
+    assert not controller.session.mvc_uv, "the next session may be of another wearer"
     plan = controller.session.plan
     assert plan is not None and len(plan.done) == 1
     assert plan.spec is not None and plan.spec.test == "dynamic"
