@@ -27,7 +27,7 @@ def describe_error(error: ValidationError, *, context: str = "") -> str:
     """One sentence for the first error: key below `context`, value found, value expected; then the number of others."""
     first, *more = error.errors()
     key = faulty_key(error, context=context)
-    if first["type"] in _UNKNOWN_KEY:
+    if first["type"] in UNKNOWN_KEY:
         sentence = f"unknown key {key}"
     elif first["type"] == "value_error":
         sentence = f"{key}: {first['ctx']['error']}" if key else str(first["ctx"]["error"])
@@ -47,7 +47,7 @@ def describe_error(error: ValidationError, *, context: str = "") -> str:
 
 def _is_beside(error: Mapping[str, Any], missing: Mapping[str, Any]) -> bool:
     """Whether it is an unknown key in the table that lacks one."""
-    return bool(error["type"] in _UNKNOWN_KEY and error["loc"][:-1] == missing["loc"][:-1])
+    return bool(error["type"] in UNKNOWN_KEY and error["loc"][:-1] == missing["loc"][:-1])
 
 
 def _is_alternative(error: Mapping[str, Any], first: Mapping[str, Any]) -> bool:
@@ -67,7 +67,7 @@ def _place(error: Mapping[str, Any]) -> tuple[str | int, ...]:
 
 
 _TYPES = {"str", "int", "float", "bool"}
-_UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 """Types of pydantic's error for a key that a model, or a dataclass, does not have."""
 _EXPECTED = {
     "model_type": "a table",

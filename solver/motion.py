@@ -201,9 +201,9 @@ def motion_from_dataframe(table: pd.DataFrame, model: Model) -> Motion:
     return _motion(Path("the DataFrame"), columns, values, TableHeader(), model, with_defaults=True)
 
 
-def _in_si(column: pd.Series[Any], name: str, unit: str) -> Array:
+def _in_si(column: pd.Series[Any], name: str, unit: object) -> Array:
     """The values of a column in s, rad or m. Raises MotionError for a text, a gap and an unknown unit."""
-    if unit not in _SCALES:
+    if not isinstance(unit, str) or unit not in _SCALES:
         expected = ", ".join(filter(None, _SCALES))
         sentence = f"the DataFrame has {name} in {unit}, expected {expected}; correct attrs['units']"
         raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
@@ -219,9 +219,10 @@ def _in_si(column: pd.Series[Any], name: str, unit: str) -> Array:
     return values * _SCALES[unit]
 
 
-def _ensure_columns_with_units(units: Mapping[Any, str], names: Sequence[Any]) -> None:
+def _ensure_columns_with_units(units: Mapping[Any, object], names: Sequence[Any]) -> None:
     """Raise MotionError if a unit other than the SI one is that of no column: a name is misspelt, or was changed."""
-    lost = [name for name, unit in units.items() if name not in names and _SCALES.get(unit) != 1.0]
+    in_si = [unit for unit, factor in _SCALES.items() if factor == 1.0]
+    lost = [name for name, unit in units.items() if name not in names and unit not in in_si]
     if lost:
         sentence = f"attrs['units'] of the DataFrame has {lost[0]} in {units[lost[0]]}, and there is no such column"
         raise MotionError(f"{sentence}; correct the name, or leave it out", SolverCode.MALFORMED_TABLE)

@@ -8,16 +8,19 @@ from __future__ import annotations
 import difflib
 import re
 import string
+from collections.abc import Iterator
+from dataclasses import MISSING, fields, is_dataclass
 from datetime import date, timedelta
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic.fields import FieldInfo
 
 from documents.plain_data import PlainDataError, read_toml
+from documents.validation import UNKNOWN_KEY, describe_error
 from documents.validation import Positive as StrictPositive
-from documents.validation import describe_error
 from recordings.manifest import (
     BodyMarkers,
     BounceRig,
@@ -390,7 +393,7 @@ def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
         return StationConfig.model_validate(data)
     except ValidationError as error:
         first, figures = error.errors()[0], {"path": origin, "reason": describe_error(error)}
-        if first["type"] == "extra_forbidden":
+        if first["type"] in UNKNOWN_KEY:
             figures["advice"] = _advice(str(first["loc"][-1]))
             raise ConfigError(Message(ConfigCode.UNKNOWN_KEY, figures)) from error
         raise ConfigError(Message(ConfigCode.WRONG_VALUE, figures)) from error
@@ -401,14 +404,32 @@ def _advice(unknown: str) -> str:
     return f"did you mean {near[0]}?" if near else "the example station.toml has every key"
 
 
-def keys_of(section: type[BaseModel]) -> list[str]:
+def keys_of(section: type[Any]) -> list[str]:
     """The names of all keys, including those of nested sections."""
-    names = list(section.model_fields)
-    for field in section.model_fields.values():
+    return [key for part in (section, *(inner for _, inner in sections_of(section))) for key in fields_of(part)]
+
+
+def sections_of(section: type[Any], within: str = "") -> Iterator[tuple[str, type[Any]]]:
+    """Name, as cuffs.NAME, and type of every section in one, at any depth."""
+    for key, field in fields_of(section).items():
         for part in (field.annotation, *get_args(field.annotation)):
-            if isinstance(part, type) and issubclass(part, BaseModel):
-                names += keys_of(part)
-    return names
+            if isinstance(part, type) and (issubclass(part, BaseModel) or is_dataclass(part)):
+                name = f"{within}{key}" + (".NAME" if get_origin(field.annotation) is dict else "")
+                yield name, part
+                yield from sections_of(part, f"{name}.")
+
+
+def fields_of(section: type[Any]) -> dict[str, FieldInfo]:
+    """Key → field of a section, which is a model or a dataclass of the recordings."""
+    if issubclass(section, BaseModel):
+        return section.model_fields
+    types = get_type_hints(section, include_extras=True)
+    return {
+        one.name: FieldInfo.from_annotation(types[one.name])
+        if one.default is MISSING
+        else FieldInfo.from_annotated_attribute(types[one.name], one.default)
+        for one in fields(section)
+    }
 
 
 NO_BODY = ("source", "markers")

@@ -8,12 +8,11 @@ from __future__ import annotations
 import inspect
 import re
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from typer.models import ArgumentInfo
 
@@ -52,7 +51,7 @@ def command_line() -> str:
 
 def configuration() -> str:
     """Every key of station.toml: type and default from the models, meaning from the example's comments."""
-    from station.config import StationConfig
+    from station.config import StationConfig, fields_of, sections_of
 
     example = (ROOT / "station.toml").read_text(encoding="utf-8")
     page = ["# Configuration", ""]
@@ -60,12 +59,12 @@ def configuration() -> str:
         "`station.toml` has these sections and keys; an unknown key is refused. A key without a default is required"
     ]
     page += ["where its section is given.", ""]
-    for name, model in _sections(StationConfig):
+    for name, model in sections_of(StationConfig):
         meanings = _meanings(example, name)
         page += [f"## [{name}]", "", *(_summary(model))]
         rows = [
             (f"`{key}`", _type(field.annotation) + _bounds(field), _default(field), meanings.get(key, ""))
-            for key, field in model.model_fields.items()
+            for key, field in fields_of(model).items()
         ]
         page += _table(("key", "type", "default", "meaning"), rows)
     page += ["## The example", "", "```toml", example.strip(), "```", ""]
@@ -141,16 +140,6 @@ def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
     return [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *(f"| {' | '.join(row)} |" for row in rows), ""]
 
 
-def _sections(model: type[BaseModel], within: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
-    for key, field in model.model_fields.items():
-        for part in (field.annotation, *get_args(field.annotation)):
-            if isinstance(part, type) and issubclass(part, BaseModel):
-                is_table = get_origin(field.annotation) is dict
-                name = f"{within}{key}" + (".NAME" if is_table else "")
-                yield name, part
-                yield from _sections(part, f"{name}.")
-
-
 def _meanings(example: str, section: str) -> dict[str, str]:
     """Key → the comment behind it in the example's section."""
     found: dict[str, str] = {}
@@ -163,7 +152,7 @@ def _meanings(example: str, section: str) -> dict[str, str]:
     return found
 
 
-def _summary(model: type[BaseModel]) -> list[str]:
+def _summary(model: type[Any]) -> list[str]:
     own = model.__dict__.get("__doc__")
     return [own.split("\n\n")[0].replace("\n", " "), ""] if own else []
 

@@ -84,6 +84,8 @@ class Fault:
     labels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.device not in FAULTS:
+            raise ValueError(f"{self.device!r} is not a device with faults; those are {', '.join(FAULTS)}")
         if self.fault not in FAULTS[self.device]:
             raise ValueError(f"{self.device} has no fault {self.fault!r}; it has {', '.join(FAULTS[self.device])}")
 

@@ -282,9 +282,13 @@ def test_a_motion_goes_through_a_table_and_back(tmp_path: Path) -> None:
     turns, renamed = degrees.copy(), degrees.rename(columns={"shoulder_elv": "elevation"})
     turns.attrs["units"] = {**degrees.attrs["units"], angles[0]: "turns"}
     renamed.attrs["units"] = {"shoulder_elevation": "deg"}
+    listed, unread = degrees.copy(), motion.to_dataframe()
+    listed.attrs["units"], unread.attrs["units"] = {"shoulder_elv": ["deg"]}, {"other": ["deg"]}
     for table, code in (
         (turns, SolverCode.MALFORMED_TABLE),
         (renamed, SolverCode.MALFORMED_TABLE),
+        (listed, SolverCode.MALFORMED_TABLE),
+        (unread, SolverCode.MALFORMED_TABLE),
         (degrees.assign(shoulder_elv="high"), SolverCode.MALFORMED_TABLE),
         (degrees[:1], SolverCode.NO_FRAMES),
         (motion.to_dataframe().drop(columns="time_s"), SolverCode.MISSING_COLUMN),

@@ -108,6 +108,9 @@ def test_the_configuration_page_has_every_key() -> None:
     page = pages.configuration()
     unnamed = {key for key in keys_of(StationConfig) if f"`{key}`" not in page and not re.search(rf"\[{key}\b", page)}
     assert unnamed <= {"simulation"}
+    example = (ROOT / "station.toml").read_text(encoding="utf-8")
+    tables = set(re.findall(r"^(?:# )?\[(\w+)", example, re.M))
+    assert tables == set(re.findall(r"^## \[(\w+)", page, re.M)), "every section of the example"
     assert "| `sample_rate_hz` | number, > 0 | `1000.0` |" in page
 
 

@@ -113,6 +113,7 @@ def test_a_wrong_value_is_refused_with_the_reason(data: dict[str, object], words
     [
         ({"daq": {"sample_rate": 1000}}, "daq.sample_rate", "sample_rate_hz"),
         ({"dqa": {}}, "dqa", "daq"),
+        ({"bounce": {"mass_kg": 2.5, "marker": "w", "spring_mas_kg": 0}}, "bounce.spring_mas_kg", "spring_mass_kg"),
         ({"zzz": 1}, "zzz", "station.toml"),
     ],
 )

@@ -110,6 +110,12 @@ def test_a_plan_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, text:
         read_fault_plan(plan_file(tmp_path, text))
 
 
+@pytest.mark.parametrize(("device", "naming"), [("nix", "'nix' is not a device"), ("qtm", "qtm has no fault 'freeze'")])
+def test_a_fault_that_its_device_lacks_is_a_value_error(device: Any, naming: str) -> None:
+    with pytest.raises(ValueError, match=naming):
+        Fault(device, "freeze", 0.0, 1.0)
+
+
 def test_a_plan_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with raises_refusal(SimulatorCode.WRONG_FAULT_PLAN, "plan.toml cannot be read"):
         read_fault_plan(tmp_path / "plan.toml")
