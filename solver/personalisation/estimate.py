@@ -303,8 +303,11 @@ def within_ranges(model: Model, tasks: TrackingTasks) -> tuple[Model, TrackingTa
     the same posture with a negative elevation and the plane of elevation turned by half a turn.
 
     Angles whose range is empty or a turn and more, with a task of their own, or that no marker moves, have no such
-    prior.
+    prior. Raises ModelError where no marker has a weight.
     """
+    if not tasks.weights.any():
+        sentence = "all markers have the weight 0, and none of them determines the posture; give one a positive weight"
+        raise ModelError(sentence, SolverCode.WRONG_OPTION)
     ranges = angle_ranges(model)
     clamped = tuple(replace(one, is_clamped=one.is_clamped or one.name in ranges) for one in model.coordinates)
     jacobian = linearise_postures(model, tasks, model.default_coordinates[None]).jacobian

@@ -46,7 +46,7 @@ from solver.redundancy.redundancy_options import (
 from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.emg import MeasuredReduction, read_emg
-from station.checksums import changed_files, standing_of
+from station.checksums import changed_files, sha256_of, standing_of
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
@@ -111,6 +111,11 @@ class AssessmentInputs:
     def read_loads(self, model: Model, kinematics: Kinematics) -> tuple[ExternalForce, ...]:
         return loads_of(self.external_loads, model, kinematics.time)
 
+    @property
+    def has_bundled_suit(self) -> bool:
+        """Whether the suit is the bundled file or a copy of it."""
+        return sha256_of(self.suit) == sha256_of(BUNDLED_SUIT)
+
     def read_suit(self, most_rest_lengths: int | None = None) -> Suit:
         """The suit, with at most this number of rest lengths over the same range."""
         suit = read_suit(self.suit)
@@ -145,7 +150,7 @@ class AssessmentInputs:
         """Role → "name SHA-256", or a name alone for a file of the station."""
         files = {"cuffs": self.cuffs, "suit": self.suit, "emg": self.emg, "beside": self.beside, "effort": self.effort}
         named = {role: named_hash(path) for role, path in files.items() if path}
-        if self.suit == BUNDLED_SUIT:
+        if self.has_bundled_suit:
             named["suit"] = "bundled suit"
         if self.cutoff_hz != CUTOFF_HZ:
             named["cutoff_hz"] = "none" if self.cutoff_hz is None else f"{self.cutoff_hz:g}"

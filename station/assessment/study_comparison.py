@@ -19,7 +19,7 @@ from solver.model import Model
 from solver.motion import Kinematics
 from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
-from solver.suit.suit import BUNDLED_SUIT, Suit
+from solver.suit.suit import Suit
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 from station.sources import BUNDLED, kinematics_of
@@ -63,7 +63,7 @@ def compare_with_study(
     Every answer is from a short assessment, so that differences between them are those of the exchanged part.
     """
     cuff = _best_arm(assessment)
-    is_of_study = (inputs.model, inputs.suit, inputs.external_loads) == (BUNDLED, BUNDLED_SUIT, None)
+    is_of_study = inputs.model == BUNDLED and inputs.has_bundled_suit and inputs.external_loads is None
     if cuff is None or not is_of_study:
         return None
     arms, waists = by_site(worn)

@@ -166,8 +166,8 @@ _IMPORT: Mapping[StrEnum, str] = {
         "that both are of the same trial and the lag is in seconds, or cut the longer one"
     ),
     ImportCode.TIME_UNIT: (
-        "{files} should have times in s, and those of {times_of} are in {unit} by their duration (" + _SPANS + "); "
-        "export them in s"
+        "{files} have {common_s:.2f} s in common, expected at least half of {expected_s:.2f} s (" + _SPANS + "); check "
+        "that both are of the same trial; if the times of {times_of} are in {unit}, export them in s"
     ),
     ImportCode.NOT_USABLE: "{files} cannot be used: {reason}",
     ImportCode.FILE_EXISTS: "{path} exists and is not overwritten; move it to another folder",

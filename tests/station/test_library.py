@@ -112,6 +112,7 @@ def test_a_solution_without_a_solved_frame_is_described_without_a_warning(step: 
         lambda: cs.assess({}, sources="fit"),  # type: ignore[arg-type]
         lambda: cs.assess({}, most_frames=0),
         lambda: cs.open_stream([]),
+        lambda: cs.open_stream({"ts": 0.0, "ai": 0.0}),
         lambda: cs.load_motion(cs.load_model(), every=0),
         lambda: cs.load_motion(cs.load_model(), every=-1),
     ],

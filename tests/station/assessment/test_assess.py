@@ -31,6 +31,7 @@ from station.assessment.assessment_inputs import (
 )
 from station.assessment.emg import EmgError, read_emg
 from station.assessment.uncertainty_json import DecisionEntry, percent, plain_decision, without_decision
+from station.checksums import sha256_of
 from station.messages.assessment_messages import AssessmentFileCode
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
 from station.messages.message import Message
@@ -314,6 +315,15 @@ def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:
     assert (len(whole.rest_lengths), len(few.rest_lengths)) == (31, 16)
     assert [few.rest_lengths[i] for i in (0, -1)] == [whole.rest_lengths[i] for i in (0, -1)]
     assert inputs.suit == BUNDLED_SUIT
+
+
+def test_a_copy_of_the_bundled_suit_is_the_bundled_suit_and_another_has_its_name_and_hash(tmp_path: Path) -> None:
+    (tmp_path / "cuffs.json").touch()
+    copy = Path(shutil.copy(BUNDLED_SUIT, tmp_path / "mine.toml"))
+    inputs = AssessmentInputs(tmp_path / "cuffs.json", suit=copy)
+    assert inputs.hashes()["suit"] == "bundled suit"
+    copy.write_text(copy.read_text(encoding="utf-8") + "# ours\n", encoding="utf-8")
+    assert inputs.hashes()["suit"] == f"mine.toml {sha256_of(copy)}"
 
 
 @pytest.mark.parametrize(

@@ -431,6 +431,7 @@ def test_times_in_minutes_are_refused_by_their_unit(
     with raises_refusal(ImportCode.TIME_UNIT, kind=ImportRefused) as caught:
         run(tmp_path / "s", *static)
     assert (caught.value.cause.figures["times_of"], caught.value.cause.figures["unit"]) == (of, "min")
+    assert "same trial" in str(caught.value), "a fragment of the force has such a duration, too"
 
 
 @pytest.mark.parametrize("has_sync", [True, False])
