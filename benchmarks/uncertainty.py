@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from benchmarks.assessment import CUFFS, PUBLISHED
 from documents.interval import plus_minus
+from fitting.uncertainty import NORMAL_95
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
@@ -313,7 +314,6 @@ def order_statistics(samples: Array) -> tuple[Array, Array]:
 
 
 PERSON_DRAWS, EVERY, MASS = 59, 5, 75.0  # kg
-NORMAL_95 = 1.96
 OF_PERSON = replace(UncertaintySources().of_fit, body=BodySpread(0.0, 0.0, 0.01, 0.0))
 """Points of the cord; the rest is drawn with the motion."""
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.regular_file import LARGEST_SUIT, read_regular
+from fitting.uncertainty import NORMAL_95
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import DataOrigin, TrialCondition
@@ -272,9 +273,6 @@ def compare_cord(
     worn = (cuffs[waist] if waist else None, cuffs[arm]) if arm else (None, None)
     at_rest = replace(suit, reference_rest_length=cord.rest_length_m)
     return check_cord(at_rest, subject.model, differentiate(motion), measured, worn)
-
-
-NORMAL_95 = 1.959964
 
 
 def plain_subject(subject: AssessedSubject, spread: dict[str, float] | None, cord: CordCheck | None) -> dict[str, Any]:
