@@ -3,7 +3,8 @@
     python -m benchmarks.house [SESSION]
 
 Prints files and lines of every top-level folder, the number of modules with sentences, pairs of a dataclass and a
-pydantic model with the same fields, and file names that occur more than once. With the folder of a session, as
+pydantic model that mirror each other, with each class in one pair, the same of classes with any base in any number of
+pairs, which is the stricter count, and file names that occur more than once. With the folder of a session, as
 `simulated/demo`, also the files whose functions run during a fit of two recordings, an assessment of three frames and
 one live frame with and without the suit. `__init__.py` is not counted.
 """
@@ -38,8 +39,8 @@ def main() -> None:
     ours = [path for folder in PRODUCT for path in sources[folder]]
     print(f"| product | {len(ours)} | {_lines(ours)} |\n")
     print(f"files with sentences: {sum(map(_has_sentences, ours))}")
-    pairs = list(_mirrored(ours))
-    print(f"pairs of a dataclass and a model that mirror each other: {len(pairs)}")
+    of_models, of_any = _mirrored(ours)
+    print(f"pairs of a dataclass and a model that mirror each other: {of_models}; classes with any base: {of_any}")
     repeated = {name: count for name, count in Counter(path.name for path in ours).items() if count > 1}
     print(f"file names that occur more than once: {len(repeated)}")
     if sys.argv[1:]:
@@ -73,25 +74,24 @@ def _values(node: ast.AST) -> Iterator[str]:
     yield from (value.value for value in values if isinstance(value, ast.Constant) and isinstance(value.value, str))
 
 
-def _mirrored(paths: list[Path]) -> Iterator[tuple[str, str]]:
-    """Pairs of a dataclass and a model that share at least ALIKE of their fields, the most alike first.
-
-    A class is in one pair at most: a model with three fields in common with five dataclasses mirrors one of them.
+def _mirrored(paths: list[Path]) -> tuple[int, int]:
+    """Number of pairs of a dataclass and a model that share at least ALIKE of their fields, the most alike first, each
+    class in one pair; and of all pairs of a dataclass and a class with any base that do.
     """
     classes = [node for path in paths for node in ast.walk(_tree(path)) if isinstance(node, ast.ClassDef)]
     fields = {node.name: _fields(node) for node in classes if len(_fields(node)) >= LEAST_FIELDS}
     dataclasses = {node.name for node in classes if any("dataclass" in ast.unparse(d) for d in node.decorator_list)}
-    alike = {
-        (mirrored, model): len(fields[mirrored] & fields[model]) / len(fields[mirrored] | fields[model])
-        for mirrored, model in product(
-            sorted(dataclasses & set(fields)), sorted((_models(classes) - dataclasses) & set(fields))
-        )
+    others = {node.name for node in classes if node.bases} - dataclasses
+    shares = {
+        (mirrored, other): len(fields[mirrored] & fields[other]) / len(fields[mirrored] | fields[other])
+        for mirrored, other in product(sorted(dataclasses & set(fields)), sorted(others & set(fields)))
     }
-    paired: set[str] = set()
-    for pair in sorted(alike, key=lambda pair: -alike[pair]):
-        if alike[pair] >= ALIKE and not paired & set(pair):
+    alike = sorted((pair for pair in shares if shares[pair] >= ALIKE), key=lambda pair: -shares[pair])
+    models, paired = _models(classes), set[str]()
+    for pair in alike:
+        if pair[1] in models and not paired & set(pair):
             paired |= set(pair)
-            yield pair
+    return len(paired) // 2, len(alike)
 
 
 def _models(classes: list[ast.ClassDef]) -> set[str]:

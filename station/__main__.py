@@ -13,8 +13,12 @@ from typing import NoReturn
 
 from station.exit_code import ENDED_BY_CTRL_C, FAILED, INTERRUPTED
 
-LEAST, SPARE = 600 * 2**20, 2**26
-"""Bytes: of the libraries that the verbs import, and what a failing verb leaves if memory was not the cause."""
+LEAST, LEAST_TO_COMPILE, SPARE = 400 * 2**20, 600 * 2**20, 2**26
+"""Bytes: of the libraries that every verb imports; with LLVM, which aborts below; and what a failing verb leaves if
+memory was not the cause.
+"""
+WITHOUT_COMPILER = ("info", "recover", "import", "judge", "fit")
+"""Verbs that load no LLVM."""
 BLAS_SIZE = 128
 """Rows of matrices for which OpenBLAS allocates the memory that it keeps."""
 SHORT_OF_MEMORY = "station: the memory of this computer, or its limit for this command, is not sufficient"
@@ -60,7 +64,8 @@ def _is_free(size: int) -> bool:
 
 def _allocate_first() -> None:
     """Let both copies of OpenBLAS allocate what they keep. Raises MemoryError where the limits leave too little."""
-    if not _is_free(LEAST):
+    verb = next(iter(sys.argv[1:]), "-")
+    if not _is_free(LEAST if verb.startswith("-") or verb in WITHOUT_COMPILER else LEAST_TO_COMPILE):
         raise MemoryError
     import numpy as np
     from scipy import linalg
