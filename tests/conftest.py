@@ -90,14 +90,19 @@ def longest_first(items: list[pytest.Item], processes: int) -> list[pytest.Item]
     """Each process begins with its share of the tests that have a time-out of their own, the longest first.
 
     At the end of the run, one of them would leave the other processes without work. A process begins with an equal part
-    of the list (worksteal in pyproject.toml); the other tests stay in their order.
+    of the list (worksteal in pyproject.toml); the other tests stay in their order. Two processes have all tests in a
+    browser, because more browsers at once take the processor from each other.
     """
     markers = {item: item.get_closest_marker("timeout") for item in items}
     long = sorted((item for item in items if markers[item]), key=_timeout_of, reverse=True)
     others = [item for item in items if not markers[item]]
+    in_browser = [item for item in long if "browser" in item.fixturenames] if processes > 2 else []
+    rest = [item for item in long if item not in in_browser]
+    browsing = 2 if in_browser else 0
+    shares = [in_browser[process::2] for process in range(browsing)]
+    shares += [rest[process :: processes - browsing] for process in range(processes - browsing)]
     ordered: list[pytest.Item] = []
-    for process in range(processes):
-        share = long[process::processes]
+    for process, share in enumerate(shares):
         count = max(0, (len(items) - len(ordered)) // (processes - process) - len(share))
         ordered += share + others[:count]
         others = others[count:]

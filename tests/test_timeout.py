@@ -38,13 +38,18 @@ def test_a_marker_of_the_test_comes_before_the_configuration(request: pytest.Fix
 
 
 def test_every_process_begins_with_its_share_of_the_longest_tests(request: pytest.FixtureRequest) -> None:
-    def item(name: str, timeout: float | None = None) -> pytest.Item:
+    def item(name: str, timeout: float | None = None, fixture: str | None = None) -> pytest.Function:
         made = pytest.Function.from_parent(request.node.parent, name=name, callobj=lambda: None)
         if timeout is not None:
             made.add_marker(pytest.mark.timeout(timeout))
+        if fixture is not None:
+            made.fixturenames.append(fixture)
         return made
 
     tests = [item("a"), item("long", 900), item("b"), item("c"), item("longest", 1200), item("d"), item("e")]
     found = [test.name for test in longest_first(tests, 2)]
     assert found == ["longest", "a", "b", "long", "c", "d", "e"], "xdist gives three of seven to the first process"
     assert [test.name for test in longest_first(tests, 9)] == ["longest", "long", *"abcde"]
+    pages = [item(f"page {number}", 600, "browser") for number in range(4)]
+    found = [test.name for test in longest_first([*tests, *pages], 4)]
+    assert found == ["page 0", "page 2", "page 1", "page 3", "a", "longest", "b", "c", "long", "d", "e"]
