@@ -79,21 +79,16 @@ def stiffness_error(stiffness: float, levels: Array, hold: float, noise: Instrum
     Σ (F_j − F̄)² / u².
     Raises ValueError for a hold that is too short to average.
     """
-    averaged = hold - SETTLING
-    if averaged <= 0:
-        raise ValueError(f"a hold of {hold:g} s is too short, expected more than {SETTLING:g} s")
-    variance = noise.displacement**2 / (averaged * noise.frame_rate)
-    variance += (noise.force / stiffness) ** 2 / (averaged * noise.force_rate)
-    information = float(np.sum((levels - levels.mean()) ** 2)) / variance
+    information = float(np.sum((levels - levels.mean()) ** 2)) / _variance_of_a_hold(stiffness, hold, noise)
     return stiffness**2 / math.sqrt(information)
 
 
 def migration_error(stiffness: float, hold: float, noise: InstrumentNoise) -> float:
-    """Standard error of the migration [m]: difference of the displacement at two unloaded holds."""
-    averaged = hold - SETTLING
-    variance = noise.displacement**2 / (averaged * noise.frame_rate)
-    variance += (noise.force / stiffness) ** 2 / (averaged * noise.force_rate)
-    return math.sqrt(2 * variance)
+    """Standard error of the migration [m]: difference of the displacement at two unloaded holds.
+
+    Raises ValueError for a hold that is too short to average.
+    """
+    return math.sqrt(2 * _variance_of_a_hold(stiffness, hold, noise))
 
 
 def damping_error(
@@ -111,3 +106,12 @@ def damping_error(
     variance = noise.force**2 / (duration * noise.force_rate)
     variance += magnitude**2 * noise.displacement**2 / (duration * noise.frame_rate)
     return math.sqrt(2 * variance) / (amplitude * omega)
+
+
+def _variance_of_a_hold(stiffness: float, hold: float, noise: InstrumentNoise) -> float:
+    """Variance u² [m²] of the mean displacement over the averaged part of a hold, with that of its load."""
+    averaged = hold - SETTLING
+    if averaged <= 0:
+        raise ValueError(f"a hold of {hold:g} s is too short, expected more than {SETTLING:g} s")
+    variance = noise.displacement**2 / (averaged * noise.frame_rate)
+    return variance + (noise.force / stiffness) ** 2 / (averaged * noise.force_rate)

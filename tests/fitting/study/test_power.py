@@ -13,6 +13,7 @@ from fitting.pull.pull import make_pulls
 from fitting.static.stiffness import fit_stiffness, trial_stiffness
 from fitting.study.cuff_study import Observation, compare
 from fitting.study.power import (
+    SETTLING,
     ExpectedSpread,
     InstrumentNoise,
     damping_error,
@@ -63,8 +64,45 @@ def test_a_longer_hold_and_a_faster_swing_have_smaller_errors() -> None:
         (5500.0, 120.0, 0.2), 12.0, 0.7, 20.0, noise
     )
     assert migration_error(5500.0, 6.5, noise) == pytest.approx(np.sqrt(2 * 2e-4**2 / 500), rel=0.02)
+
+
+def test_noise_of_the_force_alone_has_the_error_of_a_mean_load() -> None:
+    """50 averaged samples of 0.3 N at 6.5 s: u = 0.3 / (√50 k), and k² u / √Σ(F − F̄)² with Σ(F − F̄)² = 200."""
+    noise = InstrumentNoise(0.0, 0.3, 100.0, 10.0)
+    mean_load = 0.3 / np.sqrt(10.0 * (6.5 - SETTLING))
+    levels = np.array([0.0, 10.0, 20.0])
+    assert stiffness_error(400.0, levels, 6.5, noise) == pytest.approx(400.0 * mean_load / np.sqrt(200.0))
+    assert migration_error(400.0, 6.5, noise) == pytest.approx(np.sqrt(2) * mean_load / 400.0)
+
+
+@pytest.mark.parametrize("hold", [SETTLING, SETTLING - 0.5])
+def test_a_hold_without_an_averaged_part_is_refused(hold: float) -> None:
+    noise = InstrumentNoise(2e-4, 0.3, 100.0, 250.0)
     with pytest.raises(ValueError, match="too short"):
-        stiffness_error(5500.0, levels, 1.0, noise)
+        stiffness_error(5500.0, np.array([0.0, 10.0]), hold, noise)
+    with pytest.raises(ValueError, match="too short"):
+        migration_error(5500.0, hold, noise)
+
+
+def test_a_hold_of_the_shortest_averaged_part_is_planned() -> None:
+    assert migration_error(5500.0, SETTLING + 0.5, InstrumentNoise(2e-4, 0.3, 100.0, 250.0)) > 0
+
+
+def test_the_error_of_the_damping_is_the_spread_of_noisy_complex_amplitudes() -> None:
+    """Drawn with a cuff whose spring, mass and damper all count: c is Im(F / X) / ω of each draw."""
+    stiffness, damping, mass, frequency, duration = 200.0, 30.0, 1.5, 1.5, 20.0
+    omega = 2 * np.pi * frequency
+    gain = stiffness - mass * omega**2 + 1j * omega * damping
+    noise = InstrumentNoise(4e-4, 0.3, 100.0, 250.0)
+    generator = np.random.default_rng(1)
+
+    def drawn(sd: float, rate: float) -> np.ndarray:
+        return sd * np.sqrt(2 / (duration * rate)) * (generator.standard_normal((20_000, 2)) @ [1, 1j])
+
+    ratio = (12.0 + drawn(noise.force, 250.0)) / (12.0 / gain + drawn(noise.displacement, 100.0))
+    expected = float(np.std(ratio.imag)) / omega
+    planned = damping_error((stiffness, damping, mass), 12.0, frequency, duration, noise)
+    assert planned == pytest.approx(expected, rel=0.03)
 
 
 def test_the_power_is_the_part_of_simulated_studies_that_find_the_difference() -> None:
