@@ -18,7 +18,7 @@ from fitting.diagnosis.causes import Diagnosis
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.weak_form import ComplexStiffness
 from fitting.laws.model_class import ModelComparison
-from fitting.results.codes import UNIDENTIFIED_BY, Verdict
+from fitting.results.codes import EXPLAINED_BY, UNIDENTIFIED_BY, Verdict
 from fitting.results.outcome import Standing
 from fitting.results.rendering import Note, verdict_text
 from fitting.spatial.tensors import Tensors
@@ -107,6 +107,7 @@ class CuffFit(EqualByFields):
             sources=self.sources,
             origin=self.origin,
             notes=tuple(map(str, self.notes)),
+            causes=tuple(note for note in self.notes if note.code in EXPLAINED_BY),
         )
 
     def parameters(self) -> CuffParameters:
@@ -147,7 +148,7 @@ class CuffFit(EqualByFields):
     @property
     def verdict(self) -> str:
         """All verdicts as one text."""
-        return verdict_text(self.verdicts)
+        return verdict_text(self.verdicts, self.notes)
 
     @property
     def missing(self) -> tuple[str, ...]:

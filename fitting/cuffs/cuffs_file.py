@@ -18,9 +18,9 @@ from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, QUANTITIES, TENSOR, Cuff, covariance_of
 from fitting.errors import CodedError
 from fitting.laws.model_class import KELVIN_VOIGT
-from fitting.results.codes import UNIDENTIFIED_BY, FitErrorCode, Verdict
+from fitting.results.codes import EXPLAINED_BY, UNIDENTIFIED_BY, FitErrorCode, Verdict
 from fitting.results.cuffs_schema import FORMAT, CuffEntry, CuffsDocument, FigureEntry
-from fitting.results.rendering import Figures
+from fitting.results.rendering import Figures, Note
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import is_file_name
 
@@ -148,6 +148,7 @@ def _wearable(name: str, entry: CuffEntry) -> Cuff:
         origin=entry.origin,
         given=tuple(quantity for quantity, key in QUANTITIES.items() if _is_given(getattr(entry, key), entry)),
         notes=tuple(entry.notes),
+        causes=tuple(Note(note.code, note.figures) for note in entry.note_codes if note.code in EXPLAINED_BY),
     )
 
 

@@ -58,6 +58,7 @@ class Cuff(EqualByFields):
     origin      of those recordings: simulated if any of them is, unknown where the figures were given
     given       figures that were entered by hand
     assumed     assumptions that make it usable;  notes  remarks as sentences
+    causes      trials that ended early, which explain verdicts
     """
 
     name: str
@@ -75,6 +76,7 @@ class Cuff(EqualByFields):
     given: tuple[str, ...]
     assumed: tuple[Note, ...]
     notes: tuple[str, ...]
+    causes: tuple[Note, ...]
 
     def __init__(  # noqa: PLR0913 (the fields of the class)
         self,
@@ -94,6 +96,7 @@ class Cuff(EqualByFields):
         given: tuple[str, ...] | None = None,
         assumed: tuple[Note, ...] = (),
         notes: tuple[str, ...] = (),
+        causes: tuple[Note, ...] = (),
     ) -> None:
         site = site or ("waist" if name == "waist" else "arm")
         _ensure_usable(name, site, covariance)
@@ -117,6 +120,7 @@ class Cuff(EqualByFields):
             "given": given,
             "assumed": assumed,
             "notes": notes,
+            "causes": causes,
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -124,7 +128,7 @@ class Cuff(EqualByFields):
     @property
     def verdict(self) -> str:
         """All verdicts as one text."""
-        return verdict_text(self.verdicts)
+        return verdict_text(self.verdicts, self.causes)
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.dynamic.damping import DampingFit, Swings
+from fitting.pull.hung_weights import last_step
 from fitting.pull.pull import Pull
-from fitting.results.codes import UNIDENTIFIED_BY, NoteCode, Verdict
+from fitting.results.codes import EXPLAINED_BY, UNIDENTIFIED_BY, NoteCode, TrialNoteCode, Verdict
 from fitting.results.outcome import FitOutcome, worst
 from fitting.results.rendering import Figures, Note
 from fitting.static.creep import Creep
@@ -150,6 +151,7 @@ def notes_on(
     """All notes on a donning. before lists unreadable static recordings in which the cuff may have migrated."""
     unidentified = {name for verdict in identified.verdicts for name in UNIDENTIFIED_BY.get(verdict, ())}
     return (
+        *_stopped_notes(all_static, trials, swings, identified.verdicts),
         *_stiffness_notes(held.stiffness, swings.fits),
         *interval_notes(None if "damping" in unidentified else identified.damping),
         *migration_interval_notes(identified.migration),
@@ -159,6 +161,47 @@ def notes_on(
         *_calibration_notes(trials),
         *_migration_notes(all_static, before),
     )
+
+
+SHORT_SWING = 0.8
+"""Part of the planned duration; the fit leaves out some of the begin and the end of a whole swing."""
+
+
+def _stopped_notes(
+    static: Sequence[Pull], trials: Sequence[Trial], swings: Swings, verdicts: Sequence[Verdict]
+) -> Iterator[Note]:
+    """A note on every trial that ended before its last step, if it explains a verdict. A window of a trial did not."""
+    notes = [_stopped_static(pull) for pull in static]
+    notes += [_stopped_swing(trial, swings.by_file.get(trial.file)) for trial in trials if trial.test == "dynamic"]
+    for note in filter(None, notes):
+        if set(EXPLAINED_BY[note.code]) & set(verdicts):
+            yield note
+
+
+def _stopped_static(pull: Pull) -> Note | None:
+    trial = pull.trial
+    planned, step = len(trial.step_masses), last_step(pull.plateaus, trial.step_masses)
+    if not planned or step is None or _is_window(trial):
+        return None
+    added, removed = step
+    figures: Figures = {"file": trial.file, "repeat": trial.repeat, "total": planned}
+    if added < planned:
+        return Note(NoteCode.STOPPED_LOADING, {**figures, "count": added})
+    return Note(NoteCode.STOPPED_UNLOADING, {**figures, "count": removed}) if removed < planned else None
+
+
+def _stopped_swing(trial: Trial, fit: DampingFit | None) -> Note | None:
+    """fit is None for a trial that swings for too short a time to be fitted."""
+    start, end = (fit.oscillation.start, fit.oscillation.end) if fit else (trial.force_time[0], trial.force_time[-1])
+    swung, planned = float(end - start), trial.swing_duration
+    if planned is None or swung >= SHORT_SWING * planned or _is_window(trial):
+        return None
+    figures: Figures = {"file": trial.file, "repeat": trial.repeat, "found_s": swung, "planned_s": planned}
+    return Note(NoteCode.STOPPED_SWINGING, figures)
+
+
+def _is_window(trial: Trial) -> bool:
+    return any(note.code is TrialNoteCode.WINDOW for note in trial.notes)
 
 
 def interval_notes(damping: Estimate | None) -> tuple[Note, ...]:

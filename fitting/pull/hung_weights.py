@@ -76,6 +76,14 @@ def load_scale(plateaus: Sequence[Plateau], masses: Sequence[float]) -> LoadScal
     return min(scales, key=lambda scale: _disorder(scale, force, levels))
 
 
+def last_step(plateaus: Sequence[Plateau], masses: Sequence[float]) -> tuple[int, int] | None:
+    """Weights that were added, and those of them that were removed again; None if the loads do not show it."""
+    if len(plateaus) < 2:
+        return 0, 0
+    scale = load_scale(plateaus, masses)
+    return (int(scale.on.max()), int(scale.on.max() - scale.on[-1])) if scale is not None else None
+
+
 def check_steps(plateaus: Sequence[Plateau], masses: Sequence[float]) -> tuple[Note, ...]:
     """Notes on loads that differ from those of the weights [kg], which are added in this order and removed again."""
     if len(plateaus) < 2 or not masses:

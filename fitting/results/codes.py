@@ -81,6 +81,9 @@ class FindingCode(StrEnum):
 class NoteCode(StrEnum):
     """A remark on the figures of a donning."""
 
+    STOPPED_LOADING = "note.stopped_loading"
+    STOPPED_UNLOADING = "note.stopped_unloading"
+    STOPPED_SWINGING = "note.stopped_swinging"
     SLIPS_AGAIN = "note.slips_again"
     FRICTION_OR_MOVED = "note.friction_or_moved"
     SLIP_OR_FRICTION = "note.slip_or_friction"
@@ -105,6 +108,20 @@ class NoteCode(StrEnum):
     KNOWN_MASS_ZERO_DRIFT = "note.known_mass_zero_drift"
     KNOWN_MASS_GAIN_DRIFT = "note.known_mass_gain_drift"
     NO_SHIFT = "note.assessed_without_migration"
+
+
+EXPLAINED_BY: Mapping[StrEnum, tuple[Verdict, ...]] = {
+    NoteCode.STOPPED_LOADING: (
+        Verdict.FEW_LOADS,
+        Verdict.ONLY_ROSE,
+        Verdict.STIFFNESS_UNCERTAIN,
+        Verdict.STIFFNESS_NOT_CONVERGED,
+        Verdict.NOT_UNLOADED,
+    ),
+    NoteCode.STOPPED_UNLOADING: (Verdict.ONLY_ROSE, Verdict.NOT_UNLOADED),
+    NoteCode.STOPPED_SWINGING: (Verdict.NO_DYNAMIC, Verdict.DAMPING_UNCERTAIN, Verdict.DAMPING_NOT_CONVERGED),
+}
+"""A trial that ended before its last step → verdicts that follow from it."""
 
 
 class RejectionCode(StrEnum):

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from fitting.results.codes import (
+    EXPLAINED_BY,
     CauseCode,
     FindingCode,
     FitErrorCode,
@@ -59,9 +60,16 @@ def name_of(code: CauseCode | FindingCode) -> str:
     return NAMES[code]
 
 
-def verdict_text(verdicts: Iterable[Verdict]) -> str:
+def verdict_sentences(verdicts: Iterable[Verdict], notes: Iterable[Note] = ()) -> tuple[str, ...]:
+    """The verdicts as sentences. A note on a trial that ended early leads and replaces those that it explains."""
+    causes = [note for note in notes if note.code in EXPLAINED_BY]
+    explained = {verdict for note in causes for verdict in EXPLAINED_BY[note.code]}
+    return (*map(str, causes), *(sentence_of(verdict) for verdict in verdicts if verdict not in explained))
+
+
+def verdict_text(verdicts: Iterable[Verdict], notes: Iterable[Note] = ()) -> str:
     """All verdicts as one text."""
-    return "; ".join(map(sentence_of, verdicts))
+    return "; ".join(verdict_sentences(verdicts, notes))
 
 
 def fields_of(clause: str) -> set[str]:

@@ -158,6 +158,18 @@ _CAUSES: Templates = {
 }
 
 _NOTES: Templates = {
+    NoteCode.STOPPED_LOADING: (
+        "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:.0f} weights; record it again, and hang "
+        "all of them one by one"
+    ),
+    NoteCode.STOPPED_UNLOADING: (
+        "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:.0f} weights were taken off; record it "
+        "again, and take all of them off one by one"
+    ),
+    NoteCode.STOPPED_SWINGING: (
+        "dynamic, repeat {repeat:.0f}: stopped after {found_s:.0f} of {planned_s:.0f} s of swinging; record it again, "
+        "and keep the weight swinging"
+    ),
     NoteCode.SLIPS_AGAIN: (
         "the cuff slips even at loads that it carried before, by {distance_m:mm .2f} mm from the first trial to the "
         "last; stiffness is from the unloading branches only"

@@ -50,6 +50,7 @@ class Trial(EqualByFields):
     calibration     of the load cell by the session's bounce trials, already applied; None without one
     cuff_mass       kg moving with the cuff between load cell and body
     step_masses     kg, the weights of a static test in the order in which they are added; empty if not given
+    swing_duration  s, shortest duration of a dynamic test as planned; None if not given
     step_times      s, steps of the load as given in the session's protocol.toml; None: detected
     force_gaps, frame_gaps  (start, end) s of lost samples
     origin          measured or simulated, as the devices report
@@ -82,6 +83,7 @@ class Trial(EqualByFields):
     calibration: Calibration | None = None
     cuff_mass: float = DEFAULT_CUFF_MASS
     step_masses: tuple[float, ...] = ()
+    swing_duration: float | None = None
     step_times: tuple[float, ...] | None = None
     force_gaps: tuple[tuple[float, float], ...] = ()
     frame_gaps: tuple[tuple[float, float], ...] = ()
@@ -245,6 +247,7 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         gain_sd=manifest.load_cell.gain_relative_sd,
         cuff_mass=DEFAULT_CUFF_MASS if site.mass_kg is None else site.mass_kg,
         step_masses=manifest.protocol.step_masses_kg,
+        swing_duration=manifest.protocol.swing_s,
         force_gaps=timeline.force_gaps,
         frame_gaps=timeline.frame_gaps,
         origin=manifest.origin,

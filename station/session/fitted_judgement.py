@@ -17,8 +17,8 @@ from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.trial_fit import SLIPPED, TrialFit, find_outliers, has_slipped
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode, Verdict
-from fitting.results.rendering import sentence_of
+from fitting.results.codes import EXPLAINED_BY, NoteCode, RejectionCode, Verdict
+from fitting.results.rendering import Note, sentence_of
 from fitting.trial.bounce import BounceTrial, fit_bounce
 from fitting.trial.force_quality import zero_notes
 from fitting.trial.trial import RejectedTrial, Trial
@@ -69,7 +69,9 @@ def judge_recording(folder: Path, file: str) -> Judgement:
     details = _details_of_kill(recorded)
     if details is not None:
         notes = (details, *map(str, judgement.reasons), *judgement.doubts, *notes)
-        return replace(judgement, advice="redo", reasons=reasons, notes=tuple(filter(None, notes)), verdicts=())
+        return replace(
+            judgement, advice="redo", reasons=reasons, notes=tuple(filter(None, notes)), verdicts=(), causes=()
+        )
     same = _unusable(sentence_of(RejectionCode.NOT_ACCEPTED, {"outcome": recorded.sentence}))
     of_fit = (reason for reason in judgement.reasons if reason != same)
     return replace(judgement, advice="redo", reasons=(*reasons, *of_fit), notes=notes)
@@ -100,20 +102,35 @@ def _judge(folder: Path, file: str, recorded: Recorded | None) -> Judgement:
 
 
 def _led_by_cause(judgement: Judgement, recorded: Recorded, path: Path) -> Judgement:
-    """Replace reasons and doubts by the step at which the trial ended, where they follow from it."""
+    """Replace reasons and doubts by the step at which the trial ended, where they follow from it.
+
+    The fit counts the weights if it can, so that this verdict and those of later trials state the same number.
+    """
+    own = [_as_reason(note) for note in judgement.causes if note.figures["file"] == judgement.file]
     is_loaded = recorded.test == "static" and Verdict.NOT_UNLOADED in judgement.verdicts
-    if not is_loaded and not any(reason.code in GENERAL for reason in judgement.reasons):
+    if not own and not is_loaded and not any(reason.code in GENERAL for reason in judgement.reasons):
         return judgement
     try:
-        cause = find_unfinished(path)
+        cause = own[0] if own else find_unfinished(path)
     except RecordingError:
         return judgement
     if cause is None:
         return judgement
     others = tuple(reason for reason in judgement.reasons if reason.code not in GENERAL)
-    followed = (*map(str, (reason for reason in judgement.reasons if reason.code in GENERAL)), *judgement.doubts)
+    general = (reason for reason in judgement.reasons if reason.code in GENERAL)
+    followed = (*map(str, general), *map(sentence_of, judgement.verdicts))
     notes = (*followed, *judgement.notes)
-    return replace(judgement, advice="redo", reasons=(cause, *others), notes=notes, verdicts=())
+    return replace(judgement, advice="redo", reasons=(cause, *others), notes=notes, verdicts=(), causes=())
+
+
+def _as_reason(note: Note) -> Reason:
+    """The reason to redo the trial that the fit found to have ended early."""
+    figures = note.figures
+    if note.code is NoteCode.STOPPED_SWINGING:
+        return Message(ReasonCode.SWING_SHORT, {name: figures[name] for name in ("found_s", "planned_s")})
+    is_loading = note.code is NoteCode.STOPPED_LOADING
+    code = ReasonCode.WEIGHTS_MISSING if is_loading else ReasonCode.UNLOADING_MISSING
+    return Message(code, {"found": figures["count"], "planned": figures["total"]})
 
 
 def _judge_trial(
@@ -144,6 +161,7 @@ def _judge_trial(
         marks=marks,
         figures=_figures({name: getattr(trial, field) for field, name in SI_NAMES.items()}),
         verdicts=_open_verdicts(trial, cuff),
+        causes=tuple(note for note in cuff.notes if note.code in EXPLAINED_BY),
     )
 
 

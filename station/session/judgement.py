@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from fitting.results.codes import NoteCode, TrialNoteCode, Verdict
-from fitting.results.rendering import Note, sentence_of
+from fitting.results.codes import EXPLAINED_BY, NoteCode, TrialNoteCode, Verdict
+from fitting.results.rendering import Note, verdict_sentences
 from station.journal_lines import Choice
 from station.messages.codes import ReasonCode
 from station.messages.message import Message
@@ -73,7 +73,8 @@ class Figure:
 class Judgement:
     """advice follows from the reasons; the operator decides.
 
-    verdicts: the results of the donning that are not identified so far, without those of tests still to come.
+    verdicts: the results of the donning that are not identified so far, without those of tests still to come; causes:
+    its trials that ended early, which explain some of them.
     path is (displacement mm, force N) to draw, drawing the figure of a motion as HTML; marks is the number of marks.
     """
 
@@ -88,6 +89,7 @@ class Judgement:
     marks: int = 0
     figures: tuple[Figure, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
+    causes: tuple[Note, ...] = ()
 
     @property
     def grade(self) -> Grade:
@@ -98,7 +100,7 @@ class Judgement:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        return tuple(map(sentence_of, self.verdicts))
+        return verdict_sentences(self.verdicts, self.causes)
 
 
 def judgement_without_fit(file: str) -> Judgement:
@@ -107,4 +109,5 @@ def judgement_without_fit(file: str) -> Judgement:
 
 
 def notes_at_the_bench(notes: Iterable[Note]) -> tuple[str, ...]:
-    return tuple(str(note) for note in notes if note.code not in FOR_THE_REPORT)
+    """Sentences of the notes on which the operator can act; what explains a verdict leads it."""
+    return tuple(str(note) for note in notes if note.code not in FOR_THE_REPORT and note.code not in EXPLAINED_BY)

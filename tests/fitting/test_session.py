@@ -11,7 +11,8 @@ import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_json import cuffs_json
-from fitting.results.codes import NoteCode, RejectionCode, TrialNoteCode, Verdict
+from fitting.results.codes import EXPLAINED_BY, NoteCode, RejectionCode, TrialNoteCode, Verdict
+from fitting.results.rendering import Note, sentence_of
 from fitting.session import fit_session
 from fitting.trial.bounce import calibrate
 from fitting.trial.trial import RejectedTrial, Trial, build_bounce, build_trial, calibrated
@@ -154,6 +155,34 @@ def test_a_load_that_only_rose_is_not_a_stiffness() -> None:
     assert fit.stiffness is None
     assert Verdict.ONLY_ROSE in fit.verdicts
     assert Verdict.NOT_UNLOADED in fit.verdicts
+    assert sentence_of(Verdict.ONLY_ROSE) in fit.verdict, "without planned weights, no step is known to lack"
+
+
+@pytest.mark.parametrize(
+    ("end_s", "code", "count"),
+    [(7.0, NoteCode.STOPPED_LOADING, 1), (18.0, NoteCode.STOPPED_LOADING, 4), (36.0, NoteCode.STOPPED_UNLOADING, 3)],
+)
+def test_a_static_trial_that_ended_early_is_the_cause_of_the_verdicts_of_its_donning(
+    end_s: float, code: NoteCode, count: int
+) -> None:
+    static, dynamic = _donning("hand")[0]
+    cut = replace(_cut(static, end_s), step_masses=tuple(weight / 9.80665 for weight in (15.0,) * 5))
+    fit = _fit([cut, dynamic])
+    (note,) = [note for note in fit.notes if note.code in EXPLAINED_BY]
+    assert (note.code, note.figures["count"], note.figures["total"]) == (code, count, 5)
+    assert fit.verdict == fit.wearable().verdict == str(note)
+    windowed = replace(cut, notes=(Note(TrialNoteCode.WINDOW, {"start_s": 0.0, "end_s": end_s}),))
+    assert not any(note.code in EXPLAINED_BY for note in _fit([windowed, dynamic]).notes)
+
+
+def test_a_short_swing_is_the_cause_of_a_damping_that_is_not_identified() -> None:
+    static, dynamic = _donning("hand")[0]
+    short = replace(_cut(dynamic, 6.0), swing_duration=16.0)
+    fit = _fit([static, short])
+    (note,) = [note for note in fit.notes if note.code in EXPLAINED_BY]
+    assert note.code is NoteCode.STOPPED_SWINGING and note.figures["found_s"] == pytest.approx(6.0, abs=0.5)
+    assert fit.verdicts == (Verdict.NO_DYNAMIC,) and fit.verdict == str(note)
+    assert _fit([static, replace(short, swing_duration=5.0)]).verdict == sentence_of(Verdict.NO_DYNAMIC)
 
 
 def test_the_same_trials_give_the_same_bytes_in_any_order() -> None:

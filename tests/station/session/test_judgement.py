@@ -14,8 +14,8 @@ import recordings.reader
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.trial_fit import TrialFit
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode, Verdict
-from fitting.results.rendering import Note
+from fitting.results.codes import NoteCode, RejectionCode, Verdict
+from fitting.results.rendering import Note, sentence_of
 from fitting.uncertainty import Estimate
 from recordings.chunks import Damage, Entry
 from recordings.samples import Event
@@ -120,6 +120,21 @@ def test_a_static_trial_that_ended_under_load_says_after_how_many_weights(
     judgement = judge_recording(session, STATIC)
     assert (judgement.advice, judgement.reasons, judgement.verdicts) == ("redo", (cause,), ())
     assert judge_recording(session, DYNAMIC).advice == "accept"
+
+
+def test_an_earlier_trial_that_ended_early_leads_the_doubts_of_a_later_one(
+    session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures = {"file": STATIC, "repeat": 1, "count": 3, "total": 5}
+    note = Note(NoteCode.STOPPED_LOADING, figures)
+    verdicts = (Verdict.ONLY_ROSE, Verdict.NOT_UNLOADED, Verdict.LAG)
+    cuff = replace(fitted.cuffs["hand"], verdicts=verdicts, notes=(note,))
+    monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings={"hand": {cuff.donning: cuff}}))
+    later = judge_recording(session, DYNAMIC)
+    assert later.doubts == (str(note), sentence_of(Verdict.LAG)) and later.verdicts == verdicts
+    itself = judge_recording(session, STATIC)
+    assert itself.reasons == (Message(ReasonCode.WEIGHTS_MISSING, {"found": 3, "planned": 5}),)
+    assert (itself.advice, itself.doubts) == ("redo", ())
 
 
 def test_only_a_checked_recording_without_a_problem_is_good(
