@@ -1,11 +1,12 @@
 """Calibration of the decision between two arm cuffs: simulated labs, claimed probabilities against what happens next.
 
-    python -m benchmarks.decision [--labs 12000] [--wearers 120] [--people 100] [--only 1,4]
+    python -m benchmarks.decision [--labs 12000] [--people 100] [--samples 12] [--only 1,4]
 
-A lab measures one donning of two cuffs and draws people as `station assess` does: a wearer, and the next donning about
-the measured one. Then another wearer dons both cuffs, and every statement is true or false: which cuff saves more, at
-the reference rest length and each at its own best one, and in which interval the best rest length lies. Wearers are
-drawn from body, muscles and motion of a budget; the effort of each is solved on a grid of stiffness and rest length.
+A lab measures one donning of two cuffs and draws people as `station assess` does, from a Latin hypercube: a wearer, and
+the next donning about the measured one. Then another wearer dons both cuffs, and every statement is true or false:
+which cuff saves more, at the reference rest length and each at its own best one, and in which interval the best rest
+length lies. Wearers are drawn from body, muscles and motion of a budget; the effort of each is solved on a grid of
+stiffness and rest length. A lab has the wearers of one sample, the next wearer is one of all samples.
 
 True cuffs are uniform in the logarithms of stiffness and migration, wider than what a lab may have measured, so that
 all that was measured is equally likely. The last table draws them from the published range alone: first as a lab that
@@ -84,22 +85,22 @@ POPULATIONS: tuple[tuple[str, str, Limits, Callable[[Array], bool], bool], ...] 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     arguments.add_argument("--labs", type=int, default=12000)
-    arguments.add_argument("--wearers", type=int, default=120)
     arguments.add_argument("--people", type=int, default=100)
+    arguments.add_argument("--samples", type=int, default=12, help="Latin hypercubes of people")
     arguments.add_argument("--only", default="", help="numbers of the populations")
     chosen = arguments.parse_args()
     budget = UncertaintySources()
     parts = {name: getattr(budget, name) for name in ("body", "muscles", "motion")}
     half = replace(budget, **{name: _times(part, 0.5) for name, part in parts.items()})
     titles = {"bundled budget": budget, "half of it": half}
-    solve = cache(lambda title: solve_wearers(titles[title], chosen.wearers))
+    solve = cache(lambda title: solve_wearers(titles[title], chosen.people, chosen.samples))
     wanted = [int(number) for number in chosen.only.split(",")] if chosen.only else range(1, len(POPULATIONS) + 1)
     for number in wanted:
         title, sources, limits, is_measured, knows_range = POPULATIONS[number - 1]
         generator = np.random.default_rng(number)
         known = limits if knows_range else None
         cuffs = [draw_cuffs(limits, is_measured, generator) for _ in range(chosen.labs)]
-        labs = [simulate(solve(sources), pair, chosen.people, known, generator) for pair in cuffs]
+        labs = [simulate(solve(sources), pair, known, generator) for pair in cuffs]
         print(f"\n{number}. {title}, {sources}; {chosen.labs} labs", flush=True)
         print_table(labs)
         share = solve(sources).choosing
@@ -136,18 +137,19 @@ def draw_cuffs(
             return true, measured
 
 
-def simulate(
-    wearers: Wearers, cuffs: tuple[Array, Array], people: int, known: Limits | None, generator: np.random.Generator
-) -> Lab:
+def simulate(wearers: Wearers, cuffs: tuple[Array, Array], known: Limits | None, generator: np.random.Generator) -> Lab:
     """One lab and its next wearer. known: the range of true cuffs, if the lab knows it."""
     true, measured = cuffs
+    people = generator.permutation(wearers.samples[generator.integers(len(wearers.samples))])
+    sample = scipy.stats.qmc.LatinHypercube(8, rng=generator).random(len(people)).reshape(len(people), 2, 2, 2)
+    of_donning, of_mean = sample[:, 0], sample[:, 1]
     if known is None:
-        drawn = measured * np.exp(NEXT_DONNING * SPREADS * generator.standard_normal((people, 2, 2)))
+        drawn = measured * np.exp(NEXT_DONNING * SPREADS * normal_scores(of_donning))
     else:
         low, high = (np.log(np.array(known)).T[:, None] - np.log(measured)) / SPREADS
-        of_mean = scipy.stats.truncnorm.rvs(low, high, size=(people, 2, 2), random_state=generator)
-        drawn = measured * np.exp(SPREADS * (of_mean + generator.standard_normal((people, 2, 2))))
-    claimed = wearers.assess(generator.integers(len(wearers.slack), size=people), drawn)
+        means = scipy.stats.truncnorm.ppf(of_mean, low, high)
+        drawn = measured * np.exp(SPREADS * (means + normal_scores(of_donning)))
+    claimed = wearers.assess(people, drawn)
     one = generator.integers(len(wearers.slack), size=1)
     happened = wearers.assess(one, true * np.exp(SPREADS * generator.standard_normal((1, 2, 2))))
     rule, decisions = DecisionRule(), {}
@@ -185,10 +187,12 @@ def _of_pair(decision: CuffDecision, ahead: float, relevant: float) -> tuple[tup
 class Wearers:
     """Effort (wearers, stiffness, shortening) on the fine grid, where the cord is shorter than a slack one by as much.
 
+    samples    of which a lab has one: indices of its wearers
     slack (wearers,) longest line of the cord [m];  least, best (wearers, stiffness) least effort and its shortening [m]
     reference  rest length [m]
     """
 
+    samples: tuple[NDArray[np.int64], ...]
     effort: Array
     slack: Array
     least: Array
@@ -227,14 +231,15 @@ def _interpolated(table: Array, place: Array) -> Array:
     return found
 
 
-def solve_wearers(sources: UncertaintySources, count: int) -> Wearers:
-    """Wearers drawn from body, muscles and motion; without those whose muscles cannot do the motion."""
+def solve_wearers(sources: UncertaintySources, people: int, samples: int) -> Wearers:
+    """Samples of people drawn from body, muscles and motion; without those whose muscles cannot do the motion."""
     model, suit = bundled_model(), read_suit()
     motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
     sources = replace(sources, donning=DonningSpread(0.0, 0.0, 0.0))
     factors, draws = random_factors(sources, model, ()), MotionDraws(model, motion.kinematics)
-    efforts, slack = [], []
-    for row in normal_scores(unit_sample(factors, count, "latin_hypercube", seed=1)):
+    efforts, slack, sample_of = [], [], []
+    rows = [unit_sample(factors, people, "latin_hypercube", seed) for seed in range(1, samples + 1)]
+    for person, row in enumerate(normal_scores(np.concatenate(rows))):
         scores = scores_by_factor(factors, row)
         own = varied_model(model, sources.body, sources.muscles, scores)
         own = replace(own, coordinates=tuple(replace(one, range=(-np.inf, np.inf)) for one in own.coordinates))
@@ -246,9 +251,11 @@ def solve_wearers(sources: UncertaintySources, count: int) -> Wearers:
         if (effort := _solve_grid(suited)) is not None:
             efforts.append(effort)
             slack.append(float(suited.line.length.max()))
+            sample_of.append(person // people)
+    of_samples = tuple(np.flatnonzero(np.array(sample_of) == sample) for sample in range(samples))
     effort = np.array(efforts)
     best = effort.argmin(axis=2) / (FINE[1] - 1) * LONGEST_SHORTENING
-    return Wearers(effort, np.array(slack), effort.min(axis=2), best, suit.reference_rest_length)
+    return Wearers(of_samples, effort, np.array(slack), effort.min(axis=2), best, suit.reference_rest_length)
 
 
 def _solve_grid(suited: SuitedMotion) -> Array | None:

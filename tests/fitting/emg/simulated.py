@@ -18,7 +18,7 @@ from fitting.emg.envelopes import EnvelopeSettings, emg_envelope, smooth
 from fitting.emg.shape import ShapeOutcome, compare_shapes
 
 Array = NDArray[np.float64]
-Noise = Literal["none", "amplifier", "gain drift", "disagreement", "few motor units"]
+Noise = Literal["none", "amplifier", "gain drift", "disagreement", "few motor units", "stationary disagreement"]
 NOISES: tuple[Noise, ...] = get_args(Noise)
 RATE, MODEL_RATE = 1000.0, 100.0
 UNIT_RATE = 400.0
@@ -117,7 +117,8 @@ def _noisy_emg(noise: Noise, level: Array, random: np.random.Generator, channels
     """(n, channels) at RATE: the EMG of a level (n,) measured several times.
 
     "amplifier": white noise of 10 % of the peak. "gain drift": 20 % over 2 to 20 s. "disagreement": muscle and model
-    differ by 10 % of the peak over 1 to 10 s. "few motor units": action potentials at random times.
+    differ by 10 % of the peak over 1 to 10 s. "few motor units": action potentials at random times. "stationary
+    disagreement": the same spectrum, of a Gaussian process.
     """
     peak, count = float(level.max()), len(level)
     if noise == "few motor units":
@@ -133,12 +134,17 @@ def _noisy_emg(noise: Noise, level: Array, random: np.random.Generator, channels
         levels *= np.exp(0.2 * _wander(count, channels, random, 0.05, 0.5))
     elif noise == "disagreement":
         levels = np.clip(levels + 0.1 * peak * _wander(count, channels, random, 0.1, 1.0), 0.0, None)
+    elif noise == "stationary disagreement":
+        levels = np.clip(levels + 0.1 * peak * _band_noise(count, channels, random, 0.1, 1.0), 0.0, None)
     white = 0.1 * peak * random.standard_normal(levels.shape) if noise == "amplifier" else 0.0
     return raw_emg(levels, random, channels) + white
 
 
 def _wander(count: int, channels: int, random: np.random.Generator, low: float, high: float) -> Array:
-    """(count, channels) random curves of unit size between two frequencies [Hz]."""
+    """(count, channels) random curves of unit size between two frequencies [Hz].
+
+    Eight sinusoids of random size: the mean square over 12 s has a coefficient of variation of 56 %.
+    """
     shape = (8, 1, channels)
     frequencies, phases = random.uniform(low, high, shape), random.uniform(0, 2 * np.pi, shape)
     weights, time = random.standard_normal(shape) / 2, np.arange(count)[:, None] / RATE
@@ -146,3 +152,16 @@ def _wander(count: int, channels: int, random: np.random.Generator, low: float, 
     for weight, frequency, phase in zip(weights, frequencies, phases, strict=True):
         curve += weight * np.sin(2 * np.pi * frequency * time + phase)
     return curve
+
+
+def _band_noise(count: int, channels: int, random: np.random.Generator, low: float, high: float) -> Array:
+    """(count, channels) Gaussian noise of unit size, with a flat spectrum between two frequencies [Hz].
+
+    The mean square over 12 s of 0.1 to 1 Hz has a coefficient of variation of 30 %.
+    """
+    period = 4 * count
+    frequencies = np.fft.rfftfreq(period, 1 / RATE)
+    inside = np.flatnonzero((frequencies >= low) & (frequencies <= high))
+    spectrum = np.zeros((len(frequencies), channels), dtype=complex)
+    spectrum[inside] = random.standard_normal((len(inside), channels, 2)) @ np.array([1, 1j])
+    return np.asarray(np.fft.irfft(spectrum, period, axis=0)[:count] * period / np.sqrt(4 * len(inside)))
