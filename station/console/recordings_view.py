@@ -11,6 +11,7 @@ from station.journal import Journal
 from station.journal_lines import Recorded
 from station.protocol import describe_trial
 from station.session.controller import SessionController
+from station.session.listing import local_time
 
 TESTS = ("static", "dynamic")
 
@@ -33,18 +34,19 @@ def _open(controller: SessionController, actions: Actions) -> None:
         dialog.props('aria-label="Recordings of this session"')
         ui.label("Recordings of this session").classes("heading")
         with ui.element("div").classes("recordings text-lg"):
-            for recorded in journal.recorded:
-                _row(controller, actions, dialog, journal, recorded)
+            for number, recorded in enumerate(journal.recorded, 1):
+                _row(controller, actions, dialog, number, recorded)
         ui.button("Close", on_click=dialog.close).props("outline")
     dialog.on("hide", dialog.delete)
 
 
-def _row(
-    controller: SessionController, actions: Actions, dialog: ui.dialog, journal: Journal, recorded: Recorded
-) -> None:
+def _row(controller: SessionController, actions: Actions, dialog: ui.dialog, number: int, recorded: Recorded) -> None:
+    journal = controller.session.journal
     with ui.column().classes("gap-0 min-w-0"):
-        ui.label(_title(recorded))
-        ui.label(recorded.file).classes("quiet text-sm break-all")
+        ui.label(f"{number}. {_title(recorded)}").classes("break-words max-w-full")
+        entered = local_time(journal.entered.get(recorded.file, ""))
+        at = f"{entered:%H:%M:%S} · " if entered is not None else ""
+        ui.label(f"{at}{recorded.file}").classes("quiet text-sm break-all")
     with ui.column().classes("gap-0 quiet min-w-0"):
         ui.label(_decision(journal, recorded.file))
         if note := journal.notes.get(recorded.file):

@@ -93,11 +93,11 @@ KINEMATICS: Mapping[StrEnum, str] = {
         "frames are solved"
     ),
     KinematicsCode.NOT_HELD: (
-        "no visible marker determines {coordinates} in {frames} frames: the values there are not measured"
+        "no visible marker determines {coordinates} (frames: {frames}): the values there are not measured"
     ),
-    KinematicsCode.NOT_CONVERGED: "{frames} frames not converged, the first at {first_s:.2f} s",
-    KinematicsCode.GAP_OPEN: "{frames} frames do not meet the constraints of the model, the first at {first_s:.2f} s",
-    KinematicsCode.NO_MARKERS: "{frames} frames without markers, the first at {first_s:.2f} s",
+    KinematicsCode.NOT_CONVERGED: "frames not converged: {frames}, the first at {first_s:.2f} s",
+    KinematicsCode.GAP_OPEN: "frames off the constraints of the model: {frames}, the first at {first_s:.2f} s",
+    KinematicsCode.NO_MARKERS: "frames without markers: {frames}, the first at {first_s:.2f} s",
 }
 
 

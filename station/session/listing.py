@@ -34,13 +34,14 @@ def list_sessions(folder: Path) -> list[ListedSession]:
             continue
         if journal.setup is not None:
             plan = plan_status(journal.setup, journal, path.parent)
-            begun = _local(journal.begun)
+            begun = local_time(journal.begun)
             session = ListedSession(journal.setup, path.parent, begun, len(plan.done), len(plan.trials))
             listed.append((path.stat().st_mtime, session))
     return [session for _, session in sorted(listed, key=lambda entry: -entry[0])]
 
 
-def _local(utc: str) -> datetime | None:
+def local_time(utc: str) -> datetime | None:
+    """Of a time in the journal; None for one that this computer cannot convert."""
     try:
         return datetime.fromisoformat(utc).astimezone()
     except (ValueError, OverflowError, OSError):  # Windows has no local time of most years

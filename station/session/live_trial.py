@@ -67,12 +67,6 @@ class LiveTrial:
         }
 
     @property
-    def largest_emg_uv(self) -> dict[str, float]:
-        """Largest RMS from the sync edge on, of every channel with a signal."""
-        recorded = {name: [uv for t, uv in self.from_edge(points) if t >= 0] for name, points in self.emg.items()}
-        return {name: max(values) for name, values in recorded.items() if any(values)}
-
-    @property
     def cue(self) -> Cue:
         return self.guide.cue()
 

@@ -50,8 +50,8 @@ class WrongSetup(CommandRefused):
 class OpenSession:
     """At most one session at a time. Methods raise CommandRefused and JournalError.
 
-    judgement is of the last recording, summary of the whole session, mvc_uv the largest EMG of the MVC trial that this
-    process recorded in the session [µV], by channel, message of the last command. The trial runner
+    judgement is of the last recording, summary of the whole session, message of the last command. mvc_uv is the largest
+    EMG of the session's last usable MVC trial, mvc_file [µV], by channel, which the reviewer reads. The trial runner
     sets has_running_trial, the reviewer is_recorded_elsewhere: the recorder of another console, or of one that was
     killed, records a trial of this session.
     """
@@ -62,7 +62,7 @@ class OpenSession:
         self.is_rehearsal = self.is_ending = self.has_running_trial = self.is_recorded_elsewhere = False
         self.judgement: Judgement | None = None
         self.summary: Summary | None = None
-        self.mvc_uv: dict[str, float] = {}
+        self.mvc_file, self.mvc_uv = "", dict[str, float]()
         self.message = ""
         self._read: tuple[tuple[int, int], Journal] | None = None
 
@@ -234,4 +234,4 @@ class OpenSession:
     def _open(self, folder: Path, *, is_rehearsal: bool) -> None:
         self.folder, self.is_rehearsal, self.judgement, self.summary = folder, is_rehearsal, None, None
         self.message, self._read, self.is_ending, self.is_recorded_elsewhere = "", None, False, False
-        self.mvc_uv = {}
+        self.mvc_file, self.mvc_uv = "", {}

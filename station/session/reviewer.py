@@ -9,6 +9,7 @@ import asyncio
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -139,6 +140,7 @@ class Reviewer:
             self._session.is_recorded_elsewhere = adopted is None
             if any(code.code is TrialCode.RECORDER_KILLED for recorded in adopted or () for code in recorded.codes):
                 self._session.message = ""  # the verdict states it
+            await self._read_mvc(self._session.folder)
             plan = self._session.plan
             file = plan.undecided.file if plan is not None and plan.undecided is not None else None
             if file is not None and (self._session.judgement is None or self._session.judgement.file != file):
@@ -148,6 +150,18 @@ class Reviewer:
                     self._session.judgement = judgement_without_fit(file)
         finally:
             self.is_judging = False
+
+    async def _read_mvc(self, folder: Path) -> None:
+        """Read the EMG of the last usable MVC trial, also of one that another console recorded."""
+        journal = self._session.journal
+        usable = [trial for trial in journal.recorded if trial.accepted and trial.file not in journal.redone]
+        file = next((trial.file for trial in reversed(usable) if trial.condition == "mvc"), "")
+        if file != self._session.mvc_file:
+            found: dict[str, float] = {}
+            with suppress(WorkerKilled):
+                found = await self.in_worker(_read_largest_emg, folder / file) if file else {}
+            if self._session.folder == folder:
+                self._session.mvc_file, self._session.mvc_uv = file, found
 
     async def finish(self) -> None:
         """Fit, assess and report the session."""
@@ -205,6 +219,12 @@ def _judge(folder: Path, file: str) -> Judgement:
     from station.session.fitted_judgement import judge_recording
 
     return judge_recording(folder, file)
+
+
+def _read_largest_emg(path: Path) -> dict[str, float]:
+    from station.session.wearer_findings import largest_emg
+
+    return largest_emg(path)
 
 
 def adopt_recordings(folder: Path) -> tuple[Recorded, ...] | None:

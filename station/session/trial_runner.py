@@ -119,8 +119,6 @@ class TrialRunner:
             self.live, self._trial, self.ended = None, None, trial
             self._session.has_running_trial = False
         recorded = trial.recorded
-        if recorded is not None and recorded.accepted and live.spec.condition == "mvc":
-            self._session.mvc_uv = live.largest_emg_uv
         refusal = f"{trial.refusal} [{trial.refusal_code}]" if trial.refusal_code else trial.refusal
         self._session.message = refusal or (recorded.sentence if recorded else "")
         if recorded is not None and recorded.file and self._session.folder is not None:

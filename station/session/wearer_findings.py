@@ -10,7 +10,9 @@ import numpy as np
 
 from documents.interval import rounded
 from fitting.emg.channels import UNUSABLE, UnusableEmg, find_faults
+from fitting.errors import UnusableTrial
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
+from recordings.errors import RecordingError
 from solver.scaling_findings import largest_motion
 from station.emg.emg_tables import FINDING_TEXT
 from station.emg.trials import EmgFileError, emg_of
@@ -48,6 +50,23 @@ def examine_wearer_trial(path: Path) -> WearerFindings:
         trial.marks,
         motion_drawing(path, trial) if trial.manifest.test == "motion" else "",
     )
+
+
+EMG_BLOCK_S = 0.05
+"""Seconds of one RMS of the EMG, as a running trial shows it."""
+
+
+def largest_emg(path: Path) -> dict[str, float]:
+    """Largest RMS of every EMG channel with a signal [µV]; empty if the recording has no usable EMG."""
+    try:
+        emg = emg_of(read_wearer_trial(path))
+    except (UnusableTrial, RecordingError, EmgFileError):
+        return {}
+    length = max(1, round(EMG_BLOCK_S * emg.rate))
+    blocks = emg.values[: len(emg.values) // length * length].reshape(-1, length, len(emg.labels))
+    spreads = np.std(blocks, axis=1)
+    largest = 1e6 * np.max(spreads, axis=0, initial=0.0, where=np.isfinite(spreads))
+    return {label: round(float(uv), 1) for label, uv in zip(emg.labels, largest, strict=True) if uv > 0}
 
 
 def _found(

@@ -82,11 +82,7 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
     live.mvc_uv = {"deltoid": 240.8, "biceps": 80.0}
     assert emg_over_time(live) == {"deltoid": [(1.0, 50.0)], "biceps": [(1.0, 5.0)]}
     assert "EMG RMS [% of the MVC] deltoid 50, biceps 5" in status_of(live)
-    assert live.largest_emg_uv == {"deltoid": 120.4, "biceps": 4.0}
-    live.emg["biceps"][0] = (1.5, 0.0)
-    live.emg["deltoid"].appendleft((0.4, 5000.0))
-    assert live.largest_emg_uv == {"deltoid": 120.4}, "from the sync edge on, with a signal"
-    live.mvc_uv = live.largest_emg_uv
+    live.mvc_uv = {"deltoid": 120.4}
     assert emg_over_time(live).keys() == {"deltoid"}
     roles = marker_roles(wearer_config(), spec)
     without = marker_roles(wearer_config(), TrialSpec(None, "motion", 1, condition="unsuited"))

@@ -160,7 +160,7 @@ def test_a_frame_without_markers_is_left_out_reported_and_code_3(tmp_path: Path,
     words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
     code, told = run(capsys, monkeypatch, *words)
     assert code == 3
-    assert "1 frames without markers, the first at 0.29 s" in told
+    assert "frames without markers: 1, the first at 0.29 s" in told
     assert len(read_motion(tmp_path / "q.mot", MODEL).time) == 29
 
 
@@ -196,7 +196,7 @@ def test_a_published_set_up_is_read_with_the_names_of_its_tasks(capsys, monkeypa
     trc = SHARED / "markers" / "FLX01.trc"
     code, told = run(capsys, monkeypatch, *words, "--markers", trc, "--output", tmp_path / "q.mot")
     assert code == 0, told
-    assert "no visible marker determines elbow_flexion, pro_sup in 51 frames" in told
+    assert "no visible marker determines elbow_flexion, pro_sup (frames: 51)" in told
     assert "it is taken for the origin" in told
 
 

@@ -22,7 +22,7 @@ from recordings.samples import Event
 from station.bench.simulation import SimulatedBench, practice_settings
 from station.bench.trial_recorder import LOCK
 from station.config import StationConfig, load_config
-from station.journal import JournalError, read_journal, write_recorded, write_setup
+from station.journal import JournalError, read_journal, write_recorded, write_setup, write_verdict
 from station.journal_lines import JOURNAL_FILE, Recorded, Setup
 from station.messages.codes import AlarmCode, CommandCode, JournalCode, ReasonCode, TerminalCode, TrialCode
 from station.messages.message import Message
@@ -141,11 +141,11 @@ def test_a_session_is_resumed_with_its_plan(controller: SessionController) -> No
     controller.session.begin(SETUP)
     name = put_recording(controller)
     controller.reviewer.decide("accept", "")
-    controller.session.mvc_uv = {"deltoid": 240.0}
+    controller.session.mvc_file, controller.session.mvc_uv = "mvc.mcap", {"deltoid": 240.0}
     controller.session.leave()
     assert controller.session.folder is None
     controller.session.begin(SETUP)
-    assert not controller.session.mvc_uv, "the next session may be of another wearer"
+    assert (controller.session.mvc_file, controller.session.mvc_uv) == ("", {}), "it may be of another wearer"
     plan = controller.session.plan
     assert plan is not None and len(plan.done) == 1
     assert plan.spec is not None and plan.spec.test == "dynamic"
@@ -403,6 +403,28 @@ def test_after_a_killed_fit_the_operator_decides_without_figures(
         and controller.session.judgement.file == name
         and controller.session.judgement.reasons == (Message(ReasonCode.FIT_KILLED),)
     )
+
+
+def test_the_mvc_is_that_of_the_last_usable_trial_of_the_session_whoever_recorded_it(
+    controller: SessionController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def read(_: object, path: Path) -> dict[str, float]:
+        return {path.name: 240.0}
+
+    controller.session.begin(SETUP)
+    folder = controller.session.folder
+    assert folder is not None
+    monkeypatch.setattr(controller.reviewer, "in_worker", read)
+    for name, is_accepted in (("1.mcap", True), ("2.mcap", True), ("3.mcap", False)):
+        (folder / name).touch()
+        place = (name, None, "motion", 1, "", is_accepted, 0, "the mocap capture ended")
+        write_recorded(folder, Recorded(*place, condition="mvc"))
+        write_verdict(folder, name, "accept", "")
+    run(controller.reviewer.process_recordings())
+    assert (controller.session.mvc_file, controller.session.mvc_uv) == ("2.mcap", {"2.mcap": 240.0})
+    write_verdict(folder, "2.mcap", "redo", "an electrode fell off")
+    run(controller.reviewer.process_recordings())
+    assert controller.session.mvc_uv == {"1.mcap": 240.0}
 
 
 def test_a_mark_is_named_in_the_journal(controller: SessionController) -> None:

@@ -24,6 +24,7 @@ from station.session.guide import Cue, FreeStaticGuide, Guide, RestState, Static
 from station.session.judgement import Judgement
 from station.session.live_trial import ForceLimits, force_limits
 from station.session.reviewer import adopt_recordings
+from station.session.wearer_findings import largest_emg
 from station.session.wearer_guide import wearer_guide
 from tests.station.wearer import CYCLES, SPECS, WearerSession
 
@@ -346,6 +347,17 @@ def test_a_motion_is_accepted_with_its_cycles_force_and_emg(judged: Callable[...
     assert high - low > 20
     assert float(shown["EMG deltoid RMS [\u00b5V]"]) > 30
     assert "cord force, zero not removed [N]" not in quantities(judged(UNSUITED))
+
+
+def test_the_largest_emg_is_the_largest_spread_of_50_ms(wearer: WearerSession, tmp_path: Path) -> None:
+    path = wearer.path(TIGHT)
+    signals = read_wearer_trial(path).emg
+    assert signals is not None
+    of_deltoid = 1e6 * signals.values[:, signals.labels.index("deltoid")]
+    expected = max(np.std(block) for block in np.array_split(of_deltoid, len(of_deltoid) // 50))
+    found = largest_emg(path)
+    assert found.keys() == {"deltoid", "trapezius"} and found["deltoid"] == pytest.approx(expected, rel=0.1)
+    assert largest_emg(tmp_path / "none.mcap") == {}
 
 
 def test_a_motion_with_fewer_cycles_than_planned_is_to_be_redone(judged: Callable[..., Judgement]) -> None:
