@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.session import fit_session
 from fitting.trial.trial import Trial, build_trial
 from solver.redundancy.mechanics import evaluate_motion

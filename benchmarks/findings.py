@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.coverage import Condition, Session, run
 from fitting.cuffs.published_method import fit_published
 from fitting.results.codes import CauseCode, FindingCode
-from fitting.results.rendering import name_of
+from fitting.results.sentences import name_of
 from tests.fitting.defects import Rig
 
 RATES = (20.0, 50.0, 1000.0)

@@ -32,10 +32,9 @@ from fitting.dynamic.damping import fit_damping
 from fitting.dynamic.errors_in_variables import C, K, Swing, estimate
 from fitting.pull.pull import make_pulls
 from fitting.results.codes import CauseCode
-from fitting.results.rendering import name_of
+from fitting.results.sentences import name_of
 from fitting.session import fit_session
-from fitting.spatial.tensor import entries_of
-from fitting.spatial.tensors import held_tensor, swung_tensor
+from fitting.spatial.tensors import entries_of, held_tensor, swung_tensor
 from fitting.trial.clocks import DRIFT_PRIOR_SD, LagUncertainty
 from fitting.trial.trial import Trial, build_trial
 from fitting.uncertainty import Repeat, combine

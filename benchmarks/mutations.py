@@ -43,12 +43,12 @@ ROOT = Path(__file__).parents[1]
 HARMLESS_FILE = Path(__file__).with_name("harmless_mutations.toml")
 FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents", "tests", "benchmarks")
 MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/FOLDER/test_MODULE.py
-    "fitting.static.migration": ("tests/fitting/static/test_held_loads.py",),
+    "fitting.static.held_loads": ("tests/fitting/static/test_held_loads.py",),
     "fitting.static.stiffness": ("tests/fitting/static/test_held_loads.py",),
     "fitting.study.power": (),
-    "fitting.study.reml": (),
+    "fitting.study.variance_components": (),
     "fitting.trial.calibration": (),
-    "fitting.trial.sync_line": (),
+    "fitting.trial.clocks": (),
     "fitting.trial.timeline": (),
     "fitting.uncertainty": (),
     "recordings.recovery": (),

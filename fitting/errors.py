@@ -4,12 +4,12 @@ FitError
 ├── CodedError             has a stable code with figures
 │   ├── UnusableTrial      a recording that cannot be fitted
 │   │   └── NotConverged   as a fit that it needs did not converge
-│   ├── NoTensor           directions that determine no stiffness tensor (spatial/tensor.py)
+│   ├── NoTensor           directions that determine no stiffness tensor (spatial/tensors.py)
 │   ├── NotIdentified      a cuff without a parameter that is needed (cuffs/wearable_cuff.py)
 │   ├── ImpossibleCuff     a figure that no cuff on a body has (cuffs/wearable_cuff.py)
 │   ├── UnnamedCuff        keys that do not make a cuff (cuffs/cuff_tables.py)
 │   ├── MassCheckError     a known mass that cannot be compared (trial/mass_checks.py)
-│   ├── ProtocolFileError  a protocol.toml that cannot be used (trial/trial_reader.py)
+│   ├── ProtocolFileError  a protocol.toml that cannot be used (trial/trial.py)
 │   ├── CuffsFileError     a cuffs.json that cannot be used (cuffs/cuffs_file.py)
 │   └── UnusableEmg        EMG that cannot be processed or compared (emg/channels.py)
 └── TooFewObservations     a study without spread (study/variance_components.py)
@@ -17,9 +17,8 @@ FitError
 
 from __future__ import annotations
 
-from fitting.results.codes import FitErrorCode, RejectionCode, TensorCode
-from fitting.results.outcome import FitOutcome
-from fitting.results.rendering import Figures, Note
+from fitting.results.codes import FitErrorCode, FitOutcome, RejectionCode, TensorCode
+from fitting.results.sentences import Figures, Note
 
 
 class FitError(Exception):

@@ -8,26 +8,30 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit, lag_of
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit, TrialFit, lag_of, list_trials
 from fitting.cuffs.published_method import published_notes
-from fitting.cuffs.trial_fit import TrialFit, list_trials
 from fitting.cuffs.wearable_cuff import covariance_of
 from fitting.diagnosis.causes import diagnose
-from fitting.diagnosis.fitted_pull import FittedPull, fitted_pulls, used_pulls
-from fitting.diagnosis.identification import MIN_LOADS, identify, notes_on, started_before
+from fitting.diagnosis.identification import (
+    MIN_LOADS,
+    FittedPull,
+    fitted_pulls,
+    identify,
+    notes_on,
+    started_before,
+    used_pulls,
+)
 from fitting.dynamic.damping import fit_damping, fit_swings
 from fitting.errors import UnusableTrial
 from fitting.laws.model_class import FRICTION, compare_classes, sample_pull
 from fitting.pull.pull import Pull, make_pulls, newest_first, of_test
 from fitting.results.codes import CauseCode, RejectionCode, TrialNoteCode, Verdict
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.spatial.tensors import fit_tensors
-from fitting.static.held_loads import fit_held_loads
-from fitting.static.migration import fit_migration
+from fitting.static.held_loads import fit_held_loads, fit_migration
 from fitting.trial.bounce import BounceTrial, calibrate
-from fitting.trial.force_quality import damage_figures
-from fitting.trial.trial import RejectedTrial, Trial, calibrated_by, origins_of
-from fitting.trial.trial_reader import TrialReading
+from fitting.trial.timeline import damage_figures
+from fitting.trial.trial import RejectedTrial, Trial, TrialReading, calibrated_by, origins_of
 from recordings.manifest import DataOrigin
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import between, has_width, with_error
-from fitting.results.outcome import FitOutcome
+from fitting.results.codes import FitOutcome
 
 NORMAL_95 = 1.959963984540054
 LARGEST_RELATIVE_ERROR = 0.5

@@ -16,7 +16,7 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import locked, once_released, read_regular, replaced
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from fitting.trial.mass_checks import CHECKS_FILE
 from station.journal_lines import JOURNAL_FILE, LARGEST_JOURNAL
 from station.messages.file_messages import ChainCode

@@ -21,7 +21,7 @@ from drivers.errors import DeviceError
 from drivers.simulators.settings import PUBLISHED_CUFFS
 from fitting.errors import UnusableTrial
 from fitting.session import find_rejection
-from fitting.trial.trial_reader import TrialReading, read_alone, read_protocol
+from fitting.trial.trial import TrialReading, read_alone, read_protocol
 from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.errors import RecordingError
 from station.assessment.compilation import CompilationAhead, compilation_shown

@@ -8,14 +8,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.cuffs.wearable_cuff import bushing_force
 from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.session import fit_session
 from fitting.trial.mass_checks import check_notes, read_checks, with_mass_checks
-from fitting.trial.trial import RejectedTrial, Trial
-from fitting.trial.trial_reader import TrialReading, read_alone, read_protocol, read_trials
+from fitting.trial.trial import RejectedTrial, Trial, TrialReading, read_alone, read_protocol, read_trials
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.reader import read_manifest

@@ -19,8 +19,7 @@ from pathlib import Path
 from documents.regular_file import path_of, replaced
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.session import fit_session as fit_trials
-from fitting.trial.trial import Trial, within
-from fitting.trial.trial_reader import TrialReading, read_alone, read_protocol, read_trials
+from fitting.trial.trial import Trial, TrialReading, read_alone, read_protocol, read_trials, within
 from recordings.reader import Recording, open_recording
 from station.fit import SessionError, fit_session_folder
 from station.fit import read_recording as read_assigned

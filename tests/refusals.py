@@ -11,7 +11,7 @@ import pytest
 from drivers.simulators.errors import SimulatorCode, SimulatorError
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, RejectionCode, TensorCode, TrialNoteCode
-from fitting.results.rendering import Figures, Note
+from fitting.results.sentences import Figures, Note
 from recordings.errors import RecordingCode, RecordingError
 from solver.errors import SolverCode, SolverError
 from station.errors import StationError

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.diagnosis.identification import FittedPull
 from fitting.results.codes import NoteCode
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from solver.cuff import KelvinVoigt
 
 OWN_START = 1.0

@@ -1,5 +1,12 @@
 """Causes: faults of the rig, and properties of the cuff beyond a spring and a damper.
 
+Eight checks decide whether F − k x of a swing is the force of a damper:
+
+D1  start of the dynamic record from the static zero        D5  damping over frequency
+D2  dynamic over static stiffness                           D6  direction of the pull
+D3  curvature of the held loads                             D7  unloaded force and position between records
+D4  harmonics in the residual                               D8  noise in the swing over that of the resting cuff
+
 Offsets of force or displacement (a tare with the weight on, drift of the zero, another zero of x, migration) make
 F − k x negative throughout; lag, relaxation and friction do not. Properties of the cuff come from the comparison of
 laws; faults of the rig from D6, D7, the weights of the protocol and the anchor markers.
@@ -7,20 +14,353 @@ laws; faults of the rig from D6, D7, the weights of the protocol and the anchor 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
-from fitting.diagnosis.findings import ANGLE_LIMIT, SHIFT_LIMIT, SIGNIFICANT, ZERO_LIMIT, Finding, find_all, swing_force
-from fitting.diagnosis.fitted_pull import FittedPull
-from fitting.dynamic.weak_form import ComplexStiffness
+from fitting.diagnosis.identification import MIN_LOADS, FittedPull
+from fitting.dynamic.cross_checks import ComplexStiffness
+from fitting.errors import UnusableTrial
 from fitting.laws.model_class import FRICTION, GAIN, SLIP, SOFTENING, STIFFENING, ModelComparison
-from fitting.pull.hung_weights import MAX_FRICTION, MAX_SCALE_ERROR, load_scale
-from fitting.pull.rigid import LOOSE, SKIN_CORRELATION
+from fitting.pull.cuff_motion import LOOSE, SKIN_CORRELATION, pull_direction
+from fitting.pull.plateaus import MAX_FRICTION, MAX_SCALE_ERROR, Plateau, is_unloaded, load_scale
 from fitting.results.codes import CauseCode, FindingCode
-from fitting.results.rendering import Figures, name_of, sentence_of
+from fitting.results.sentences import Figures, name_of, sentence_of
 from fitting.uncertainty import Estimate, Repeat, combine
+from solver.cuff import KelvinVoigt
+
+SIGNIFICANT = 3.0
+SHIFT_LIMIT, ZERO_LIMIT = 0.5e-3, 1.0
+"""m and N between records from which a significant change is reported."""
+STIFFNESS_LIMIT = 0.03
+CURVATURE_LIMIT = 0.5
+HARMONIC_LIMIT = 4.0
+ANGLE_LIMIT = 10.0
+NOISE_LIMIT = 1.3
+WELL_KNOWN = 5.0
+"""Mean damping over its standard error from which its dependence on frequency is checked."""
+_CHECKS = {
+    FindingCode.START: "D1",
+    FindingCode.STIFFNESS_RATIO: "D2",
+    FindingCode.CURVATURE: "D3",
+    FindingCode.HARMONICS: "D4",
+    FindingCode.DAMPING_POWER: "D5",
+    FindingCode.ANGLE: "D6",
+    FindingCode.UNLOADED_FORCE: "D7",
+    FindingCode.UNLOADED_POSITION: "D7",
+    FindingCode.FORCE_NOISE: "D8",
+    FindingCode.MARKER_CORRELATION: "D8",
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The figure of a check and its standard error (or None) in `unit`; more: other figures, in SI."""
+
+    code: FindingCode
+    value: float
+    standard_error: float | None
+    unit: str
+    is_alarm: bool
+    more: Figures = field(default_factory=dict)
+
+    @property
+    def check(self) -> str:
+        """D1 to D8."""
+        return _CHECKS[self.code]
+
+    @property
+    def name(self) -> str:
+        return name_of(self.code)
+
+    @property
+    def sentence(self) -> str:
+        error = {} if self.standard_error is None else {"standard_error": self.standard_error}
+        return sentence_of(self.code, {"value": self.value, **error, **self.more})
+
+
+def find_all(
+    pulls: Sequence[FittedPull], stiffness: Estimate | None, bands: Sequence[ComplexStiffness]
+) -> Iterator[Finding]:
+    """D1 to D8 of the used trials of one donning in time order, with its k and its complex stiffness."""
+    static = [fitted for fitted in pulls if fitted.static and fitted.static.plateaus]
+    dynamic = [fitted for fitted in pulls if fitted.dynamic is not None]
+    with_zero = [fitted for fitted in static if _has_zero(fitted)]
+    pairs = [(fitted, _before(fitted, with_zero)) for fitted in dynamic if with_zero]
+    yield from _start_shift(pairs, stiffness)
+    yield from _stiffnesses(dynamic, stiffness)
+    yield from _curvature(static)
+    yield from _harmonics(dynamic)
+    yield from _over_frequency(bands)
+    yield from _angle(static, dynamic)
+    yield from _unloaded(pairs)
+    yield from _noise(dynamic)
+
+
+def _has_zero(static: FittedPull) -> bool:
+    """Whether the first held load is that of the bare hook, which a single load, without others, does not show."""
+    plateaus = _plateaus(static)
+    return len(plateaus) >= MIN_LOADS and is_unloaded(plateaus[0], plateaus)
+
+
+def _before(dynamic: FittedPull, static: Sequence[FittedPull]) -> FittedPull:
+    """The last static trial before the dynamic one, or else the first after it."""
+    earlier = [fitted for fitted in static if fitted.pull.trial.start_utc_ns <= dynamic.pull.trial.start_utc_ns]
+    return earlier[-1] if earlier else static[0]
+
+
+def _start(dynamic: FittedPull, static: Level, stiffness: Estimate | None) -> tuple[Level, bool] | None:
+    """Unloaded level of a dynamic record, and whether it was observed or extrapolated from the swing along k."""
+    seen = start_level(dynamic)
+    if seen is not None:
+        return seen, True
+    if stiffness is None or dynamic.dynamic is None:
+        return None
+    lift = float(KelvinVoigt(stiffness.value).equilibrium(swing_force(dynamic) - static.force))
+    position = float(np.mean(dynamic.dynamic.displacement)) - lift
+    return Level(static.force, static.force_sd, position, abs(lift) * stiffness.standard_error / stiffness.value), False
+
+
+def _start_shift(pairs: Sequence[tuple[FittedPull, FittedPull]], stiffness: Estimate | None) -> Iterator[Finding]:
+    """D1: distance of the start of the dynamic record from the start of the held loads before it."""
+    shifts, errors = [], []
+    for dynamic, static in pairs:
+        zero, end = (held_level(_plateaus(static)[i]) for i in (0, -1))
+        start = _start(dynamic, zero, stiffness)
+        if start is None:
+            continue
+        load = start[0].force - zero.force
+        lift = KelvinVoigt(stiffness.value).equilibrium(load) if stiffness and not start[1] else 0.0
+        shifts.append((start[0].displacement - zero.displacement - lift, end.displacement - zero.displacement))
+        errors.append(math.hypot(start[0].displacement_sd, zero.displacement_sd))
+    if not shifts:
+        return
+    shift, migrated = max(shifts, key=lambda pair: abs(pair[0]))
+    error = max(errors)
+    more = {}
+    if abs(migrated) > SHIFT_LIMIT and abs(shift - migrated) < abs(shift) / 2:
+        more["migrated_m"] = migrated
+    if stiffness is not None and abs(shift) > SHIFT_LIMIT:
+        more["force_n"] = -stiffness.value * shift
+    is_alarm = abs(shift) > max(SHIFT_LIMIT, SIGNIFICANT * error)
+    yield Finding(FindingCode.START, shift, error, "m", is_alarm, more)
+
+
+def _stiffnesses(dynamic: Sequence[FittedPull], static: Estimate | None) -> Iterator[Finding]:
+    found = [
+        fitted.dynamic.stiffness for fitted in dynamic if fitted.dynamic and not fitted.dynamic.uses_static_stiffness
+    ]
+    if static is None or not found:
+        return
+    swinging = float(np.mean([stiffness.value for stiffness in found]))
+    own = math.sqrt(sum(stiffness.standard_error**2 for stiffness in found)) / len(found)
+    spread = (
+        float(np.std([stiffness.value for stiffness in found], ddof=1)) / math.sqrt(len(found))
+        if len(found) > 2
+        else 0.0
+    )
+    ratio = swinging / static.value
+    error = ratio * math.hypot(max(own, spread) / swinging, static.standard_error / static.value)
+    is_alarm = abs(ratio - 1) > max(STIFFNESS_LIMIT, SIGNIFICANT * error)
+    more = {"dynamic_n_per_m": swinging, "static_n_per_m": static.value}
+    yield Finding(FindingCode.STIFFNESS_RATIO, ratio, error, "1", is_alarm, more)
+
+
+def _curvature(static: Sequence[FittedPull]) -> Iterator[Finding]:
+    """D3: distance of the parabola through the held loads from its chord, in the middle of the range."""
+    found = []
+    for fitted in static:
+        x = np.array([plateau.displacement for plateau in _plateaus(fitted)])
+        force = np.array([plateau.force for plateau in _plateaus(fitted)])
+        if len(x) < 4 or np.ptp(x) == 0:
+            continue
+        u = 2 * (x - x.min()) / np.ptp(x) - 1
+        design = np.vander(u, 3)
+        if np.linalg.matrix_rank(design) < 3:
+            continue
+        solved, _, _, _ = np.linalg.lstsq(design, force, rcond=None)
+        variance = float(np.sum((force - design @ solved) ** 2)) / (len(x) - 3)
+        found.append((solved[0], variance * np.linalg.inv(design.T @ design)[0, 0]))
+    if not found:
+        return
+    bend, error = float(np.mean([b for b, _ in found])), math.sqrt(sum(v for _, v in found)) / len(found)
+    is_alarm = abs(bend) > max(CURVATURE_LIMIT, SIGNIFICANT * error)
+    yield Finding(FindingCode.CURVATURE, bend, error, "N", is_alarm)
+
+
+def _harmonics(dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
+    checks = [fitted.dynamic.checks for fitted in dynamic if fitted.dynamic]
+    if not checks:
+        return
+    noise = math.sqrt(float(np.mean([check.harmonic_noise**2 for check in checks])))
+    second, third = np.sqrt(np.mean(np.square([check.harmonics for check in checks]), axis=0)).tolist()
+    largest = max(second, third)
+    more = {"second_n": second, "third_n": third}
+    yield Finding(FindingCode.HARMONICS, largest, noise, "N", largest > HARMONIC_LIMIT * noise, more)
+
+
+def _over_frequency(bands: Sequence[ComplexStiffness]) -> Iterator[Finding]:
+    """D5: exponent of c over frequency: 0 for a damper, −1 for friction. A lag affects all bands equally."""
+    if len(bands) < 2 or bands[-1].frequency < 1.3 * bands[0].frequency:
+        return
+    f, c, sd = np.array([(band.frequency, band.damping.value, band.damping.parts["noise"]) for band in bands]).T
+    centred = np.log(f) - np.average(np.log(f), weights=sd**-2.0)
+    mean, mean_sd = float(np.average(c, weights=sd**-2.0)), float(np.sum(sd**-2.0)) ** -0.5
+    if mean < WELL_KNOWN * mean_sd:
+        return
+    information = float(sd**-2.0 @ centred**2)
+    # A fit of log c would leave out the bands in which noise made c negative.
+    power = float(sd**-2.0 @ (centred * c)) / information / mean
+    scatter = float(np.sum(((c - mean - power * mean * centred) / sd) ** 2)) / max(1, len(c) - 2)
+    error = math.sqrt(max(1.0, scatter)) * math.hypot(information**-0.5, power * mean_sd) / mean
+    is_alarm = abs(power) > max(0.3, SIGNIFICANT * error)
+    more = {"lowest_hz": bands[0].frequency, "highest_hz": bands[-1].frequency}
+    yield Finding(FindingCode.DAMPING_POWER, power, error, "1", is_alarm, more)
+
+
+def _angle(static: Sequence[FittedPull], dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
+    held, swung = _direction(static), _direction(dynamic)
+    if held is None or swung is None:
+        return
+    angle = math.degrees(math.acos(min(1.0, abs(float(held @ swung)))))
+    yield Finding(FindingCode.ANGLE, angle, None, "deg", angle > ANGLE_LIMIT)
+
+
+def _direction(trials: Sequence[FittedPull]) -> NDArray[np.float64] | None:
+    """Unit vector (3,) of the displacement in these trials."""
+    if not trials:
+        return None
+    try:
+        return pull_direction([fitted.pull.trial for fitted in trials], [fitted.pull.motion for fitted in trials])
+    except UnusableTrial:
+        return None
+
+
+def _unloaded(pairs: Sequence[tuple[FittedPull, FittedPull]]) -> Iterator[Finding]:
+    """D7: change from the end of the held loads to the start of the dynamic record, both unloaded."""
+    steps = []
+    for dynamic, static in pairs:
+        start, end = start_level(dynamic), _unloaded_end(static)
+        if start is not None and end is not None:
+            steps.append((start, end))
+    if not steps:
+        return
+    force = max((a.force - b.force for a, b in steps), key=abs)
+    position = max((a.displacement - b.displacement for a, b in steps), key=abs)
+    force_sd = max(math.hypot(a.force_sd, b.force_sd) for a, b in steps)
+    position_sd = max(math.hypot(a.displacement_sd, b.displacement_sd) for a, b in steps)
+    is_alarm = abs(force) > max(ZERO_LIMIT, SIGNIFICANT * force_sd)
+    yield Finding(FindingCode.UNLOADED_FORCE, force, force_sd, "N", is_alarm)
+    is_alarm = abs(position) > max(SHIFT_LIMIT, SIGNIFICANT * position_sd)
+    yield Finding(FindingCode.UNLOADED_POSITION, position, position_sd, "m", is_alarm)
+
+
+def _unloaded_end(static: FittedPull) -> Level | None:
+    plateaus = _plateaus(static)
+    first, last, top = plateaus[0], plateaus[-1], max(plateau.force for plateau in plateaus)
+    if last is not first and abs(last.force - first.force) <= max(0.1 * (top - first.force), 3.0):
+        return held_level(last)
+    return held_level(first)
+
+
+def _noise(dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
+    """D8: fitted force noise of the swing over that of the resting cuff, and correlation of the marker noise."""
+    noises = [noise for noise in (_noises(fitted) for fitted in dynamic) if noise is not None]
+    if noises:
+        swing, rest, swing_dof, rest_dof = np.array(noises).T
+        ratio = math.sqrt(float((swing_dof @ swing**2 / swing_dof.sum()) / (rest_dof @ rest**2 / rest_dof.sum())))
+        error = math.sqrt(1 / (2 * float(swing_dof.sum())) + 1 / (2 * float(rest_dof.sum())))  # of its logarithm
+        # The variance of few samples at rest is skewed: the F distribution, at the probability of 3 standard errors.
+        significant = math.sqrt(scipy.special.fdtri(swing_dof.sum(), rest_dof.sum(), scipy.special.ndtr(SIGNIFICANT)))
+        is_alarm = ratio > max(NOISE_LIMIT, significant)
+        yield Finding(FindingCode.FORCE_NOISE, ratio, ratio * error, "1", is_alarm)
+    correlations = [fitted.dynamic.checks.marker_correlation for fitted in dynamic if fitted.dynamic]
+    if correlations:
+        coloured = any(fitted.dynamic.checks.is_coloured for fitted in dynamic if fitted.dynamic)
+        more = {"white_noise": 0.0} if coloured else {}
+        yield Finding(FindingCode.MARKER_CORRELATION, max(correlations), None, "1", coloured, more)
+
+
+def _noises(fitted: FittedPull) -> tuple[float, float, float, float] | None:
+    """Standard deviation of the force noise in the swing and at rest [N], each with its degrees of freedom."""
+    if fitted.dynamic is None or start_level(fitted) is None:
+        return None
+    pull = fitted.pull
+    quiet = pull.force_time <= pull.force_time[0] + 1.0
+    together = max(1, round(float(np.median(np.diff(fitted.dynamic.time)) / np.median(np.diff(pull.force_time)))))
+    whole = pull.force[quiet][: np.count_nonzero(quiet) // together * together].reshape(-1, together).mean(axis=1)
+    if len(whole) < 3 or np.ptp(whole) == 0:
+        return None
+    rest = float(np.std(np.diff(whole))) / math.sqrt(2)
+    # The variance from differences of n white samples has the relative variance 3/n (von Neumann 1941).
+    return fitted.dynamic.force_noise, rest, float(len(fitted.dynamic.time)), len(whole) / 1.5
+
+
+def _plateaus(fitted: FittedPull) -> Sequence[Plateau]:
+    if fitted.static is None:
+        raise ValueError("a dynamic trial has no held loads")
+    return fitted.static.plateaus
+
+
+LEAD_IN = 1.0
+STEADY = 1.0
+"""N within which the quarters of the lead-in must agree, beside their noise."""
+SWAY = 0.02e-3
+"""m, standard error of a position beside its noise: residual of the sway correction for a slowly moving body."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Mean force [N] and displacement [m] of an unloaded stretch, with standard errors."""
+
+    force: float
+    force_sd: float
+    displacement: float
+    displacement_sd: float
+
+
+def start_level(fitted: FittedPull) -> Level | None:
+    """The first second of a dynamic record if it is steady and below the swing, otherwise None."""
+    fit = fitted.dynamic
+    if fit is None:
+        return None
+    pull = fitted.pull
+    in_force = pull.force_time <= pull.force_time[0] + LEAD_IN
+    in_frames = (pull.marker_time <= pull.force_time[0] + LEAD_IN) & np.isfinite(pull.displacement)
+    if np.count_nonzero(in_force) < 8 or np.count_nonzero(in_frames) < 20:
+        return None
+    force, displacement = pull.force[in_force], pull.displacement[in_frames]
+    quarters = [float(part.mean()) for part in np.array_split(force, 4)]
+    noise = float(np.std(force)) / math.sqrt(len(force) / 4)
+    below = swing_force(fitted) - 0.8 * fit.oscillation.amplitude
+    if max(quarters) - min(quarters) > STEADY + 4 * noise or np.mean(force) > below:
+        return None
+    return Level(*_mean(force), *_mean(displacement, SWAY))
+
+
+def held_level(plateau: Plateau) -> Level:
+    """A held load as a level."""
+    displacement_sd = math.hypot(plateau.displacement_sd, SWAY, plateau.unsettled)
+    return Level(plateau.force, plateau.force_sd, plateau.displacement, displacement_sd)
+
+
+def swing_force(fitted: FittedPull) -> float:
+    """Mean force [N] of the swing."""
+    if fitted.dynamic is None:
+        raise ValueError("a trial without a fitted swing has no mean force")
+    swing = fitted.dynamic.oscillation
+    pull = fitted.pull
+    inside = (pull.force_time >= swing.start) & (pull.force_time <= swing.end)
+    return float(np.mean(pull.force[inside]))
+
+
+def _mean(values: NDArray[np.float64], floor: float = 0.0) -> tuple[float, float]:
+    return float(np.mean(values)), math.hypot(float(np.std(values)) / math.sqrt(len(values)), floor)
+
 
 TARED_BELOW = 0.5
 """Share of the swing's amplitude: a smaller mean force was removed by a tare."""

@@ -15,7 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.results import EqualByFields
-from fitting.dynamic.cross_checks import Checks, Method, check, disagreements, output_error, without_lag
+from fitting.dynamic.cross_checks import (
+    Checks,
+    ComplexStiffness,
+    Method,
+    check,
+    complex_stiffness,
+    disagreements,
+    output_error,
+    without_lag,
+)
 from fitting.dynamic.errors_in_variables import (
     TAU,
     C,
@@ -27,14 +36,12 @@ from fitting.dynamic.errors_in_variables import (
     estimate,
     lag_from_magnitude,
 )
-from fitting.dynamic.weak_form import ComplexStiffness, complex_stiffness
 from fitting.errors import UnusableTrial
 from fitting.pull.pull import Pull, newest_first
-from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.outcome import FitOutcome, worst
-from fitting.results.rendering import Note
-from fitting.trial.force_quality import REST
-from fitting.trial.oscillation import Oscillation, find_oscillation
+from fitting.results.codes import FitOutcome, RejectionCode, TrialNoteCode, worst
+from fitting.results.sentences import Note
+from fitting.trial.bounce import Oscillation, find_oscillation
+from fitting.trial.timeline import REST
 from fitting.uncertainty import Estimate, Repeat, combine, normal_estimate
 from solver.cuff import KelvinVoigt
 

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
 from fitting.pull.pull import Pull
-from fitting.results.codes import RejectionCode
-from fitting.results.outcome import NEGLIGIBLE, FitOutcome
+from fitting.results.codes import NEGLIGIBLE, FitOutcome, RejectionCode
 from fitting.spline import Spline, linear_combination, regularised, solve_banded
-from fitting.trial.oscillation import Oscillation
+from fitting.trial.bounce import Oscillation
 from fitting.uncertainty import Estimate
 from solver.cuff import KelvinVoigt
 

@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 
 from fitting.pull.plateaus import Plateau, is_unloaded
 from fitting.pull.pull import Pull
+from fitting.trial.bounce import Oscillation
 from fitting.trial.clocks import DECLARED
-from fitting.trial.oscillation import Oscillation
 from solver.cuff import KelvinVoigt
 
 KELVIN_VOIGT = "Kelvin-Voigt"

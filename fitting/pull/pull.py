@@ -19,20 +19,22 @@ from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import (
     CuffMotion,
+    MarkerQuality,
     along,
     angle_between,
     cuff_motion,
     find_other_directions,
+    marker_notes,
+    marker_quality,
     number_directions,
     pull_directions,
     reference_posture,
+    turn_notes,
     turned_notes,
 )
-from fitting.pull.hung_weights import check_steps
-from fitting.pull.plateaus import Plateau, find_plateaus
-from fitting.pull.rigid import MarkerQuality, marker_notes, marker_quality, turn_notes
+from fitting.pull.plateaus import Plateau, check_steps, find_plateaus
 from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.trial.calibration import code_width
 from fitting.trial.trial import Trial
 

@@ -13,8 +13,17 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from documents.plain_data import shortened
-from fitting.results.codes import CauseCode, FindingCode, NoteCode, RejectionCode, TensorCode, TrialNoteCode, Verdict
-from fitting.results.outcome import FitOutcome, Standing
+from fitting.results.codes import (
+    CauseCode,
+    FindingCode,
+    FitOutcome,
+    NoteCode,
+    RejectionCode,
+    Standing,
+    TensorCode,
+    TrialNoteCode,
+    Verdict,
+)
 from recordings.manifest import DataOrigin
 
 FORMAT = 1

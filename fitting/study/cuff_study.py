@@ -15,22 +15,24 @@ Reliability of one measurement: intraclass correlation, standard error of measur
 σ²_error is the sum of all other components and of the known noise: absolute agreement of single measurements.
 
 Agreement of pairs of measurements (Bland and Altman 1999, Stat. Methods Med. Res. 8:135).
+
+The spread between donnings is relative and common to all cuffs.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import combinations
 
 import numpy as np
 import scipy
 
-from fitting.results.outcome import FitOutcome
-from fitting.study.reml import Array
+from fitting.results.codes import FitOutcome
 from fitting.study.variance_components import (
+    Array,
     ComponentOutcome,
     Factor,
     MixedModel,
@@ -466,3 +468,86 @@ def study_factors(measurements: Sequence[Observation]) -> list[Factor]:
     labels[REPEAT] = list(range(len(measurements)))
     labels[OPERATOR] = [measurement.operator for measurement in measurements]
     return [Factor(name, found) for name, found in labels.items()]
+
+
+LEAST_FREEDOM = 3.5
+"""Degrees of freedom below which a spread is not used: 4, less the rounding of their estimate."""
+
+
+class SpreadOutcome(StrEnum):
+    """How the estimate ended.
+
+    ESTIMATED      the spread can be used
+    FEW_DONNINGS   fewer than 4 donnings more than cuffs
+    UNRESOLVED     the noise of the fits hides it: fewer than 4 degrees of freedom, or zero
+    NOT_CONVERGED  the REML iteration did not converge
+    """
+
+    ESTIMATED = "estimated"
+    FEW_DONNINGS = "few_donnings"
+    UNRESOLVED = "unresolved"
+    NOT_CONVERGED = "not_converged"
+
+
+@dataclass(frozen=True)
+class DonningSpreadEstimate:
+    """Standard deviation of the logarithm between donnings with its 95 % profile interval; NaN without an estimate.
+
+    freedom   degrees of freedom of the variance: at most donnings less cuffs, fewer with noisy fits
+    donnings  of cuffs that were donned more than once;  cuffs: of a volunteer each
+    """
+
+    outcome: SpreadOutcome
+    donnings: int
+    cuffs: int
+    spread: float = math.nan
+    ci95: tuple[float, float] = (math.nan, math.nan)
+    freedom: float = math.nan
+
+
+def estimate_donning_spread(measurements: Sequence[Observation]) -> DonningSpreadEstimate:
+    """REML on logarithms, with a mean for every cuff of every volunteer, and the noise of the fits as known.
+
+    Values that are not positive are left out. Of a single repeat in each donning, the spread includes that of repeats.
+    """
+    logarithms = [_logarithm(one) for one in measurements if one.value > 0]
+    kept = [one for one in logarithms if len(_donnings(logarithms, one)) > 1]
+    groups = Factor("cuff", [f"{one.volunteer} {one.cuff}" for one in kept])
+    donnings = Factor(DONNING, [one.donning_key for one in kept])
+    counted = DonningSpreadEstimate(SpreadOutcome.FEW_DONNINGS, donnings.levels, groups.levels)
+    if donnings.levels - groups.levels < LEAST_FREEDOM:
+        return counted
+    try:
+        model = fit_components(
+            values_of(kept), [donnings, Factor(REPEAT, range(len(kept)))], known_covariance(kept), groups.incidence()
+        )
+    except TooFewObservations:
+        return counted
+    if model.outcome is not FitOutcome.CONVERGED:
+        return replace(counted, outcome=SpreadOutcome.NOT_CONVERGED)
+    return _estimate(model, counted)
+
+
+def _estimate(model: MixedModel, counted: DonningSpreadEstimate) -> DonningSpreadEstimate:
+    component = model.components[DONNING]
+    freedom = 0.0
+    if component.variance > 0:
+        place = [found.name for found in model.estimated].index(DONNING)
+        variance = float(model.theta_covariance()[place, place])
+        freedom = min(2 * component.variance**2 / variance, counted.donnings - counted.cuffs)
+    low, high = np.sqrt(np.maximum(component.ci95, 0.0)).tolist()
+    return replace(
+        counted,
+        outcome=SpreadOutcome.ESTIMATED if freedom >= LEAST_FREEDOM else SpreadOutcome.UNRESOLVED,
+        spread=math.sqrt(component.variance),
+        ci95=(low, high),
+        freedom=freedom,
+    )
+
+
+def _logarithm(one: Observation) -> Observation:
+    return replace(one, value=math.log(one.value), noise=one.noise / one.value, shared=one.shared / one.value)
+
+
+def _donnings(measurements: Sequence[Observation], of: Observation) -> set[str]:
+    return {one.donning_key for one in measurements if (one.volunteer, one.cuff) == (of.volunteer, of.cuff)}

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from documents.validation import NonNegative
-from fitting.study.reml import Array
+from fitting.study.variance_components import Array
 
 
 @dataclass(frozen=True)

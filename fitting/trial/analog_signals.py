@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.rendering import Figures, Note
-from fitting.trial.clocks import HOST_ALIGNMENT_SD, arrival_offset
-from fitting.trial.sync_line import find_edges
+from fitting.results.sentences import Figures, Note
+from fitting.trial.clocks import HOST_ALIGNMENT_SD, arrival_offset, find_edges
 from fitting.trial.timeline import Timeline
 from recordings.manifest import EmgAmplifier, Manifest
 from recordings.reader import Track

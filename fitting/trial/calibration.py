@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.results.codes import GainMistake
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin, LoadCell
 from recordings.standard_gravity import g

@@ -18,7 +18,7 @@ from documents.plain_data import parse_json
 from documents.regular_file import read_regular
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, NoteCode
-from fitting.results.rendering import Figures, Note
+from fitting.results.sentences import Figures, Note
 from fitting.trial.calibration import code_width, level_bias
 from recordings.standard_gravity import g
 

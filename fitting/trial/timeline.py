@@ -1,4 +1,7 @@
-"""Align the streams of one recording: force in newtons and markers in metres over session time."""
+"""Align the streams of one recording: force in newtons and markers in metres over session time.
+
+With the quality of the force (invalid and lost samples, drift of the zero) and the uncertainty of the common time:
+offset and ratio of the clocks, and the resulting errors in N and m."""
 
 from __future__ import annotations
 
@@ -12,31 +15,108 @@ from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.rendering import Figures, Note
+from fitting.results.sentences import Figures, Note
 from fitting.trial.calibration import code_width, full_scale, to_newtons
-from fitting.trial.clock_fit import (
+from fitting.trial.clocks import (
+    DRIFT_PRIOR_SD,
+    HOST_ALIGNMENT_SD,
+    HOST_TOLERANCE,
     ClockFit,
+    LagUncertainty,
+    SyncEdges,
+    SyncErrors,
+    arrival_offset,
+    capture_frames,
     early_edge,
     early_notes,
+    find_edges,
+    find_fall,
     fit_clock,
     stop_contradiction,
     stop_notes,
     stop_window,
 )
-from fitting.trial.clocks import (
-    DRIFT_PRIOR_SD,
-    HOST_ALIGNMENT_SD,
-    HOST_TOLERANCE,
-    LagUncertainty,
-    SyncEdges,
-    arrival_offset,
-    capture_frames,
-)
-from fitting.trial.force_quality import loss_notes, require_labels, require_sound_force
-from fitting.trial.sync_line import find_edges, find_fall
+from fitting.trial.decimation import highest_rate, motion_of
 from recordings.manifest import Manifest
 from recordings.reader import Track
 from recordings.samples import Stream
+
+REST = 1.0
+"""Seconds at both ends of a trial in which the force may be at rest."""
+ZERO_DRIFT, ZERO_DRIFT_PART = 0.5, 0.02
+"""Drift of the zero without a note: the larger of newtons and part of the trial's range."""
+
+
+def damage_figures(damage: tuple[str, ...]) -> Figures:
+    """Figures of the codes DAMAGED. Damage is the only note on a damaged file, or the only reason to reject it."""
+    more: Figures = {"more": len(damage) - 1} if len(damage) > 1 else {}
+    return {"damage": damage[0], **more}
+
+
+def require_labels(wanted: tuple[str, ...], present: tuple[str, ...]) -> None:
+    """Raise UnusableTrial with the names of the wanted markers that the recording lacks."""
+    missing = [label for label in wanted if label not in present]
+    if missing:
+        figures = {"missing": ", ".join(missing), "present": ", ".join(present) or "none"}
+        raise UnusableTrial(RejectionCode.MISSING_MARKERS, figures)
+
+
+def require_sound_force(values: NDArray[np.float64], limit: float, unit: str = "V") -> None:
+    """Raise UnusableTrial for invalid, saturated or constant force samples (n,), in the device's unit.
+
+    limit is the largest valid reading, inf if unknown.
+    """
+    total = len(values)
+    broken = int(np.count_nonzero(~np.isfinite(values)))
+    if broken:
+        raise UnusableTrial(RejectionCode.FORCE_NOT_FINITE, {"count": broken, "total": total})
+    saturated = int(np.count_nonzero(np.abs(values) >= 0.99 * limit))
+    if saturated > 3:  # one or two samples at full scale are an electrical spike, not a load
+        figures: Figures = {"count": saturated, "total": total, "limit": limit, "unit": unit}
+        raise UnusableTrial(RejectionCode.FORCE_SATURATED, figures)
+    if total and np.all(values == values[0]):
+        raise UnusableTrial(RejectionCode.FORCE_CONSTANT, {"value": float(values[0]), "total": total})
+
+
+def loss_notes(
+    force_gaps: tuple[tuple[float, float], ...], frame_gaps: tuple[tuple[float, float], ...]
+) -> tuple[Note, ...]:
+    """A note for each stream that lost samples: gaps are (start, end) [s]."""
+    notes = []
+    for code, gaps in ((TrialNoteCode.FORCE_LOST, force_gaps), (TrialNoteCode.FRAMES_LOST, frame_gaps)):
+        if gaps:
+            lost = [end - start for start, end in gaps]
+            notes.append(Note(code, {"count": len(gaps), "total_s": sum(lost), "longest_s": max(lost)}))
+    return tuple(notes)
+
+
+def zero_drift(time: NDArray[np.float64], force: NDArray[np.float64]) -> float | None:
+    """Force (n,) [N] at rest at the end of a trial minus that at its start; None without unloaded rest at both.
+
+    The force is at rest if the halves of a second differ by less than 2 % of its range, in the lowest quarter of it.
+    """
+    ends = [force[time < time[0] + REST], force[time > time[-1] - REST]]
+    halves = [[float(np.mean(half)) for half in np.array_split(end, 2)] for end in ends if len(end) >= 2]
+    low, high = float(force.min()), float(force.max())
+    is_rest = [max(pair) < low + (high - low) / 4 and abs(pair[1] - pair[0]) < (high - low) / 50 for pair in halves]
+    if len(is_rest) < 2 or not all(is_rest):
+        return None
+    return sum(halves[1]) / 2 - sum(halves[0]) / 2
+
+
+def require_steady_zero(drift: float | None, limit: float) -> None:
+    """Raise UnusableTrial if the drift of the zero [N] exceeds the limit [N]."""
+    if drift is not None and abs(drift) > limit:
+        raise UnusableTrial(RejectionCode.ZERO_DRIFT, {"drift_n": drift, "limit_n": limit})
+
+
+def zero_notes(drift: float | None, span: float) -> tuple[Note, ...]:
+    """A note if the drift of the zero [N] is large for a force with this range [N]."""
+    limit = max(ZERO_DRIFT, ZERO_DRIFT_PART * span)
+    if drift is None or abs(drift) <= limit:
+        return ()
+    return (Note(TrialNoteCode.ZERO_DRIFT, {"drift_n": drift, "limit_n": limit}),)
+
 
 MILLIMETRE = 1e-3
 SHORTEST = 1.0
@@ -307,3 +387,105 @@ def _gaps(numbers: NDArray[np.int64], time: NDArray[np.float64], end: float) -> 
 def _full_scale(manifest: Manifest, stream: Stream) -> float:
     range_v = manifest.load_cell.range_v if stream.unit == "V" else math.inf
     return full_scale(manifest.load_cell, range_v)
+
+
+@dataclass(frozen=True)
+class SyncCertificate:
+    """Uncertainty of the time from the recorded sync line. Standard uncertainties unless stated otherwise.
+
+    offset, offset_sd  [s] of the DAQ's clock when the capture began
+    drift, drift_sd    DAQ seconds per mocap second, minus 1; assumed if there is only one edge
+    drift_ci95         its 95 % interval; None with only one edge
+    is_identified      whether the edges alone determine the drift
+    has_both_edges     whether the stop edge was used
+    contradiction      [s] by which the stop edge contradicts the number of frames; included in the lag's uncertainty
+    force_rate, speed  [N/s], [m/s] highest rates of the trial
+    errors             largest error of the time, and errors of force and displacement at these rates
+    findings           irregularities of the line
+    """
+
+    offset: float
+    offset_sd: float
+    drift: float
+    drift_sd: float
+    drift_ci95: tuple[float, float] | None
+    is_identified: bool
+    has_both_edges: bool
+    contradiction: float
+    force_rate: float
+    speed: float
+    errors: SyncErrors
+    findings: tuple[Note, ...] = ()
+
+    @property
+    def summary(self) -> Note:
+        """Offset, clock ratio and their uncertainty; its text is one line."""
+        figures = {
+            "offset_of_both_edges_s" if self.has_both_edges else "offset_of_start_edge_s": self.offset,
+            "offset_sd_s": self.offset_sd,
+            "time_sd_s": self.errors.time,
+            "force_sd_n": self.errors.force,
+            "force_rate_n_per_s": self.force_rate,
+            "displacement_sd_m": self.errors.displacement,
+            "speed_m_per_s": self.speed,
+        }
+        if self.drift_ci95 is None:
+            figures |= {"assumed_drift": self.drift, "drift_sd": self.drift_sd}
+        elif self.is_identified:
+            figures |= {"drift": self.drift, "low": self.drift_ci95[0], "high": self.drift_ci95[1]}
+        else:
+            figures |= {"lowest_drift": self.drift_ci95[0], "highest_drift": self.drift_ci95[1]}
+        return Note(TrialNoteCode.SYNC_CERTIFICATE, figures)
+
+    def to_plain(self) -> dict[str, object]:
+        """As JSON."""
+        return {
+            "has_both_edges": self.has_both_edges,
+            "offset_s": self.offset,
+            "offset_standard_error_s": self.offset_sd,
+            "clock_ratio_ppm": 1e6 * self.drift,
+            "clock_ratio_standard_error_ppm": 1e6 * self.drift_sd,
+            "clock_ratio_ci95_ppm": None if self.drift_ci95 is None else [1e6 * end for end in self.drift_ci95],
+            "clock_ratio_is_identified": self.is_identified,
+            "stop_edge_contradiction_s": self.contradiction,
+            "peak_force_rate_n_per_s": self.force_rate,
+            "peak_speed_m_per_s": self.speed,
+            "time_standard_error_s": self.errors.time,
+            "force_standard_error_n": self.errors.force,
+            "displacement_standard_error_m": self.errors.displacement,
+            "findings": list(map(str, self.findings)),
+            "finding_codes": [note.to_plain() for note in self.findings],
+        }
+
+
+def certify(manifest: Manifest, decimated: Mapping[str, Track]) -> SyncCertificate | None:
+    """Sync certificate from decimated tracks (decimation.py); None without a sync line. Raises UnusableTrial."""
+    if not manifest.begins_at_edge:
+        return None
+    motion = motion_of(manifest)
+    if "/markers" in decimated:
+        require_labels((*motion.anchor, *motion.pulled), decimated["/markers"].stream.labels)
+    aligned = align_by_sync_edge(manifest, decimated)
+    force, frames = decimated["/force"], aligned.frames
+    frame_time = aligned.first_frame + frames.seconds - frames.seconds[0]
+    duration = float(min(aligned.force_time[-1], frame_time[-1]))
+    worst = max(aligned.clock.errors(duration, 0.0, 0.0).time, aligned.edge_sd)  # edge_sd includes a contradiction
+    inside, seen = (aligned.force_time >= 0) & (aligned.force_time <= duration), frame_time <= duration
+    numbers = force.sample_numbers[inside].astype(np.int64)
+    volts_rate = highest_rate(numbers, force.values[inside], force.stream.rate_hz)
+    force_rate = manifest.load_cell.newtons_per_unit * volts_rate
+    speed = MILLIMETRE * highest_rate(frames.numbers[seen], frames.values[seen], frames.stream.rate_hz)
+    return SyncCertificate(
+        offset=aligned.clock.start,
+        offset_sd=aligned.clock.time_sd(0.0),
+        drift=aligned.clock.ratio - 1,
+        drift_sd=math.sqrt(float(aligned.clock.covariance[1, 1])),
+        drift_ci95=aligned.clock.drift_ci95,
+        is_identified=aligned.clock.is_identified,
+        has_both_edges=aligned.clock.has_both_edges,
+        contradiction=aligned.stop_contradiction,
+        force_rate=force_rate,
+        speed=speed,
+        errors=SyncErrors(worst, worst * force_rate, worst * speed),
+        findings=aligned.sync_findings,
+    )

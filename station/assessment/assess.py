@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from fitting.cuffs.wearable_cuff import Cuff
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
 from solver.model import Model

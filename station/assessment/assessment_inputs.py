@@ -29,7 +29,7 @@ from documents.validation import describe_error
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, Cuff, NotIdentified, with_interval_covariance
 from fitting.laws.model_class import SLIP
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from solver.cuff import CuffParameters, by_site
 from solver.errors import MotionError
 from solver.model import Model, ModelError, with_point_mass

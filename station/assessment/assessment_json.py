@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from fitting.uncertainty import Estimate
 from solver.suit.assessment import Assessment, EffortCurve
 from solver.suit.quantity import Quantity

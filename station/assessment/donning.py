@@ -12,8 +12,7 @@ import numpy as np
 
 from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
-from fitting.study.cuff_study import Observation
-from fitting.study.donning_spread import DonningSpreadEstimate, SpreadOutcome, estimate_donning_spread
+from fitting.study.cuff_study import DonningSpreadEstimate, Observation, SpreadOutcome, estimate_donning_spread
 from solver.uncertainty.sources import DonningSpread
 from station.assessment.assessment_json import known
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry

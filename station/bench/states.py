@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fitting.trial.sync_line import BOUNCE
+from fitting.trial.clocks import BOUNCE
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.stream_watchdog import SHORT_S, SILENCE_TIMEOUT_S
 from station.bench.sync_line import LATENESS_S, PRE_ROLL_S, Edge, FallingEdges, PreRoll, wrong_polarity

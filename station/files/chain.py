@@ -15,7 +15,7 @@ from typing import Any
 
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from recordings.errors import RecordingError
 from recordings.reader import survey_file
 from station.assessment.assessment_json import ASSESSMENT_FILE

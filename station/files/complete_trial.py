@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
 from fitting.trial import clocks
-from fitting.trial.sync_line import find_edges
+from fitting.trial.clocks import find_edges
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import Manifest
 from recordings.reader import Recording, Track, open_recording

@@ -19,10 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
-from fitting.pull.cuff_motion import cuff_motion, pull_direction, reference_posture
-from fitting.pull.rigid import fit_pose
-from fitting.trial.trial import Trial
-from fitting.trial.trial_reader import read_trial
+from fitting.pull.cuff_motion import cuff_motion, fit_pose, pull_direction, reference_posture
+from fitting.trial.trial import Trial, read_trial
 from recordings.manifest import DataOrigin
 from solver.time_series_table import write_table
 from station.files.synchronised import ExportRefused, SynchronisedRecording

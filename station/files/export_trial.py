@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.trial.analog_signals import AnalogSignals, nearest_samples
-from fitting.wearer.arm_cycles import elevation_of, find_cycles
+from fitting.wearer.wearer_trial import elevation_of, find_cycles
 from recordings.contents import contents_of
 from recordings.errors import RecordingError
 from recordings.exchange.qtm_tsv import write_qtm_tsv

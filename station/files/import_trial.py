@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from documents.regular_file import replace_file
 from fitting.errors import UnusableTrial
-from fitting.trial.sync_line import find_edges
-from fitting.trial.trial_reader import read_trials
+from fitting.trial.clocks import find_edges
+from fitting.trial.trial import read_trials
 from recordings.errors import RecordingError
 from recordings.exchange.sample_tables import MarkerTable, count_samples, unit_of_times
 from recordings.manifest import LoadCell, Manifest, TrialOutcome

@@ -12,9 +12,9 @@ from typing import Any
 from rich.console import Console
 
 from fitting.errors import UnusableTrial
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from fitting.trial.decimation import Decimator
-from fitting.trial.sync_certificate import SyncCertificate, certify
+from fitting.trial.timeline import SyncCertificate, certify
 from recordings.contents import Contents, summarise
 from recordings.manifest import DataOrigin, LoadCell, Manifest
 from recordings.reader import survey_file

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.trial.analog_signals import VOLTS
-from fitting.wearer.arm_cycles import CycleDetector, elevation_of
+from fitting.wearer.wearer_trial import CycleDetector, elevation_of
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell
 from recordings.samples import Samples, Stream
 from recordings.topics import EMG, FORCE, MARKERS

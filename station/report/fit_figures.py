@@ -8,10 +8,9 @@ import numpy as np
 import scipy
 
 from documents.interval import plus_minus
-from fitting.cuffs.cuff_fit import CuffFit
-from fitting.cuffs.trial_fit import TrialFit
+from fitting.cuffs.cuff_fit import CuffFit, TrialFit
 from fitting.cuffs.wearable_cuff import QUANTITIES
-from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.diagnosis.identification import FittedPull
 from fitting.dynamic.damping import DampingFit
 from fitting.uncertainty import NORMAL_95, Estimate
 from station.charts.marks import (

@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from documents.interval import UNBROKEN, between, bracketed, plus_minus, rounded
 from fitting.cuffs.cuffs_file import CUFFS_FILE
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.report.pictures import Picture
 from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source

@@ -21,10 +21,9 @@ from pydantic import TypeAdapter, ValidationError
 from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json, read_cuffs
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE

@@ -12,9 +12,8 @@ from typing import Any
 
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_file import CUFFS_FILE
-from fitting.cuffs.cuffs_json import cuffs_json
-from fitting.results.outcome import Standing
+from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json
+from fitting.results.codes import Standing
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.assessment_json import ASSESSMENT_FILE

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from recordings.errors import RecordingError
 from recordings.reader import TrackCollector, open_recording
 from station.checksums import standing_of

@@ -14,7 +14,7 @@ from documents.plain_data import PlainDataError
 from documents.regular_file import read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.errors import FitError
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from station.checksums import Checksums
 from station.errors import StationError
 from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link, verify_folder

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import bracketed, digits_of, rounded
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit
-from fitting.cuffs.trial_fit import SLIPPED, TrialFit, find_outliers, has_slipped
-from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.cuffs.cuff_fit import SLIPPED, CuffFit, SessionFit, TrialFit, find_outliers, has_slipped
+from fitting.diagnosis.identification import FittedPull
 from fitting.errors import UnusableTrial
 from fitting.results.codes import EXPLAINED_BY, NoteCode, RejectionCode, Verdict
-from fitting.results.rendering import Note, sentence_of
+from fitting.results.sentences import Note, sentence_of
 from fitting.trial.bounce import BounceTrial, fit_bounce
-from fitting.trial.force_quality import zero_notes
+from fitting.trial.timeline import zero_notes
 from fitting.trial.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fitting.results.codes import EXPLAINED_BY, NoteCode, TrialNoteCode, Verdict
-from fitting.results.rendering import Note, verdict_sentences
+from fitting.results.sentences import Note, verdict_sentences
 from station.journal_lines import Choice
 from station.messages.codes import ReasonCode
 from station.messages.message import Message

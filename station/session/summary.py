@@ -20,7 +20,7 @@ from station.recordings_of_session import motions_in
 if TYPE_CHECKING:
     from fitting.cuffs.cuff_fit import CuffFit, SessionFit
     from fitting.cuffs.wearable_cuff import Cuff
-    from fitting.trial.trial_reader import TrialReading
+    from fitting.trial.trial import TrialReading
     from station.assessment.assess import AssessedSuit
 
 Options = Mapping[str, Any]

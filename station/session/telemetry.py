@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.trial.analog_signals import VOLTS
-from fitting.wearer.arm_cycles import elevation_of
+from fitting.wearer.wearer_trial import elevation_of
 from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from recordings.topics import EMG

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fitting.wearer.arm_cycles import CycleDetector
+from fitting.wearer.wearer_trial import CycleDetector
 from recordings.manifest import TrialCondition
 from station.body_config import BodySection
 from station.messages.codes import CueCode

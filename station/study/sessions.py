@@ -10,7 +10,7 @@ from pathlib import Path
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, TrialEntry
-from fitting.results.rendering import verdict_text
+from fitting.results.sentences import verdict_text
 from fitting.study.cuff_study import Observation
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of

@@ -30,7 +30,7 @@ def fit(
     """Fit stiffness, damping and migration of every cuff in a session, with their uncertainty."""
     from rich.console import Console
 
-    from fitting.cuffs.cuffs_json import cuffs_json
+    from fitting.cuffs.cuffs_file import cuffs_json
     from station.checksums import changed_files
     from station.fit import fit_session_folder
     from station.journal_lines import JOURNAL_FILE

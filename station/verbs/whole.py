@@ -189,7 +189,7 @@ def report(
 
     from rich.console import Console
 
-    from fitting.results.outcome import Standing
+    from fitting.results.codes import Standing
     from station.files.chain import chain_of
     from station.messages.message import Message
     from station.messages.setup_messages import FolderCode

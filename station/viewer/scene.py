@@ -14,11 +14,11 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from documents.plain_data import read_json
-from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.diagnosis.identification import FittedPull
 from fitting.errors import UnusableTrial
 from fitting.session import fit_session
 from fitting.trial.analog_signals import AnalogSignals
-from fitting.trial.trial_reader import read_trial
+from fitting.trial.trial import read_trial
 from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.reader import read_manifest
 from solver.bundled import bundled_model

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from fitting.dynamic.errors_in_variables import Swing
-from fitting.pull.cuff_motion import CuffMotion
+from fitting.pull.cuff_motion import CuffMotion, MarkerQuality
 from fitting.pull.pull import Pull
-from fitting.pull.rigid import MarkerQuality
 from fitting.trial.clocks import LagUncertainty
 from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite

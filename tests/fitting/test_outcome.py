@@ -13,11 +13,9 @@ from fitting.dynamic.cross_checks import output_error
 from fitting.dynamic.errors_in_variables import estimate
 from fitting.errors import NotConverged
 from fitting.pull.pull import Pull, make_pulls
-from fitting.results.codes import RejectionCode, TrialNoteCode, Verdict
-from fitting.results.outcome import FitOutcome, worst
+from fitting.results.codes import FitOutcome, RejectionCode, TrialNoteCode, Verdict, worst
 from fitting.session import fit_session
-from fitting.spatial.tensor import NoTensor
-from fitting.spatial.tensors import held_tensor, swung_tensor
+from fitting.spatial.tensors import NoTensor, held_tensor, swung_tensor
 from fitting.trial.bounce import BounceTrial, calibrate, fit_bounce
 from fitting.trial.trial import Trial, build_bounce, build_trial
 from tests.fitting.bouncing import Bounce
@@ -92,7 +90,9 @@ def test_damping_is_not_identified_if_output_error_did_not_converge_with_coloure
     assert _fit().verdicts == (Verdict.DAMPING_NOT_CONVERGED,)
 
 
-@pytest.mark.parametrize("module", ["fitting.static.stiffness", "fitting.static.tangent", "fitting.static.creep"])
+@pytest.mark.parametrize(
+    "module", ["fitting.static.stiffness", "fitting.static.stiffness", "fitting.static.held_loads"]
+)
 def test_a_stiffness_whose_fit_did_not_converge_is_not_identified(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(f"{module}.MAX_ROUNDS", 1)
     fit = _fit()

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from fitting.errors import UnusableTrial
+from fitting.pull.cuff_motion import MarkerQuality, marker_notes, marker_quality
 from fitting.pull.pull import require_live_force, require_plausible_displacement
-from fitting.pull.rigid import MarkerQuality, marker_notes, marker_quality
 from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.session import find_rejection
-from fitting.trial.force_quality import require_steady_zero, zero_drift, zero_notes
-from fitting.trial.trial import RejectedTrial, Trial, build_bounce, build_trial
-from fitting.trial.trial_reader import TrialReading
+from fitting.trial.timeline import require_steady_zero, zero_drift, zero_notes
+from fitting.trial.trial import RejectedTrial, Trial, TrialReading, build_bounce, build_trial
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounce
 from tests.fitting.experiment import Session, published

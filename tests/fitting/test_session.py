@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.results.codes import EXPLAINED_BY, NoteCode, RejectionCode, TrialNoteCode, Verdict
-from fitting.results.rendering import Note, sentence_of
+from fitting.results.sentences import Note, sentence_of
 from fitting.session import fit_session
 from fitting.trial.bounce import calibrate
 from fitting.trial.trial import RejectedTrial, Trial, build_bounce, build_trial, calibrated

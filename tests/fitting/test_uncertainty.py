@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from fitting import uncertainty
-from fitting.results.outcome import FitOutcome
+from fitting.results.codes import FitOutcome
 from fitting.uncertainty import (
     NORMAL_95,
     Estimate,

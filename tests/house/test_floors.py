@@ -28,10 +28,10 @@ def test_imports_keep_the_contracts() -> None:
 
 
 def test_a_file_is_short_and_named_by_its_noun() -> None:
-    """A file has usually 150 to 500 lines (CONTRIBUTING): one noun with the functions that only it uses. A lower limit
-    would split a noun over files that no other file imports.
+    """A file has usually 150 to 500 lines (CONTRIBUTING), at most 600: one noun with the functions that only it uses. A
+    lower limit would split a noun over files that no other file imports.
     """
-    assert {name_of(path) for path in SOURCES if text_of(path).count("\n") > 500} == set()
+    assert {name_of(path) for path in SOURCES if text_of(path).count("\n") > 600} == set()
     assert {name_of(path) for path in SOURCES if path.stem in DRAWERS} == set()
     long = [
         f"{name_of(path)}: {node.name}"

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.errors import DeviceUnavailable
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from station import demo

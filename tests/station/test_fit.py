@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from recordings.manifest import TrialOutcome

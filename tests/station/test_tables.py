@@ -10,13 +10,11 @@ import pytest
 from rich.console import Console
 
 from documents.interval import UNBROKEN
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit
-from fitting.cuffs.trial_fit import TrialFit
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit, TrialFit
 from fitting.cuffs.wearable_cuff import Cuff
 from fitting.results.codes import NoteCode, TensorCode, TrialNoteCode, Verdict
-from fitting.results.rendering import Note
-from fitting.spatial.tensor import Tensor
-from fitting.spatial.tensors import Tensors
+from fitting.results.sentences import Note
+from fitting.spatial.tensors import Tensor, Tensors
 from fitting.uncertainty import Estimate
 from solver.suit.assessment import UncertaintySummary
 from solver.suit.decision import DecisionRule

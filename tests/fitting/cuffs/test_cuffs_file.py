@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
-from fitting.cuffs.cuffs_file import read_cuffs
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json, read_cuffs
 from fitting.cuffs.wearable_cuff import covariance_of
 from fitting.results.codes import FitErrorCode, RejectionCode, Verdict
-from fitting.results.rendering import Note, sentence_of
+from fitting.results.sentences import Note, sentence_of
 from fitting.trial.trial import RejectedTrial
 from fitting.uncertainty import Estimate
 from tests.refusals import raises_refusal

@@ -9,9 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit, TrialFit, find_outliers, has_slipped
 from fitting.cuffs.published_method import PublishedFit, plain_published, published_fits
-from fitting.cuffs.trial_fit import TrialFit, find_outliers, has_slipped
 from fitting.cuffs.wearable_cuff import bushing_force
 from fitting.results.codes import FitErrorCode, NoteCode, Verdict
 from fitting.session import fit_session

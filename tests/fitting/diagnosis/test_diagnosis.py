@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
-from fitting.diagnosis.causes import Diagnosis, causes_of
-from fitting.diagnosis.findings import Finding
+from fitting.diagnosis.causes import Diagnosis, Finding, causes_of
 from fitting.laws.model_class import ClassScore, ModelComparison
 from fitting.results.codes import CauseCode, FindingCode, NoteCode, TrialNoteCode, Verdict
 from fitting.session import fit_session

@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.dynamic.cross_checks import Checks, check, disagreements, output_error, without_lag
+from fitting.dynamic.cross_checks import (
+    Checks,
+    check,
+    complex_stiffness,
+    disagreements,
+    fit_lines,
+    output_error,
+    tapered_lines,
+    without_lag,
+)
 from fitting.dynamic.errors_in_variables import C, K, Solution, Swing, estimate
-from fitting.dynamic.weak_form import complex_stiffness, fit_lines, tapered_lines
-from fitting.results.codes import TrialNoteCode
-from fitting.results.outcome import FitOutcome
+from fitting.results.codes import FitOutcome, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published

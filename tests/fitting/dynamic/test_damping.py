@@ -15,8 +15,8 @@ from fitting.dynamic.errors_in_variables import LagPosterior, Solution, estimate
 from fitting.pull.pull import Pull
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
+from fitting.trial.bounce import Oscillation, find_oscillation
 from fitting.trial.clocks import LagUncertainty
-from fitting.trial.oscillation import Oscillation, find_oscillation
 from fitting.trial.trial import Trial, build_trial
 from fitting.uncertainty import normal_estimate
 from recordings.manifest import CuffSite

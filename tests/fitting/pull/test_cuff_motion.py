@@ -9,10 +9,9 @@ import pytest
 from scipy.signal import lfilter
 
 from fitting.errors import UnusableTrial
-from fitting.pull.cuff_motion import along, cuff_motion, pull_direction, reference_posture
+from fitting.pull.cuff_motion import along, cuff_motion, loose_marker, pull_direction, reference_posture, turn_notes
 from fitting.pull.plateaus import BATCH, find_plateaus, slow_noise
 from fitting.pull.pull import require_live_markers
-from fitting.pull.rigid import loose_marker, turn_notes
 from fitting.results.codes import CauseCode, RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.clocks import LagUncertainty

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.pull.hung_weights import check_steps, load_scale
-from fitting.pull.plateaus import Plateau, find_plateaus, find_steps
+from fitting.pull.plateaus import Plateau, check_steps, find_plateaus, find_steps, load_scale
 from fitting.pull.pull import make_pulls
 from fitting.results.codes import GainMistake, RejectionCode, TrialNoteCode
 from fitting.trial.trial import Trial, build_trial

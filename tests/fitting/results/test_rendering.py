@@ -7,8 +7,7 @@ import re
 import pytest
 
 from fitting.results.codes import CauseCode, FindingCode, GainMistake, TrialNoteCode, Verdict
-from fitting.results.rendering import Figures, fields_of, name_of, sentence_of
-from fitting.results.sentences import SENTENCES
+from fitting.results.sentences import SENTENCES, Figures, fields_of, name_of, sentence_of
 
 NAMED = (*CauseCode, *FindingCode)
 TEXTS = {

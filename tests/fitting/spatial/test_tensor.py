@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.pull.pull import Pull, make_pulls
 from fitting.results.codes import RejectionCode, TensorCode, TrialNoteCode
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.session import fit_session
-from fitting.spatial.tensor import NoTensor, Tensor, entries_of, require_span, symmetric
-from fitting.spatial.tensors import held_tensor, swung_tensor
+from fitting.spatial.tensors import NoTensor, Tensor, entries_of, held_tensor, require_span, swung_tensor, symmetric
 from tests.fitting.pulled_in_space import Space, directions, elbow, pulled
 from tests.refusals import figures_by_code, raises_refusal
 

@@ -12,16 +12,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.cuffs.cuffs_json import plain_held_loads
+from fitting.cuffs.cuffs_file import plain_held_loads
 from fitting.pull.plateaus import Plateau
 from fitting.pull.pull import Pull, make_pulls
-from fitting.results.codes import NoteCode
-from fitting.results.outcome import FitOutcome
-from fitting.static.creep import Creep
-from fitting.static.held_loads import HeldLoads, fit_held_loads, held_load_notes
-from fitting.static.migration import fit_migration
+from fitting.results.codes import FitOutcome, NoteCode
+from fitting.static.held_loads import Creep, HeldLoads, fit_held_loads, fit_migration, held_load_notes
 from fitting.static.stiffness import (
     StaticFit,
+    TangentLaw,
     _contradict,
     _fit_trials,
     _friction,
@@ -35,7 +33,6 @@ from fitting.static.stiffness import (
     _returns,
     _slip,
 )
-from fitting.static.tangent import TangentLaw
 from fitting.uncertainty import Repeat, normal_estimate
 from tests.fitting.pulls import Held, static_trial
 from tests.fitting.static.test_stiffness import FLAT, K, _held

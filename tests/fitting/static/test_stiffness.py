@@ -13,8 +13,7 @@ from scipy import stats
 
 from fitting.pull.plateaus import Plateau
 from fitting.pull.pull import require_positive_loads
-from fitting.results.codes import RejectionCode
-from fitting.results.outcome import FitOutcome
+from fitting.results.codes import FitOutcome, RejectionCode
 from fitting.static import stiffness
 from fitting.static.stiffness import StiffnessFit, _fit_trial, fit_stiffness, trial_stiffness
 from fitting.uncertainty import NORMAL_95, Estimate

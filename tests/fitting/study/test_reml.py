@@ -7,19 +7,22 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from fitting.results.outcome import FitOutcome
-from fitting.study import reml
-from fitting.study.cuff_study import Observation
-from fitting.study.donning_spread import SpreadOutcome, estimate_donning_spread
-from fitting.study.reml import ErrorContrasts, contrast, dependencies, evaluate, maximise
+from fitting.results.codes import FitOutcome
+from fitting.study import variance_components
+from fitting.study.cuff_study import Observation, SpreadOutcome, estimate_donning_spread
 from fitting.study.variance_components import (
     ComponentOutcome,
+    ErrorContrasts,
     Factor,
     MixedModel,
     TooFewObservations,
     component_interval,
+    contrast,
+    dependencies,
     deviance_quantile,
+    evaluate,
     fit_components,
+    maximise,
 )
 from tests.fitting.study.published import AIAG, PENICILLIN, SIRSTV
 
@@ -134,14 +137,14 @@ def test_a_round_is_the_longest_of_halved_steps_that_lowers_the_deviance(
     Newton's step is −θ (1 − share) / (2 share − 1). If the observed information, proportional to 2 share − 1, is
     negative, Fisher scoring reaches S at once. A step to θ ≤ 0 leaves a singular covariance.
     """
-    monkeypatch.setattr(reml, "ROUNDS", 1)
+    monkeypatch.setattr(variance_components, "ROUNDS", 1)
     rest = contrast(np.array([3.0, -3.0, 3.0, 3.0]), np.zeros((4, 0)), np.zeros((4, 4)), [np.eye(4)])
     assert maximise(rest, np.array([1 / share])).theta == pytest.approx([expected / share])
 
 
 @pytest.mark.parametrize("limit", ["ROUNDS", "HALVINGS"])
 def test_a_search_that_is_stopped_early_has_not_converged(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reml, limit, 0)
+    monkeypatch.setattr(variance_components, limit, 0)
     solution = maximise(one_way(), np.array([1.0, 1.0]))
     assert solution.outcome is FitOutcome.NOT_CONVERGED
     assert solution.theta.tolist() == [1.0, 1.0]

@@ -14,9 +14,18 @@ import numpy as np
 import pytest
 
 from fitting.results.codes import RejectionCode
-from fitting.trial.clock_fit import early_edge, fit_clock, stop_window
-from fitting.trial.clocks import DRIFT_PRIOR_SD, LARGEST_DRIFT, LagUncertainty, SyncEdges, capture_frames
-from fitting.trial.sync_line import find_edges, find_fall
+from fitting.trial.clocks import (
+    DRIFT_PRIOR_SD,
+    LARGEST_DRIFT,
+    LagUncertainty,
+    SyncEdges,
+    capture_frames,
+    early_edge,
+    find_edges,
+    find_fall,
+    fit_clock,
+    stop_window,
+)
 from recordings.manifest import Timing
 from tests.refusals import raises_refusal
 

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode, TrialNoteCode, Verdict
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.session import fit_session
-from fitting.trial.clocks import SyncEdges
-from fitting.trial.sync_certificate import SyncCertificate
-from fitting.trial.sync_line import find_edges, find_fall
+from fitting.trial.clocks import SyncEdges, find_edges, find_fall
+from fitting.trial.timeline import SyncCertificate
 from fitting.trial.trial import Trial, build_trial
 from recordings.manifest import CuffSite, LoadCell, Manifest, StopEdge, Timing
 from recordings.reader import Track

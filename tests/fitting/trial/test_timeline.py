@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.trial.decimation import Decimator, decimate, highest_rate
-from fitting.trial.sync_certificate import certify
-from fitting.trial.timeline import Timeline, align_by_sync_edge, build_timeline
+from fitting.trial.timeline import Timeline, align_by_sync_edge, build_timeline, certify
 from recordings.manifest import BodyMarkers, CuffSite, LoadCell, Manifest, Timing
 from recordings.reader import Track
 from recordings.samples import Samples, Stream

@@ -16,14 +16,13 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy.constants import g
 
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.errors import UnusableTrial
 from fitting.results.codes import FitErrorCode, RejectionCode, TrialNoteCode
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.session import fit_session
 from fitting.trial.mass_checks import MassCheck, evaluate_reading, with_mass_checks
-from fitting.trial.trial import build_trial
-from fitting.trial.trial_reader import SessionProtocol, read_alone, read_protocol, read_trial, read_trials
+from fitting.trial.trial import SessionProtocol, build_trial, read_alone, read_protocol, read_trial, read_trials
 from recordings.chunks import Damage, Entry, read_entries
 from recordings.manifest import LoadCell, Manifest, MeasurementProtocol, Timing, TrialOutcome
 from recordings.reader import Track

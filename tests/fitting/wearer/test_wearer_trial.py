@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.wearer.arm_cycles import CycleDetector, elevation, elevation_of, find_cycles
-from fitting.wearer.wearer_trial import build_wearer_trial
+from fitting.wearer.wearer_trial import CycleDetector, build_wearer_trial, elevation, elevation_of, find_cycles
 from recordings.manifest import BodyMarkers, EmgAmplifier
 from tests.fitting.trial.test_analog_signals import LABELS, MANIFEST, recorded
 from tests.refusals import raises_refusal

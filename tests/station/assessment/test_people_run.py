@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from solver.bundled import bundled_model
 from solver.motion import differentiate
 from solver.multibody.postures import points_in_ground, postures

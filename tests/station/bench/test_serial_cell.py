@@ -20,7 +20,7 @@ from drivers.simulators.simulated_bench import Bench
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode
 from fitting.trial.mass_checks import read_checks
-from fitting.trial.trial_reader import read_trial
+from fitting.trial.trial import read_trial
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
 from station.bench.check import DeviceSurvey, check_device, check_known_mass, inspect_bench, survey_devices

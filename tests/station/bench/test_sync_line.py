@@ -16,7 +16,7 @@ from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from fitting.errors import UnusableTrial
 from fitting.trial.decimation import decimate
-from fitting.trial.sync_certificate import SyncCertificate, certify
+from fitting.trial.timeline import SyncCertificate, certify
 from recordings.reader import open_recording
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.bench_clock import BenchClock

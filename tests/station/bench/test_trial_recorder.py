@@ -20,8 +20,7 @@ import pytest
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceUnavailable
 from fitting.results.codes import RejectionCode
-from fitting.trial.trial import RejectedTrial
-from fitting.trial.trial_reader import read_alone
+from fitting.trial.trial import RejectedTrial, read_alone
 from recordings import writer
 from recordings.manifest import CuffSite
 from recordings.reader import TrackCollector, open_recording

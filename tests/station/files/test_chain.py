@@ -14,8 +14,7 @@ from typing import Any
 import pytest
 
 from fitting.cuffs.cuffs_file import read_cuffs
-from fitting.results.codes import RejectionCode
-from fitting.results.outcome import Standing
+from fitting.results.codes import RejectionCode, Standing
 from solver.bundled import bundled_model
 from solver.raise_arm import simulate_arm_raise
 from solver.time_series_table import write_table

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.trial.trial_reader import read_trial
+from fitting.trial.trial import read_trial
 from recordings.contents import contents_of
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.reader import Track, open_recording

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fitting.trial.trial import Trial
-from fitting.trial.trial_reader import read_trial
+from fitting.trial.trial import Trial, read_trial
 from station.files.export_trial import Exported, export_recordings
 from station.files.synchronised import ExportRefused
 from station.messages.file_messages import ExportCode

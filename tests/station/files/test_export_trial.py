@@ -15,8 +15,7 @@ from mcap.reader import make_reader
 from numpy.testing import assert_allclose
 from pyarrow import parquet
 
-from fitting.trial.trial import Trial
-from fitting.trial.trial_reader import read_trial
+from fitting.trial.trial import Trial, read_trial
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.contents import contents_of
 from recordings.exchange.trc import read_trc

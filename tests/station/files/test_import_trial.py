@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
-from fitting.trial.trial_reader import read_trial, read_trials
+from fitting.trial.trial import read_trial, read_trials
 from recordings.contents import contents_of
 from recordings.exchange.c3d import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv

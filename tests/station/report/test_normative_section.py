@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_file import cuffs_json
 from recordings.manifest import DataOrigin
 from station.files.chain import chain_of
 from station.messages.study_messages import StudyCode

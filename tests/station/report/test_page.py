@@ -13,10 +13,9 @@ import pytest
 
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.results.codes import TensorCode
-from fitting.results.rendering import Note
+from fitting.results.sentences import Note
 from fitting.session import fit_session
-from fitting.spatial.tensor import Tensor
-from fitting.spatial.tensors import Tensors
+from fitting.spatial.tensors import Tensor, Tensors
 from fitting.trial.trial import build_trial
 from station.charts.marks import Chart, Line, Panel, Points, Rule, Strip
 from station.journal import write_mark, write_note, write_setup

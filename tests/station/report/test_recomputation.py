@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from fitting.cuffs.cuffs_file import read_cuffs
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from station.assessment.assess import assess_cuffs, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.checksums import write_checksums

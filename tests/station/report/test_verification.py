@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from fitting.results.outcome import Standing
+from fitting.results.codes import Standing
 from station.checksums import Checksums, write_checksums
 from station.files.chain import Link, verify_folder
 from station.messages.file_messages import NumberCode

@@ -11,11 +11,10 @@ import pytest
 
 import fitting.session
 import recordings.reader
-from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.trial_fit import TrialFit
+from fitting.cuffs.cuff_fit import SessionFit, TrialFit
 from fitting.errors import UnusableTrial
 from fitting.results.codes import NoteCode, RejectionCode, Verdict
-from fitting.results.rendering import Note, sentence_of
+from fitting.results.sentences import Note, sentence_of
 from fitting.uncertainty import Estimate
 from recordings.chunks import Damage, Entry
 from recordings.samples import Event

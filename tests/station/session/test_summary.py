@@ -13,7 +13,7 @@ import pytest
 
 from drivers.simulators.settings import PersonSettings
 from fitting.results.codes import NoteCode, TrialNoteCode
-from fitting.results.rendering import Note, sentence_of
+from fitting.results.sentences import Note, sentence_of
 from solver.compile_ahead import COMPILER
 from station.assessment.assessment_inputs import InputError
 from station.assessment.compilation import STAGE
