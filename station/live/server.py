@@ -21,8 +21,8 @@ from station.live.subscription import LiveAddress, announce, withdraw
 VIEW_BACKLOG = 50
 """Updates that may wait for a view before the oldest is dropped."""
 VIEW_RATE_HZ = 25.0
-DRAIN_S = 2.0  # a busy computer may not run the sender for half a second
 """Updates per second that a view gets; file and outlet get all."""
+DRAIN_S = 2.0  # a busy computer may not run the sender for half a second
 LONGEST_COMMAND = 4096
 TOKEN_TIMEOUT_S = 5.0
 """Wall seconds for a connection to send the token."""
@@ -51,6 +51,7 @@ class LiveServer:
         self._setup_line = SETUP.dump_json(setup) + b"\n"
         self._on_command, self._interval_s = on_command, 1.0 / rate_hz
         self._next_s, self._is_closed = 0.0, False
+        self._waiting: LiveUpdate | None = None
         self._views: list[_View] = []
         self._lock = threading.Lock()
         self._strangers: deque[socket.socket] = deque()
@@ -61,16 +62,16 @@ class LiveServer:
     def views(self) -> int:
         return len(self._views)
 
-    def publish(self, update: LiveUpdate, *, is_last: bool = False) -> None:
-        """Offer the update to all views, at most rate_hz a second; the last one in any case."""
+    def publish(self, update: LiveUpdate) -> None:
+        """Offer the update to all views, at most rate_hz a second; the newest values wait for the next, or the end."""
+        if update.values is None and self._waiting is not None:
+            update = replace(update, values=self._waiting.values)
         now_s = time.perf_counter()
-        if now_s < self._next_s and not is_last:
+        if now_s < self._next_s:
+            self._waiting = update
             return
-        self._next_s = now_s + self._interval_s
-        with self._lock:
-            views = tuple(self._views)
-        for view in views:
-            view.offer(update)
+        self._next_s, self._waiting = now_s + self._interval_s, None
+        self._offer(update)
 
     def __enter__(self) -> Self:
         threading.Thread(target=self._accept, name="live views", daemon=True).start()
@@ -81,10 +82,18 @@ class LiveServer:
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
-        with self._lock:
-            views = tuple(self._views)
-        for view in views:
+        if self._waiting is not None:
+            self._offer(self._waiting)
+        for view in self._all_views():
             view.finish()
+
+    def _offer(self, update: LiveUpdate) -> None:
+        for view in self._all_views():
+            view.offer(update)
+
+    def _all_views(self) -> tuple[_View, ...]:
+        with self._lock:
+            return tuple(self._views)
 
     def _accept(self) -> None:
         while True:

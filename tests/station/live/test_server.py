@@ -223,13 +223,18 @@ def test_a_view_without_the_token_gets_nothing() -> None:
     assert refused.value.code == LiveCode.UNREACHABLE
 
 
-def test_views_get_no_more_updates_a_second_than_they_draw() -> None:
+@pytest.mark.parametrize("last", [(), (replace(update(11), values=None),)], ids=["values", "no values"])
+def test_views_get_no_more_updates_a_second_than_they_draw_and_the_newest_values_at_the_end(
+    last: tuple[LiveUpdate, ...],
+) -> None:
+    """An update that only says how values are delivered does not take the place of values."""
     with LiveServer(SETUP, ignore, rate_hz=1e-3) as server, LiveSubscription(server.address) as view:
         wait_for(lambda: server.views == 1, view)
-        for frame in range(10):
-            server.publish(update(frame))
-        server.publish(update(10), is_last=True)
-        assert [found.values.frame for found in frames_until(view, 10) if found.values] == [0, 10]
+        for one in (replace(update(0), values=None), *map(update, range(1, 11)), *last):
+            server.publish(one)
+        server.__exit__()
+        assert view.wait_until_over(scaled_timeout(10))
+        assert [found.values and found.values.frame for found in view.take()] == [None, 10]
 
 
 def test_the_address_is_for_its_owner_alone_and_goes_with_its_process(tmp_path: Path) -> None:
