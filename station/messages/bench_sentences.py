@@ -144,8 +144,8 @@ _CHECKS: Mapping[StrEnum, str] = {
     ),
     CheckCode.CALIBRATION_VALID: _CERTIFICATE,
     CheckCode.CALIBRATION_DUE: _CERTIFICATE + "; have the load cell calibrated",
-    CheckCode.CALIBRATION_IN_FUTURE: _CERTIFICATE + ": the date is in the future; correct load_cell.calibrated_on",
-    CheckCode.CALIBRATION_UNKNOWN: "date unknown; enter load_cell.calibrated_on from the certificate (configuration)",
+    CheckCode.CALIBRATION_IN_FUTURE: _CERTIFICATE + ": the date is in the future; correct it in the configuration",
+    CheckCode.CALIBRATION_UNKNOWN: "date unknown; enter that of the certificate in the configuration",
     CheckCode.SYNC_LOW: "{level_v:z.2f} V, threshold {threshold_v:g} V",
     CheckCode.SYNC_HIGH: (
         "{level_v:z.2f} V, threshold {threshold_v:g} V; expected low until a capture starts: stop the capture or check "
@@ -157,8 +157,8 @@ _CHECKS: Mapping[StrEnum, str] = {
     CheckCode.DISK_LOW: _DISK + "; free some space",
     CheckCode.MASS_RIGHT: _MASS,
     CheckCode.MASS_WRONG: (
-        _MASS + "; check that the mass hangs freely on the cell. If it does, correct the scale of the cell in the "
-        "configuration: load_cell.capacity_kg, full_scale_v, polarity"
+        _MASS + "; check that the mass hangs freely on the cell. If it does, correct capacity, full scale and "
+        "polarity of the cell in the configuration"
     ),
     CheckCode.MASS_WITHOUT_ZERO: (
         _MASS + "; the reading includes the zero, run with --known-mass 0 on the empty cell first"
