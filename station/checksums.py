@@ -18,11 +18,13 @@ from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import locked, once_released, read_regular, replaced
 from fitting.results.codes import Standing
 from fitting.trial.mass_checks import CHECKS_FILE
-from station.journal_lines import JOURNAL_FILE, LARGEST_JOURNAL
 from station.messages.file_messages import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import RECORDINGS
 
+JOURNAL_FILE = "session.jsonl"
+LARGEST_JOURNAL = 16 * 2**20
+"""Bytes; the journal of a long day has a hundred thousand."""
 CHECKSUMS_FILE = "SHA256SUMS"
 JOURNALS = (JOURNAL_FILE, CHECKS_FILE)
 SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"

@@ -29,10 +29,8 @@ from station.exit_code import DONE, ENDED_BY_CTRL_C, FAILED, INTERRUPTED
 from station.extras import with_extras
 from station.verbs import (
     bench,
-    cuffs,
     files,
     kinematics,
-    live,
     muscles,
     study,
     suits,
@@ -48,9 +46,9 @@ ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, Plain
 
 STAGES = {
     "Try it": (whole.init, whole.demo),
-    "At the bench": (bench.simulate, bench.check, bench.record, live.live, whole.serve),
+    "At the bench": (bench.simulate, bench.check, bench.record, bench.live, whole.serve),
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
-    "Cuff parameters": (whole.judge, cuffs.fit),
+    "Cuff parameters": (whole.judge, suits.fit),
     "Body and motion": (kinematics.scale, kinematics.ik),
     "Suit and muscles": (
         muscles.id_,

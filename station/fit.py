@@ -21,8 +21,7 @@ from recordings.reader import read_manifest
 from station.checksums import standing_of, write_checksums
 from station.errors import StationError
 from station.exit_code import LOSSY
-from station.journal import Journal, read_journal
-from station.journal_lines import Assignment
+from station.journal import Assignment, Journal, read_journal
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent

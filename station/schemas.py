@@ -11,13 +11,12 @@ from pydantic import TypeAdapter
 from fitting.results.cuffs_schema import CuffsDocument
 from station.assessment.assessment_file import AssessmentDocument
 from station.emg.emg_json import EmgDocument
-from station.journal_lines import JournalLine
-from station.kinematics.body_document import BodyDocument
-from station.kinematics.postures_file import IkDocument
+from station.journal import JournalLine
+from station.kinematics.ik import IkDocument
+from station.kinematics.person import BodyDocument
 from station.report.report_file import ReportDocument
 from station.study.designs import StudyPlanDocument
-from station.study.normative_file import NormativeDocument
-from station.study.study_document import StudyDocument
+from station.study.study_document import NormativeDocument, StudyDocument
 
 SCHEMAS: dict[str, TypeAdapter[object]] = {
     "cuffs.schema.json": TypeAdapter(CuffsDocument),

@@ -37,7 +37,7 @@ from station.assessment.budget_file import read_budget
 from station.assessment.case import AssessedCase
 from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
-from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
+from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, SourceChoice, assess_people
 from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
 from station.assessment.rmr import effect_of, ensure_distinct_controls, left_out_findings, slack_findings, slack_muscles

@@ -1,23 +1,26 @@
-"""Calls to the simulated NI server: sessions, the system and its USB-6008, channels, tasks.
+"""An NI gRPC Device Server with one USB-6008, for unmodified nidaqmx: the wire; usb6008.py is the instrument.
 
 A task lives until it is cleared, also if its client dies. As in ni/grpc-device,
 source/server/session_repository.cpp, a session has no time-out and outlives its connection.
 
-Does not imitate: inputs that are not differential, properties of a channel beyond its limits, range and place;
-waveforms, scalars and raw codes, logging to a file, reference triggers, pausing.
+Does not imitate: every other service and instrument of the real server, TLS, RPCs beyond voltage input (they are
+answered UNIMPLEMENTED); inputs that are not differential, properties of a channel beyond its limits, range and place;
+waveforms, scalars and raw codes, logging to a file, reference triggers, pausing; and what usb6008.py lists.
 """
 
 from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import grpc
 import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2 as wire
-from nidaqmx._stubs.nidaqmx_pb2_grpc import NiDAQmxServicer
+from nidaqmx._stubs.nidaqmx_pb2_grpc import NiDAQmxServicer, add_NiDAQmxServicer_to_server
 from nidaqmx.constants import (
     AcquisitionType,
     ChannelType,
@@ -33,9 +36,15 @@ from session_pb2 import Session
 from session_pb2 import SessionInitializationBehavior as Behavior
 
 from drivers.errors import DeviceError
-from drivers.simulators.usb6008 import DIFFERENTIAL_INPUTS, HIGHEST_RATE_HZ, AcquisitionTask, DaqmxError, Usb6008
-
-FROZEN_GLANCE_S = 0.002  # wall
+from drivers.simulators.settings import DaqClockSettings, EmgWire
+from drivers.simulators.usb6008 import (
+    DIFFERENTIAL_INPUTS,
+    HIGHEST_RATE_HZ,
+    AcquisitionTask,
+    DaqmxError,
+    ElectricalWorld,
+    Usb6008,
+)
 
 Value = TypeVar("Value")
 Service = TypeVar("Service", bound="DaqService")
@@ -446,3 +455,87 @@ class TaskRpcs(DaqService):
         attribute(request, {0x186C: None})
         task.buffer_size = request.value
         return wire.SetBufferAttributeUInt32Response()
+
+
+class NiDaqSimulator:
+    """The server in this process; port 0 takes a free one. start() and stop() may each be called once."""
+
+    def __init__(
+        self,
+        world: ElectricalWorld,
+        *,
+        port: int = 0,
+        device: str = "Dev1",
+        force_channel: str = "ai0",
+        sync_channel: str = "ai1",
+        emg: Mapping[str, EmgWire] = MappingProxyType({}),
+        clock: DaqClockSettings | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._device = Usb6008(
+            world,
+            name=device,
+            force_channel=force_channel,
+            sync_channel=sync_channel,
+            emg=emg,
+            clock=clock or DaqClockSettings(),
+            seed=seed,
+        )
+        self._service = _Service(self._device)  # type: ignore[abstract]  # the others answer UNIMPLEMENTED
+        # Without SO_REUSEPORT a second server on the port is refused instead of sharing its calls.
+        self._server = grpc.server(ThreadPoolExecutor(max_workers=8), options=[("grpc.so_reuseport", 0)])
+        add_NiDAQmxServicer_to_server(self._service, self._server)
+        self.port = port
+
+    @property
+    def target(self) -> str:
+        return f"127.0.0.1:{self.port}"
+
+    @property
+    def is_streaming(self) -> bool:
+        """Whether a client acquires."""
+        return self._device.is_streaming
+
+    def start(self) -> None:
+        """Binds and serves. Raises RuntimeError if the port is taken."""
+        try:
+            self.port = self._server.add_insecure_port(self.target)
+        except RuntimeError as error:
+            raise RuntimeError(
+                f"the NI gRPC device server cannot listen at {self.target}; end what listens there, or take another "
+                "port (daq.grpc_target)"
+            ) from error
+        self._server.start()
+
+    def step(self, now: float) -> None:
+        """Nothing to do: clients poll for samples."""
+
+    def sent(self) -> dict[int, int | None]:
+        """Nothing: a client has the samples once its call returns."""
+        return {}
+
+    @property
+    def has_pending_reply(self) -> bool:
+        return self._device.world.faults.active("ni", "freeze") is not None
+
+    def find_slow_client(self) -> str | None:
+        task = self._device.running
+        if task is None or task.may_overrun or not task.is_nearly_full:
+            return None
+        return f"the DAQ task {task.name}"
+
+    def drop_slow_client(self) -> None:
+        """Overwrite its unread samples from now on, as the real device does."""
+        if task := self._device.running:
+            task.may_overrun = True
+
+    def stop(self) -> None:
+        self._service.sessions.clear_all()
+        self._server.stop(grace=None).wait()
+
+
+class _Service(TaskRpcs, ChannelRpcs, DeviceRpcs):
+    """The imitated part of NiDAQmx."""
+
+
+FROZEN_GLANCE_S = 0.002  # wall

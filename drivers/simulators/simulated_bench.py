@@ -34,8 +34,7 @@ from weakref import WeakSet
 
 from drivers.simulators.errors import SimulatorCode, SimulatorError, refusal
 from drivers.simulators.faults import Fault, fault_from_dict
-from drivers.simulators.qtm_discovery import QtmDiscovery
-from drivers.simulators.qtm_server import QualisysSimulator
+from drivers.simulators.qtm_server import QtmDiscovery, QualisysSimulator
 from drivers.simulators.requests import ServedBench, answer, request_from_json, seconds_from, speed_from
 from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.world import World
@@ -90,7 +89,7 @@ class Bench:
         watched: list[Callable[[], object]] = []
         qtm: QualisysSimulator | None = None
         if wanted.ni is not None:
-            from drivers.simulators.nidaq_server import NiDaqSimulator  # gRPC and nidaqmx take their time to import
+            from drivers.simulators.daq_rpcs import NiDaqSimulator  # gRPC and nidaqmx take their time to import
 
             wiring = dict(settings.wiring)
             ni = NiDaqSimulator(self.world, port=wanted.ni, clock=settings.daq_clock, seed=self._seed, **wiring)

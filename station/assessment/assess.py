@@ -25,6 +25,7 @@ from solver.uncertainty.total import DrawnPeople
 from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
+    MeasuredReduction,
     cuff_findings,
     cuff_remarks,
     read_cuffs_to_wear,
@@ -40,15 +41,15 @@ from station.assessment.assessment_json import (
     plain_emg,
 )
 from station.assessment.case import AssessedCase, read_case
-from station.assessment.donning import DonningSources, donning_sources
 from station.assessment.drawn_postures import plain_postures
-from station.assessment.emg import MeasuredReduction
 from station.assessment.findings import Finding, findings
-from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
+from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, assess_people
 from station.assessment.study_comparison import StudyComparisonEntry, compare_with_study
 from station.assessment.uncertainty_json import (
     PEOPLE_FILE,
+    DonningSources,
+    donning_sources,
     people_table,
     plain_decision,
     plain_uncertainty,

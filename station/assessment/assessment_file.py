@@ -10,8 +10,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import describe_failure, open_regular
 from documents.validation import describe_error
+from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, StrictEntry
 from station.assessment.drawn_postures import PostureEntry
-from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 from station.assessment.study_comparison import StudyComparisonEntry
 from station.assessment.uncertainty_json import DecisionEntry, UncertaintyEntry
 from station.errors import StationError

@@ -11,11 +11,15 @@ effort.toml has weights of muscles and actuators, and reserve actuators:
 
 Weights multiply squares of activations and controls, or cubes of activations with `--exponent 3`; a control of 1 gives
 the optimal force, in N m or N.
+
+Measured reductions of muscle activity, for comparison with the model: muscle,reduction_percent,sd.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import csv
+import math
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -24,7 +28,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from documents.plain_data import PlainDataError, read_toml
-from documents.regular_file import describe_failure
+from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
 from documents.validation import describe_error
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, Cuff, NotIdentified, with_interval_covariance
@@ -45,13 +49,12 @@ from solver.redundancy.redundancy_options import (
 )
 from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
-from station.assessment.emg import MeasuredReduction, read_emg
 from station.checksums import changed_files, sha256_of, standing_of
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.codes import AssessmentCode, InputCode
-from station.messages.message import Message
+from station.messages.message import Figures, Message
 from station.sources import kinematics_of, loads_of, model_of, named_hash, named_hashes
 
 RIGID = "rigid"
@@ -284,3 +287,50 @@ def read_effort(path: Path) -> EffortWeights:
     except ValidationError as error:
         reason = describe_error(error)
         raise EffortError(Message(InputCode.EFFORT, {"path": str(path), "reason": reason})) from error
+
+
+REDUCTION_COLUMNS = ("muscle", "reduction_percent", "sd")
+
+
+class EmgError(StationError):
+    """An EMG file that cannot be used."""
+
+
+@dataclass(frozen=True)
+class MeasuredReduction:
+    """Measured reduction of the activity of a muscle, or of a group of the suit file, with its standard deviation."""
+
+    muscle: str
+    reduction_percent: float
+    sd_percent: float
+
+
+def read_emg(path: Path, known: Collection[str]) -> list[MeasuredReduction]:
+    """Read a table of measured reductions; known are the model's muscles and the suit's groups. Raises EmgError."""
+    try:
+        rows = list(
+            csv.DictReader(read_regular(path, LARGEST_TABLE).decode("utf-8-sig").splitlines(), skipinitialspace=True)
+        )
+    except (OSError, UnicodeDecodeError) as error:
+        raise EmgError(
+            Message(InputCode.EMG_UNREADABLE, {"path": str(path), "reason": describe_failure(error)})
+        ) from error
+    found = list(rows[0]) if rows else []
+    if not set(REDUCTION_COLUMNS) <= set(found):
+        figures = {"path": path.name, "found": ",".join(found) or "none", "expected": ",".join(REDUCTION_COLUMNS)}
+        raise EmgError(Message(InputCode.EMG_COLUMNS, figures))
+    return [_measured(path, line, row, known) for line, row in enumerate(rows, start=2)]
+
+
+def _measured(path: Path, line: int, row: dict[str, str], known: Collection[str]) -> MeasuredReduction:
+    if row["muscle"] not in known:
+        figures: Figures = {"path": path.name, "line": line, "muscle": row["muscle"], "known": ", ".join(known)}
+        raise EmgError(Message(InputCode.EMG_MUSCLE, figures))
+    try:
+        reduction, sd = float(row["reduction_percent"]), float(row["sd"])
+    except (TypeError, ValueError):
+        reduction = sd = math.nan
+    if not math.isfinite(reduction) or not 0 <= sd < math.inf:
+        given = {"reduction": str(row["reduction_percent"]), "sd": str(row["sd"])}
+        raise EmgError(Message(InputCode.EMG_NUMBER, {"path": path.name, "line": line, **given}))
+    return MeasuredReduction(row["muscle"], reduction, sd)

@@ -1,20 +1,47 @@
-"""Results as the plain data of assessment.json, every number as {"value", "ci95"}, and as the table activations.csv."""
+"""Results as the plain data of assessment.json, every number with its interval, and as the table activations.csv."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
 from fitting.results.codes import Standing
 from fitting.uncertainty import Estimate
 from solver.suit.assessment import Assessment, EffortCurve
 from solver.suit.quantity import Quantity
-from station.assessment.emg import MeasuredReduction
 from station.assessment.outcomes import FRAME_SENTENCES
+
+if TYPE_CHECKING:
+    from station.assessment.assessment_inputs import MeasuredReduction  # the compiler behind it takes long to import
+
+
+class StrictEntry(BaseModel):
+    """An entry of a file of results; a number is not accepted as a text."""
+
+    model_config = ConfigDict(strict=True)
+
+
+class NumberEntry(StrictEntry):
+    """A number with its 95 % interval; value is null where it is unknown."""
+
+    value: float | None
+    ci95: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    censored: Annotated[
+        Literal["low", "high", "both"] | None,
+        Field(description="end of ci95 that is a bound: it lies there or beyond, outside the rest lengths tried"),
+    ] = None
+
+
+class KnownNumberEntry(NumberEntry):
+    """A number that is always known."""
+
+    value: float
+
 
 Plain = dict[str, Any]
 

@@ -13,7 +13,7 @@ from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.suit.suit import PARTS, Suit, SuitPoint
-from station.assessment.number_entry import KnownNumberEntry, StrictEntry
+from station.assessment.assessment_json import KnownNumberEntry, StrictEntry
 
 Array = NDArray[np.float64]
 Plain = dict[str, Any]

@@ -23,7 +23,7 @@ from station.assessment.assessment_inputs import (
     read_cuffs_to_wear,
 )
 from station.assessment.assessment_json import known
-from station.assessment.motion_checks import load_checks, motion_checks, motion_findings
+from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.checksums import write_checksums
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message

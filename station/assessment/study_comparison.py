@@ -21,7 +21,7 @@ from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit
 from station.assessment.assessment_inputs import AssessmentInputs
-from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
+from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, StrictEntry
 from station.sources import BUNDLED, kinematics_of
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from station.console.actions import Actions
-from station.journal import Journal
-from station.journal_lines import Recorded
+from station.journal import Journal, Recorded
 from station.protocol import describe_trial
 from station.session.controller import SessionController
 from station.session.listing import local_time

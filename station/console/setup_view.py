@@ -18,7 +18,7 @@ from station.bench.check import CheckResult
 from station.console.actions import Actions
 from station.console.kept_form import forget_form, keep_form
 from station.console.wearer_form import WearerForm, number_of
-from station.journal_lines import Setup
+from station.journal import Setup
 from station.kinematics.marker_sets import published_sets
 from station.messages.codes import CommandCode
 from station.protocol import CONDITION_NAMES

@@ -11,7 +11,7 @@ from station.console.actions import Actions, Kind
 from station.console.charts import force_over_motion
 from station.console.kept_form import forget_form, keep_form
 from station.console.next_view import add_exits
-from station.journal_lines import Choice, Recorded
+from station.journal import Choice, Recorded
 from station.messages.codes import VerdictCode
 from station.messages.message import Message, join_sentences
 from station.protocol import describe_trial

@@ -20,8 +20,7 @@ from fitting.emg.envelopes import MVC_WINDOW_S, PUBLISHED, EmgTrial, EnvelopeSet
 from fitting.emg.shape import MAX_LAG_S
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.c3d import read_c3d_signals
-from recordings.exchange.delimited_emg import read_delimited_emg
-from recordings.exchange.exp import read_exp
+from recordings.exchange.delimited_emg import read_delimited_emg, read_exp
 from recordings.exchange.sample_tables import SignalTable, count_samples
 from station.config import ConfigError
 from station.errors import StationError

@@ -21,6 +21,7 @@ from recordings.reader import survey_file
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import (
     CHECKSUMS_FILE,
+    JOURNAL_FILE,
     SIGNATURE_FILE,
     Checksums,
     files_below,
@@ -30,7 +31,6 @@ from station.checksums import (
     write_checksums,
 )
 from station.errors import StationError
-from station.journal_lines import JOURNAL_FILE
 from station.messages.file_messages import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import recordings_in

@@ -23,19 +23,17 @@ from station.kinematics.marker_checks import (
     Finding,
     KinematicsError,
     ensure_markers_fit,
+    ensure_model_mass_fits,
     find_in_markers,
     find_never_seen,
     finding_lines,
+    mass_findings,
+    pose_findings,
     read_body_markers,
+    scaling_finding,
     seen_markers,
     setup_findings,
     unattached_findings,
-)
-from station.kinematics.person_findings import (
-    ensure_model_mass_fits,
-    mass_findings,
-    pose_findings,
-    scaling_finding,
 )
 from station.messages.codes import KinematicsCode
 from station.messages.message import Message

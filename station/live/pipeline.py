@@ -2,6 +2,8 @@
 
 Signals of the DAQ and of the EMG amplifier are taken at the times of camera frames, by the arrival of both at the
 station. The effort is summed per arm cycle, and gives the best rest length of the motion so far.
+
+Configuration and session determine what is solved in a trial.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -25,18 +28,24 @@ from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.readouts import find_minimum
+from solver.suit.suit import suit_toml
+from station.config import LiveSection, StationConfig
 from station.errors import StationError
 from station.kinematics.marker_checks import LEAST_SEEN, ensure_markers_fit
-from station.live.body import LiveBody
+from station.live.body import UNUSABLE, LiveBody, live_body, live_scenarios
 from station.live.published import (
     NAN,
     LiveBest,
     LiveRecent,
+    LiveScenario,
     LiveScenarioValues,
+    LiveSetup,
+    LiveSubject,
     LiveValues,
 )
 from station.messages.live_messages import LiveCode
 from station.messages.message import Figures, Message
+from station.protocol import BODY_TESTS, TrialSpec
 
 Array = NDArray[np.float64]
 
@@ -397,3 +406,69 @@ def _lowest(lengths: Array, cost: Array) -> float:
     """Best rest length of one cycle [m]; at the edge the one that was tried there."""
     found = find_minimum(lengths, cost)
     return float(lengths[np.argmin(cost)]) if found.edge else found.rest_length
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedTrial:
+    """A plan with the names of its scenarios, and what an operator must know of it."""
+
+    trial: str
+    plan: LivePlan
+    settings: LiveSection
+    scenarios: tuple[LiveScenario, ...]
+    findings: tuple[Message[LiveCode], ...]
+
+    def setup(self, labels: tuple[str, ...], rate_hz: float, origin: str, emg: tuple[str, ...] = ()) -> LiveSetup:
+        """For these markers of the cameras."""
+        body = self.plan.body
+        tasks, _ = body.tasks_for(labels)
+        return LiveSetup(
+            trial=self.trial,
+            subject=LiveSubject(body.name, is_scaled=body.is_scaled, model_osim=body.osim_text),
+            coordinates=body.model.coordinate_names,
+            muscles=body.model.muscle_names,
+            markers=tuple(marker.name for marker in tasks.markers),
+            scenarios=self.scenarios,
+            lag_s=self.plan.lag_s,
+            frame_rate_hz=rate_hz,
+            emg_channels=emg,
+            has_glenoid=body.has_glenoid,
+            has_cord_cell=self.plan.cell is not None,
+            origin=origin,
+            suit_toml=suit_toml(body.suit),
+        )
+
+
+def can_be_solved(spec: TrialSpec) -> bool:
+    """Whether the trial has markers on the wearer's body."""
+    return spec.test in BODY_TESTS
+
+
+def prepare_trial(config: StationConfig, folder: Path, spec: TrialSpec, before_utc_ns: int) -> PreparedTrial:
+    """Raises SolverError for a model or a suit of [live] that cannot be read."""
+    settings = config.live
+    body = live_body(folder, settings, before_utc_ns)
+    findings = list(body.findings)
+    scenarios, described = _scenarios(folder, config, body, findings)
+    subject = config.subject(spec)
+    markers = subject if isinstance(subject, BodyMarkers) else None
+    plan = LivePlan(
+        body=body,
+        scenarios=scenarios,
+        lag_s=settings.lag_s,
+        highest_rate_hz=float(settings.highest_rate_hz),
+        markers=markers,
+        cell=config.calibration() if markers is not None and markers.is_cord_measured else None,
+        emg=config.emg.amplifier() if config.emg is not None else None,
+    )
+    return PreparedTrial(spec.title, plan, settings, described, tuple(findings))
+
+
+def _scenarios(
+    folder: Path, config: StationConfig, body: LiveBody, findings: list[Message[LiveCode]]
+) -> tuple[dict[str, StreamScenario], tuple[LiveScenario, ...]]:
+    try:
+        return live_scenarios(folder, config.live, body)
+    except UNUSABLE as error:
+        findings.append(Message(LiveCode.NO_CUFFS, {"reason": str(error)}))
+        return live_scenarios(None, config.live.without_cuffs(), body)

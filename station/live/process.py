@@ -28,12 +28,10 @@ from station.child import ProcessLink
 from station.config import parse_config
 from station.live.engine import LiveEngine, LiveSink, Publish
 from station.live.feed_wire import REQUEST, FedMessage, decode
-from station.live.outlet import LslOutlet
-from station.live.pipeline import LivePlan
-from station.live.plan import PreparedTrial, prepare_trial
+from station.live.outlet import LslOutlet, ResultFile
+from station.live.pipeline import LivePlan, PreparedTrial, prepare_trial
 from station.live.published import LiveSetup
-from station.live.result_file import ResultFile
-from station.live.server import serve_views
+from station.live.subscription import serve_views
 from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 

@@ -8,8 +8,17 @@ from functools import partial
 
 from fitting.emg.shape import ShapeOutcome
 from station.charts.marks import QUARTER, Chart, Intervals, Line, Mark, Panel, Points, Rule, chart, values
-from station.emg.emg_json import EMG_FILE, EmgChangeEntry, EmgChannel, EmgDocument, EmgTrialEntry
-from station.emg.emg_tables import ShapeRow, findings_text, method_text, shape_rows
+from station.emg.emg_json import (
+    EMG_FILE,
+    EmgChangeEntry,
+    EmgChannel,
+    EmgDocument,
+    EmgTrialEntry,
+    ShapeRow,
+    findings_text,
+    method_text,
+    shape_rows,
+)
 from station.report.numbers import LocatedObject, Shown, located, plain
 from station.report.pictures import Picture, PlannedFigure
 from station.report.report_file import Source

@@ -12,8 +12,14 @@ from station.checksums import write_checksums
 from station.report.cuff_section import Cuffs, figure_of
 from station.report.numbers import LocatedInteger, LocatedObject, Number, Shown, ends, interval, located, mean_with
 from station.report.report_file import Source
-from station.study.normative_file import NORMATIVE_FILE, NormativeEntry, NormativePlace, read_normative
-from station.study.study_document import SHOWN, QuantityName
+from station.study.study_document import (
+    NORMATIVE_FILE,
+    SHOWN,
+    NormativeEntry,
+    NormativePlace,
+    QuantityName,
+    read_normative,
+)
 from station.whole_file import write_whole
 
 PLACES = {

@@ -57,7 +57,7 @@ from station.report.pictures import Picture, PlannedFigure, draw_all
 from station.report.report_file import FORMAT, ReportDocument, Source, numbers_text
 from station.report.session_facts import recording_rows, session_facts
 from station.report.wearer_section import wearer_figures
-from station.study.normative_file import NORMATIVE_FILE
+from station.study.study_document import NORMATIVE_FILE
 from station.whole_file import drafted, write_whole
 
 T = TypeVar("T")

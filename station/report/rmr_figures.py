@@ -21,8 +21,7 @@ from solver.model import ModelError
 from solver.redundancy.glenoid import glenoid_cone, is_shoulder
 from solver.redundancy.problem import FrameOutcome
 from solver.redundancy.redundancy_options import effort_weights
-from station.assessment.rmr import SolvedMotion
-from station.assessment.rmr_table import reserve_unit
+from station.assessment.rmr import SolvedMotion, reserve_unit
 from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
 from station.sources import without_hash
 from station.whole_file import write_whole

@@ -27,8 +27,7 @@ from recordings.manifest import MeasurementProtocol, TestKind
 from recordings.reader import Recording, open_recording
 from station.config import ProtocolSection
 from station.fit import SessionError, fit_donning_of, read_recording
-from station.journal import JournalError, read_journal
-from station.journal_lines import Choice, Recorded
+from station.journal import Choice, JournalError, Recorded, read_journal
 from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, describe_trial

@@ -8,7 +8,7 @@ from typing import Literal
 
 from fitting.results.codes import EXPLAINED_BY, NoteCode, TrialNoteCode, Verdict
 from fitting.results.sentences import Note, verdict_sentences
-from station.journal_lines import Choice
+from station.journal import Choice
 from station.messages.codes import ReasonCode
 from station.messages.message import Message
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from station.checksums import JOURNAL_FILE
 from station.config import StationConfig
-from station.journal import JournalError, read_journal
-from station.journal_lines import JOURNAL_FILE, Setup
+from station.journal import JournalError, Setup, read_journal
 from station.session.plan_status import plan_status
 from station.subject.subject_file import Cord, Subject, SubjectError, read_subject
 

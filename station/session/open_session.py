@@ -10,12 +10,14 @@ from pathlib import Path
 from documents.regular_file import describe_failure
 from recordings.manifest import DataOrigin
 from station.bench.session_folder import is_for_simulated, rehearsal_folder
+from station.checksums import JOURNAL_FILE
 from station.config import StationConfig
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.journal import (
     Journal,
     JournalError,
+    Setup,
     journal_error,
     read_journal,
     write_next,
@@ -23,7 +25,6 @@ from station.journal import (
     write_setup,
     write_skipped,
 )
-from station.journal_lines import JOURNAL_FILE, Setup
 from station.messages.codes import CommandCode, JournalCode, TerminalCode
 from station.messages.message import Message
 from station.protocol import TrialSpec

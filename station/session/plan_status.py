@@ -15,8 +15,7 @@ from typing import Literal
 
 from recordings.manifest import TrialCondition
 from station.config import StationConfig
-from station.journal import Journal
-from station.journal_lines import MOST_REPEATS, Recorded, Setup
+from station.journal import MOST_REPEATS, Journal, Recorded, Setup
 from station.messages.codes import CommandCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec, published_plan

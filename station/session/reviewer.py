@@ -22,6 +22,9 @@ from recordings.recovery import RecoveryReport, recover
 from station.bench.trial_recorder import LOCK
 from station.checksums import write_checksums
 from station.journal import (
+    Assignment,
+    Choice,
+    Recorded,
     journal_error,
     read_journal,
     write_assigned,
@@ -31,7 +34,6 @@ from station.journal import (
     write_undone,
     write_verdict,
 )
-from station.journal_lines import Assignment, Choice, Recorded
 from station.messages.codes import CommandCode, JournalCode, TerminalCode, TrialCode
 from station.messages.message import Message
 from station.progress import StageProgress

@@ -24,8 +24,7 @@ from station.child import ProcessLink, exit_at_once
 from station.clock import Clock, RealClock
 from station.config import parse_config
 from station.errors import StationError
-from station.journal import write_recorded
-from station.journal_lines import Recorded
+from station.journal import Recorded, write_recorded
 from station.live.tap import live_views
 from station.protocol import TrialSpec
 from station.session.telemetry import Telemetry

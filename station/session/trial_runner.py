@@ -21,8 +21,7 @@ from pydantic import TypeAdapter
 from station.bench.simulation import SimulatedBench, SimulationError
 from station.child import DETACHED, Child
 from station.config import StationConfig
-from station.journal import JournalError, write_mark
-from station.journal_lines import Recorded
+from station.journal import JournalError, Recorded, write_mark
 from station.messages.codes import CommandCode, RefusalCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec

@@ -14,9 +14,9 @@ from fitting.errors import UnusableTrial
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.errors import RecordingError
 from solver.scaling_findings import largest_motion
-from station.emg.emg_tables import FINDING_TEXT
+from station.emg.emg_json import FINDING_TEXT
 from station.emg.trials import EmgFileError, emg_of
-from station.kinematics.person_findings import MOVING
+from station.kinematics.marker_checks import MOVING
 from station.messages.codes import ReasonCode
 from station.messages.message import Message
 from station.report.wearer_section import motion_drawing

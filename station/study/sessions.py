@@ -13,10 +13,9 @@ from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, 
 from fitting.results.sentences import verdict_text
 from fitting.study.cuff_study import Observation
 from recordings.manifest import DataOrigin
-from station.checksums import sha256_of
+from station.checksums import JOURNAL_FILE, sha256_of
 from station.errors import StationError
 from station.journal import JournalError, read_journal
-from station.journal_lines import JOURNAL_FILE
 from station.messages.message import Figures, Message, join_sentences
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent

@@ -1,6 +1,8 @@
 """study.json: the cuffs of many sessions, quantity by quantity. Its schema is published in docs/schemas.
 
 Figures are shown in units of a study, with as many digits as their intervals bear.
+
+normative.json: what volunteers of a study had, for comparison with the value of a later session.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
 from typing import Literal
@@ -36,7 +39,7 @@ from fitting.study.cuff_study import (
 )
 from fitting.study.variance_components import Component, ComponentOutcome
 from recordings.manifest import DataOrigin
-from station.checksums import write_checksums
+from station.checksums import sha256_of, write_checksums
 from station.messages.message import Message
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
@@ -321,3 +324,81 @@ def _compare_all(by_cuff: Mapping[str, list[Observation]]) -> tuple[CuffComparis
     return tuple(
         compare([*by_cuff[first], *by_cuff[second]], first, second) for first, second in combinations(by_cuff, 2)
     )
+
+
+NORMATIVE_FILE = "normative.json"
+NORMATIVE_FORMAT: Literal[1] = 1
+
+
+class NormativePlace(StrEnum):
+    """Where a value is in relation to the 95 % prediction interval."""
+
+    BELOW = "below"
+    WITHIN = "within"
+    ABOVE = "above"
+
+
+class _StrictEntry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class NormativeEntry(_StrictEntry):
+    """Mean over volunteers, and 95 % prediction interval of a new volunteer in one donning of `repeats` repeats, SI."""
+
+    mean: float
+    mean_ci95: tuple[float, float]
+    prediction95: tuple[float, float]
+    volunteers: int = Field(ge=2)
+    repeats: int = Field(ge=1)
+
+    def place(self, value: float) -> NormativePlace:
+        """Where the value of a donning is."""
+        low, high = self.prediction95
+        if value < low:
+            return NormativePlace.BELOW
+        return NormativePlace.ABOVE if value > high else NormativePlace.WITHIN
+
+
+class NormativeDocument(_StrictEntry):
+    """normative.json: cuff → quantity → mean and 95 % prediction interval; study_sha256 is the hash of study.json."""
+
+    format: Literal[1]
+    origin: DataOrigin
+    study_sha256: str
+    cuffs: dict[str, dict[QuantityName, NormativeEntry]]
+
+
+def write_normative(study: Path, document: StudyDocument) -> Path:
+    """Write the table beside study.json; only quantities with a prediction are in it."""
+    table: dict[str, dict[QuantityName, NormativeEntry]] = {}
+    for cuff, quantities in document.cuffs.items():
+        for quantity, found in quantities.items():
+            if found.mean is not None and found.prediction is not None:
+                table.setdefault(cuff, {})[quantity] = NormativeEntry(
+                    mean=found.mean.value,
+                    mean_ci95=found.mean.ci95,
+                    prediction95=found.prediction.ci95,
+                    volunteers=len(found.volunteers),
+                    repeats=found.repeats,
+                )
+    normative = NormativeDocument(
+        format=NORMATIVE_FORMAT, origin=document.origin, study_sha256=sha256_of(study), cuffs=table
+    )
+    path = study.with_name(NORMATIVE_FILE)
+    write_whole(path, json.dumps(normative.model_dump(mode="json"), indent=1, allow_nan=False) + "\n")
+    write_checksums(path)
+    return path
+
+
+def read_normative(path: Path) -> NormativeDocument:
+    """Raises StudyError for what `station study` would not write."""
+    try:
+        return NormativeDocument.model_validate(read_json(path))
+    except (OSError, PlainDataError) as error:
+        raise _not_normative(path, describe_failure(error)) from error
+    except ValidationError as error:
+        raise _not_normative(path, describe_error(error)) from error
+
+
+def _not_normative(path: Path, reason: str) -> StudyError:
+    return StudyError(Message(StudyCode.WRONG_NORMATIVE, {"path": str(path), "reason": reason}))

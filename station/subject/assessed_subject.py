@@ -34,9 +34,8 @@ from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_mar
 from solver.suit.suit import Suit
 from solver.uncertainty.varied_motion import DrawnMotion
 from station.kinematics.ik import with_marker_set
-from station.kinematics.marker_checks import Finding
+from station.kinematics.marker_checks import Finding, pose_findings
 from station.kinematics.person import PersonBody, PersonInputs, person_of_trials
-from station.kinematics.person_findings import pose_findings
 from station.messages.kinematics_messages import PersonCode, SubjectCode
 from station.messages.message import Message
 from station.progress import Progress, silent

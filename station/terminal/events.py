@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 from fitting.results.codes import Verdict
 from recordings.manifest import TrialCondition
-from station.journal_lines import Choice
+from station.journal import Choice
 from station.session.judgement import Figure, Grade, Judgement, Reason, Row
 from station.session.plan_status import PlanState, PlanStatus
 

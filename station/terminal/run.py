@@ -18,8 +18,7 @@ from station.config import StationConfig
 from station.end_signals import end_signals
 from station.errors import StationError
 from station.exit_code import DONE, FAILED, LOSSY
-from station.journal import read_journal
-from station.journal_lines import Setup
+from station.journal import Setup, read_journal
 from station.messages.codes import CommandCode
 from station.messages.message import Message
 from station.session.controller import SessionController

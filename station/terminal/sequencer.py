@@ -11,8 +11,7 @@ import asyncio
 import time
 
 from station.bench.simulation import SimulationError
-from station.journal import JournalError
-from station.journal_lines import Choice, Recorded
+from station.journal import Choice, JournalError, Recorded
 from station.messages.codes import CommandCode, RefusalCode, TerminalCode
 from station.messages.message import Message, join_sentences
 from station.protocol import TrialSpec

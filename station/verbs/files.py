@@ -87,8 +87,8 @@ def replay(
         if rrd is None and not rerun:
             result = play_back(file, folder, pace, views)
         else:
-            from station.viewer.log import open_rerun
             from station.viewer.scene import log_scene
+            from station.viewer.viewer import open_rerun
 
             cord = subject.rope_markers if subject else manifest.body.suit if manifest.body else ()
             logs = open_rerun(stack, rrd, cord, has_viewer=rerun, is_complete=is_file_alone)

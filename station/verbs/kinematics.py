@@ -98,8 +98,7 @@ def _scale_by_setup(output: Path, write_setup: Path | None, inputs: ScaleInputs)
 def _scale_from_trials(output: Path, inputs: PersonInputs) -> None:
     from rich.console import Console
 
-    from station.kinematics.body_document import result_files, summary, write_person
-    from station.kinematics.person import measure_person
+    from station.kinematics.person import measure_person, result_files, summary, write_person
     from station.progress import progress_bars
 
     if output.suffix != ".osim":
@@ -137,8 +136,7 @@ def ik(
 
     Also writes *_ik_frames.csv (outcome, residuals, standard deviations of every frame) and *_ik.json.
     """
-    from station.kinematics.ik import IkInputs, solve_postures, write_ik_setup
-    from station.kinematics.postures_file import result_files, summary, write_postures
+    from station.kinematics.ik import IkInputs, result_files, solve_postures, summary, write_ik_setup, write_postures
 
     if output.suffix not in (".mot", ".sto", ".csv"):
         raise typer.BadParameter(f"--output should end in .mot, .sto or .csv and is {output.name}")

@@ -128,7 +128,7 @@ def rmr(
 
 def _ensure_outputs(output: Path, plot: Path | None) -> None:
     """Refuse outputs that cannot be written, before anything is computed."""
-    from station.assessment.rmr_table import ensure_table_format
+    from station.assessment.rmr import ensure_table_format
 
     ensure_table_format(output)
     ensure_writable([output])
@@ -153,7 +153,7 @@ def _ensure_compatible(actuators: list[Path] | None, model: str, elastic_with: M
 
 def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
     """The conditions of the solution, the table, and the figures if they are asked for."""
-    from station.assessment.rmr_table import write_solved
+    from station.assessment.rmr import write_solved
 
     _print_conditions(solved)
     left_out = write_solved(output, solved)
@@ -230,8 +230,7 @@ def validate(
     from rich.console import Console
 
     from station.progress import progress_bars
-    from station.validation.lifts import validate_folder, verdicts
-    from station.validation.validation_table import validation_table, write_validation
+    from station.validation.lifts import validate_folder, validation_table, verdicts, write_validation
 
     if output is not None and output.suffix != ".csv":
         raise typer.BadParameter(f"--output should end in .csv and is {output.name}")
@@ -252,7 +251,7 @@ def validate(
         write_validation(output, solved)
         print(output)
     if plot is not None:
-        from station.validation.validation_table import draw_forces
+        from station.validation.lifts import draw_forces
 
         draw_forces(plot, solved)
         print(plot)
@@ -287,8 +286,7 @@ def emg(
 ) -> None:
     """Compute EMG envelopes, normalised to a known MVC, and compare shape and change with the model's activations."""
     from station.emg.comparison import ConditionFiles, compare_emg
-    from station.emg.emg_json import write_emg
-    from station.emg.emg_tables import result_files, write_change, write_envelopes
+    from station.emg.emg_json import result_files, write_change, write_emg, write_envelopes
     from station.output_folder import ensure_folder
 
     condition = ConditionFiles(tuple(trials), tuple(activations or ()))
@@ -316,7 +314,7 @@ def _print_results(document: EmgDocument) -> None:
     """Print tables to stdout and findings to stderr."""
     from rich.console import Console
 
-    from station.emg.emg_tables import change_table, findings_text, pooled_table, shape_table
+    from station.emg.emg_json import change_table, findings_text, pooled_table, shape_table
 
     for sentence in findings_text(document):
         print_message(sentence)

@@ -85,7 +85,7 @@ def print_result(result: TrialResult, format: Format, *, is_kept: bool = True) -
 
 def print_motion_notes(notes: Mapping[str, str]) -> None:
     """Print to stderr: the filter of a motion, and the findings of its checks."""
-    from station.assessment.motion_checks import motion_findings
+    from station.assessment.given_motion import motion_findings
 
     print_message(f"filter: {notes['filter']}")
     for finding in motion_findings(notes):

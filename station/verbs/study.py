@@ -105,9 +105,8 @@ def study(
     from rich.console import Console
 
     from station.progress import progress_bars
-    from station.study.normative_file import write_normative
     from station.study.sessions import read_sessions
-    from station.study.study_document import make_study, study_document, write_study
+    from station.study.study_document import make_study, study_document, write_normative, write_study
     from station.study.study_page import print_study, write_study_page
 
     with progress_bars(Console(stderr=True)) as progress:

@@ -1,4 +1,4 @@
-"""Verbs on a suit: assess, optimise, sweep."""
+"""Verbs on cuffs and suits: fit, assess, optimise, sweep."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from station.defaults import CUTOFF_HZ, LEAST_DRAWS
-from station.exit_code import DONE, LOSSY
+from station.exit_code import DONE, FAILED, LOSSY
 from station.verbs.options import (
     BundledOrMotion,
     BundledOrOsim,
@@ -17,6 +17,7 @@ from station.verbs.options import (
     CutoffHz,
     EffortFile,
     ExternalLoads,
+    Format,
     Freedom,
     Paths,
     Tendons,
@@ -25,7 +26,73 @@ from station.verbs.options import (
 )
 
 if TYPE_CHECKING:
+    from fitting.cuffs.cuff_fit import SessionFit
     from station.assessment.people_run import PeopleOptions
+
+Method = Literal["default", "paper"]
+
+
+def fit(
+    session: Annotated[Path, typer.Argument(help="Session folder.")],
+    output: Annotated[Path | None, typer.Option(help="Default: cuffs.json in the session folder.")] = None,
+    format: Annotated[Format, typer.Option(help="Table for people or JSON for programs.")] = "table",  # noqa: A002
+    method: Annotated[
+        Method,
+        typer.Option(
+            help='"paper": print the result of the published equations for the same trials, without cuffs.json.'
+        ),
+    ] = "default",
+) -> None:
+    """Fit stiffness, damping and migration of every cuff in a session, with their uncertainty."""
+    from rich.console import Console
+
+    from fitting.cuffs.cuffs_file import cuffs_json
+    from station.checksums import JOURNAL_FILE, changed_files
+    from station.fit import fit_session_folder
+    from station.progress import progress_bars
+    from station.tables import print_cuffs
+
+    cuffs = output or session / "cuffs.json"
+    with progress_bars(Console(stderr=True)) as progress:
+        fitted = fit_session_folder(session, cuffs if method == "default" else None, progress)
+    for file, damage in fitted.damage.items():
+        print_message(f"{file} is damaged: {'; '.join(damage)}")
+    if method == "paper":
+        _compare_with_paper(fitted, output, format)
+    elif format == "json":
+        print(cuffs_json(fitted), end="")
+    else:
+        print_cuffs(fitted, Console(markup=False))  # "[mm]" is a unit
+    if not fitted.pulls:
+        print_message("no trial could be used; the reasons are listed above and in cuffs.json")
+        raise typer.Exit(LOSSY if fitted.damage else FAILED)
+    broken = [session / file for file, standing in fitted.recordings.items() if standing.is_break]
+    changed = changed_files([*broken, session / JOURNAL_FILE])
+    for message in changed:
+        print_message(str(message))
+    is_whole = not changed and all(curves.pull.trial.is_whole for curves in fitted.pulls.values())
+    raise typer.Exit(DONE if is_whole and not fitted.damage else LOSSY)
+
+
+def _compare_with_paper(fitted: SessionFit, output: Path | None, format: Format) -> None:  # noqa: A002
+    """Print the results of the published method, and write them to the output file if there is one."""
+    import json
+
+    from rich.console import Console
+
+    from fitting.cuffs.published_method import plain_published, published_fits
+    from station.tables import published_table
+    from station.whole_file import write_whole
+
+    fits = published_fits(fitted)
+    text = json.dumps({"method": "paper", "cuffs": plain_published(fits)}, indent=2) + "\n"
+    if output is not None:
+        write_whole(output, text)
+    if format == "json":
+        print(text, end="")
+    else:
+        Console(markup=False).print(published_table(fits, fitted))
+
 
 CuffsFile = Annotated[Path, typer.Option(help="cuffs.json of `station fit`, or written by hand.")]
 Budget = Annotated[Path | None, typer.Option(help="Sources of uncertainty (.toml). Default: the bundled budget.")]
@@ -217,8 +284,7 @@ def sweep(
 
     from station.dask_cluster import connected
     from station.progress import progress_bars
-    from station.sweep.dataset import run_sweep
-    from station.sweep.solving import solve_on
+    from station.sweep.dataset import run_sweep, solve_on
     from station.sweep.sweep_plan import read_plan
 
     read = read_plan(plan)

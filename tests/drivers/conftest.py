@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.simulators.nidaq_server import NiDaqSimulator
+from drivers.simulators.daq_rpcs import NiDaqSimulator
 from tests.drivers.simulated_qtm import EXACT_CLOCK
 from tests.drivers.stand_in_world import StandInWorld
 

@@ -8,8 +8,8 @@ import pytest
 from serial.tools import list_ports
 
 from drivers.serial_load_cell import SerialLoadCell
+from drivers.simulators.daq_rpcs import NiDaqSimulator
 from drivers.simulators.load_cell_port import SerialLoadCellSimulator
-from drivers.simulators.nidaq_server import NiDaqSimulator
 from recordings.samples import DeviceIdentity
 from tests.drivers.other_qtm import OtherQtm, packet, proper
 from tests.drivers.simulated_qtm import daq, driver, opened, simulator
@@ -45,7 +45,7 @@ def test_a_daq_is_simulated_or_not_by_its_own_property(
     """NI's property is DAQmx_Dev_IsSimulated, 0x22CA in NIDAQmx.h, whatever device answers."""
     from nidaqmx._stubs import nidaqmx_pb2 as wire
 
-    from drivers.simulators import nidaq_server as server
+    from drivers.simulators import daq_rpcs as server
 
     asked: list[int] = []
 
@@ -63,7 +63,7 @@ def test_a_daq_server_that_does_not_know_the_question_leaves_it_open(
 ) -> None:
     import grpc
 
-    from drivers.simulators import nidaq_server as server
+    from drivers.simulators import daq_rpcs as server
 
     def answer(_service: object, _request: object, context: grpc.ServicerContext) -> object:
         return context.abort(grpc.StatusCode.UNIMPLEMENTED, "")

@@ -16,8 +16,8 @@ from drivers import nidaq
 from drivers.device import Device, Resumable
 from drivers.errors import DeviceCode, DeviceError, DeviceLost
 from drivers.nidaq import AnalogInput, NiDaq
+from drivers.simulators.daq_rpcs import NiDaqSimulator
 from drivers.simulators.faults import Fault
-from drivers.simulators.nidaq_server import NiDaqSimulator
 from drivers.simulators.settings import EmgWire
 from recordings.samples import Item, Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, raises_refusal, read_until
@@ -248,7 +248,7 @@ def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(
 def test_a_server_that_cannot_tell_what_is_there_is_asked_for_what_is_due_so_that_no_backlog_stays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("drivers.simulators.nidaq_server._Service.GetReadAttributeUInt32", _unimplemented)
+    monkeypatch.setattr("drivers.simulators.daq_rpcs._Service.GetReadAttributeUInt32", _unimplemented)
     world = StandInWorld(is_standing=True)
     server = NiDaqSimulator(world, clock=EXACT_CLOCK)
     server.start()

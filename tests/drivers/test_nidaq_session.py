@@ -23,8 +23,8 @@ from drivers.errors import DeviceCode
 from drivers.nidaq import NiDaq
 from drivers.nidaq_session import refusal_of
 from drivers.reconnecting import Reconnecting
+from drivers.simulators.daq_rpcs import NiDaqSimulator, _Service
 from drivers.simulators.faults import Fault
-from drivers.simulators.nidaq_server import NiDaqSimulator, _Service
 from drivers.simulators.usb6008 import DaqmxError
 from recordings.samples import Event, Item, Loss, Samples
 from tests.drivers.contract import blocks, is_one_sentence, raises_refusal

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers import qualisys_connection
+from drivers import qualisys
 from drivers.device import CaptureControl
 from drivers.errors import DeviceCode
 from drivers.qualisys_settings import CaptureNote
@@ -158,13 +158,13 @@ def test_starting_without_control_is_refused_with_what_to_set() -> None:
 
 
 def test_a_server_that_accepts_and_is_silent_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys_connection, "CONNECT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(qualisys, "CONNECT_TIMEOUT_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as mute, raises_refusal(DeviceCode.NO_ANSWER):
         driver(mute.getsockname()[1]).open()
 
 
 def test_a_server_that_falls_silent_while_it_opens_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(qualisys, "COMMAND_TIMEOUT_S", 0.2)
     with (
         OtherQtm(lambda command: b"" if command.startswith(b"getparameters") else proper(command)) as qtm,
         raises_refusal(DeviceCode.NO_ANSWER),
@@ -297,7 +297,7 @@ def test_dropped_images_of_qtm_are_reported_whenever_a_rate_increases() -> None:
 
 
 def test_unread_frames_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys_connection, "LONGEST_QUEUE", 100)
+    monkeypatch.setattr(qualisys, "LONGEST_QUEUE", 100)
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         for first in range(2, 302, 50):
             qtm.send(b"".join(two(number) for number in range(first, first + 50)))

@@ -8,7 +8,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from drivers import nidaq, qualisys_connection
+from drivers import nidaq, qualisys
 from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
 from drivers.reconnecting import CATALOGUE, Reconnecting, make_device
 from drivers.simulators.faults import FAULTS
@@ -176,7 +176,7 @@ def bench() -> Iterator[FaultBench]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(1.0))
         patch.setattr(nidaq, "LONGEST_WAIT_S", 0.3)
-        patch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", scaled_timeout(1.0))
+        patch.setattr(qualisys, "COMMAND_TIMEOUT_S", scaled_timeout(1.0))
         with FaultBench() as bench:
             yield bench
 

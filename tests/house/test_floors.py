@@ -111,7 +111,7 @@ NAME = "effective_config"
 ALLOWED = {
     "recordings/manifest.py": "declares it",
     "station/files/timed_replay.py": "replays with it",
-    "station/live/replay.py": "replays with it",
+    "station/live/engine.py": "replays with it",
     "station/trial_manifest.py": "writes it",
 }
 

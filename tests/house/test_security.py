@@ -15,9 +15,9 @@ import pytest
 
 from station import dask_cluster
 from station.bench.simulation import SimulatedBench, simulator_settings
+from station.checksums import JOURNAL_FILE
 from station.config import ConfigError, parse_config
 from station.journal import JournalError, read_journal
-from station.journal_lines import JOURNAL_FILE
 from station.messages.codes import JournalCode
 from station.messages.setup_messages import ConfigCode
 from station.viewer import viewer as rerun_viewer

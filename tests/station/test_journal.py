@@ -12,10 +12,15 @@ import pytest
 
 from recordings.manifest import CuffSite
 from station import journal
+from station.checksums import JOURNAL_FILE
 from station.errors import StationError
 from station.journal import (
+    Assignment,
+    Decision,
     Journal,
     JournalError,
+    Recorded,
+    Setup,
     append_line,
     read_journal,
     write_assigned,
@@ -29,7 +34,6 @@ from station.journal import (
     write_undone,
     write_verdict,
 )
-from station.journal_lines import JOURNAL_FILE, Assignment, Decision, Recorded, Setup
 from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec

@@ -20,8 +20,7 @@ from station import child, end_signals
 from station.bench.trial_recorder import TrialRefused
 from station.checksums import Checksums, is_below
 from station.config import ConfigError, parse_config
-from station.journal import read_journal, write_setup, write_verdict
-from station.journal_lines import Setup
+from station.journal import Setup, read_journal, write_setup, write_verdict
 from station.messages.codes import RefusalCode
 from station.messages.setup_messages import ConfigCode
 from station.protocol import windows_name_fault

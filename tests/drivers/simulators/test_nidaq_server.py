@@ -16,7 +16,7 @@ from nidaqmx.constants import READ_ALL_AVAILABLE, AcquisitionType, BusType, Term
 from nidaqmx.stream_readers import AnalogMultiChannelReader
 from nidaqmx.system import Device, System
 
-from drivers.simulators.nidaq_server import NiDaqSimulator
+from drivers.simulators.daq_rpcs import NiDaqSimulator
 from tests.drivers.stand_in_world import StandInWorld
 from tests.timeout import scaled_timeout
 

@@ -20,7 +20,7 @@ import psutil
 import pytest
 from numpy.typing import NDArray
 
-from drivers import nidaq, qualisys_connection
+from drivers import nidaq, qualisys
 from drivers.qualisys import Qualisys
 from drivers.reconnecting import make_device
 from drivers.simulators.errors import SimulatorCode
@@ -195,8 +195,8 @@ def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(
 ) -> None:
     monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(0.5))
     monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
-    monkeypatch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", scaled_timeout(0.5))
-    monkeypatch.setattr(qualisys_connection, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
+    monkeypatch.setattr(qualisys, "COMMAND_TIMEOUT_S", scaled_timeout(0.5))
+    monkeypatch.setattr(qualisys, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
     ports = child.ask({"speed": 10, "mocap": {"has_preview": True}, "operator": {"capture": "remote"}})["ports"]
     ni = make_device("nidaq", **WIRING, grpc_target=f"127.0.0.1:{ports['ni']}", host_clock=time.time_ns)
     qtm = make_device("qualisys", host="127.0.0.1", port=ports["qtm"], host_clock=time.time_ns)

@@ -24,7 +24,7 @@ from fitting.emg.envelopes import (
     resampled,
 )
 from fitting.results.codes import FitErrorCode
-from recordings.exchange.exp import read_exp
+from recordings.exchange.delimited_emg import read_exp
 from tests.conftest import SHARED
 from tests.fitting.emg.simulated import RATE, activation, raw_emg
 from tests.refusals import raises_refusal

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from recordings.errors import RecordingCode
-from recordings.exchange.delimited_emg import read_delimited_emg
-from recordings.exchange.exp import read_exp
+from recordings.exchange.delimited_emg import read_delimited_emg, read_exp
 from recordings.exchange.sample_tables import (
     MarkerTable,
     SignalTable,

@@ -23,13 +23,14 @@ from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessme
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
+    EmgError,
     InputError,
     cuff_findings,
     read_cuffs_to_wear,
+    read_emg,
     wearable,
     worn_cuffs,
 )
-from station.assessment.emg import EmgError, read_emg
 from station.assessment.uncertainty_json import DecisionEntry, percent, plain_decision, without_decision
 from station.checksums import sha256_of
 from station.messages.assessment_messages import AssessmentFileCode

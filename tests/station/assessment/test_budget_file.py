@@ -14,8 +14,8 @@ from solver.uncertainty.factors import columns_of, normal_scores, random_factors
 from solver.uncertainty.sources import DonningSpread, FitSpread, UncertaintySources
 from solver.uncertainty.varied_model import varied_cuff
 from station.assessment.budget_file import BUNDLED_BUDGET, BudgetError, read_budget
-from station.assessment.donning import donning_sources
 from station.assessment.people_run import PeopleOptions, people_run
+from station.assessment.uncertainty_json import donning_sources
 from station.errors import UnusedOption
 from station.messages.codes import InputCode
 from station.messages.study_messages import StudyCode

@@ -15,8 +15,15 @@ from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
 from solver.time_series_table import read_table, write_table
-from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
-from station.assessment.motion_checks import ANGLE_TOLERANCE, load_checks, motion_checks, motion_findings
+from station.assessment.given_motion import (
+    ANGLE_TOLERANCE,
+    MotionCut,
+    MuscleInputs,
+    load_checks,
+    motion_checks,
+    motion_findings,
+    read_given_motion,
+)
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_angles, step_in
 from tests.solver.published import TRIALS, trial

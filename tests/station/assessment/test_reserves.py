@@ -14,8 +14,7 @@ from solver.osim.model_reader import read_osim
 from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.reserves import reserve_findings, unit_of
-from station.assessment.rmr import SolvedMotion, left_out_findings, solve_muscles
-from station.assessment.rmr_table import reserve_unit
+from station.assessment.rmr import SolvedMotion, left_out_findings, reserve_unit, solve_muscles
 from station.messages.codes import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in
 from tests.station.command import Ran

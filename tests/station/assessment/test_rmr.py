@@ -23,8 +23,7 @@ from solver.time_series_table import read_table, write_table
 from station import sources
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unconverged, describe_unsolved
-from station.assessment.rmr import SolvedMotion, solve_muscles
-from station.assessment.rmr_table import solved_columns, write_solved
+from station.assessment.rmr import SolvedMotion, solve_muscles, solved_columns, write_solved
 from station.messages.codes import InputCode
 from station.report.rmr_figures import draw_solved
 from tests.refusals import raises_refusal

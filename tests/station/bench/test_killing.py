@@ -18,7 +18,7 @@ import pytest
 from mcap.reader import make_reader
 
 from drivers.errors import DeviceCode
-from drivers.simulators.nidaq_server import NiDaqSimulator
+from drivers.simulators.daq_rpcs import NiDaqSimulator
 from drivers.simulators.qtm_server import QualisysSimulator
 from drivers.simulators.settings import DaqClockSettings, settings_from_dict
 from drivers.simulators.simulated_bench import Bench

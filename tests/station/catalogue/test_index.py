@@ -21,8 +21,8 @@ from station.catalogue.index import (
     write_participants,
 )
 from station.catalogue.query import SessionFilter, known_participants, list_cuffs, run_sql
-from station.journal import write_recorded, write_setup
-from station.journal_lines import JOURNAL_FILE, Recorded, Setup
+from station.checksums import JOURNAL_FILE
+from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.messages.study_messages import CatalogueCode
 from station.session.listing import list_sessions
 from tests.refusals import raises_refusal

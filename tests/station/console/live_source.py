@@ -27,8 +27,7 @@ from station.live.published import (
     LiveUpdate,
     LiveValues,
 )
-from station.live.server import LiveServer
-from station.live.subscription import announce, withdraw
+from station.live.subscription import LiveServer, announce, withdraw
 
 MODEL = bundled_model()
 SCENARIOS = (

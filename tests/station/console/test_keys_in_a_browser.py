@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from station.journal import write_recorded, write_setup
-from station.journal_lines import Recorded, Setup
+from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.subject.subject_file import Cord, Subject, read_subject
 from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, seen
 from tests.station.console.served import ServedConsole, write_config

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from station.journal import write_recorded, write_setup
-from station.journal_lines import Recorded, Setup
+from station.journal import Recorded, Setup, write_recorded, write_setup
 from tests.station.console.browsing import (
     CHROMIUM,
     begin,

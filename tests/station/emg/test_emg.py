@@ -15,7 +15,7 @@ from fitting.emg.channels import ChannelFinding
 from fitting.emg.shape import ShapeOutcome
 from fitting.results.codes import FitErrorCode
 from solver.time_series_table import read_table
-from station.assessment.emg import read_emg
+from station.assessment.assessment_inputs import read_emg
 from station.emg.comparison import ConditionFiles, compare_emg
 from station.emg.emg_json import EmgDocument, read_emg_document
 from station.emg.trials import EmgFileError

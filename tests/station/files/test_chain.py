@@ -18,11 +18,10 @@ from fitting.results.codes import RejectionCode, Standing
 from solver.bundled import bundled_model
 from solver.raise_arm import simulate_arm_raise
 from solver.time_series_table import write_table
-from station.checksums import CHECKSUMS_FILE, Checksums, write_checksums
+from station.checksums import CHECKSUMS_FILE, JOURNAL_FILE, Checksums, write_checksums
 from station.files.chain import verify_folder
 from station.fit import fit_session_folder
-from station.journal import write_mark, write_setup, write_verdict
-from station.journal_lines import JOURNAL_FILE, Setup
+from station.journal import Setup, write_mark, write_setup, write_verdict
 from station.messages.file_messages import ChainCode
 from station.messages.message import Message
 from station.recordings_of_session import originals_in, recordings_in, useless_copies_in

@@ -23,10 +23,9 @@ from solver.osim.model_writer import osim_document
 from solver.osim.tool_setups import read_ik_setup
 from solver.redundancy.glenoid import force_agreement
 from solver.redundancy.motion_solution import solve_motion
-from station.kinematics.body_document import write_person
 from station.kinematics.ik import IkInputs, solve_postures
-from station.kinematics.person import PersonInputs, measure_person
-from station.kinematics.person_findings import PersonError
+from station.kinematics.marker_checks import PersonError
+from station.kinematics.person import PersonInputs, measure_person, write_person
 from station.messages.codes import KinematicsCode
 from station.messages.kinematics_messages import PersonCode
 from station.validation.lifts import CUTOFF_HZ, PUBLISHED_VARIANTS

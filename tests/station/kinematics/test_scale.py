@@ -17,8 +17,7 @@ from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from station.exit_code import DONE, WRONG_USAGE
 from station.kinematics.ik import IkInputs, solve_postures
-from station.kinematics.marker_checks import KinematicsError
-from station.kinematics.person_findings import mass_findings
+from station.kinematics.marker_checks import KinematicsError, mass_findings
 from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
 from station.messages.codes import KinematicsCode
 from station.messages.kinematics_messages import PersonCode

@@ -12,8 +12,7 @@ from recordings.samples import Samples
 from recordings.topics import MARKERS
 from solver.stream.stream_frame import StreamOutcome, StreamSuitOutcome
 from station.live.engine import DROP_LATENCY_S, LiveEngine
-from station.live.pipeline import CycleEffort
-from station.live.plan import PreparedTrial
+from station.live.pipeline import CycleEffort, PreparedTrial
 from station.messages.live_messages import LiveCode
 from tests.station.live.trials import Collected, generic_plan, outcomes, part_of, solve
 from tests.station.wearer import WearerSession

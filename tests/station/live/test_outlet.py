@@ -18,8 +18,7 @@ from station.config import LiveSection, parse_config
 from station.live import outlet as outlet_module
 from station.live.engine import LiveEngine
 from station.live.feed_wire import LiveRequest
-from station.live.outlet import LslOutlet, OutletRefused
-from station.live.result_file import live_path
+from station.live.outlet import LslOutlet, OutletRefused, live_path
 from station.live.subscription import LiveSubscription, find_address
 from station.live.tap import LiveTap
 from station.messages.live_messages import LiveCode

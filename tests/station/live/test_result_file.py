@@ -15,11 +15,9 @@ import pytest
 
 from recordings.reader import open_recording
 from station.config import LiveSection
-from station.live.engine import LiveEngine
-from station.live.outlet import live_columns, live_row
+from station.live.engine import LiveEngine, replay_live
+from station.live.outlet import ResultFile, live_columns, live_path, live_row
 from station.live.published import LiveDelivery
-from station.live.replay import replay_live
-from station.live.result_file import ResultFile, live_path
 from tests.station.command import Ran
 from tests.station.live.trials import TIGHT, Collected, PartOfTrial, generic_plan
 from tests.station.wearer import WearerSession

@@ -28,10 +28,12 @@ from station.live.published import (
     LiveValues,
     update_line,
 )
-from station.live.server import MOST_STRANGERS, VIEW_BACKLOG, LiveServer
 from station.live.subscription import (
     ADDRESS_FILE,
+    MOST_STRANGERS,
+    VIEW_BACKLOG,
     LiveAddress,
+    LiveServer,
     LiveSubscription,
     LiveUnreachable,
     announce,
@@ -76,7 +78,7 @@ def test_connections_without_a_token_keep_no_view_out() -> None:
 
 
 def test_a_connection_that_sends_nothing_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("station.live.server.TOKEN_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("station.live.subscription.TOKEN_TIMEOUT_S", 0.05)
     with LiveServer(SETUP, ignore) as server, connected(server) as stranger:
         assert stranger.recv(1) == b""
 

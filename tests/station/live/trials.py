@@ -14,7 +14,7 @@ from recordings.samples import Item, Samples, Stream
 from recordings.topics import MARKERS
 from station.config import LiveSection, StationConfig
 from station.live.engine import LiveEngine
-from station.live.plan import PreparedTrial, prepare_trial
+from station.live.pipeline import PreparedTrial, prepare_trial
 from station.live.published import LiveDelivery, LiveSetup, LiveUpdate, LiveValues
 from tests.station.wearer import SPECS, WearerSession
 

@@ -18,8 +18,7 @@ from fitting.session import fit_session
 from fitting.spatial.tensors import Tensor, Tensors
 from fitting.trial.trial import build_trial
 from station.charts.marks import Chart, Line, Panel, Points, Rule, Strip
-from station.journal import write_mark, write_note, write_setup
-from station.journal_lines import Setup
+from station.journal import Setup, write_mark, write_note, write_setup
 from station.report.fit_figures import checks_figure, fit_figure
 from station.report.muscle_figures import activation_figure, change_figure, muscle_changes
 from station.report.page import write_report

@@ -9,8 +9,7 @@ import pytest
 
 from recordings.manifest import CuffSite, DataOrigin, LoadCell, Manifest, MeasurementProtocol
 from recordings.samples import DeviceIdentity, Event
-from station.journal import write_mark, write_setup
-from station.journal_lines import Setup
+from station.journal import Setup, write_mark, write_setup
 from station.report import session_facts as module
 from station.report.numbers import located
 from station.report.report_file import Source

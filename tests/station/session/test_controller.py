@@ -21,9 +21,9 @@ from recordings.reader import open_recording
 from recordings.samples import Event
 from station.bench.simulation import SimulatedBench, practice_settings
 from station.bench.trial_recorder import LOCK
+from station.checksums import JOURNAL_FILE
 from station.config import StationConfig, load_config
-from station.journal import JournalError, read_journal, write_recorded, write_setup, write_verdict
-from station.journal_lines import JOURNAL_FILE, Recorded, Setup
+from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup, write_verdict
 from station.messages.codes import AlarmCode, CommandCode, JournalCode, ReasonCode, TerminalCode, TrialCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode

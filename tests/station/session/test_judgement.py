@@ -19,8 +19,7 @@ from fitting.uncertainty import Estimate
 from recordings.chunks import Damage, Entry
 from recordings.samples import Event
 from station.fit import fit_session_folder
-from station.journal import write_recorded, write_verdict
-from station.journal_lines import Recorded
+from station.journal import Recorded, write_recorded, write_verdict
 from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.session.fitted_judgement import judge_recording

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from station.config import StationConfig, parse_config
-from station.journal import Journal
-from station.journal_lines import Decision, Recorded, Setup
+from station.journal import Decision, Journal, Recorded, Setup
 from station.messages.codes import CommandCode
 from station.messages.message import Message
 from station.protocol import TrialSpec

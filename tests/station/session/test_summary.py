@@ -17,10 +17,10 @@ from fitting.results.sentences import Note, sentence_of
 from solver.compile_ahead import COMPILER
 from station.assessment.assessment_inputs import InputError
 from station.assessment.compilation import STAGE
+from station.checksums import JOURNAL_FILE
 from station.config import StationConfig, parse_config
 from station.fit import SessionError, fit_session_folder
-from station.journal import write_assigned, write_setup, write_verdict
-from station.journal_lines import JOURNAL_FILE, Assignment, Setup
+from station.journal import Assignment, Setup, write_assigned, write_setup, write_verdict
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode

@@ -24,8 +24,7 @@ from recordings.samples import Event
 from station.bench.simulation import SimulatedBench, practice_settings
 from station.child import Child
 from station.config import StationConfig, load_config
-from station.journal import read_journal
-from station.journal_lines import Recorded
+from station.journal import Recorded, read_journal
 from station.messages.codes import ReasonCode, RefusalCode, TrialCode
 from station.messages.message import Message
 from station.session.controller import SessionController

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from station.journal import write_setup
-from station.journal_lines import Setup
+from station.journal import Setup, write_setup
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,15 @@ from station.config import load_config
 from station.messages.message import Message
 from station.messages.study_messages import PlanCode, StudyCode
 from station.study.designs import DesignOutcome, find_designs, planned_config, read_study_plan, session_minutes
-from station.study.normative_file import NormativePlace, read_normative
 from station.study.sessions import StudyError, read_session, read_sessions
-from station.study.study_document import StudyDocument, make_study, read_study, study_document
+from station.study.study_document import (
+    NormativePlace,
+    StudyDocument,
+    make_study,
+    read_normative,
+    read_study,
+    study_document,
+)
 from station.study.study_page import forest_chart
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import CUFF_FACTORS, STIFFNESS, write_sessions

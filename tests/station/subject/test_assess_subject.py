@@ -23,7 +23,7 @@ from station.assessment import case
 from station.assessment.assess import assess_cuffs, write_assessment
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
-from station.kinematics.person_findings import PersonError
+from station.kinematics.marker_checks import PersonError
 from station.messages.kinematics_messages import PersonCode, SubjectCode
 from station.report.page import write_report
 from station.subject import assessed_subject

@@ -25,8 +25,7 @@ from station import sources
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.messages.codes import InputCode
 from station.messages.study_messages import SweepCode
-from station.sweep.dataset import SweepResult, run_sweep
-from station.sweep.solving import Outcome, Task, solve_task
+from station.sweep.dataset import Outcome, SweepResult, Task, run_sweep, solve_task
 from station.sweep.sweep_plan import PlanError, read_plan
 from tests.refusals import raises_refusal
 from tests.station.command import assert_refused

@@ -23,8 +23,7 @@ from station.assessment.people_run import PeopleError, PeopleRun, run_people, so
 from station.dask_cluster import ClusterError, connected
 from station.messages.codes import InputCode
 from station.messages.study_messages import SweepCode
-from station.sweep.dataset import SweepResult, run_sweep
-from station.sweep.solving import solve_on, solve_task
+from station.sweep.dataset import SweepResult, run_sweep, solve_on, solve_task
 from station.sweep.sweep_plan import SweepPlan, read_plan
 from tests.refusals import raises_refusal
 from tests.solver.uncertainty.test_people import CASE
@@ -39,7 +38,7 @@ from functools import partial
 from pathlib import Path
 import psutil
 from station.dask_cluster import connected
-from station.sweep.solving import solve_on
+from station.sweep.dataset import solve_on
 from station.sweep.sweep_plan import read_plan
 from station.sweep.dataset import run_sweep
 
@@ -116,7 +115,7 @@ def test_a_killed_sweep_is_continued_with_equal_results(
 def test_an_unexpected_error_is_a_row_and_the_case_is_repeated(
     client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("station.sweep.solving.solve_task", divide_by_zero)
+    monkeypatch.setattr("station.sweep.dataset.solve_task", divide_by_zero)
     failed = run_sweep(plan, tmp_path, partial(solve_on, client))
     assert (failed.cases, failed.failed) == (40, 40)
     monkeypatch.undo()

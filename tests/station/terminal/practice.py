@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import StationConfig, load_config
-from station.journal_lines import Setup
+from station.journal import Setup
 from station.session.controller import SessionController
 from station.session.live_trial import LiveTrial
 from station.terminal.commands import Request, parse_command

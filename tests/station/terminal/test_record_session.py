@@ -20,8 +20,7 @@ import pytest
 from recordings.reader import open_recording
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.config import StationConfig, load_config, parse_config
-from station.journal import read_journal, write_setup
-from station.journal_lines import Setup
+from station.journal import Setup, read_journal, write_setup
 from station.messages.codes import CommandCode, CueCode, RefusalCode
 from station.session.controller import SessionController
 from station.terminal import run

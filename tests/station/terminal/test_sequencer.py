@@ -16,8 +16,7 @@ from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig, load_config
-from station.journal import read_journal, write_recorded, write_verdict
-from station.journal_lines import Recorded
+from station.journal import Recorded, read_journal, write_recorded, write_verdict
 from station.messages.codes import CommandCode, RefusalCode, TrialCode
 from station.session.trial_runner import TrialProcess
 from station.terminal.events import (

@@ -32,8 +32,8 @@ from station.validation.lifts import (
     solve_variant,
     validate_folder,
     verdicts,
+    write_validation,
 )
-from station.validation.validation_table import write_validation
 from tests.conftest import SHARED
 from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused

@@ -13,8 +13,7 @@ import pytest
 
 from recordings.samples import Event, Samples, Stream
 from station.bench.view import Snapshot, TrialState
-from station.viewer.log import RerunLog
-from station.viewer.viewer import DISTANCE, TIMELINE, SceneExtent
+from station.viewer.viewer import DISTANCE, TIMELINE, RerunLog, SceneExtent
 
 
 def test_a_trial_s_force_markers_and_events_are_in_the_file(tmp_path: Path) -> None:
