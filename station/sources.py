@@ -52,7 +52,7 @@ def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path
 def model_and_suit_of(
     name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = (), needs_paths: bool = True
 ) -> tuple[Model, SuitedModel | None]:
-    """As model_of, but a model with the suit of `station export --osim` is taken, with that suit beside it; needs_paths
+    """As model_of, but a model with the suit of `station export --osim` is read, and returned with it; needs_paths
     as in read_osim_model.
     """
     if name == BUNDLED:

@@ -30,7 +30,7 @@ def suit_from_markers(suit: Suit, model: Model, coordinates: Array, observed: Ar
 
     coordinates (frames, coordinates) [rad or m] are the postures in which observed (frames, 3, 3) [m] in ground was
     recorded, NaN where a marker is hidden. A point is the mean of its marker in the body that the suit names for it;
-    the mass beside it moves along. Raises SuitError for a marker that is never seen.
+    the mass follows it. Raises SuitError for a marker that is never seen.
     """
     state = postures(model, coordinates, np.zeros_like(coordinates))
     points, spread = {}, {}

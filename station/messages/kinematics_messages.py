@@ -71,7 +71,7 @@ KINEMATICS: Mapping[StrEnum, str] = {
         "{markers}: the location in the model is unknown, so they are not used; give location_m in your own marker set"
     ),
     KinematicsCode.UNUSED_ELEMENTS: "{file} has elements that are not used: {elements}",
-    KinematicsCode.FILE_ELSEWHERE: "{file} names files that are not there; those beside it are read: {files}",
+    KinematicsCode.FILE_ELSEWHERE: "{file} names files that do not exist; those in its own folder are read: {files}",
     KinematicsCode.NOT_IN_MODEL: (
         "{names}: {file} names them, and the model or the markers' file does not have them; they are not used"
     ),

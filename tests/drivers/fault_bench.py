@@ -61,7 +61,7 @@ CASES = (
     _case("qtm", "zero_length", 0.0, "disconnected", LOST_AND_FOUND),
     _case("qtm", "huge_length", 0.0, "disconnected", LOST_AND_FOUND),
     _case("qtm", "unknown_packet", events=("unreadable_packet",)),
-    _case("qtm", "unknown_component", 0.05),  # the markers beside it are read
+    _case("qtm", "unknown_component", 0.05),  # the markers are still read
     _case("qtm", "unknown_event", events=("unreadable_packet",)),
     _case("qtm", "drop_images", 0.05, events=("images_dropped",)),
     _case("qtm", "silent", 3.0, "disconnected", LOST_AND_FOUND),

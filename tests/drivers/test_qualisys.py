@@ -427,7 +427,7 @@ def test_a_capture_that_a_killed_station_left_running_is_saved_and_blocks_no_oth
 
 
 @contextmanager
-def capturing_for_somebody(qtm: QualisysSimulator) -> Iterator[None]:
+def capturing_for_another_program(qtm: QualisysSimulator) -> Iterator[None]:
     """A person at the mocap PC records; his capture must go on as it was."""
     began = qtm._server._world.start_capture()
     with opened(driver(qtm.port)) as onlooker:
@@ -438,7 +438,7 @@ def capturing_for_somebody(qtm: QualisysSimulator) -> Iterator[None]:
 
 @pytest.mark.parametrize("note_of", [None, "yesterday", "garbage"])
 def test_a_capture_that_a_person_began_is_left_alone_and_reported(tmp_path: Path, note_of: str | None) -> None:
-    with simulator() as qtm, capturing_for_somebody(qtm):
+    with simulator() as qtm, capturing_for_another_program(qtm):
         note = noted(tmp_path, qtm)
         if note_of:
             yesterday_ns = round(1e9 * (qtm._server._world.now() - 86_400))

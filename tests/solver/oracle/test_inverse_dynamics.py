@@ -296,7 +296,7 @@ def test_a_weight_put_into_the_hand_of_an_osim_file_is_carried_as_a_point_mass(t
 
 
 def written(folder: Path, rows: int, loads: list[tuple[str, ...]]) -> Path:
-    """An XML of external loads as OpenSim prints it, with its data beside it over the times 0 to 1 s."""
+    """An XML of external loads as OpenSim prints it, with its data in the same folder over the times 0 to 1 s."""
     values = np.random.default_rng(rows).normal(size=(rows, len(COLUMNS))) * ([20.0] * 3 + [0.2] * 3 + [3.0] * 3)
     time = np.linspace(0.0, 1.0, rows) ** 1.3  # not evenly
     write_table(folder / "loads.sto", COLUMNS, time, values)

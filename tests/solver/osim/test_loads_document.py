@@ -33,7 +33,7 @@ FORCE = "<force_identifier>handle_v</force_identifier>"
 
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
-    """The XML; beside it its data, a force of (t, 2 t, 3) N at (0.1, 0.2, 0.3) m of the hand."""
+    """The XML; in the same folder its data, a force of (t, 2 t, 3) N at (0.1, 0.2, 0.3) m of the hand."""
     names = [f"handle_{part}{axis}" for part in "vp" for axis in "xyz"]
     values = np.column_stack([TIME, 2 * TIME, np.full((5, 4), [3.0, 0.1, 0.2, 0.3])])
     write_table(tmp_path / "handle.mot", names, TIME, values)

@@ -210,8 +210,8 @@ def test_a_weight_by_name_is_that_of_the_muscle_or_of_the_coordinates_actuator()
 
 def test_a_weight_without_a_muscle_or_below_zero_is_refused():
     mechanics = evaluate_motion(MODEL, decimate(SLOW, 10))
-    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="biceps_of_nobody"):
-        build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"biceps_of_nobody": 1.0}))
+    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="no_such_muscle"):
+        build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"no_such_muscle": 1.0}))
     with raises_refusal(SolverCode.NEGATIVE_WEIGHT, naming="-1"):
         build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"plane_elv": -1.0}))
 

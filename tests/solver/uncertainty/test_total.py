@@ -181,7 +181,7 @@ def test_people_whose_muscles_cannot_do_the_motion_are_marked_counted_and_left_o
     assert np.isnan(efforts).tolist() == [False, True, False, True]
 
 
-def test_where_the_assessed_motion_is_infeasible_nobody_is_left_out(people):  # noqa: F811
+def test_where_the_assessed_motion_is_infeasible_no_person_is_left_out(people):  # noqa: F811
     heavy = {place: replace(one, reserves=np.array([0.2, 17.0, 0.0, 0.0])) for place, one in people.items()}
     marked = mark_infeasible(heavy, has_assessed=True)
     assert not any((one.outcome == INFEASIBLE_MOTION).any() for one in marked.values())

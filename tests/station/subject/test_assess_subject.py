@@ -43,7 +43,7 @@ CORD = PersonSettings().cord_rest_length_m
 
 @pytest.fixture(scope="module")
 def folder(wearer: WearerSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wearer's session with what an analyst writes beside it."""
+    """The wearer's session with the files that an analyst adds."""
     folder = tmp_path_factory.mktemp("subject")
     for spec in SPECS:
         shutil.copy(wearer.path(spec), folder)
