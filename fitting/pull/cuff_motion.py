@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.sentences import Figures, Note
-from fitting.trial.trial import Trial
+
+if TYPE_CHECKING:
+    from fitting.trial.trial import Trial  # the recorder uses only the poses of this file, and starts faster
 
 MIN_ANCHOR_MARKERS = 3
 MIN_ANCHOR_WIDTH = 5e-3
