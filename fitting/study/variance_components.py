@@ -27,6 +27,7 @@ from functools import cache, cached_property
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from fitting.errors import FitError
 from fitting.results.codes import FitOutcome
@@ -62,9 +63,19 @@ class ErrorContrasts:
         """K'Z_i Z_i'K (components, m, m)."""
         return np.array([root @ root.T for root in self.roots]).reshape(self.count, *self.known.shape)
 
+    @cached_property
+    def columns(self) -> Array:
+        """All roots, then the values (m, all levels + 1)."""
+        return np.asfortranarray(np.column_stack((*self.roots, self.values)))
+
+    @cached_property
+    def owners(self) -> Array:
+        """1 where a column is one of the component (all levels, components)."""
+        return np.repeat(np.eye(self.count), [root.shape[1] for root in self.roots], axis=0)
+
     def covariance(self, theta: Array) -> Array:
         """K'V(θ)K (m, m)."""
-        return np.asarray(self.known + np.tensordot(theta, self.products, axes=1))
+        return self.known + (theta @ self.products.reshape(self.count, self.known.size)).reshape(self.known.shape)
 
 
 @dataclass(frozen=True)
@@ -118,20 +129,18 @@ def dependencies(contrasts: ErrorContrasts) -> list[tuple[int, ...] | None]:
 
 def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
     """Raises LinAlgError where V(θ) is singular."""
-    lower = scipy.linalg.cholesky(contrasts.covariance(theta), lower=True)
-    columns = np.column_stack((*contrasts.roots, contrasts.values))
-    whitened = scipy.linalg.solve_triangular(lower, columns, lower=True)
+    # LAPACK itself: what SciPy's functions do around it takes longer than these small matrices.
+    lower, failed = lapack.dpotrf(contrasts.covariance(theta), lower=1)
+    if failed:
+        raise scipy.linalg.LinAlgError("the covariance is singular")
+    whitened, _ = lapack.dtrtrs(lower, contrasts.columns, lower=1)
     inner = whitened.T @ whitened
     across, projected = inner[:-1, :-1], inner[:-1, -1]  # Z_i' V⁻¹ Z_j and Z_i' V⁻¹ y
-    begins = np.cumsum([0, *(root.shape[1] for root in contrasts.roots)])[:-1]
-
-    def sum_blocks(matrix: Array) -> Array:
-        return np.asarray(np.add.reduceat(np.add.reduceat(matrix, begins, axis=0), begins, axis=1))
-
-    information = sum_blocks(across**2) / 2
-    observed = sum_blocks(np.outer(projected, projected) * across) - information
-    gradient = np.add.reduceat(np.diag(across) - projected**2, begins)
-    return Curvature(2 * float(np.log(np.diag(lower)).sum()) + float(inner[-1, -1]), gradient, information, observed)
+    owners = contrasts.owners
+    information = owners.T @ across**2 @ owners / 2
+    observed = owners.T @ (projected[:, np.newaxis] * projected * across) @ owners - information
+    gradient = (across.diagonal() - projected**2) @ owners
+    return Curvature(2 * float(np.log(lower.diagonal()).sum()) + float(inner[-1, -1]), gradient, information, observed)
 
 
 def maximise(contrasts: ErrorContrasts, start: Array | None = None) -> RemlSolution:
