@@ -34,7 +34,7 @@ from solver.forces.passive_forces import (
     PointToPointExpression,
     PointToPointSpring,
 )
-from solver.functions.coordinate_functions import PiecewisePolynomial, scaled
+from solver.functions.coordinate_functions import Function, PiecewisePolynomial, scaled
 from solver.inverse_kinematics.solve import assemble
 from solver.model import (
     Actuator,
@@ -179,7 +179,7 @@ def _joint(joint: Joint, factors: Factors) -> Joint:
         motion = replace(motion, radii=motion.radii * parent, winging_origin=motion.winging_origin * child[:2])
     elif isinstance(motion, AxisMotion):
         functions = tuple(
-            function if index < 3 or _is_plain(function) else scaled(function, float(np.abs(axis) @ parent))
+            function if index < 3 or _has_no_size(function) else scaled(function, float(np.abs(axis) @ parent))
             for index, (axis, function) in enumerate(zip(motion.axes, motion.functions, strict=True))
         )
         motion = replace(motion, functions=functions)
@@ -191,12 +191,9 @@ def _joint(joint: Joint, factors: Factors) -> Joint:
     )
 
 
-def _is_plain(function: object) -> bool:
-    """Whether the axis moves by the coordinate itself: a degree of freedom, which has no size."""
-    if not isinstance(function, PiecewisePolynomial):
-        return False
-    value, slope, bend = function.derivatives(np.array([-1.0, 0.0, 1.0]))
-    return bool(np.array_equal(value, [-1.0, 0.0, 1.0]) and np.all(slope == 1.0) and not bend.any())
+def _has_no_size(function: Function) -> bool:
+    """Whether the axis moves by the coordinate itself: a degree of freedom."""
+    return isinstance(function, PiecewisePolynomial) and function.is_identity
 
 
 def _surface(surface: WrapSurface, s: Array) -> WrapSurface:

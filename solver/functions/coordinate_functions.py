@@ -13,7 +13,7 @@ import ast
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,11 @@ class PiecewisePolynomial:
             slope = slope * local + value
             value = value * local + powers[..., k]
         return value, slope, curvature
+
+    @cached_property
+    def is_identity(self) -> bool:
+        value, slope, bend = self.derivatives(np.array([-1.0, 0.0, 1.0]))
+        return bool(np.array_equal(value, [-1.0, 0.0, 1.0]) and np.all(slope == 1.0) and not bend.any())
 
 
 @dataclass(frozen=True)
