@@ -26,7 +26,7 @@ from recordings.manifest import TrialOutcome
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from recordings.samples import Event, Item, Samples, Stream
-from recordings.writer import BackgroundSync, RecordingWriter, create_exclusively, sync_folder
+from recordings.writer import BackgroundSync, RecordingWriter, create_exclusively, in_a_thread, sync_folder
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -68,6 +68,17 @@ def test_what_has_no_time_of_its_own_has_the_latest_of_the_items_before(tmp_path
         logged = [message.log_time for *_, message in make_reader(file).iter_messages(log_time_order=False)]
     before, after = logged[: 1 + len(STREAMS)], logged[-2 - len(STREAMS) :]
     assert (set(before), set(after)) == ({START_NS}, {times_ns[1]})
+
+
+def test_a_disk_that_never_answers_does_not_keep_the_process_from_ending() -> None:
+    kinds, is_over = list[bool](), threading.Event()
+
+    def work() -> None:
+        kinds.append(threading.current_thread().daemon)
+        is_over.set()
+
+    in_a_thread(work)
+    assert is_over.wait(scaled_timeout(10)) and kinds == [True]
 
 
 def _synced_writer(path: Path) -> tuple[RecordingWriter, WallClock, list[float]]:

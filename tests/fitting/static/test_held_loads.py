@@ -256,6 +256,15 @@ def test_migration_runs_from_the_first_start_to_the_last_end() -> None:
     assert alone.value == pytest.approx(0.0015)
 
 
+def test_a_last_hold_that_is_too_short_to_rest_adds_its_distance_from_rest() -> None:
+    """0.4 mm from its mean to its end, with 0.03 mm of noise at each of the two ends."""
+    (*before, last) = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))
+    found = fit_migration([[*before, replace(last, late=(0.0096, 3e-5), hold=2.0)]])
+    assert found is not None
+    assert found.parts == pytest.approx({"noise": 3e-5 * 2**0.5, "settling": 0.4e-3})
+    assert found.standard_error == pytest.approx((2 * 3e-5**2 + 0.4e-3**2) ** 0.5)
+
+
 def test_a_trial_that_ends_loaded_determines_no_migration() -> None:
     assert fit_migration([_trial((2.0, 0.0), (30.0, 0.01), (60.0, 0.02))]) is None
     assert fit_migration([_trial((60.0, 0.01), (2.0, 0.0))]) is None
