@@ -27,14 +27,19 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.motion import differentiate
-from solver.raise_arm import simulate_arm_raise
 from solver.suit.decision import BASES, Basis, CuffDecision, DecisionOutcome, DecisionRule, decide
 from solver.suit.quantity import interval_of_draws
-from solver.suit.readouts import LARGE_RESERVES
-from solver.suit.scenarios import LoadedMotion, SuitedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
+from solver.suit.scenarios import (
+    LARGE_RESERVES,
+    LoadedMotion,
+    SuitedMotion,
+    SuitScenario,
+    prepare_suited_motion,
+    solve_scenarios,
+)
 from solver.suit.suit import read_suit
 from solver.uncertainty.factors import normal_scores, random_factors, scores_by_factor, unit_sample
 from solver.uncertainty.sources import DonningSpread, UncertaintySources

@@ -24,9 +24,9 @@ import numpy as np
 from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.session import fit_session
 from fitting.trial.trial import Trial, build_trial
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import solve_redundancy
 from station.fit import fit_session_folder
 from tests.fitting.defects import Law, OddSession, Rig

@@ -114,9 +114,8 @@ def _tree(path: Path) -> ast.Module:
 def _flows(session: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
     """Names of the flows and functions that run them. What they import is loaded before."""
     import cuffstation as cs
-    from solver.bundled import bundled_model
+    from solver.bundled import bundled_model, simulate_arm_raise
     from solver.motion import differentiate
-    from solver.raise_arm import simulate_arm_raise
     from solver.suit.assessment import assess
     from solver.suit.scenarios import LoadedMotion
     from tests.solver.stream.streams import ARM, INTERVAL, SUIT, WORN, seen, solver

@@ -37,14 +37,17 @@ OBJECTIVE_LIMIT, VIOLATION_LIMIT = 1e-6, 1e-8
 
 sys.path.insert(0, str(ROOT))
 
-from solver.bundled import bundled_model  # noqa: E402
+from solver.bundled import (  # noqa: E402
+    bundled_model,
+    simulate_arm_raise,
+)
 from solver.model import Model  # noqa: E402
 from solver.motion import Kinematics, decimate, differentiate, read_motion  # noqa: E402
 from solver.multibody.dynamics import equations_of_motion  # noqa: E402
 from solver.multibody.postures import postures  # noqa: E402
 from solver.muscle import muscle_forces  # noqa: E402
 from solver.paths import evaluate_paths  # noqa: E402
-from solver.raise_arm import simulate_arm_raise  # noqa: E402
+from solver.redundancy.effort import RedundancyOptions  # noqa: E402
 from solver.redundancy.mechanics import evaluate_motion, response_maps  # noqa: E402
 from solver.redundancy.motion_solution import solve_motion  # noqa: E402
 from solver.redundancy.problem import (  # noqa: E402
@@ -54,7 +57,6 @@ from solver.redundancy.problem import (  # noqa: E402
     RedundancyProblem,
     build_redundancy,
 )
-from solver.redundancy.redundancy_options import RedundancyOptions  # noqa: E402
 from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy  # noqa: E402
 
 Array = NDArray[np.float64]

@@ -36,12 +36,12 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from solver.errors import SolverError as SolverError
     from solver.model import Model as Model
     from solver.motion import Kinematics as Kinematics
-    from solver.multibody.joint_reactions import ReactionRequest as ReactionRequest
+    from solver.multibody.dynamics import ReactionRequest as ReactionRequest
     from solver.redundancy.effort import ActivationCost as ActivationCost
+    from solver.redundancy.effort import RedundancyOptions as RedundancyOptions
+    from solver.redundancy.effort import Reserve as Reserve
+    from solver.redundancy.effort import with_reserves as with_reserves
     from solver.redundancy.motion_solution import MotionSolution as MotionSolution
-    from solver.redundancy.redundancy_options import RedundancyOptions as RedundancyOptions
-    from solver.redundancy.redundancy_options import Reserve as Reserve
-    from solver.redundancy.redundancy_options import with_reserves as with_reserves
     from solver.stream.stream_frame import StreamFrame as StreamFrame
     from solver.stream.stream_frame import StreamSuitFrame as StreamSuitFrame
     from solver.stream.stream_solver import StreamSolver as StreamSolver
@@ -71,11 +71,11 @@ _MODULES = {
     "Kinematics": "solver.motion",
     "Model": "solver.model",
     "MotionSolution": "solver.redundancy.motion_solution",
-    "ReactionRequest": "solver.multibody.joint_reactions",
+    "ReactionRequest": "solver.multibody.dynamics",
     "Recording": "recordings.reader",
     "RecordingError": "recordings.errors",
-    "RedundancyOptions": "solver.redundancy.redundancy_options",
-    "Reserve": "solver.redundancy.redundancy_options",
+    "RedundancyOptions": "solver.redundancy.effort",
+    "Reserve": "solver.redundancy.effort",
     "SessionFit": "fitting.cuffs.cuff_fit",
     "SolverError": "solver.errors",
     "StationError": "station.errors",
@@ -95,7 +95,7 @@ _MODULES = {
     "read_recording": "station.library",
     "sample_session": "station.library",
     "solve_motion": "station.solver_library",
-    "with_reserves": "solver.redundancy.redundancy_options",
+    "with_reserves": "solver.redundancy.effort",
     "write_cuffs": "fitting.cuffs.cuffs_file",
 }
 """Public name → the module that has it."""

@@ -24,10 +24,10 @@ KERNELS = (
     ("solver.redundancy.reduction", "eliminate"),
     ("solver.redundancy.frames", "solve_activations"),
     ("solver.inverse_kinematics.solve", "solve_postures"),
-    ("solver.inverse_kinematics.posture_uncertainty", "fill_sensitivities"),
-    ("solver.inverse_kinematics.posture_uncertainty", "fill_information"),
+    ("solver.inverse_kinematics.solve", "fill_sensitivities"),
+    ("solver.inverse_kinematics.solve", "fill_information"),
     ("solver.stream.lag_window", "smooth_window"),
-    ("solver.wrapping.opensim_path", "place_path_nodes"),
+    ("solver.wrapping.wrapped_paths", "place_path_nodes"),
 )
 """Modules and names of the kernels that an assessment and its drawings call, in order of use; a test finds a missing
 one."""
@@ -91,9 +91,8 @@ def _compile_paths() -> None:
 
     from solver.bundled import bundled_model
     from solver.multibody.body_tables import POSE
-    from solver.wrapping.opensim_path import allocate_wrap
     from solver.wrapping.path_tables import CHANGE, allocate_results, pack_paths
-    from solver.wrapping.wrapped_paths import evaluate_wrapped_paths
+    from solver.wrapping.wrapped_paths import allocate_wrap, evaluate_wrapped_paths
 
     model = bundled_model()
     tables = pack_paths(model, tuple(muscle.path for muscle in model.muscles))

@@ -123,8 +123,7 @@ def path_lines(model: Model, postures: Postures, paths: Sequence[Path] | None = 
     projected onto the surface, which differs from OpenSim's curve there; lengths are those of evaluate_paths.
     Raises ModelError as evaluate_paths.
     """
-    from solver.wrapping.opensim_path import allocate_nodes, allocate_wrap, place_path_nodes
-    from solver.wrapping.wrapped_paths import pack_moving_points
+    from solver.wrapping.wrapped_paths import allocate_nodes, allocate_wrap, pack_moving_points, place_path_nodes
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     tables = pack_paths(model, chosen)

@@ -7,16 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.drawing import path_lines
-from solver.inverse_kinematics.posture_uncertainty import posture_uncertainty
-from solver.inverse_kinematics.solve import TrackingTasks
+from solver.inverse_kinematics.solve import TrackingTasks, posture_uncertainty
 from solver.model import Marker, Model
 from solver.motion import differentiate
 from solver.multibody.postures import points_in_ground, postures
 from solver.personalisation.estimate import estimate_body
-from solver.raise_arm import simulate_arm_raise
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import assess
 from solver.suit.scenarios import LoadedMotion

@@ -75,8 +75,12 @@ def evaluate_paths(
     # The compiler behind this takes a third of a second to import, which reading a model does not need.
     from solver.geodesics.geodesic_paths import evaluate_geodesic_paths
     from solver.geodesics.shortest_path import allocate_geodesic
-    from solver.wrapping.opensim_path import allocate_wrap
-    from solver.wrapping.wrapped_paths import evaluate_wrapped_paths, has_moving_points, pack_moving_points
+    from solver.wrapping.wrapped_paths import (
+        allocate_wrap,
+        evaluate_wrapped_paths,
+        has_moving_points,
+        pack_moving_points,
+    )
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     if mode == "geodesic":

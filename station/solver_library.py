@@ -23,9 +23,9 @@ from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate
 from solver.multibody.loads import ExternalForce
+from solver.redundancy.effort import RedundancyOptions, options_for
 from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.motion_solution import solve_motion as solve
-from solver.redundancy.redundancy_options import RedundancyOptions, options_for
 from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment

@@ -12,7 +12,7 @@ from numpy import float64
 from numpy.typing import NDArray
 
 from documents.regular_file import LARGEST_TABLE, read_regular
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, Motion, differentiate, motion_from_dataframe, read_motion
@@ -22,7 +22,6 @@ from solver.osim.document import read_document
 from solver.osim.loads_document import data_file, read_external_loads
 from solver.osim.model_reader import read_osim, read_osim_model
 from solver.osim.suited import CORD, CUFFS_AT_ENDS, SuitedModel, read_suited
-from solver.raise_arm import simulate_arm_raise
 from station.defaults import CUTOFF_HZ
 
 if TYPE_CHECKING:

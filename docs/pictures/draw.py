@@ -22,7 +22,7 @@ from PIL import Image
 from scipy import signal
 
 import cuffstation as cs
-from solver.redundancy.glenoid import glenoid_cone
+from solver.redundancy.mechanics import glenoid_cone
 from solver.time_series_table import write_table
 from station.charts import svg
 from station.charts.marks import Chart

@@ -13,8 +13,7 @@ from math import atan2, cos, inf, isnan, nan, pi, sin, sqrt
 
 from solver.compiled import compiled, compiled_with_private_functions
 from solver.geodesics.geodesic import set_geodesic, to_surface_frame
-from solver.geodesics.planes import contact_in_plane, shortest_planes
-from solver.geodesics.shortest_path import GUESS, GeodesicWorkspace, shorten_path
+from solver.geodesics.shortest_path import GUESS, GeodesicWorkspace, contact_in_plane, shorten_path, shortest_planes
 from solver.model import NO_COORDINATE
 from solver.vectors import (
     ORIGIN,
@@ -33,7 +32,6 @@ from solver.vectors import (
     unit,
     write,
 )
-from solver.wrapping.opensim_path import place_in_ground, place_path_points, to_ground
 from solver.wrapping.path_tables import (
     CONVERGED,
     ELLIPSOID,
@@ -46,7 +44,14 @@ from solver.wrapping.path_tables import (
     Records,
 )
 from solver.wrapping.segment import pierces, side
-from solver.wrapping.wrapped_paths import ALSO_WITHIN_BODIES, move_wrenches, pull
+from solver.wrapping.wrapped_paths import (
+    ALSO_WITHIN_BODIES,
+    move_wrenches,
+    place_in_ground,
+    place_path_points,
+    pull,
+    to_ground,
+)
 
 
 @compiled_with_private_functions
@@ -85,7 +90,7 @@ def _wrap_path(
     points: Records, wraps: Records, bodies: Records, changes: Records, work: GeodesicWorkspace
 ) -> tuple[int, float]:
     """Wrap one path (POINT, WRAP) in one posture (POSE, CHANGE), each segment between two of its points by itself;
-    returns as wrapping.opensim_path.wrap_path.
+    returns as wrapping.wrapped_paths.wrap_path.
     """
     nodes, sequence, stops = work.nodes, work.sequence, work.stops
     present = place_path_points(points, wraps, changes, nodes, stops)
@@ -137,7 +142,7 @@ NO_PATH = -1
 GAP = 1e-9  # m
 FirstContact = tuple[bool, Vector, Vector, float, float]
 """Whether there is contact, then the geodesic: its middle, its direction there, its length; and on an ellipsoid
-the plane (planes.py) of another geodesic that may be as short, or NaN."""
+the plane (shortest_path.py) of another geodesic that may be as short, or NaN."""
 
 NO_CONTACT = (False, ORIGIN, ORIGIN, 0.0, nan)
 

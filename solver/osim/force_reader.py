@@ -11,22 +11,25 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.forces.actuators import PathActuator, PointActuator, PointToPointActuator, TorqueActuator
-from solver.forces.contact_forces import ContactMaterial, ContactSurface, HuntCrossleyContact, SmoothContact
 from solver.forces.passive_forces import (
     DISPLACEMENTS,
     BlankevoortLigament,
     Bushing,
     ConstantForce,
+    ContactMaterial,
+    ContactSurface,
     CoordinateExpression,
     CoordinateLimit,
     CoordinateSpring,
     ExpressionBushing,
     FunctionBushing,
+    HuntCrossleyContact,
     Ligament,
     PathExpression,
     PathSpring,
     PointToPointExpression,
     PointToPointSpring,
+    SmoothContact,
 )
 from solver.functions.coordinate_functions import Expression, ExpressionError, polynomial, simm_spline
 from solver.model import GROUND, Actuator, Coordinate, CoordinateActuator, CoordinateForce, Placement, WrapSurface

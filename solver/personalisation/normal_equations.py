@@ -184,7 +184,7 @@ def _evaluate(
     model: Model, tasks: TrackingTasks, coordinates: Array, weighted: tuple[Array, Array] | None
 ) -> tuple[Array, Array, Array, Array]:
     """points, Σ w Jᵀ (p − x), gap and rows; weighted: x (frames, markers, 3) and w (frames, markers)."""
-    from solver.inverse_kinematics.posture_uncertainty import fill_information  # the compiler takes a while to import
+    from solver.inverse_kinematics.solve import fill_information  # the compiler takes a while to import
 
     frames, count, markers = *coordinates.shape, len(tasks.markers)
     problem = build_problem(model, tasks)

@@ -25,7 +25,7 @@ from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
 from solver.model import NO_COORDINATE, AxisMotion, Body, Joint, Model, ModelError, Muscle, Placement
 from solver.personalisation.anthropometry import ARM_SEGMENTS
-from solver.scaling_findings import FIBRE_RANGE, LARGEST_JUMP, muscle_ranges
+from solver.scaling import FIBRE_RANGE, LARGEST_JUMP, muscle_ranges
 
 HAND: Final = "hand"
 LOAD: Final = "held_load"

@@ -7,7 +7,7 @@ satisfies the conditions of optimality of the problem with F. They are necessary
 not be convex.
 
 The matrices per force do not change with the activations. They are reduced once in a frame, and F(a₀) + F'(a₀) (a − a₀)
-only scales columns of the reduced problem (convex_frames.py). Its effort is that of the activations plus the curvature
+only scales columns of the reduced problem (conic.py). Its effort is that of the activations plus the curvature
 of F, so that the steps converge fast. With cubes of the activations F'' is neglected.
 """
 
@@ -23,6 +23,7 @@ from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.multibody.loads import ExternalForce, load_wrenches
 from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ForcePoint, FrameStep, force_frame
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import Mechanics, ResponseMaps, response_maps
 from solver.redundancy.problem import (
     FrameOutcome,
@@ -32,10 +33,17 @@ from solver.redundancy.problem import (
     frame_sequence,
     no_loads,
 )
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import ScenarioSolutions, scenario_solutions
-from solver.tendons.evaluation import ElasticForces, fill_frame, with_rigid_tendons
-from solver.tendons.fiber import FiberHistory, StepStart, allocate_settled, fiber_tables, fill_settled
+from solver.tendons.fiber import (
+    ElasticForces,
+    FiberHistory,
+    StepStart,
+    allocate_settled,
+    fiber_tables,
+    fill_frame,
+    fill_settled,
+    with_rigid_tendons,
+)
 
 Array = NDArray[np.float64]
 

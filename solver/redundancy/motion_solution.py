@@ -28,22 +28,20 @@ from solver.coded_findings import CodedFinding, describe_codes
 from solver.errors import SolverCode, SolverError
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
-from solver.multibody.dynamics import EquationsOfMotion
-from solver.multibody.joint_reactions import JointReactions, ReactionRequest, is_bypassed, joint_reactions
+from solver.multibody.dynamics import EquationsOfMotion, JointReactions, ReactionRequest, is_bypassed, joint_reactions
 from solver.multibody.loads import ExternalForce, full_loads, load_wrenches
 from solver.multibody.postures import Postures
 from solver.muscle import MuscleOutcome
-from solver.redundancy.glenoid import contact_points, glenoid_cone
-from solver.redundancy.mechanics import Mechanics, evaluate_motion
+from solver.redundancy.effort import RedundancyOptions, tracked_coordinates
+from solver.redundancy.mechanics import Mechanics, contact_points, evaluate_motion, glenoid_cone
 from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, FrameSequence, Outcomes, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions, tracked_coordinates
 from solver.redundancy.sequence import BlockSolver, RunSolver, solve_redundancy
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from solver.tendons.evaluation import ElasticForces
+    from solver.tendons.fiber import ElasticForces
 
 Array = NDArray[np.float64]
 FRAMES_AT_ONCE = 256

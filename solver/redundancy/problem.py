@@ -25,9 +25,18 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.multibody.rotations import each_frame
-from solver.redundancy.effort import ActivationCost, Effort, Exponent, ensure_convex
-from solver.redundancy.glenoid import cone_rows, glenoid_cone
-from solver.redundancy.mechanics import Mechanics
+from solver.redundancy.effort import (
+    ActivationCost,
+    Effort,
+    Exponent,
+    RedundancyOptions,
+    Solver,
+    activation_limits,
+    effort_weights,
+    ensure_convex,
+    tracked_coordinates,
+)
+from solver.redundancy.mechanics import Mechanics, cone_rows, glenoid_cone
 from solver.redundancy.reduced_problem import (
     BEYOND_RATE,
     INFEASIBLE,
@@ -35,13 +44,6 @@ from solver.redundancy.reduced_problem import (
     SOLVED,
     ActivationRates,
     reachable,
-)
-from solver.redundancy.redundancy_options import (
-    RedundancyOptions,
-    Solver,
-    activation_limits,
-    effort_weights,
-    tracked_coordinates,
 )
 
 Array = NDArray[np.float64]

@@ -19,11 +19,9 @@ from solver.motion import Kinematics
 from solver.multibody.postures import postures
 from solver.multibody.rotations import wrench_about_origin
 from solver.paths import PathState
-from solver.redundancy.effort import ensure_convex
-from solver.redundancy.glenoid import glenoid_cone
-from solver.redundancy.mechanics import Mechanics, evaluate_motion
+from solver.redundancy.effort import RedundancyOptions, effort_weights, ensure_convex
+from solver.redundancy.mechanics import Mechanics, evaluate_motion, glenoid_cone
 from solver.redundancy.problem import LoadResponse, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions, effort_weights
 from solver.redundancy.sequence import FrameByFrame
 from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
 from solver.suit.cord import CordLine, cord_line, suit_forces

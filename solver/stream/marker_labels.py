@@ -1,6 +1,6 @@
 """Labels of the markers of a stream: an exchange is corrected, and a marker that jumps is left out.
 
-The noise of the markers is measured while they move, from sixth differences as in posture_uncertainty.py.
+The noise of the markers is measured while they move, from sixth differences as in solve.py.
 """
 
 from __future__ import annotations

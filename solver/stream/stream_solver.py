@@ -28,10 +28,9 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
 from solver.model import Model, ModelError
 from solver.personalisation.anthropometry import marker_errors
-from solver.redundancy.redundancy_options import RedundancyOptions
+from solver.redundancy.effort import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
-from solver.stream.frame_posture import FramePosture, PostureTracker
-from solver.stream.lag_window import LagWindow
+from solver.stream.lag_window import FramePosture, LagWindow, PostureTracker
 from solver.stream.marker_labels import LabelledFrame, MarkerLabels, RunningMarkerNoise
 from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome, StreamSuitFrame
 from solver.suit.suit import Suit

@@ -23,15 +23,18 @@ from solver.muscle import MuscleOutcome
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.decision import Basis, CuffDecision, DecisionRule
 from solver.suit.quantity import Quantity
-from solver.suit.readouts import FIGURES, CurveReadouts, Place, read_off_curves
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
+    FIGURES,
     Condition,
+    CurveReadouts,
     LoadedMotion,
+    Place,
     ScenarioEffort,
     SuitedMotion,
     SuitScenario,
     prepare_suited_motion,
+    read_off_curves,
     solve_scenarios,
     solve_without_suit,
 )

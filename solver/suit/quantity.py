@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from solver.suit.readouts import CurveReadouts
+from solver.suit.scenarios import CurveReadouts
 
 Array = NDArray[np.float64]
 

@@ -17,24 +17,22 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
 from solver.scaling import scale_model
-from solver.suit.readouts import (
-    UNMIGRATED,
-    CurveReadouts,
-    Place,
-    Solved,
-    edge_of_minimum,
-    efforts_at,
-    read_off_curves,
-    stacked,
-)
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
+    UNMIGRATED,
     Condition,
+    CurveReadouts,
     LoadedMotion,
+    Place,
+    Solved,
     SuitedMotion,
     SuitScenario,
+    edge_of_minimum,
+    efforts_at,
     prepare_suited_motion,
+    read_off_curves,
     solve_scenarios,
+    stacked,
 )
 from solver.suit.suit import Suit
 from solver.uncertainty.factors import RandomFactor, Scores, columns_of, random_factors, scores_by_factor

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
 from solver.suit.decision import BASES, DecisionRule, decide
 from solver.suit.quantity import COLUMNS, bounds_of, content_of_intervals, quantity_of_draws
-from solver.suit.readouts import LARGE_RESERVES, CurveReadouts, Place
+from solver.suit.scenarios import LARGE_RESERVES, CurveReadouts, Place
 from solver.uncertainty.indices import SobolIndices
 
 Array = NDArray[np.float64]

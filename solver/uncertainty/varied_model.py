@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.model import Body, Model, Muscle, PathPoint
 from solver.personalisation.anthropometry import ARM_SEGMENTS
-from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER
-from solver.redundancy.redundancy_options import RedundancyOptions
+from solver.redundancy.effort import RedundancyOptions
+from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER
 from solver.scaling import Scaling, scale_model
 from solver.suit.suit import PARTS, Suit
 from solver.uncertainty.factors import OUTERMOST, RandomFactor, Scores, normal_scores, scores_by_factor, unit_sample

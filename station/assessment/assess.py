@@ -17,7 +17,7 @@ from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
 from solver.model import Model
 from solver.personalisation.anthropometry import has_arm_segments
-from solver.redundancy.redundancy_options import RedundancyOptions
+from solver.redundancy.effort import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
 from solver.suit.decision import BASES
 from solver.suit.scenarios import LoadedMotion

@@ -40,7 +40,7 @@ from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics
 from solver.multibody.loads import ExternalForce
 from solver.paths import PathMode
-from solver.redundancy.redundancy_options import (
+from solver.redundancy.effort import (
     UNWEIGHTED_COORDINATES,
     RedundancyOptions,
     Reserve,

@@ -10,7 +10,7 @@ from documents.interval import digits_of, rounded
 from solver.muscle import MuscleOutcome
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
-from solver.suit.readouts import LARGE_RESERVES
+from solver.suit.scenarios import LARGE_RESERVES
 from station.messages.assessment_messages import sources_text
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message

@@ -12,7 +12,7 @@ from solver.redundancy.motion_solution import MotionSolution
 from solver.redundancy.problem import FrameOutcome
 
 if TYPE_CHECKING:
-    from solver.tendons.evaluation import ElasticForces  # the compiler behind it takes long to import
+    from solver.tendons.fiber import ElasticForces  # the compiler behind it takes long to import
 
 IN_THE_GLENOID = " and keep the joint reaction inside the glenoid"
 """Further part of the sentence of an infeasible frame, with the glenoid constraint."""

@@ -12,14 +12,14 @@ from solver.motion import Kinematics
 from solver.multibody.body_tables import tables_of
 from solver.multibody.dynamics import inverse_dynamics
 from solver.multibody.loads import ExternalForce
-from solver.redundancy.mechanics import actuator_forces
-from solver.redundancy.motion_solution import MotionSolution
-from solver.redundancy.redundancy_options import (
+from solver.redundancy.effort import (
     UNWEIGHTED_COORDINATES,
     RedundancyOptions,
     effort_weights,
     tracked_coordinates,
 )
+from solver.redundancy.mechanics import actuator_forces
+from solver.redundancy.motion_solution import MotionSolution
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 

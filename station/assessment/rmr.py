@@ -24,15 +24,14 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import Actuator, CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
-from solver.multibody.joint_reactions import JointReactions
+from solver.multibody.dynamics import JointReactions
 from solver.multibody.postures import postures
 from solver.muscle import MuscleOutcome
 from solver.paths import PathMode, evaluate_paths
-from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, is_shoulder
-from solver.redundancy.mechanics import forces_of, without_forces
+from solver.redundancy.effort import RedundancyOptions, options_for
+from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, forces_of, is_shoulder, without_forces
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome
-from solver.redundancy.redundancy_options import RedundancyOptions, options_for
 from solver.time_series_table import write_table
 from station.assessment.assessment_inputs import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
@@ -58,7 +57,7 @@ from station.versions import solving_versions
 from station.whole_file import drafted
 
 if TYPE_CHECKING:
-    from solver.tendons.evaluation import ElasticForces  # the compiler behind it takes long to import
+    from solver.tendons.fiber import ElasticForces  # the compiler behind it takes long to import
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from fitting.study.cuff_study import DonningSpreadEstimate, Observation, SpreadO
 from solver.suit.assessment import UncertaintySummary
 from solver.suit.decision import Basis, CuffDecision, DecisionOutcome, DecisionRule, PairProbability
 from solver.suit.quantity import TAIL
-from solver.suit.readouts import FIGURES
+from solver.suit.scenarios import FIGURES
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.sources import DonningSpread, Group
 from solver.uncertainty.total import DrawnPeople, IndexedFigure

@@ -19,9 +19,16 @@ from recordings.exchange.sample_tables import MarkerTable
 from solver.coded_findings import CoverageCode
 from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.marker_fit import Vertical, rotation_laboratory_to_ground
-from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, smooth_motion
-from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import (
+    InverseKinematics,
+    PostureOutcome,
+    PostureUncertainty,
+    TrackingTasks,
+    estimate_marker_noise,
+    posture_uncertainty,
+    solve_inverse_kinematics,
+)
 from solver.model import Model, ModelError
 from solver.motion import ensure_interval, limits_outside
 from solver.osim.document import read_document

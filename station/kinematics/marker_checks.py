@@ -23,8 +23,7 @@ from recordings.exchange.trc import read_trc
 from recordings.standard_gravity import g
 from solver.inverse_kinematics.exchanges import Exchange, find_exchanges
 from solver.inverse_kinematics.marker_fit import fit_markers
-from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty
-from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks
+from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, PostureUncertainty, TrackingTasks
 from solver.model import CoordinateLock, Marker, Model
 from solver.osim.tool_setups import IkSetup, ScaleSetup
 from solver.personalisation.anthropometry import ARM_SEGMENTS
@@ -38,7 +37,7 @@ from solver.personalisation.segment_masses import (
     upper_arm_length,
     usual_masses,
 )
-from solver.scaling_findings import ScalingFinding, largest_motion
+from solver.scaling import ScalingFinding, largest_motion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.codes import KinematicsCode

@@ -37,9 +37,9 @@ from solver.personalisation.segment_masses import (
     set_arm_masses,
     upper_arm_length,
 )
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.redundancy_options import RedundancyOptions
-from solver.scaling_findings import MuscleRanges, check_scaling, muscle_ranges
+from solver.scaling import MuscleRanges, check_scaling, muscle_ranges
 from station.kinematics.ik import ensure_common, markers_in_ground, model_with_markers
 from station.kinematics.marker_checks import (
     Finding,

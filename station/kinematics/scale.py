@@ -16,8 +16,7 @@ from solver.model import Model, ModelError
 from solver.osim.model_writer import osim_document, read_marker_set, with_markers
 from solver.osim.tool_setups import IkSetup, ScaleSetup, read_scale_setup, scale_setup_document
 from solver.personalisation.coverage import check_coverage
-from solver.scaling import Scaling, scale_model
-from solver.scaling_findings import check_scaling, place_markers
+from solver.scaling import Scaling, check_scaling, place_markers, scale_model
 from station.kinematics.ik import ensure_common, model_with_markers, named_file, write_xml
 from station.kinematics.marker_checks import (
     Finding,

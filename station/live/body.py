@@ -19,7 +19,7 @@ from solver.inverse_kinematics.marker_fit import Vertical
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import CoordinateLock, Model
 from solver.osim.model_writer import osim_document
-from solver.redundancy.glenoid import glenoid_cone
+from solver.redundancy.mechanics import glenoid_cone
 from solver.stream.frame_muscles import SLACK, StreamScenario
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
 from station.assessment.assessment_inputs import read_cuffs_to_wear, worn_cuffs

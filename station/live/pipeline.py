@@ -27,7 +27,7 @@ from solver.inverse_kinematics.marker_fit import rotation_laboratory_to_ground
 from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
-from solver.suit.readouts import find_minimum
+from solver.suit.scenarios import find_minimum
 from solver.suit.suit import suit_toml
 from station.config import LiveSection, StationConfig
 from station.errors import StationError

@@ -18,9 +18,9 @@ from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
 from solver.model import ModelError
-from solver.redundancy.glenoid import glenoid_cone, is_shoulder
+from solver.redundancy.effort import effort_weights
+from solver.redundancy.mechanics import glenoid_cone, is_shoulder
 from solver.redundancy.problem import FrameOutcome
-from solver.redundancy.redundancy_options import effort_weights
 from station.assessment.rmr import SolvedMotion, reserve_unit
 from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
 from station.sources import without_hash

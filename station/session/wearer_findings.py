@@ -13,7 +13,7 @@ from fitting.emg.channels import UNUSABLE, UnusableEmg, find_faults
 from fitting.errors import UnusableTrial
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.errors import RecordingError
-from solver.scaling_findings import largest_motion
+from solver.scaling import largest_motion
 from station.emg.emg_json import FINDING_TEXT
 from station.emg.trials import EmgFileError, emg_of
 from station.kinematics.marker_checks import MOVING

@@ -22,8 +22,14 @@ from recordings.manifest import DataOrigin, TrialCondition
 from recordings.reader import open_recording
 from solver.cuff import CuffParameters
 from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_motion, rotation_laboratory_to_ground
-from solver.inverse_kinematics.posture_uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
-from solver.inverse_kinematics.solve import InverseKinematics, assemble, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import (
+    InverseKinematics,
+    PostureUncertainty,
+    assemble,
+    estimate_marker_noise,
+    posture_uncertainty,
+    solve_inverse_kinematics,
+)
 from solver.model import Model
 from solver.motion import Kinematics, differentiate
 from solver.personalisation.estimate import within_ranges

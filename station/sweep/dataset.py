@@ -31,11 +31,11 @@ from solver.motion import Kinematics
 from solver.multibody.loads import ExternalForce
 from solver.osim.loads_document import data_file
 from solver.suit.optimise import LEAST_FRAMES
-from solver.suit.readouts import find_minimum
 from solver.suit.scenarios import (
     LoadedMotion,
     SuitedMotion,
     SuitScenario,
+    find_minimum,
     prepare_suited_motion,
     solve_scenarios,
     solve_without_suit,

@@ -35,7 +35,8 @@ from solver.model import Model
 from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.multibody.postures import postures
 from solver.osim.model_reader import read_osim
-from solver.redundancy.glenoid import (
+from solver.redundancy.effort import RedundancyOptions
+from solver.redundancy.mechanics import (
     ForceAgreement,
     angle_between,
     force_agreement,
@@ -45,7 +46,6 @@ from solver.redundancy.glenoid import (
 )
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome
-from solver.redundancy.redundancy_options import RedundancyOptions
 from station.assessment.given_motion import motion_checks, motion_findings
 from station.errors import StationError
 from station.messages.codes import AssessmentCode

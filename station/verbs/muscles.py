@@ -98,9 +98,9 @@ def rmr(
     compilation = compilation_beside(context)
     from rich.console import Console
 
-    from solver.multibody.joint_reactions import ReactionRequest
-    from solver.redundancy.redundancy_options import RedundancyOptions
-    from solver.redundancy.redundancy_options import static_optimisation as as_static_optimisation
+    from solver.multibody.dynamics import ReactionRequest
+    from solver.redundancy.effort import RedundancyOptions
+    from solver.redundancy.effort import static_optimisation as as_static_optimisation
     from station.assessment.given_motion import MotionCut, MuscleInputs
     from station.assessment.rmr import solve_muscles
     from station.progress import progress_bars

@@ -21,11 +21,10 @@ from fitting.trial.analog_signals import AnalogSignals
 from fitting.trial.trial import read_trial
 from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.reader import read_manifest
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import KelvinVoigt
 from solver.model import Model
 from solver.motion import decimate, differentiate
-from solver.raise_arm import simulate_arm_raise
 from solver.suit.suit import read_suit
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.sources import BUNDLED, named_hashes

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from solver.model import Model
 from solver.motion import Kinematics, differentiate, read_motion
 from solver.osim.model_reader import read_osim
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import RedundancyProblem, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy
 from tests.solver.references import SHARED
 

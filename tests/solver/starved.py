@@ -84,7 +84,7 @@ def interior_point_outcomes() -> list[str]:
 LIMITS: dict[str, tuple[Callable[[], list[str]], int]] = {
     "solver.wrapping.ellipsoid.MOST_ITERATIONS": (opensim_outcomes, 1),
     "solver.wrapping.fan.MOST_ITERATIONS": (opensim_outcomes, 1),
-    "solver.wrapping.opensim_path.MOST_SWEEPS": (opensim_outcomes, 1),
+    "solver.wrapping.wrapped_paths.MOST_SWEEPS": (opensim_outcomes, 1),
     "solver.wrapping.sphere_and_cylinder.MOST_ADJUSTMENTS": (opensim_outcomes, 1),
     "solver.geodesics.geodesic.MOST_STEPS": (geodesic_outcomes, 1),
     "solver.geodesics.shortest_path.MOST_STEPS": (geodesic_outcomes, 1),

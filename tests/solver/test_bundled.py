@@ -5,14 +5,13 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.model import AxisMotion, Model, Motion, MovingPathPoint, ScapulothoracicMotion
 from solver.motion import decimate, differentiate
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
 from solver.osim.model_reader import read_osim
-from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion_solution import solve_motion
 from tests.refusals import raises_refusal
 from tests.solver.references import NO_WEIGHT
@@ -151,6 +150,6 @@ def test_no_frame_is_held_up_by_reserve_actuators(kinematics):
 
 
 def test_an_assembly_at_its_limit_of_steps_gives_no_motion(monkeypatch):
-    monkeypatch.setattr("solver.raise_arm.MOST_STEPS", 1)
+    monkeypatch.setattr("solver.bundled.MOST_STEPS", 1)
     with raises_refusal(SolverCode.OPEN_JOINT):
         simulate_arm_raise(MODEL)

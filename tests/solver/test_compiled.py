@@ -20,14 +20,13 @@ from numba.core import caching
 from numba.core.runtime import _nrt_python, rtsys
 
 from solver import compiled
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import decimate, differentiate
 from solver.paths import PathMode
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import solve_redundancy
 
 KERNEL = """

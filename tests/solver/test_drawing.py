@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.drawing import ARC_POINTS, bone_lines, path_lines, skeleton
 from solver.model import Model, Path, PathPoint, PathWrap, Placement, WrapSurface
 from solver.motion import differentiate
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.paths import evaluate_paths
-from solver.raise_arm import simulate_arm_raise
 
 Array = NDArray[np.float64]
 Kind = Literal["ellipsoid", "sphere", "cylinder", "torus"]

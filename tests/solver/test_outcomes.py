@@ -58,10 +58,10 @@ def test_no_iteration_is_left_out() -> None:
         if isinstance(name, ast.Name) and (name.id.startswith("MOST_") or name.id.endswith("_STEPS"))
     }
     assert found - LIMITS.keys() == {
-        "solver.raise_arm.MOST_STEPS",  # raises
+        "solver.bundled.MOST_STEPS",  # raises
         "solver.cuff.MOST_STEPS",  # raises
         "solver.suit.cord.MOST_STEPS",  # a suit whose forces do not balance within a residual is refused
         "solver.uncertainty.people.MOST_EXTENSIONS",  # an optimum that is still at an end is NaN
-        "solver.wrapping.torus.MOST_PARAMETERS",  # of a step, as in MINPACK, which takes the last one
+        "solver.wrapping.sphere_and_cylinder.MOST_PARAMETERS",  # of a step, as in MINPACK, which takes the last one
         "solver.wrapping.ellipsoid.MOST_TRIALS",  # of a step; the iteration around it has the outcome
     }

@@ -7,9 +7,9 @@ import pytest
 
 from solver.cuff import CuffParameters
 from solver.motion import decimate
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import FrameOutcome, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import solve_redundancy
 from solver.suit.assessment import assess
 from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion

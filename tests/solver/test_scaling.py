@@ -14,16 +14,22 @@ from solver.coded_findings import ScalingCode
 from solver.constraint import ConstantDistanceConstraint, PointOnLineConstraint
 from solver.errors import SolverCode
 from solver.forces.actuators import PointActuator
-from solver.forces.contact_forces import ContactMaterial, ContactSurface, HuntCrossleyContact
-from solver.forces.passive_forces import Bushing, ConstantForce, PathSpring, PointToPointSpring
+from solver.forces.passive_forces import (
+    Bushing,
+    ConstantForce,
+    ContactMaterial,
+    ContactSurface,
+    HuntCrossleyContact,
+    PathSpring,
+    PointToPointSpring,
+)
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
 from solver.model import Placement, PointConstraint
 from solver.multibody.postures import postures
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_scale_setup
 from solver.paths import evaluate_paths
-from solver.scaling import Scaling, scale_model
-from solver.scaling_findings import check_scaling, place_markers
+from solver.scaling import Scaling, check_scaling, place_markers, scale_model
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import seen_from
 from tests.solver.references import SHARED

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ellipe, ellipeinc
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.functions.coordinate_functions import polynomial
 from solver.model import Model, MovingPathPoint, Path, Placement, WrapSurface
 from solver.motion import decimate, differentiate, read_motion
@@ -17,10 +17,9 @@ from solver.multibody.postures import jacobians, postures, rates_of_coordinates,
 from solver.muscle import muscle_forces
 from solver.osim.model_reader import read_osim
 from solver.paths import evaluate_paths
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.suit.scenarios import LoadedMotion, prepare_suited_motion
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
 from solver.model import GROUND, Marker, Model, PointConstraint
 from solver.multibody.postures import points_in_ground, postures
-from solver.raise_arm import simulate_arm_raise
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,12 @@ from scipy.signal import butter, sosfiltfilt
 
 from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
-from solver.inverse_kinematics.posture_uncertainty import estimate_marker_noise, posture_uncertainty
-from solver.inverse_kinematics.solve import TrackingTasks, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import (
+    TrackingTasks,
+    estimate_marker_noise,
+    posture_uncertainty,
+    solve_inverse_kinematics,
+)
 from solver.model import CoordinateLock, Model
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_ik_setup

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
 from solver.model import GROUND, NO_COORDINATE, AxisMotion, Model, with_point_mass
@@ -30,9 +30,8 @@ from solver.multibody.rotations import (
     skew_matrix,
     wrench_about_origin,
 )
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.redundancy_options import RedundancyOptions
 from tests.refusals import raises_refusal
 from tests.solver.linkage import linkage
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.model import Model, with_point_mass
 from solver.motion import Kinematics, decimate, differentiate
 from solver.multibody.dynamics import equations_of_motion, inverse_dynamics
@@ -20,10 +20,9 @@ from solver.muscle import muscle_forces
 from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
 from solver.paths import evaluate_paths
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from solver.redundancy.mechanics import response_maps
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
-from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
 from solver.time_series_table import read_table, write_table
 from station.assessment.given_motion import MotionCut, MuscleInputs, solve_inverse_dynamics
 from station.assessment.rmr import SolvedMotion, solve_muscles

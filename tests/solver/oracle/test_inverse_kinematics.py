@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
-from solver.inverse_kinematics.posture_uncertainty import posture_uncertainty
-from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import (
+    InverseKinematics,
+    PostureOutcome,
+    TrackingTasks,
+    posture_uncertainty,
+    solve_inverse_kinematics,
+)
 from solver.model import Model
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import CoordinateTask, IkSetup, ik_setup_document, read_ik_setup

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import CoordinateLock, Model
-from solver.multibody.dynamics import equations_of_motion
-from solver.multibody.joint_reactions import Axes, JointReactions, ReactionRequest, Side, joint_reactions
+from solver.multibody.dynamics import Axes, JointReactions, ReactionRequest, Side, equations_of_motion, joint_reactions
 from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import postures
 from solver.osim.loads_document import read_external_loads

@@ -27,7 +27,7 @@ from solver.muscle import MuscleForces, muscle_forces
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from solver.paths import evaluate_paths
-from solver.tendons.evaluation import ElasticForces, elastic_forces
+from solver.tendons.fiber import ElasticForces, elastic_forces
 from tests.refusals import raises_refusal
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back, vec3
 

@@ -39,8 +39,7 @@ from solver.personalisation.segment_masses import (
     upper_arm_length,
     usual_masses,
 )
-from solver.scaling import Scaling, scale_skeleton
-from solver.scaling_findings import FIBRE_RANGE, LARGEST_JUMP, muscle_ranges
+from solver.scaling import FIBRE_RANGE, LARGEST_JUMP, Scaling, muscle_ranges, scale_skeleton
 from tests.refusals import raises_refusal
 from tests.solver.personalisation.measured_person import MARKERS as MEASURED
 from tests.solver.personalisation.measured_person import measure_person, scaled_shoulder

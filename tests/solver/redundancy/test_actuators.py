@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.forces.actuators import PathActuator, TorqueActuator
 from solver.model import GROUND, AxisMotion, Model, Path, PathPoint, PointConstraint
 from solver.motion import decimate, differentiate
-from solver.multibody.joint_reactions import ReactionRequest, is_bypassed
-from solver.raise_arm import simulate_arm_raise
+from solver.multibody.dynamics import ReactionRequest, is_bypassed
+from solver.redundancy.effort import RedundancyOptions, Reserve, options_for, with_reserves
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, options_for, with_reserves
 from tests.refusals import raises_refusal
 
 MODEL = bundled_model()

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import decimate, differentiate
-from solver.raise_arm import simulate_arm_raise
 from solver.redundancy import conic
 from solver.redundancy.conic import ConicOutcome, ConicProblem, least_violation, solve_conic
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_sequence_with_clarabel
 from tests.solver.redundancy.test_interior_point import random_sequence, silent, violation
 from tests.solver.redundancy.test_motion_solution import CONE_ALONG_Y, two_muscles

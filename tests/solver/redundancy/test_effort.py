@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.motion import decimate, differentiate
-from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.effort import ActivationCost
+from solver.redundancy.effort import ActivationCost, RedundancyOptions, Reserve, with_reserves
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy, no_loads
-from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, with_reserves
 from solver.redundancy.sequence import FrameByFrame, solve_redundancy
 from solver.stream.stream_solver import StreamSolver
 from tests.refusals import raises_refusal

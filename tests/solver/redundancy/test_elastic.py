@@ -9,20 +9,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.functions.muscle_curves import MillardTendon
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate
 from solver.multibody.dynamics import response_to_loads
 from solver.muscle import MuscleOutcome
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions, Reserve, Solver, static_optimisation, with_reserves
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome
-from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, Solver, static_optimisation, with_reserves
-from solver.tendons.evaluation import elastic_forces
-from solver.tendons.fiber import elastic_muscles
+from solver.tendons.fiber import elastic_forces, elastic_muscles
 from tests.refusals import raises_refusal
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from scipy import stats
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.multibody.rotations import rotation_body_fixed_xyz
-from solver.redundancy.glenoid import (
+from solver.redundancy.mechanics import (
     angle_between,
     angle_to_axis,
     cone_rows,

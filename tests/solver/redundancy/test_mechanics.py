@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.forces.actuators import PointActuator, TorqueActuator
 from solver.forces.passive_forces import CoordinateSpring, PathSpring
@@ -16,7 +16,6 @@ from solver.multibody.dynamics import equations_of_motion, inverse_dynamics
 from solver.multibody.loads import ExternalForce
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_reader import read_osim
-from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.mechanics import actuator_forces, forces_of, without_forces
 from tests.refusals import raises_refusal
 from tests.solver.legs import step_in

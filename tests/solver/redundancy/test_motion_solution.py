@@ -12,20 +12,17 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.model import GROUND, CoordinateActuator, Model
 from solver.motion import Kinematics, decimate, differentiate
-from solver.multibody.dynamics import response_to_loads
-from solver.multibody.joint_reactions import ReactionRequest
+from solver.multibody.dynamics import ReactionRequest, response_to_loads
 from solver.multibody.loads import ExternalForce
-from solver.raise_arm import simulate_arm_raise
 from solver.redundancy import motion_solution as motion_module
-from solver.redundancy.glenoid import angle_to_axis, glenoid_cone
-from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.effort import RedundancyOptions, Reserve, with_reserves
+from solver.redundancy.mechanics import angle_to_axis, evaluate_motion, glenoid_cone
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions, Reserve, with_reserves
 from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_sequence_with_clarabel
 from tests.refusals import raises_refusal
 from tests.solver.redundancy.test_interior_point import random_sequence

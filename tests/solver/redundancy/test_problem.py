@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.constraint import CoordinatePrescription
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import PiecewisePolynomial, Sine
 from solver.model import CoordinateCoupler, CoordinateLock, Model
 from solver.motion import Kinematics, decimate, differentiate, read_motion
-from solver.multibody.joint_reactions import ReactionRequest
+from solver.multibody.dynamics import ReactionRequest
 from solver.osim.model_reader import read_osim
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions, Solver, effort_weights
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions, Solver, effort_weights
 from solver.redundancy.sequence import solve_redundancy
 from tests.refusals import raises_refusal
 from tests.solver.references import SHARED

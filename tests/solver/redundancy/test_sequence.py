@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import decimate, differentiate
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.redundancy.sequence import FrameByFrame, ScenarioSolutions, solve_redundancy
 
 Array = NDArray[np.float64]

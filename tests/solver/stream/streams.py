@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.inverse_kinematics.solve import TrackingTasks
-from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
+from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
 from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_frame import StreamFrame
 from solver.stream.stream_solver import StreamSolver

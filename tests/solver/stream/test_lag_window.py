@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.motion_prior import START_SD, smooth_scalar, transition
+from solver.inverse_kinematics.smoother import START_SD, smooth_scalar, transition
 from solver.inverse_kinematics.solve import PostureOutcome
-from solver.stream.frame_posture import FramePosture
-from solver.stream.lag_window import JERK_INTENSITY, LagWindow
+from solver.stream.lag_window import JERK_INTENSITY, FramePosture, LagWindow
 
 Array = NDArray[np.float64]
 INTERVAL, FRAMES, SD, NOISE = 0.01, 60, 0.002, 4e-4

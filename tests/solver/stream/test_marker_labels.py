@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.posture_uncertainty import estimate_marker_noise
+from solver.inverse_kinematics.solve import estimate_marker_noise
 from solver.stream.marker_labels import ASSUMED, LEAST, RunningMarkerNoise
 from solver.stream.stream_frame import StreamFrame, StreamOutcome
 from tests.solver.stream.streams import FIRST, FRAMES, MODEL, NAMES, NOISE, raised, seen, solver, stream

@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.inverse_kinematics.posture_uncertainty import posture_uncertainty
-from solver.inverse_kinematics.solve import PostureOutcome, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import PostureOutcome, posture_uncertainty, solve_inverse_kinematics
 from solver.model import ModelError
 from solver.personalisation.estimate import estimate_body
-from solver.stream.frame_posture import PostureTracker
+from solver.stream.lag_window import PostureTracker
 from tests.solver.personalisation.measured_person import MARKERS, RATE, measure_person
 from tests.solver.stream.streams import (
     FIRST,

@@ -23,9 +23,9 @@ from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_ik_setup
-from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, JOINT
+from solver.redundancy.effort import RedundancyOptions
+from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, JOINT
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome, StreamSuitOutcome
 from solver.stream.stream_solver import StreamSolver

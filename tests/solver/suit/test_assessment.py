@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 import solver.suit.scenarios
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.muscle import MuscleOutcome
-from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.quantity import (
@@ -26,8 +25,7 @@ from solver.suit.quantity import (
     interval_of_draws,
     quantity_of_draws,
 )
-from solver.suit.readouts import find_minimum
-from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
+from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion, find_minimum
 from solver.suit.suit import read_suit
 from tests.refusals import raises_refusal
 from tests.solver.redundancy.test_problem import with_a_singular_elbow

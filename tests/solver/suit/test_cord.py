@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import decimate, differentiate
 from solver.multibody.postures import postures
-from solver.raise_arm import simulate_arm_raise
 from solver.suit.cord import check_cord, cord_line, ensure_possible, line_between, suit_forces, with_migration
 from solver.suit.suit import read_suit
 from tests.refusals import raises_refusal

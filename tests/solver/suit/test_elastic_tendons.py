@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.osim.suited import SuitedModel
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
-from solver.redundancy.redundancy_options import RedundancyOptions
 from solver.suit.assessment import assess
 from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.motion import decimate, differentiate
-from solver.raise_arm import simulate_arm_raise
 from solver.suit.assessment import assess
 from solver.suit.optimise import SearchOutcome, optimise_suit
 from solver.suit.scenarios import LoadedMotion

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.multibody.postures import points_in_ground, postures
-from solver.raise_arm import simulate_arm_raise
 from solver.scaling import Scaling, scale_model
 from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.suit import BUNDLED_SUIT, PARTS, SuitPoint, ensure_fits, read_suit, suit_toml, with_suit_masses

@@ -23,8 +23,14 @@ from solver.functions.muscle_curves import (
 )
 from solver.model import Model
 from solver.muscle import muscle_forces
-from solver.tendons.evaluation import elastic_forces
-from solver.tendons.fiber import StepStart, allocate_settled, elastic_muscles, fiber_tables, fill_settled
+from solver.tendons.fiber import (
+    StepStart,
+    allocate_settled,
+    elastic_forces,
+    elastic_muscles,
+    fiber_tables,
+    fill_settled,
+)
 from tests.refusals import raises_refusal
 
 Array = NDArray[np.float64]

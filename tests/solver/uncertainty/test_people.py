@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 import solver.uncertainty.people
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
-from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.problem import FrameOutcome
 from solver.scaling import Scaling, scale_model
 from solver.suit.assessment import assess

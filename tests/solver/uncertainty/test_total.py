@@ -9,7 +9,7 @@ from solver.scaling import Scaling
 from solver.suit.assessment import Comparison, assess
 from solver.suit.decision import DecisionOutcome, DecisionRule
 from solver.suit.quantity import Quantity, content_of_intervals, interval_of_draws
-from solver.suit.readouts import CurveReadouts
+from solver.suit.scenarios import CurveReadouts
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.people import PeopleCase, solve_people
 from solver.uncertainty.sources import UncertaintySources

@@ -9,13 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.osim.document import read_document
 from solver.osim.model_writer import osim_document
 from solver.osim.suited import add_suit, read_suited
-from solver.raise_arm import simulate_arm_raise
 from solver.suit.scenarios import Condition, LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs

@@ -13,7 +13,7 @@ from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
 from solver.suit.decision import DecisionRule
 from solver.suit.quantity import Quantity
-from solver.suit.readouts import CurveReadouts
+from solver.suit.scenarios import CurveReadouts
 from station.assessment.assessment_json import plain_assessment
 from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
 from station.messages.codes import AssessmentCode

@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 from fitting.results.codes import Standing
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import differentiate
 from solver.multibody.postures import points_in_ground, postures
-from solver.raise_arm import simulate_arm_raise
 from solver.suit.suit import read_suit
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.sources import BodySpread

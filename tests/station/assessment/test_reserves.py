@@ -11,7 +11,7 @@ import pytest
 
 from solver.model import CoordinateActuator
 from solver.osim.model_reader import read_osim
-from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
+from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.reserves import reserve_findings, unit_of
 from station.assessment.rmr import SolvedMotion, left_out_findings, reserve_unit, solve_muscles

@@ -14,11 +14,10 @@ import pandas as pd
 import pytest
 from pyarrow import parquet
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.muscle import MuscleOutcome
-from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
+from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from solver.time_series_table import read_table, write_table
 from station import sources
 from station.assessment.given_motion import MotionCut, MuscleInputs

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import cuffstation as cs
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.forces.passive_forces import PathSpring
 from solver.model import Model
@@ -21,9 +21,8 @@ from solver.motion import decimate, differentiate
 from solver.multibody.postures import postures
 from solver.osim.model_writer import osim_document
 from solver.paths import evaluate_paths
-from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.problem import FrameOutcome
-from solver.redundancy.redundancy_options import RedundancyOptions
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
 from station.assessment.rmr import SolvedMotion, left_out_findings, slack_muscles, solve_muscles

@@ -22,7 +22,7 @@ from solver.multibody.postures import Postures, jacobians, postures
 from solver.multibody.rotations import wrench_about_origin
 from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
-from solver.redundancy.redundancy_options import RedundancyOptions, options_for
+from solver.redundancy.effort import RedundancyOptions, options_for
 from solver.suit.cord import cord_line, suit_forces
 from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios

@@ -11,9 +11,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import differentiate
-from solver.raise_arm import simulate_arm_raise
 from station.live.published import (
     NAN,
     LiveBest,

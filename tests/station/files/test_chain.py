@@ -15,8 +15,7 @@ import pytest
 
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.results.codes import RejectionCode, Standing
-from solver.bundled import bundled_model
-from solver.raise_arm import simulate_arm_raise
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.time_series_table import write_table
 from station.checksums import CHECKSUMS_FILE, JOURNAL_FILE, Checksums, write_checksums
 from station.files.chain import verify_folder

@@ -21,7 +21,7 @@ from solver.motion import Motion, differentiate
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from solver.osim.tool_setups import read_ik_setup
-from solver.redundancy.glenoid import force_agreement
+from solver.redundancy.mechanics import force_agreement
 from solver.redundancy.motion_solution import solve_motion
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_checks import PersonError

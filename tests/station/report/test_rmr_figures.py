@@ -12,7 +12,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from solver.redundancy.redundancy_options import RedundancyOptions, static_optimisation
+from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import solve_muscles
 from station.report.rmr_figures import UNKNOWN, _activations, _glenoid, _joint_forces, _reserves

@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from solver.bundled import bundled_model
+from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode, SolverError
 from solver.model import ModelError
 from solver.motion import differentiate, read_motion
-from solver.raise_arm import simulate_arm_raise
 from solver.suit.optimise import LEAST_FRAMES
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import SuitError, read_suit

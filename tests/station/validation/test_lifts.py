@@ -16,7 +16,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from recordings.errors import RecordingCode
-from solver.redundancy.glenoid import force_agreement
+from solver.redundancy.mechanics import force_agreement
 from station.exit_code import DONE, FAILED, LOSSY, WRONG_USAGE
 from station.messages.codes import AssessmentCode
 from station.messages.study_messages import ValidationCode
