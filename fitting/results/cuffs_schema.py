@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from documents.plain_data import shortened
 from fitting.results.codes import (
+    EXPLAINED_BY,
     CauseCode,
     FindingCode,
     FitOutcome,
@@ -24,6 +25,7 @@ from fitting.results.codes import (
     TrialNoteCode,
     Verdict,
 )
+from fitting.results.sentences import sentence_of
 from recordings.manifest import DataOrigin
 
 FORMAT = 1
@@ -77,6 +79,17 @@ class NoteEntry(_CodeEntry):
     """What a reader should know of a donning."""
 
     code: Annotated[NoteCode, Field(strict=False)]
+
+    @model_validator(mode="after")
+    def _ensure_sentence(self) -> Self:
+        """A note that leads a verdict becomes a sentence again."""
+        if self.code in EXPLAINED_BY:
+            try:
+                sentence_of(self.code, self.figures)
+            except (KeyError, ValueError) as error:
+                found = shortened(self.figures)
+                raise ValueError(f"{self.code} has the figures {found}, expected those of a fit; remove it") from error
+        return self
 
 
 class TrialNoteEntry(_CodeEntry):

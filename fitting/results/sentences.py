@@ -409,7 +409,8 @@ def name_of(code: CauseCode | FindingCode) -> str:
 
 def verdict_sentences(verdicts: Iterable[Verdict], notes: Iterable[Note] = ()) -> tuple[str, ...]:
     """The verdicts as sentences. A note on a trial that ended early leads and replaces those that it explains."""
-    causes = [note for note in notes if note.code in EXPLAINED_BY]
+    verdicts = tuple(verdicts)
+    causes = [note for note in notes if set(EXPLAINED_BY.get(note.code, ())) & set(verdicts)]
     explained = {verdict for note in causes for verdict in EXPLAINED_BY[note.code]}
     return (*map(str, causes), *(sentence_of(verdict) for verdict in verdicts if verdict not in explained))
 

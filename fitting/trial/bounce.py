@@ -1,6 +1,6 @@
 """Calibrate the load cell with a weight that bounces under it on a steel spring, with a marker on the weight.
 
-The force on the cell covariance from Newton's law for any spring: with x downward, weight m and spring mass m_s,
+The force on the cell is that of Newton's law for any spring: with x downward, weight m and spring mass m_s,
 
     F(t + τ) = G [(m + m_s) g − (m + m_s/2) ẍ(t)] + F0       the mean acceleration of the spring is half that of its end
 
@@ -9,7 +9,7 @@ integration by parts (twice) gives
 
     P_j = ∫ w_j F dt = c Q_j,   Q_j = −∫ ẅ_j x dt,   |c| = G (m + m_s/2),   arg c = ω τ
 
-so gain and lag are modulus and phase of one complex number, and the zero covariance from the mean force.
+so gain and lag are modulus and phase of one complex number, and the zero is found from the mean force.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from pathlib import Path
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, TrialEntry
-from fitting.results.sentences import verdict_text
+from fitting.results.sentences import Note, verdict_text
 from fitting.study.cuff_study import Observation
 from recordings.manifest import DataOrigin
 from station.checksums import JOURNAL_FILE, sha256_of
@@ -109,7 +109,8 @@ def measurements_of(
         for donning, fitted in (entry.donnings or {str(entry.donning): entry}).items():
             if getattr(fitted, QUANTITIES[quantity]).value is None:
                 figures = {"session": session.folder.name, "quantity": quantity, "cuff": cuff, "donning": donning}
-                reason = verdict_text(fitted.verdict_codes) or fitted.verdict or "no value"
+                notes = (Note(note.code, note.figures) for note in fitted.note_codes)
+                reason = verdict_text(fitted.verdict_codes, notes) or fitted.verdict or "no value"
                 left_out.append(Message(StudyCode.NOT_IDENTIFIED, {**figures, "reason": reason}))
                 continue
             values = [*_values(fitted, quantity)]

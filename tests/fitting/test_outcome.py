@@ -90,11 +90,9 @@ def test_damping_is_not_identified_if_output_error_did_not_converge_with_coloure
     assert _fit().verdicts == (Verdict.DAMPING_NOT_CONVERGED,)
 
 
-@pytest.mark.parametrize(
-    "module", ["fitting.static.stiffness", "fitting.static.stiffness", "fitting.static.held_loads"]
-)
-def test_a_stiffness_whose_fit_did_not_converge_is_not_identified(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(f"{module}.MAX_ROUNDS", 1)
+@pytest.mark.parametrize("limit", ["stiffness.MAX_ROUNDS", "stiffness.MAX_STEPS", "held_loads.MAX_ROUNDS"])
+def test_a_stiffness_whose_fit_did_not_converge_is_not_identified(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"fitting.static.{limit}", 1)
     fit = _fit()
     assert Verdict.STIFFNESS_NOT_CONVERGED in fit.verdicts
     assert fit.stiffness is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_file import cuffs_json, read_cuffs
 from fitting.cuffs.wearable_cuff import covariance_of
-from fitting.results.codes import FitErrorCode, RejectionCode, Verdict
+from fitting.results.codes import FitErrorCode, NoteCode, RejectionCode, Verdict
 from fitting.results.sentences import Note, sentence_of
 from fitting.trial.trial import RejectedTrial
 from fitting.uncertainty import Estimate
@@ -95,6 +96,18 @@ def test_the_verdict_is_read_from_its_code_and_not_from_its_sentence(tmp_path: P
     read = read_cuffs(path)["hand"]
     assert read.verdicts == (Verdict.LAG,)
     assert read.missing == ("damping",)
+
+
+def test_a_trial_that_ended_early_does_not_lead_the_verdict_of_a_value_given_by_hand(tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    note = Note(NoteCode.STOPPED_SWINGING, {"file": "a.mcap", "repeat": 1, "found_s": 6.0, "planned_s": 20.0})
+    written = replace(_fit(verdict=Verdict.DAMPING_UNCERTAIN), notes=(note,))
+    path.write_text(cuffs_json(_session(written)), encoding="utf-8")
+    assert read_cuffs(path)["hand"].verdict == str(note)
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    plain["cuffs"]["hand"]["damping_n_s_per_m"] = 210.0
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    assert read_cuffs(path)["hand"].verdict == sentence_of(Verdict.GIVEN)
 
 
 @pytest.mark.parametrize("verdict", [Verdict.SCALE, Verdict.SKIN])
@@ -191,6 +204,8 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
         ('{"not_identified": {"damping": 210}}', "cuffs.hand.not_identified.damping"),
         ('{"not_identified": {"damping_n_s_per_m": {"sd": 1}}}', "cuffs.hand.not_identified.damping_n_s_per_m.sd"),
         ('{"stiffness_n_per_m": {"value": 8520, "sd": 10}}', "cuffs.hand.stiffness_n_per_m.sd"),
+        ('{"note_codes": [{"code": "note.stopped_loading"}]}', "cuffs.hand.note_codes.0"),
+        ('{"note_codes": [{"code": "note.stopped_loading", "figures": {"repeat": "1"}}]}', "cuffs.hand.note_codes.0"),
         ('{"covariance": [[1, 2], [3, 4]]}', "cuffs.hand.covariance.0"),
         ('{"covariance": "none"}', "cuffs.hand.covariance"),
         ('{"covariance": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]}', "cuffs.hand"),  # a correlation of 2
