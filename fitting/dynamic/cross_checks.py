@@ -9,10 +9,9 @@ With φ(t) = sin²(π t/T) exp(−iωt) over a stretch of T seconds, φ and φ̇
 one complex equation (spectral line) per ω, for any sampling. Noise of x adds a known mean to the normal matrix, which
 is subtracted. All lines together give k and c; the lines of a frequency band give the complex stiffness of the band.
 
-Output error: the measured force drives m ẍ + c ẋ + k x = F − F0 − F1 u, and x is fitted to the markers.
-
-The method needs no spline and no weights between the instruments, and its covariance allows coloured residuals, by an
-autoregressive model. So it is used if the marker noise is correlated in time.
+Output error: the measured force drives m ẍ + c ẋ + k x = F − F0 − F1 u, and x is fitted to the markers. It needs
+no spline and no weights between the instruments, and its covariance allows coloured residuals, by an autoregressive
+model. So it is used if the marker noise is correlated in time.
 """
 
 from __future__ import annotations

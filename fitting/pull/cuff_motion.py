@@ -1,7 +1,7 @@
 """Cuff displacement in the anchor's frame from markers, which removes body sway.
 
-The anchor is the rigid pose of a cluster of markers, frame by frame. Quality of the markers: hidden markers, ghosts,
-loose, moving skin, lean of the body.
+The anchor is the rigid pose of a cluster of markers, frame by frame. Hidden, ghost and loose markers, moving skin and
+lean of the body are found.
 
 Trials of a donning in another direction than its first one are found; stiffness along one line must not pool them.
 """

@@ -16,7 +16,7 @@ Reliability of one measurement: intraclass correlation, standard error of measur
 
 Agreement of pairs of measurements (Bland and Altman 1999, Stat. Methods Med. Res. 8:135).
 
-The spread between donnings is relative and common to all cuffs.
+The spread between donnings, which an assessment draws from, is relative and common to all cuffs.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ effort.toml has weights of muscles and actuators, and reserve actuators:
 Weights multiply squares of activations and controls, or cubes of activations with `--exponent 3`; a control of 1 gives
 the optimal force, in N m or N.
 
-Measured reductions of muscle activity, for comparison with the model: muscle,reduction_percent,sd.
+Measured reductions of muscle activity, which the model's are compared with, are a CSV: muscle,reduction_percent,sd.
 """
 
 from __future__ import annotations

@@ -3,10 +3,9 @@
 Notes of the results and sentences on stderr state what is left out of a model and what that changes, and muscles that
 cannot pull because their tendon is longer than their path in every frame.
 
-The solution of rmr as one table, a row per frame: .csv, .sto as OpenSim reads it, or .parquet.
-
-Activations have the names of their muscles, as in OpenSim and the published files; every other column begins with
-quantity and unit: force_n.TRIlong, reserve_n_m.elbow_actuator, reaction_force_n.x.
+The solution is one table, a row per frame: .csv, .sto as OpenSim reads it, or .parquet. Activations have the names of
+their muscles, as in OpenSim and the published files; every other column begins with quantity and unit: force_n.TRIlong,
+reserve_n_m.elbow_actuator, reaction_force_n.x.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Drawn people in assessment.json: what its intervals are from, and the decision on a cuff; the people as a table.
 
-Spread between donnings of the budget: estimated where donnings were repeated, otherwise as declared.
+The budget's spread between donnings is estimated where donnings were repeated, and otherwise as declared.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""emg.json: EMG beside the model, its schema, how it is written and read.
-
-Tables of `station emg`: envelopes for other programs, change for `station assess --emg`, tables for the terminal.
-"""
+"""Results of `station emg`: emg.json and its schema, envelopes as tables, and the change for `station assess --emg`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Do markers go with the model? Refusals before anything is solved, findings on what was solved.
+"""Checks of markers and of a person's body: refusals before anything is solved, findings on what was solved.
 
-A file with markers on a body is read as a table under the names of the model's markers.
-
-Checks of a person's body: masses, sizes, marker places, postures.
+A file with markers on a body is read as a table under the names of the model's markers. Of a body, masses, sizes,
+marker places and postures are checked.
 """
 
 from __future__ import annotations

@@ -1,14 +1,12 @@
-"""Live values as rows of numbers, and as a stream of the Lab Streaming Layer (LSL), on one network interface only.
+"""Live values as a stream of the Lab Streaming Layer (LSL), on one network interface only, and as a table.
 
 liblsl announces nothing. It answers queries, on ports that it opens on all interfaces, and has no setting for one.
 So it listens for queries of this computer only, and the operating system binds its sockets to the device of the
 interface (SO_BINDTODEVICE, Linux; decision 0042). Where that is not possible, the outlet is refused.
 
-The live values of a trial as a table, written while the trial runs, and at its end their description.
-
-TRIAL.live.csv has a row for each solved frame, with all digits. It is not the offline result, and no assessment reads
-it. TRIAL.live.json has the units and the hash of the recording; without it, the live process or the recorder ended
-before the trial did. A replay of the recording gives the same values if no frame was left out.
+TRIAL.live.csv has a row for each solved frame, written while the trial runs. It is not the offline result, and no
+assessment reads it. TRIAL.live.json, written at the end, has the units and the hash of the recording; without it, the
+live process or the recorder ended before the trial did. A replay gives the same values if no frame was left out.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""A view's end: the set-up, the updates since the last look, and commands. Nothing here blocks a view.
+"""Live updates from the live process to any number of views on this computer, and commands from them.
 
-The address of the live process is a file in the session's folder that its owner alone may read. On Windows it has the
-permissions of the folder.
-
-Serve updates to any number of views on this computer. A view that does not read loses updates, and nothing waits.
+A view has the set-up and the updates since the last look, and nothing blocks it. One that does not read loses updates,
+and the live process waits for none. Its address is a file in the session's folder that its owner alone may read; on
+Windows it has the permissions of the folder.
 """
 
 from __future__ import annotations

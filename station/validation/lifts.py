@@ -7,9 +7,8 @@ NAME_measured_force.txt                  the joint force relative to the implant
 NAME_measured_force_glenoid.txt          the same relative to the glenoid, if it is known
 NAME_published_{none,circle,ellipse}.txt the published solutions, where there are any
 
-Variants are those of the muscle-redundancy problem.
-
-Results of `station validate`: a table on the terminal and as CSV, and a figure of measured and predicted force.
+Variants are those of the muscle-redundancy problem. `station validate` has a table, on the terminal and as CSV, and a
+figure of measured and predicted force.
 """
 
 from __future__ import annotations

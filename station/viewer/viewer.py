@@ -1,14 +1,11 @@
-"""Rerun's viewer on 127.0.0.1 only, without analytics: its window's layout, its curves, and a body for all scenes.
-
-Without a blueprint, the viewer opens a panel for every curve. A view is written to an .rrd file, or to the viewer at an
-address. A body has bones, muscles coloured by activation, cord and cuffs, for replays and live values alike.
-
-Show a trial in Rerun: force, sync line, markers and rope on one timeline, in a viewer or in an .rrd file.
+"""Rerun's viewer: its process, its layout and curves, the signals of a trial, and a body for all scenes.
 
 The viewer is Rerun's own window. It listens on 127.0.0.1 only and its analytics are disabled; by default it listens on
-every interface and reports its use. A slow or closed viewer does not affect the recording.
+every interface and reports its use. Without a blueprint, it opens a panel for every curve. A view is written to an .rrd
+file, or to the viewer at an address; a slow or closed viewer does not affect the recording.
 
-Device times of samples are converted to the UTC of the host.
+The signals are force, sync line, markers and rope on one timeline; device times are converted to the UTC of the host.
+A body has bones, muscles coloured by activation, cord and cuffs, for replays and live values alike.
 """
 
 from __future__ import annotations
