@@ -9,9 +9,10 @@ Trials of a donning in another direction than its first one are found; stiffness
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import combinations
+from functools import partial
+from itertools import combinations, permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,8 +92,10 @@ def is_seen(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 FACTOR, FLOOR = 5.0, 1e-3
 """A frame contains a ghost if the residual of its rigid fit exceeds 5 times the median, and 1 mm."""
-LARGEST_SKIN_RESIDUAL, FRAME_STEP = 3e-3, 10
-"""Median residual [m] that skin motion does not explain; then every tenth frame is tested for exchanged labels."""
+LARGEST_EXCHANGE, FRAMES_TESTED = 4, 50
+"""Number of labels that are exchanged or rotated among each other, and of the frames in which all orders are tested."""
+ResidualOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Points (frames, markers, 3) → residual (frames,) [m] of their fit to a reference."""
 HAMPEL_FRAMES = 11
 HAMPEL_FACTOR, HAMPEL_FLOOR = 6.0, 1e-3
 """A position is a ghost if its distance from the median of its neighbours exceeds 6 robust sd, and 1 mm."""
@@ -103,35 +106,75 @@ def rigid_without_ghosts(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], Pose]:
     """Points (frames, markers, 3) of a rigid cluster with NaN for ghosts, their number (markers,), and the pose.
 
-    A frame that does not fit the reference (markers, 3) is repaired by leaving out one marker, or by exchanging two. If
-    neither helps, the wrong marker cannot be determined, and the whole frame is NaN.
+    A frame that does not fit the reference (markers, 3) is repaired by leaving out one marker, or by exchanging or
+    rotating labels. If neither helps, the wrong marker cannot be determined, and the whole frame is NaN.
     """
     pose = fit_pose(reference, points)
     residual = pose.residual
     none = np.zeros(points.shape[1], np.int64)
     if not np.isfinite(residual).any():
         return points, none, pose
-    limit = max(FACTOR * _typical_residual(reference, points, residual), FLOOR)
+
+    def residual_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return fit_pose(reference, points).residual
+
+    limit = _largest_residual(points, residual, residual_of)
     suspect = np.flatnonzero(residual > limit)
     if not len(suspect):
         return points, none, pose
     cleaned = points.copy()
-    for repair in (leave_each_out, _exchange_each_pair):
+    for candidates_of in (leave_each_out, partial(_relabelled, residual_of=residual_of, limit=limit)):
         if len(suspect):
-            candidates = repair(points[suspect])
-            remaining = np.array([fit_pose(reference, candidate).residual for candidate in candidates])
-            remaining = np.where(np.isfinite(remaining), remaining, np.inf)
-            best = np.argmin(remaining, axis=0)
-            is_repaired = remaining[best, np.arange(len(suspect))] <= limit
-            cleaned[suspect[is_repaired]] = candidates[best[is_repaired], np.flatnonzero(is_repaired)]
+            repaired, is_repaired = _best(candidates_of(points[suspect]), residual_of, limit)
+            cleaned[suspect[is_repaired]] = repaired[is_repaired]
             suspect = suspect[~is_repaired]
     cleaned[suspect] = np.nan
     pose = _refitted(pose, reference, cleaned, residual > limit)
     seen, kept = np.isfinite(points[..., 0]), np.isfinite(cleaned[..., 0])
-    is_exchanged = (
-        seen & kept & np.any(np.where(seen[..., None], points, 0) != np.where(kept[..., None], cleaned, 0), 2)
-    )
+    is_exchanged = _is_moved(points, cleaned)
     return cleaned, np.count_nonzero(seen & ~kept | is_exchanged, axis=0), pose
+
+
+def _is_moved(points: NDArray[np.float64], repaired: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the points (..., 3) are at another position in `repaired`, of those that both have."""
+    return np.asarray(is_seen(points) & is_seen(repaired) & np.any(points != repaired, axis=-1))
+
+
+def _best(
+    candidates: NDArray[np.float64], residual_of: ResidualOf, limit: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The candidate (candidates, frames, markers, 3) of least residual in each frame; whether it is in the limit."""
+    remaining = np.array([residual_of(candidate) for candidate in candidates])
+    remaining = np.where(np.isfinite(remaining), remaining, np.inf)
+    best, frames = np.argmin(remaining, axis=0), np.arange(remaining.shape[1])
+    return candidates[best, frames], remaining[best, frames] <= limit
+
+
+def _with_labels_restored(reference: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (frames, markers, 3) of a cuff that moves by one displacement, exchanged labels as in the reference."""
+
+    def residual_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _apart(points - reference)[1]
+
+    residual = residual_of(points)
+    if points.shape[1] < 2 or not np.isfinite(residual).any():
+        return points
+    limit = _largest_residual(points, residual, residual_of)
+    suspect = np.flatnonzero(residual > limit)
+    restored = points.copy()
+    if len(suspect):
+        repaired, is_repaired = _best(_relabelled(points[suspect], residual_of, limit), residual_of, limit)
+        restored[suspect[is_repaired]] = repaired[is_repaired]
+    return restored
+
+
+def _apart(displaced: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean (frames, 3) of the displacements (frames, markers, 3) that are seen, and their rms (frames,) about it."""
+    seen = is_seen(displaced)
+    count = np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
+    mean = np.where(seen[..., None], displaced, 0.0).sum(axis=1) / count[:, None]
+    apart = np.where(seen[..., None], displaced - mean[:, None], 0.0)
+    return mean, np.sqrt(np.sum(apart**2, axis=(1, 2)) / count)
 
 
 def _refitted(
@@ -145,15 +188,14 @@ def _refitted(
     return Pose(**columns)
 
 
-def _typical_residual(
-    reference: NDArray[np.float64], points: NDArray[np.float64], residual: NDArray[np.float64]
-) -> float:
-    """The median residual [m], or the lowest with two labels exchanged if most of the trial has them exchanged."""
-    median = float(np.nanmedian(residual))
-    if median < LARGEST_SKIN_RESIDUAL:
-        return median
-    some = points[np.isfinite(residual)][::FRAME_STEP]
-    return min(median, *(float(np.median(fit_pose(reference, pair).residual)) for pair in _exchange_each_pair(some)))
+def _largest_residual(points: NDArray[np.float64], residual: NDArray[np.float64], residual_of: ResidualOf) -> float:
+    """Residual [m] above which a frame is wrong, from the median: of the best labels, as most may be exchanged."""
+    typical = float(np.nanmedian(residual))
+    if typical > FLOOR:
+        some = _some(points[np.isfinite(residual)])
+        every = [some, *(some[:, order] for order in _orders(points.shape[1], LARGEST_EXCHANGE))]
+        typical = float(np.median(np.nanmin([residual_of(relabelled) for relabelled in every], axis=0)))
+    return max(FACTOR * typical, FLOOR)
 
 
 def leave_each_out(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -181,13 +223,36 @@ def path_without_ghosts(points: NDArray[np.float64]) -> tuple[NDArray[np.float64
     return cleaned, np.count_nonzero(np.isfinite(points[..., 0]) & ~np.isfinite(cleaned[..., 0]), axis=0)
 
 
-def _exchange_each_pair(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (frames, markers, 3) with two markers exchanged in turn: (pairs, frames, markers, 3)."""
-    pairs = list(combinations(range(points.shape[1]), 2))
-    exchanged = np.repeat(points[None], len(pairs), axis=0)
-    for i, (a, b) in enumerate(pairs):
-        exchanged[i][:, [a, b]] = points[:, [b, a]]
-    return exchanged
+def _relabelled(points: NDArray[np.float64], residual_of: ResidualOf, limit: float) -> NDArray[np.float64]:
+    """Points (frames, markers, 3) in other orders of their markers: (orders, frames, markers, 3).
+
+    The orders are all with two markers exchanged, and those with more of which one frame of FRAMES_TESTED fits.
+    """
+    some, markers = _some(points), points.shape[1]
+    pairs = _orders(markers, 2)
+    more = [order for order in _orders(markers, LARGEST_EXCHANGE) if order not in pairs]
+    fitting = [order for order in more if np.any(residual_of(some[:, order]) <= limit)]
+    return np.array([points[:, order] for order in (*pairs, *fitting)])
+
+
+def _orders(markers: int, largest: int) -> list[list[int]]:
+    """Orders of so many markers in which two to `largest` of them are at another place."""
+    found = []
+    for count in range(2, largest + 1):
+        for places in combinations(range(markers), count):
+            for moved in permutations(places):
+                if all(place != marker for place, marker in zip(places, moved, strict=True)):
+                    order = list(range(markers))
+                    for place, marker in zip(places, moved, strict=True):
+                        order[place] = marker
+                    found.append(order)
+    return found
+
+
+def _some(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """At most FRAMES_TESTED of the frames, evenly spread."""
+    chosen = np.linspace(0, len(points) - 1, FRAMES_TESTED).round().astype(int)
+    return np.asarray(points[np.unique(chosen)])
 
 
 def require_rigid_anchor(labels: tuple[str, ...], reference: NDArray[np.float64]) -> None:
@@ -357,12 +422,11 @@ def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     """The motion of a trial relative to the reference of its donning, without ghosts."""
     site = trial.cuff
     anchor, of_anchor, pose = rigid_without_ghosts(reference.anchor, trial.positions(site.anchor_markers))
-    displaced, of_cuff = path_without_ghosts(pose.to_reference(trial.positions(site.cuff_markers)) - reference.cuff)
-    seen = is_seen(displaced)
-    count = np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
-    displacement = np.where(seen[..., None], displaced, 0.0).sum(axis=1) / count[:, None]
-    apart = np.where(seen[..., None], displaced - displacement[:, None], 0.0)
-    turn = np.sqrt(np.sum(apart**2, axis=(1, 2)) / count)
+    seen = pose.to_reference(trial.positions(site.cuff_markers))
+    cuff = _cuff_with_labels_restored(reference, pose, trial.positions(site.anchor_markers), anchor, seen)
+    displaced, of_cuff = path_without_ghosts(cuff - reference.cuff)
+    of_cuff = of_cuff + np.count_nonzero(_is_moved(seen, cuff), axis=0)
+    displacement, turn = _apart(displaced)
     rope = None
     if len(site.rope_markers) >= 2:
         ends = pose.to_reference(trial.positions((site.rope_markers[0], site.rope_markers[-1])))
@@ -373,6 +437,26 @@ def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     body = pose.to_laboratory(np.nanmean(reference.anchor, axis=0))
     loose = loose_marker(site.anchor_markers, reference.anchor, anchor)
     return CuffMotion(displacement, pose.residual, body, turn, rope, ghosts, _mean_posture(trial).anchor, loose)
+
+
+def _cuff_with_labels_restored(
+    reference: Reference, pose: Pose, anchor: NDArray[np.float64], kept: NDArray[np.float64], cuff: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Positions (frames, cuff markers, 3) in the reference posture, exchanged labels put back.
+
+    A label at the place of an anchor marker that was left out has its positions instead. anchor and kept (frames,
+    markers, 3) are the positions of the anchor with and without ghosts.
+    """
+    if not np.isfinite(pose.residual).any():
+        return cuff
+    limit = max(FACTOR * float(np.nanmedian(pose.residual)), FLOOR)
+    restored, all_anchor = cuff.copy(), pose.to_reference(anchor)
+    for marker, place in enumerate(reference.anchor):
+        is_left_out = is_seen(anchor[:, marker]) & ~is_seen(kept[:, marker])
+        for label in range(cuff.shape[1]) if is_left_out.any() else ():
+            is_there = is_left_out & (np.linalg.norm(cuff[:, label] - place, axis=1) <= limit)
+            restored[is_there, label] = all_anchor[is_there, marker]
+    return _with_labels_restored(reference.cuff, restored)
 
 
 def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> NDArray[np.float64]:
@@ -406,8 +490,11 @@ def _mean_posture(trial: Trial) -> Reference:
     anchor, cuff = trial.positions(trial.cuff.anchor_markers), trial.positions(trial.cuff.cuff_markers)
     best = _fullest_frame(anchor, cuff)
     lead_in = slice(best, best + int(np.searchsorted(trial.marker_time - trial.marker_time[0], LEAD_IN)) + 1)
-    pose = fit_pose(anchor[best], anchor[lead_in])
-    both = pose.to_reference(np.concatenate((anchor[lead_in], cuff[lead_in]), axis=1))
+    first = Reference(anchor[best], cuff[best])
+    anchor, cuff = anchor[lead_in], cuff[lead_in]
+    kept, _, pose = rigid_without_ghosts(first.anchor, anchor)
+    restored = _cuff_with_labels_restored(first, pose, anchor, kept, pose.to_reference(cuff))
+    both = np.concatenate((pose.to_reference(kept), restored), axis=1)
     seen = is_seen(both)
     weight = np.where(seen.any(axis=0), seen.sum(axis=0), np.nan)
     mean = np.where(seen[..., None], both, 0.0).sum(axis=0) / weight[:, None]

@@ -140,14 +140,36 @@ def test_ghosts_are_left_out(label: str) -> None:
     assert np.abs(x - WAY)[seen].max() < 1.5e-3
 
 
-def test_two_markers_with_exchanged_labels_are_corrected_and_reported() -> None:
+PART, MOST, LEAD_IN, COMES_AND_GOES = slice(400, 700), slice(150, None), slice(50, 120), slice(400, None, 2)
+
+
+@pytest.mark.parametrize(
+    ("order", "frames"),
+    [
+        ([2, 1, 0], PART),
+        ([2, 1, 0], LEAD_IN),
+        ([1, 2, 0], COMES_AND_GOES),
+        ([1, 2, 0], MOST),
+        ([1, 0, 3, 2], MOST),
+        ([3, 0, 1, 2], PART),
+        ([4, 1, 2, 3, 0], LEAD_IN),
+        ([4, 1, 2, 3, 0], COMES_AND_GOES),
+        ([0, 1, 2, 3, 5, 4], MOST),
+        ([0, 1, 2, 3, 5, 4], LEAD_IN),
+    ],
+)
+def test_labels_that_are_exchanged_or_rotated_in_some_frames_are_corrected_and_counted(
+    order: list[int], frames: slice
+) -> None:
+    """Also a label of the anchor with one of the cuff, which is not to be left out as a ghost of the anchor only."""
     trial = _trial(noise=0.1e-3)
     markers = trial.markers.copy()
-    markers[400:700, [0, 2]] = markers[400:700, [2, 0]]
-    swapped = replace(trial, markers=markers)
-    motion = cuff_motion(swapped, reference_posture(swapped))
-    np.testing.assert_allclose(_displacement(swapped), WAY, atol=1e-3)
-    assert motion.ghosts == {"anchor_1": 300, "anchor_3": 300}
+    markers[frames, : len(order)] = trial.markers[frames][:, order]
+    relabelled = replace(trial, markers=markers)
+    motion = cuff_motion(relabelled, reference_posture(relabelled))
+    np.testing.assert_allclose(_displacement(relabelled), WAY, atol=1e-3)
+    count = len(TIME[frames])
+    assert motion.ghosts == {trial.labels[i]: count for i, place in enumerate(order) if i != place}
 
 
 @pytest.mark.parametrize("places", [(0, 1), (1, 3)])
