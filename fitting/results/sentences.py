@@ -54,7 +54,7 @@ _VERDICTS: Templates = {
     Verdict.NO_DYNAMIC: "damping is not identified: there is no usable dynamic trial; record one",
     Verdict.LAG: (
         "damping is not identified: the uncertainty of the lag between force and markers, times the stiffness, is too "
-        "large; record a bounce trial, raise daq.sample_rate_hz or start by PFI0"
+        "large; record a bounce trial, sample the force at a higher rate, or let QTM start the acquisition (PFI0)"
     ),
     Verdict.DAMPING_UNCERTAIN: "damping is not identified: noise makes its interval too wide; pull faster and farther",
     Verdict.NEGATIVE: (
@@ -67,7 +67,7 @@ _VERDICTS: Templates = {
     ),
     Verdict.SCALE: (
         "stiffness and damping are not identified: the load cell reads another force than the protocol's weights "
-        "exert; correct load_cell or protocol.step_masses_kg, and fit again"
+        "exert; correct the scale of the cell or the planned weights in the configuration, and fit again"
     ),
     Verdict.SKIN: (
         "stiffness and damping are not identified: the anchor markers move relative to each other with the load, and "
@@ -154,8 +154,8 @@ _CAUSES: Templates = {
     ),
     CauseCode.LOADS: (
         "the loads of the static test are {gain:.4f} ± {standard_error:.4f} times those of the protocol's weights, and "
-        "the load cell reads a known mass correctly: other weights were hung, or it is another test; correct "
-        "protocol.step_masses_kg, or record the trial again"
+        "the load cell reads a known mass correctly: other weights were hung, or it is another test; correct the "
+        "planned weights, or record the trial again"
     ),
     CauseCode.PULLEY: (
         "friction of the pulley is {friction:percent .1f} ± {standard_error:percent .1f} % of the load; oil it"

@@ -62,7 +62,7 @@ REJECTIONS: Templates = {
     ),
     RejectionCode.SYNC_NEVER_RISES: (
         "the sync line never rises above {threshold_v:g} V (highest {highest_v:.2f} V); check the cable from QTM's "
-        "sync output and sync.threshold_v"
+        "sync output and the configured threshold"
     ),
     RejectionCode.SYNC_RISES_AGAIN: (
         "the sync line rises {count:.0f} times (at {at}), expected once; set QTM's output to one pulse for the whole "
@@ -82,7 +82,7 @@ REJECTIONS: Templates = {
     ),
     RejectionCode.FORCE_SATURATED: (
         "force is saturated in {count:.0f} of {total:.0f} samples (at {limit:.4g} {unit}); check wiring, "
-        "daq.force_range_v, load_cell.capacity_kg and the amplifier's zero"
+        "input range, capacity of the cell and the amplifier's zero"
     ),
     RejectionCode.FORCE_CONSTANT: (
         "force reads {value:g} in all {total:.0f} samples, expected noise and load; check the load cell"
@@ -98,8 +98,8 @@ REJECTIONS: Templates = {
         f"{{noise_n:.2g}} N: the converter or its stream hung; check the amplifier and its cable, and {_AGAIN}"
     ),
     RejectionCode.FORCE_POLARITY: (
-        "force falls from {before_n:.1f} N to {after_n:.1f} N when the load is added, expected a rise; set "
-        "load_cell.polarity to the other sign"
+        "force falls from {before_n:.1f} N to {after_n:.1f} N when the load is added, expected a rise; "
+        "reverse the polarity of the cell in the configuration"
     ),
     RejectionCode.STEPS_APART: (
         "force and displacement are not on one clock: their steps are {offset_s:+.1f} s apart, positive if the "
@@ -139,7 +139,7 @@ REJECTIONS: Templates = {
     RejectionCode.SHORT: "the trial lasts {duration_s:.1f} s, too short for an oscillation",
     RejectionCode.NO_SWING: "the force does not swing for more than a few seconds; pull longer, about once a second",
     RejectionCode.FEW_CYCLES: ("the force swings for {cycles:.1f} cycles, expected at least {expected:g}; pull longer"),
-    RejectionCode.FEW_SAMPLES: (f"force has {{samples:.1f}} {_FREQUENT}; pull slower or raise daq.sample_rate_hz"),
+    RejectionCode.FEW_SAMPLES: (f"force has {{samples:.1f}} {_FREQUENT}; pull slower or sample faster"),
     RejectionCode.SWING_HIDDEN: (
         "the markers are hidden or missing in most of the dynamic pull; check the cameras' view"
     ),
@@ -159,11 +159,11 @@ REJECTIONS: Templates = {
         "the weight bounces {cycles:.1f} times, expected at least {expected:g}; let it bounce for half a minute"
     ),
     RejectionCode.BOUNCE_FEW_SAMPLES: (
-        f"force has {{samples:.1f}} {_FREQUENT}; use a heavier weight or a softer spring, or raise daq.sample_rate_hz"
+        f"force has {{samples:.1f}} {_FREQUENT}; use a heavier weight or a softer spring, or sample faster"
     ),
     RejectionCode.BOUNCE_HIDDEN: (
         "marker {marker} is seen in {seen:percent .0f} % of the bounce, expected at least {expected:percent g} %; "
-        "check the cameras' view and bounce.marker"
+        "check the cameras' view and the label of the marker"
     ),
     RejectionCode.BOUNCE_STILL: (
         "marker {marker} moves by ± {amplitude_m:mm .2f} mm with the force, expected at least {expected:g} times its "
@@ -174,8 +174,8 @@ REJECTIONS: Templates = {
         "2; let it bounce longer in view of the cameras"
     ),
     RejectionCode.BOUNCE_POLARITY: (
-        "the load cell reads {force_n:.1f} N under {mass_kg:g} kg, expected a positive force; set load_cell.polarity "
-        "to the other sign"
+        "the load cell reads {force_n:.1f} N under {mass_kg:g} kg, expected a positive force; reverse the "
+        "polarity of the cell in the configuration"
     ),
     RejectionCode.BOUNCE_NOT_CONVERGED: (
         "the lag of the bounce is not identified: the fit did not converge; let the weight bounce freely in view of "
@@ -283,13 +283,13 @@ TRIAL_NOTES: Templates = {
         "along one line; put two markers on the rope, which distinguish a turned pull from a cuff that slips sideways"
     ),
     TrialNoteCode.LOAD_FALLS: (
-        "the load falls by {fall_n:.1f} N where {mass_kg:g} kg ({weight_n:.1f} N) and more are to be added; set "
-        "load_cell.polarity to the other sign, or begin with the bare hook"
+        "the load falls by {fall_n:.1f} N where {mass_kg:g} kg ({weight_n:.1f} N) and more are to be added; "
+        "reverse the polarity of the cell in the configuration, or begin with the bare hook"
     ),
     TrialNoteCode.NO_WEIGHT: "no load step of the plan was added; the first is {weight_n:.1f} N",
     TrialNoteCode.WEIGHT_GAIN: (
         "the load rises by {rise_n:.1f} N where {mass_kg:g} kg ({weight_n:.1f} N) are added, {gain:.4f} ± "
-        "{standard_error:.4f} times as much, {mistake}; correct the configuration or protocol.step_masses_kg"
+        "{standard_error:.4f} times as much, {mistake}; correct the scale of the cell or the planned weights"
     ),
     TrialNoteCode.PULLEY: (
         "the same weights read {hysteresis:percent +.0f} % more while they are removed than while they are added: "
@@ -310,7 +310,7 @@ TRIAL_NOTES: Templates = {
     ),
     TrialNoteCode.POLARITY: (
         "the force falls by {fall_n:.1f} N from rest to the swing, and a rope only pulls: the sign of the load cell is "
-        "wrong, set load_cell.polarity to the other one; k and c of a swing are not affected"
+        "wrong, reverse its polarity in the configuration; k and c of a swing are not affected"
     ),
     TrialNoteCode.SMALL_MOTION: (
         "the cuff moves by ± {amplitude_m:mm .2f} mm, only {ratio:.1f} times the marker noise, which the error of c "
@@ -369,10 +369,10 @@ TENSORS: Templates = {
 }
 
 GAIN_MISTAKES: Templates = {
-    GainMistake.CAPACITY_DOUBLED: "as if load_cell.capacity_kg were twice the cell's",
-    GainMistake.CAPACITY_HALVED: "as if load_cell.capacity_kg were half the cell's",
-    GainMistake.CAPACITY_TENFOLD: "as if load_cell.capacity_kg were ten times the cell's",
-    GainMistake.CAPACITY_TENTH: "as if load_cell.capacity_kg were a tenth of the cell's",
+    GainMistake.CAPACITY_DOUBLED: "as if the configured capacity were twice the cell's",
+    GainMistake.CAPACITY_HALVED: "as if the configured capacity were half the cell's",
+    GainMistake.CAPACITY_TENFOLD: "as if the configured capacity were ten times the cell's",
+    GainMistake.CAPACITY_TENTH: "as if the configured capacity were a tenth of the cell's",
     GainMistake.CAPACITY_25_LB: "as if the cell were one of 25 lb and not of 10 kg, or the reverse",
     GainMistake.POUNDS_FOR_KILOGRAMS: "as if pounds were taken for kilograms",
     GainMistake.KILOGRAMS_FOR_POUNDS: "as if kilograms were taken for pounds",
@@ -381,6 +381,6 @@ GAIN_MISTAKES: Templates = {
     GainMistake.NEWTONS_FOR_KILOGRAMS: "as if newtons were taken for kilograms",
     GainMistake.KILOGRAMS_FOR_NEWTONS: "as if kilograms were taken for newtons",
     GainMistake.UNKNOWN: (
-        "which no common mistake explains; check load_cell.capacity_kg, full_scale_v and the weights"
+        "which no common mistake explains; check capacity and full scale of the cell, and the weights"
     ),
 }

@@ -67,7 +67,8 @@
     if (!canvas) return;
     const view = view3d.viewOf(canvas, paint, HOME, "z");
     view.points = points;
-    view3d.frame(view, points.filter((point) => point.at).map((point) => point.at));
+    const own = points.filter((point) => point.role !== "other"); // the view fits the markers of the trial
+    view3d.frame(view, (own.length ? own : points).filter((point) => point.at).map((point) => point.at));
     paint(canvas, view);
   };
 })();

@@ -65,6 +65,10 @@ def show(controller: SessionController, actions: Actions) -> None:
         box.on("keydown.enter", lambda: actions.run(begin_on_checked_bench))
     actions.add("Begin", "b", begin_on_checked_bench, kind="main")
     actions.add("Rehearse", "r", lambda: form.begin(is_rehearsal=True))
+    if listed and listed[0].done < listed[0].trials:  # after a restart, the trial that ended meanwhile is a press away
+        last = listed[0]
+        name = f"Resume {last.setup.subject}, session {last.setup.number}"
+        actions.add(name, "u", lambda: controller.session.resume(last.folder), mark="resume-last")
 
 
 class _SetupForm:
@@ -272,7 +276,11 @@ def _show_rows(rows: ui.column, results: Sequence[CheckResult]) -> None:
             if result.grade != "good":
                 _row(result)
         if good:
-            with ui.expansion(f"{len(good)} checks passed").classes("w-full text-lg").mark("passed"):
+            with (
+                ui.expansion(f"{len(good)} check{'s' * (len(good) > 1)} passed")
+                .classes("w-full text-lg")
+                .mark("passed")
+            ):
                 for result in good:
                     _row(result)
 
