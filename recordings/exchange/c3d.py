@@ -131,13 +131,19 @@ def _channel(c3d: C3dFile, channel: int, name: str) -> Array:
     offsets = parameters.numbers("ANALOG", "OFFSET", is_signed=is_signed)
     if not len(offsets):  # in c3d.org's sample 06, of Motion Analysis
         offsets = parameters.numbers("ANALOG", "OFFSETS", is_signed=is_signed)
-    factor = parameters.number("ANALOG", "GEN_SCALE")
+    factors = parameters.numbers("ANALOG", "GEN_SCALE", is_signed=False)
     if channel >= len(scales) or channel >= len(offsets):
         raise ForeignFile(
             f"{c3d.path} has no ANALOG:SCALE or no ANALOG:OFFSET for the channel {name}; export it again",
             RecordingCode.FOREIGN_CONTRADICTORY,
         )
-    values: Array = (raw - offsets[channel]) * scales[channel] * (1.0 if factor is None else factor)
+    scale = scales[channel] * (factors[0] if len(factors) else 1.0)
+    if not np.isfinite(scale):
+        raise ForeignFile(
+            f"{c3d.path} has a scale of {scale} for the channel {name}, expected a number; export it again",
+            RecordingCode.FOREIGN_DAMAGED,
+        )
+    values: Array = (raw - offsets[channel]) * scale
     return values
 
 

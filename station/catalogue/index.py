@@ -408,10 +408,17 @@ def read_participants(path: Path) -> Participants:
 
 
 def write_participants(path: Path, subjects: Sequence[str], known: Mapping[str, Mapping[str, str | None]]) -> None:
-    """A row for each subject, and for each participant that is known without a session, with all known columns."""
+    """A row for each subject, and for each participant that is known without a session, with all known columns.
+
+    Raises CatalogueError where a file is there that is no such table, or has a value that the new one would lose.
+    """
     columns = list(dict.fromkeys([KEY, *(name for row in known.values() for name in row)]))
     ids = sorted({PREFIX + subject for subject in subjects} | known.keys())
     rows = [[{**known.get(one, {}), KEY: one}.get(name) or MISSING for name in columns] for one in ids]
+    for participant, row in read_participants(path).items() if path.exists() else ():
+        kept = {**known.get(participant, {}), KEY: participant} if participant in ids else {}
+        if lost := [name for name, value in row.items() if value is not None and kept.get(name) != value]:
+            raise _wrong(path, f"{lost[0]} of {participant} would be lost; name a file that does not exist")
     write_whole(path, "".join("\t".join(row) + "\n" for row in [columns, *rows]))
 
 

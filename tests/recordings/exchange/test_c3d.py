@@ -299,6 +299,14 @@ def test_an_analog_rate_that_the_frames_do_not_hold_is_refused(tmp_path: Path) -
         read_c3d_signals(file, ["f1"])
 
 
+@pytest.mark.parametrize("scale", [np.nan, np.inf])
+def test_a_scale_of_all_channels_that_is_no_number_is_refused(tmp_path: Path, scale: float) -> None:
+    """It counted as 1."""
+    file = write_raw_c3d(tmp_path / "scale.c3d", gen_scale=scale)
+    with raises_refusal(RecordingCode.FOREIGN_DAMAGED, f"{scale} for the channel f1"):
+        read_c3d_signals(file, ["f1"])
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1000), ("mete", 1000), ("METERS", 1000), ("cent", 10), ("mill", 1)])
 def test_a_unit_that_is_cut_to_the_width_of_its_parameter_is_understood(
     tmp_path: Path, unit: str, factor: float

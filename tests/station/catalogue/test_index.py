@@ -104,6 +104,20 @@ def test_participants_go_in_and_out(folder: Path, tmp_path: Path) -> None:
     assert written["sub-P02"]["age"] is None
 
 
+@pytest.mark.parametrize(
+    "content", ["notes of mine\n", "participant_id\tage\nsub-P01\t30\n", "participant_id\nsub-P02\n"]
+)
+def test_a_file_whose_values_would_be_lost_is_not_replaced_by_the_participants(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "out.tsv"
+    path.write_text(content, encoding="utf-8")
+    with raises_refusal(CatalogueCode.WRONG_PARTICIPANTS, "out.tsv", kind=CatalogueError):
+        write_participants(path, ["P01"], {})
+    assert path.read_text(encoding="utf-8") == content
+    path.write_text("participant_id\nsub-P01\n", encoding="utf-8")
+    write_participants(path, ["P01", "P02"], {"sub-P01": {"participant_id": "sub-P01", "age": "30"}})
+    assert "sub-P02" in path.read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("text", ["", "subject\tage\n", "participant_id\tage\tage\n", "participant_id\tage\nsub-1\n"])
 def test_another_table_is_no_participants_tsv(text: str, tmp_path: Path) -> None:
     (tmp_path / "participants.tsv").write_text(text, encoding="utf-8")
