@@ -331,6 +331,7 @@ def test_a_session_ended_during_a_trial_has_its_report_and_is_resumed(browser: B
         page.keyboard.press("l")
         row = page.get_by_role("button", name="P01, session 1: hand")
         expect(row).to_contain_text("1 of 2 trials")
+        expect(page.get_by_role("button", name="Resume P01, session 1")).to_be_visible()  # above the list
         expect(row).to_contain_text(f"{datetime.now().astimezone():%Y}")
 
 
