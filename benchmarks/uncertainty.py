@@ -253,19 +253,27 @@ def cover_person(seed: int) -> Covered:
 
 
 def live_angles(person: MeasuredPerson, markers: Sequence[Marker]) -> dict[str, tuple[Array, Array, Array]]:
-    """Angle, standard deviation and truth (frames,) [deg] of the raise that is assessed, by name."""
+    """Angle, standard deviation and truth (frames,) [deg] of the raise that is assessed, by name.
+
+    Of the elevation also in the lower and the upper half.
+    """
     *earlier, raised = person.trials
     body = estimate_body(bundled_model(), markers, earlier)
     stream = StreamSolver(body.model, body.tasks, {})
     frames = [frame for k, seen in enumerate(raised) for frame in stream.push(k / RATE, seen)] + stream.finish()
     found = np.degrees([(frame.coordinates, frame.standard_deviations[0]) for frame in frames])
-    return {
+    angles: dict[str, tuple[Array, Array, Array]] = {
         f"live, {name}": (
             *found[:, :, body.model.coordinate_index(name)].T,
             np.degrees(person.coordinates[-1][:, person.shoulder.index(name)]),
         )
         for name in ("plane_elv", "shoulder_elv", "axial_rot")
     }
+    live, stated, truth = angles["live, shoulder_elv"]
+    is_upper = truth > np.median(truth)
+    for half, is_meant in (("lower", ~is_upper), ("upper", is_upper)):
+        angles[f"live, shoulder_elv, {half} half"] = live[is_meant], stated[is_meant], truth[is_meant]
+    return angles
 
 
 def assess_person(

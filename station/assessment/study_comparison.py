@@ -47,12 +47,16 @@ class AnswerEntry(StrictEntry):
 class StudyComparisonEntry(StrictEntry):
     """The study's answer, and those with this arm cuff, migration and compliance: the session's own first, then with
     one part exchanged, and with all of them.
+
+    interaction: what the exchange of all changes beyond the sum of what the single exchanges change
     """
 
     cuff: str
     study_rest_length_m: KnownNumberEntry
     study_effort: KnownNumberEntry
     answers: list[AnswerEntry]
+    interaction_rest_length_m: NumberEntry | None = None
+    interaction_effort: NumberEntry | None = None
 
 
 def compare_with_study(
@@ -79,12 +83,24 @@ def compare_with_study(
     if case.spread is not None:
         settings.append(("cord", replace(own, suit=study.suit), cuff))
     settings.append(("all", study, None))
+    answers = [_answer(part, setting, pair, worn_cuff) for part, setting, worn_cuff in settings]
     return StudyComparisonEntry(
         cuff=cuff,
         study_rest_length_m=KnownNumberEntry(value=STUDY_REST_LENGTH),
         study_effort=KnownNumberEntry(value=STUDY_EFFORT),
-        answers=[_answer(part, setting, pair, worn_cuff) for part, setting, worn_cuff in settings],
+        answers=answers,
+        interaction_rest_length_m=_interaction([answer.rest_length_m.value for answer in answers]),
+        interaction_effort=_interaction([answer.effort.value for answer in answers]),
     )
+
+
+def _interaction(answers: Sequence[float | None]) -> NumberEntry:
+    """Of the session's own answer, those with one part exchanged, and that with all; unknown where one of them is."""
+    known = [answer for answer in answers if answer is not None]
+    if len(known) < len(answers):
+        return NumberEntry(value=None)
+    own, *single, all_exchanged = known
+    return NumberEntry(value=all_exchanged - own - sum(answer - own for answer in single))
 
 
 @dataclass(frozen=True, eq=False)

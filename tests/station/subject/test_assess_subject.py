@@ -114,6 +114,19 @@ def test_every_part_of_the_wearer_is_exchanged_for_that_of_the_study(plain: dict
     assert len({round(effort, 6) for effort in answers.values() if effort is not None}) > 3
 
 
+def test_what_the_parts_change_together_is_the_sum_of_the_single_changes_and_their_interaction(
+    plain: dict[str, Any],
+) -> None:
+    study = plain["against_study"]
+    for key in ("rest_length_m", "effort"):
+        own, *single, everything = (answer[key]["value"] for answer in study["answers"])
+        interaction = study[f"interaction_{key}"]["value"]
+        if None in (own, *single, everything):
+            assert interaction is None
+        else:
+            assert own + sum(one - own for one in single) + interaction == pytest.approx(everything, abs=1e-9)
+
+
 def test_the_measured_tension_of_the_cord_is_beside_the_predicted_one(plain: dict[str, Any]) -> None:
     cord = plain["subject"]["cord"]
     assert cord["correlation"] > 0.95
