@@ -130,6 +130,10 @@ def test_the_error_of_a_mean_difference_averages_each_variance_over_what_repeats
     assert difference_error(spread, 5.0, volunteers, donnings, repeats) == pytest.approx(np.sqrt(expected))
 
 
+def test_repeats_without_a_stated_spread_differ_by_the_noise_alone() -> None:
+    assert difference_error(ExpectedSpread(2.0, 3.0), 5.0, 1, 1, 1) == pytest.approx(np.sqrt(2 * (4 + 9 + 25)))
+
+
 @pytest.mark.parametrize("difference", [0.0, 0.4, -2.0])
 @pytest.mark.parametrize("volunteers", [3, 12])
 @pytest.mark.parametrize("significance", [0.05, 0.5])
