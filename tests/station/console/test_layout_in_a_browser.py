@@ -71,7 +71,7 @@ def test_the_set_up_asks_for_a_code_and_offers_no_file_name_without_one(browser:
             expect(page.get_by_text("files such as")).to_have_count(offered, timeout=patience_ms())
         card = page.locator(".q-card", has=page.get_by_text("Bench", exact=True))
         expect(card.get_by_text("NI Dev1: ")).to_be_visible(timeout=patience_ms())
-        card.get_by_text("checks passed").click()
+        card.get_by_text("1 check passed").click()
         expect(card.get_by_text("disk:")).to_be_visible(timeout=patience_ms())
         expect(card.get_by_text("Resume a session")).to_have_count(0)
 
