@@ -26,6 +26,8 @@ from fitting.results.sentences import Figures, Note
 if TYPE_CHECKING:
     from fitting.trial.trial import Trial  # the recorder uses only the poses of this file, and starts faster
 
+Array = NDArray[np.float64]
+
 MIN_ANCHOR_MARKERS = 3
 MIN_ANCHOR_WIDTH = 5e-3
 """Second singular value [m] of the anchor cluster below which rotation about its line is not defined."""
@@ -47,23 +49,23 @@ QUALITY_FRAME_STEP = 10
 class Pose:
     """p = R (reference − reference_centre) + centre, per frame; NaN if fewer than three markers were seen."""
 
-    rotation: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    reference_centre: NDArray[np.float64]
-    residual: NDArray[np.float64]
+    rotation: Array
+    centre: Array
+    reference_centre: Array
+    residual: Array
 
-    def to_reference(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_reference(self, points: Array) -> Array:
         """Points (frames, points, 3) from the mocap frame to the frame of the body in its reference posture."""
         return np.asarray(
             np.einsum("fji,fpj->fpi", self.rotation, points - self.centre[:, None]) + self.reference_centre[:, None]
         )
 
-    def to_laboratory(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_laboratory(self, point: Array) -> Array:
         """A point (3,) of the body in its reference posture → (frames, 3) in the mocap frame."""
         return np.asarray(np.einsum("fij,fj->fi", self.rotation, point - self.reference_centre) + self.centre)
 
 
-def fit_pose(reference: NDArray[np.float64], points: NDArray[np.float64]) -> Pose:
+def fit_pose(reference: Array, points: Array) -> Pose:
     """Rigid pose of (frames, markers, 3) in every frame (Kabsch), over the markers seen there and in the reference."""
     seen = is_seen(points) & is_seen(reference)
     weight = seen / np.maximum(seen.sum(axis=1), 1)[:, None]
@@ -85,7 +87,7 @@ def fit_pose(reference: NDArray[np.float64], points: NDArray[np.float64]) -> Pos
     return Pose(rotation, centre, reference_centre, np.where(is_frame, residual, np.nan))
 
 
-def is_seen(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+def is_seen(points: Array) -> NDArray[np.bool_]:
     """Whether the points (..., 3) were seen: (...)."""
     return np.asarray(np.isfinite(points).all(axis=-1))
 
@@ -94,16 +96,14 @@ FACTOR, FLOOR = 5.0, 1e-3
 """A frame contains a ghost if the residual of its rigid fit exceeds 5 times the median, and 1 mm."""
 LARGEST_EXCHANGE, FRAMES_TESTED = 4, 50
 """Number of labels that are exchanged or rotated among each other, and of the frames in which all orders are tested."""
-ResidualOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+ResidualOf = Callable[[Array], Array]
 """Points (frames, markers, 3) → residual (frames,) [m] of their fit to a reference."""
 HAMPEL_FRAMES = 11
 HAMPEL_FACTOR, HAMPEL_FLOOR = 6.0, 1e-3
 """A position is a ghost if its distance from the median of its neighbours exceeds 6 robust sd, and 1 mm."""
 
 
-def rigid_without_ghosts(
-    reference: NDArray[np.float64], points: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], Pose]:
+def rigid_without_ghosts(reference: Array, points: Array) -> tuple[Array, NDArray[np.int64], Pose]:
     """Points (frames, markers, 3) of a rigid cluster with NaN for ghosts, their number (markers,), and the pose.
 
     A frame that does not fit the reference (markers, 3) is repaired by leaving out one marker, or by exchanging or
@@ -115,7 +115,7 @@ def rigid_without_ghosts(
     if not np.isfinite(residual).any():
         return points, none, pose
 
-    def residual_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residual_of(points: Array) -> Array:
         return fit_pose(reference, points).residual
 
     limit = _largest_residual(points, residual, residual_of)
@@ -135,14 +135,12 @@ def rigid_without_ghosts(
     return cleaned, np.count_nonzero(seen & ~kept | is_exchanged, axis=0), pose
 
 
-def _is_moved(points: NDArray[np.float64], repaired: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _is_moved(points: Array, repaired: Array) -> NDArray[np.bool_]:
     """Whether the points (..., 3) are at another position in `repaired`, of those that both have."""
     return np.asarray(is_seen(points) & is_seen(repaired) & np.any(points != repaired, axis=-1))
 
 
-def _best(
-    candidates: NDArray[np.float64], residual_of: ResidualOf, limit: float
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _best(candidates: Array, residual_of: ResidualOf, limit: float) -> tuple[Array, NDArray[np.bool_]]:
     """The candidate (candidates, frames, markers, 3) of least residual in each frame; whether it is in the limit."""
     remaining = np.array([residual_of(candidate) for candidate in candidates])
     remaining = np.where(np.isfinite(remaining), remaining, np.inf)
@@ -150,10 +148,10 @@ def _best(
     return candidates[best, frames], remaining[best, frames] <= limit
 
 
-def _with_labels_restored(reference: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _with_labels_restored(reference: Array, points: Array) -> Array:
     """Points (frames, markers, 3) of a cuff that moves by one displacement, exchanged labels as in the reference."""
 
-    def residual_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residual_of(points: Array) -> Array:
         return _apart(points - reference)[1]
 
     residual = residual_of(points)
@@ -168,7 +166,7 @@ def _with_labels_restored(reference: NDArray[np.float64], points: NDArray[np.flo
     return restored
 
 
-def _apart(displaced: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _apart(displaced: Array) -> tuple[Array, Array]:
     """Mean (frames, 3) of the displacements (frames, markers, 3) that are seen, and their rms (frames,) about it."""
     seen = is_seen(displaced)
     count = np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
@@ -177,9 +175,7 @@ def _apart(displaced: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
     return mean, np.sqrt(np.sum(apart**2, axis=(1, 2)) / count)
 
 
-def _refitted(
-    pose: Pose, reference: NDArray[np.float64], points: NDArray[np.float64], is_changed: NDArray[np.bool_]
-) -> Pose:
+def _refitted(pose: Pose, reference: Array, points: Array, is_changed: NDArray[np.bool_]) -> Pose:
     """The pose of the points, most of which it is of already."""
     again = fit_pose(reference, points[is_changed])
     columns = {field.name: getattr(pose, field.name).copy() for field in fields(Pose)}
@@ -188,7 +184,7 @@ def _refitted(
     return Pose(**columns)
 
 
-def _largest_residual(points: NDArray[np.float64], residual: NDArray[np.float64], residual_of: ResidualOf) -> float:
+def _largest_residual(points: Array, residual: Array, residual_of: ResidualOf) -> float:
     """Residual [m] above which a frame is wrong, from the median: of the best labels, as most may be exchanged."""
     typical = float(np.nanmedian(residual))
     if typical > FLOOR:
@@ -198,7 +194,7 @@ def _largest_residual(points: NDArray[np.float64], residual: NDArray[np.float64]
     return max(FACTOR * typical, FLOOR)
 
 
-def leave_each_out(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def leave_each_out(points: Array) -> Array:
     """Points (frames, markers, 3) with one marker left out in turn: (markers, frames, markers, 3)."""
     without = np.repeat(points[None], points.shape[1], axis=0)
     for marker in range(points.shape[1]):
@@ -206,7 +202,7 @@ def leave_each_out(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return without
 
 
-def path_without_ghosts(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def path_without_ghosts(points: Array) -> tuple[Array, NDArray[np.int64]]:
     """Points (frames, markers, 3) with NaN for outliers of single markers in time (Hampel filter), and their number."""
     from scipy.ndimage import median_filter  # the recorder uses only the poses of this file, and starts faster
 
@@ -223,7 +219,7 @@ def path_without_ghosts(points: NDArray[np.float64]) -> tuple[NDArray[np.float64
     return cleaned, np.count_nonzero(np.isfinite(points[..., 0]) & ~np.isfinite(cleaned[..., 0]), axis=0)
 
 
-def _relabelled(points: NDArray[np.float64], residual_of: ResidualOf, limit: float) -> NDArray[np.float64]:
+def _relabelled(points: Array, residual_of: ResidualOf, limit: float) -> Array:
     """Points (frames, markers, 3) in other orders of their markers: (orders, frames, markers, 3).
 
     The orders are all with two markers exchanged, and those with more of which one frame of FRAMES_TESTED fits.
@@ -249,13 +245,13 @@ def _orders(markers: int, largest: int) -> list[list[int]]:
     return found
 
 
-def _some(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _some(points: Array) -> Array:
     """At most FRAMES_TESTED of the frames, evenly spread."""
     chosen = np.linspace(0, len(points) - 1, FRAMES_TESTED).round().astype(int)
     return np.asarray(points[np.unique(chosen)])
 
 
-def require_rigid_anchor(labels: tuple[str, ...], reference: NDArray[np.float64]) -> None:
+def require_rigid_anchor(labels: tuple[str, ...], reference: Array) -> None:
     """Raises UnusableTrial unless the anchor markers (markers, 3) [m] define a frame: three seen, not in a line."""
     seen = np.isfinite(reference).all(axis=1)
     if np.count_nonzero(seen) < MIN_ANCHOR_MARKERS:
@@ -289,10 +285,10 @@ class MarkerQuality:
 
 
 def marker_quality(
-    displacement: NDArray[np.float64],
-    residual: NDArray[np.float64],
-    body: NDArray[np.float64],
-    force: NDArray[np.float64],
+    displacement: Array,
+    residual: Array,
+    body: Array,
+    force: Array,
     ghosts: Mapping[str, int],
 ) -> MarkerQuality:
     """From displacement (frames, 3), anchor residual (frames,), body (frames, 3) [m] and force (frames,) [N]."""
@@ -328,7 +324,7 @@ def marker_notes(found: MarkerQuality) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def turn_notes(turn: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[Note, ...]:
+def turn_notes(turn: Array, force: Array) -> tuple[Note, ...]:
     """A note if the cuff's markers move apart with the load, from their rms (frames,) [m] and force (frames,) [N]."""
     seen = np.isfinite(turn)
     if not seen.any() or np.ptp(force[seen]) == 0:
@@ -340,9 +336,7 @@ def turn_notes(turn: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[N
     return (Note(TrialNoteCode.TURNS, {"apart_m": apart}),)
 
 
-def loose_marker(
-    labels: tuple[str, ...], reference: NDArray[np.float64], points: NDArray[np.float64]
-) -> tuple[str, float] | None:
+def loose_marker(labels: tuple[str, ...], reference: Array, points: Array) -> tuple[str, float] | None:
     """The marker of (frames, markers, 3) that moves relative to the others, and its rms [m]; None if none does.
 
     With three markers it cannot be determined, because two markers do not define a frame.
@@ -361,7 +355,7 @@ def loose_marker(
     return (labels[suspect], rms) if is_loose else None
 
 
-def _hidden(displacement: NDArray[np.float64]) -> float:
+def _hidden(displacement: Array) -> float:
     if not len(displacement):
         raise UnusableTrial(RejectionCode.NO_FRAMES)
     return float(np.mean(np.isnan(displacement[:, 0])))
@@ -377,8 +371,8 @@ APART = 10.0
 class Reference:
     """Unloaded marker positions in the mocap frame at one instant: (markers, 3) m, NaN if never seen."""
 
-    anchor: NDArray[np.float64]
-    cuff: NDArray[np.float64]
+    anchor: Array
+    cuff: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,13 +389,13 @@ class CuffMotion(EqualByFields):
     loose         anchor marker that moves relative to the others, and its rms [m]; None if none does
     """
 
-    displacement: NDArray[np.float64]
-    residual: NDArray[np.float64]
-    body: NDArray[np.float64]
-    turn: NDArray[np.float64]
-    rope: NDArray[np.float64] | None
+    displacement: Array
+    residual: Array
+    body: Array
+    turn: Array
+    rope: Array | None
     ghosts: Mapping[str, int]
-    anchor: NDArray[np.float64]
+    anchor: Array
     loose: tuple[str, float] | None = None
 
 
@@ -439,9 +433,7 @@ def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     return CuffMotion(displacement, pose.residual, body, turn, rope, ghosts, _mean_posture(trial).anchor, loose)
 
 
-def _cuff_with_labels_restored(
-    reference: Reference, pose: Pose, anchor: NDArray[np.float64], kept: NDArray[np.float64], cuff: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _cuff_with_labels_restored(reference: Reference, pose: Pose, anchor: Array, kept: Array, cuff: Array) -> Array:
     """Positions (frames, cuff markers, 3) in the reference posture, exchanged labels put back.
 
     A label at the place of an anchor marker that was left out has its positions instead. anchor and kept (frames,
@@ -459,7 +451,7 @@ def _cuff_with_labels_restored(
     return _with_labels_restored(reference.cuff, restored)
 
 
-def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> NDArray[np.float64]:
+def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> Array:
     """Unit vector (3,) of the pull in the reference frame; force is positive with displacement.
 
     It is the direction of the rope if its markers were seen. Otherwise it is the covariance of displacement with force
@@ -480,7 +472,7 @@ def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> ND
     return np.asarray(chosen / length)
 
 
-def along(motion: CuffMotion, direction: NDArray[np.float64]) -> NDArray[np.float64]:
+def along(motion: CuffMotion, direction: Array) -> Array:
     """Displacement x (frames,) [m] along a unit vector (3,), NaN if not seen."""
     return np.asarray(motion.displacement @ direction)
 
@@ -501,12 +493,12 @@ def _mean_posture(trial: Trial) -> Reference:
     return Reference(mean[: anchor.shape[1]], mean[anchor.shape[1] :])
 
 
-def _fullest_frame(anchor: NDArray[np.float64], cuff: NDArray[np.float64]) -> int:
+def _fullest_frame(anchor: Array, cuff: Array) -> int:
     visible = np.isfinite(anchor[..., 0]).sum(axis=1) + np.isfinite(cuff[..., 0]).any(axis=1)
     return int(np.argmax(visible))
 
 
-def find_other_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, NDArray[np.float64]]:
+def find_other_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, Array]:
     """File → unit vector (3,) of the rope, for the trials (in time order) that differ from the first of their test.
 
     If all dynamic trials differ from the static ones, that is a fault, which D6 reports. Otherwise dynamic trials are
@@ -526,10 +518,10 @@ def find_other_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]
     }
 
 
-def number_directions(directions: Mapping[str, NDArray[np.float64]], tests: Mapping[str, str]) -> dict[str, int]:
+def number_directions(directions: Mapping[str, Array], tests: Mapping[str, str]) -> dict[str, int]:
     """File → number of its direction within its test, from 1, in the order of the files in directions."""
     numbers: dict[str, int] = {}
-    kinds: dict[str, list[NDArray[np.float64]]] = {}
+    kinds: dict[str, list[Array]] = {}
     for file, direction in directions.items():
         known = kinds.setdefault(tests[file], [])
         near = [i for i, kind in enumerate(known, 1) if angle_between(kind, direction) < APART]
@@ -539,7 +531,7 @@ def number_directions(directions: Mapping[str, NDArray[np.float64]], tests: Mapp
     return numbers
 
 
-def pull_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, NDArray[np.float64]]:
+def pull_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, Array]:
     """Test → unit vector (3,) of its pull, along the rope that exerts the force.
 
     Dynamic trials without rope markers use the direction of the static ones, as a cuff may move obliquely to the pull.
@@ -573,7 +565,7 @@ def turned_notes(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict
     }
 
 
-def angle_between(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+def angle_between(one: Array, other: Array) -> float:
     """Angle [degrees] between the lines along two unit vectors (3,)."""
     return math.degrees(math.acos(min(1.0, abs(float(one @ other)))))
 
@@ -582,7 +574,7 @@ def _shows_rope(motion: CuffMotion) -> bool:
     return motion.rope is not None and bool(np.isfinite(motion.rope).any())
 
 
-def _trial_directions(pairs: Sequence[tuple[Trial, CuffMotion]]) -> dict[str, NDArray[np.float64]]:
+def _trial_directions(pairs: Sequence[tuple[Trial, CuffMotion]]) -> dict[str, Array]:
     """File → the trial's own direction of pull."""
     directions = {}
     for trial, motion in pairs:
@@ -593,11 +585,9 @@ def _trial_directions(pairs: Sequence[tuple[Trial, CuffMotion]]) -> dict[str, ND
     return directions
 
 
-def _first_directions(
-    pairs: Sequence[tuple[Trial, CuffMotion]], directions: Mapping[str, NDArray[np.float64]]
-) -> dict[str, NDArray[np.float64]]:
+def _first_directions(pairs: Sequence[tuple[Trial, CuffMotion]], directions: Mapping[str, Array]) -> dict[str, Array]:
     """Test → the direction of its first trial."""
-    first: dict[str, NDArray[np.float64]] = {}
+    first: dict[str, Array] = {}
     for trial, _ in pairs:
         if trial.file in directions:
             first.setdefault(trial.test, directions[trial.file])

@@ -90,7 +90,7 @@ def test_a_redrawn_view_keeps_the_focus_and_the_rest_of_a_word_is_no_command(bro
     write_recorded(folder, Recorded("a.mcap", "hand", "static", 1, "1", False, 0, "the mocap capture ended"))
     with ServedConsole(write_config(tmp_path)) as console:
         one, other = open_page(browser, console.address), open_page(browser, console.address)
-        one.get_by_role("button", name="P01, session 1").click()
+        one.locator("button.session", has_text="P01, session 1").click()
         seen(other, "redo advised")
         one.clock.set_fixed_time(one.evaluate("Date.now()"))  # all of the word is typed at one moment
         one.get_by_label("Note on this trial").focus()

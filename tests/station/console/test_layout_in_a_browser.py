@@ -48,7 +48,7 @@ def test_the_buttons_that_leave_a_decision_are_apart_from_it_at_every_width(brow
     write_recorded(folder, Recorded("a.mcap", "hand", "static", 1, "1", False, 0, "the mocap capture ended"))
     with ServedConsole(write_config(tmp_path)) as console:
         page = open_page(browser, console.address)
-        page.get_by_role("button", name="P01, session 1").click()
+        page.locator("button.session", has_text="P01, session 1").click()
         seen(page, "redo advised")
         for width in (801, 1000, 1101, 1280, 1400, 1900):
             page.set_viewport_size({"width": width, "height": 800})
