@@ -43,11 +43,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """No test processes with --hardware, since there is one bench; else three more than cores.
+    """No test processes with --hardware, since there is one bench; else two more than cores.
 
-    Half of the time is spent waiting: for a simulated bench, a browser, another process.
+    Part of the time is spent waiting: for a simulated bench, a browser, another process.
     """
-    return 0 if config.getoption("--hardware") else count_cores() + 3
+    return 0 if config.getoption("--hardware") else count_cores() + 2
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
