@@ -293,11 +293,13 @@ class _UnlikelyValue(ValueError):
 
 
 def _moment(text: str) -> datetime | None:
-    """UTC without a time zone; None for a text that is no time."""
+    """UTC without a time zone; None for an empty text. Raises _UnlikelyValue."""
+    if not text:
+        return None
     try:
         read = datetime.fromisoformat(text)
     except ValueError:
-        return None
+        raise _UnlikelyValue(f"its time is {text!r}, expected such as 2026-05-31T14:03:00+02:00") from None
     if read.year not in YEARS:
         raise _UnlikelyValue(f"its time is {text}, expected a year from {YEARS.start} to {YEARS.stop - 1}")
     return read.astimezone(UTC).replace(tzinfo=None)

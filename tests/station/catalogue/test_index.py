@@ -186,6 +186,7 @@ def test_values_that_json_does_not_have_are_printed_as_text(folder: Path, statio
         ("repeat", 2**62),
         ("lost_samples", 2**63),
         ("at", "0001-01-01T00:00:00+00:00"),
+        ("at", "2026-02-30T10:00:00+00:00"),
         ("at", "9999-12-31T23:59:59-12:00"),
     ],
 )
