@@ -27,11 +27,35 @@ def test_imports_keep_the_contracts() -> None:
     assert seen.returncode == 0, seen.stdout
 
 
+LONGEST = {
+    "drivers/qualisys.py": 544,
+    "drivers/simulators/daq_rpcs.py": 541,
+    "drivers/simulators/qtm_server.py": 527,
+    "fitting/diagnosis/causes.py": 576,
+    "fitting/pull/cuff_motion.py": 594,
+    "fitting/spatial/tensors.py": 507,
+    "fitting/static/stiffness.py": 540,
+    "fitting/study/cuff_study.py": 553,
+    "fitting/trial/trial.py": 504,
+    "solver/forces/passive_forces.py": 528,
+    "solver/inverse_kinematics/smoother.py": 534,
+    "solver/inverse_kinematics/solve.py": 536,
+    "solver/scaling.py": 530,
+    "solver/suit/scenarios.py": 568,
+    "solver/tendons/fiber.py": 561,
+    "solver/wrapping/wrapped_paths.py": 526,
+    "station/validation/lifts.py": 547,
+}
+"""Lines of files that have taken in a neighbour and are not yet shorter; none may grow."""
+
+
 def test_a_file_is_short_and_named_by_its_noun() -> None:
-    """A file has usually 150 to 500 lines (CONTRIBUTING), at most 600: one noun with the functions that only it uses. A
-    lower limit would split a noun over files that no other file imports.
+    """A file has usually 150 to 500 lines (CONTRIBUTING): one noun with the functions that only it uses. A lower limit
+    would split a noun over files that no other file imports.
     """
-    assert {name_of(path) for path in SOURCES if text_of(path).count("\n") > 600} == set()
+    lines = {name_of(path): text_of(path).count("\n") for path in SOURCES}
+    assert {name for name, count in lines.items() if count > LONGEST.get(name, 500)} == set()
+    assert {name for name in LONGEST if lines[name] <= 500} == set(), "these are short: take them out of the list"
     assert {name_of(path) for path in SOURCES if path.stem in DRAWERS} == set()
     long = [
         f"{name_of(path)}: {node.name}"
