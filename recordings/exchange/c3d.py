@@ -98,8 +98,12 @@ def _points(c3d: C3dFile, chosen: Sequence[int]) -> tuple[Array, Array]:
     The low byte of the fourth number is the residual, the high byte the cameras; both are −1 for a missing point.
     """
     points = c3d.values[:, : 4 * c3d.layout.points].reshape(c3d.layout.frames, -1, 4)[:, chosen]
-    told = c3d.parameters.number("POINT", "SCALE")
-    scale = abs(c3d.header.scale if told is None else told)
+    scale = abs(c3d.parameters.number("POINT", "SCALE") or c3d.header.scale)
+    if not (0 < scale < np.inf or c3d.is_real):
+        raise ForeignFile(
+            f"{c3d.path} has the scale {scale:g} for its integer positions; export it again",
+            RecordingCode.FOREIGN_DAMAGED,
+        )
     positions = points[..., :3].astype(np.float64) * (1.0 if c3d.is_real else scale)
     mask = np.trunc(np.nan_to_num(points[..., 3].astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0))
     residuals = scale * np.mod(mask, 256)
@@ -137,13 +141,14 @@ def _channel(c3d: C3dFile, channel: int, name: str) -> Array:
             f"{c3d.path} has no ANALOG:SCALE or no ANALOG:OFFSET for the channel {name}; export it again",
             RecordingCode.FOREIGN_CONTRADICTORY,
         )
-    scale = scales[channel] * (factors[0] if len(factors) else 1.0)
-    if not np.isfinite(scale):
+    scale, offset = scales[channel] * (factors[0] if len(factors) else 1.0), offsets[channel]
+    if not np.isfinite([scale, offset]).all() or scale == 0:
         raise ForeignFile(
-            f"{c3d.path} has a scale of {scale} for the channel {name}, expected a number; export it again",
+            f"{c3d.path} has the scale {scale:g} and the offset {offset:g} for the channel {name}, expected finite "
+            "numbers and a scale that is not 0; export it again",
             RecordingCode.FOREIGN_DAMAGED,
         )
-    values: Array = (raw - offsets[channel]) * scale
+    values: Array = (raw - offset) * scale
     return values
 
 

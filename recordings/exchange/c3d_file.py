@@ -35,6 +35,13 @@ Array = NDArray[np.float64]
 
 CHARACTER, BYTE, INTEGER, REAL = -1, 1, 2, 4
 INTEL, DEC, MIPS = 84, 85, 86
+POSITIVE = (("POINT", "RATE"), ("ANALOG", "RATE"))
+FINITE = (
+    *POSITIVE,
+    *(("POINT", name) for name in ("USED", "SCALE", "DATA_START", "FRAMES", "LONG_FRAMES")),
+    *(("ANALOG", name) for name in ("USED", "GEN_SCALE")),
+)
+"""Parameters of one number, of which the header has another statement that must not replace a damaged one."""
 ENTRIES_CONTINUED = 9
 """LABELS, LABELS2 … LABELS9: a dimension counts at most 255 entries, and the next parameter has the rest."""
 
@@ -99,7 +106,8 @@ class C3dFile:
     @property
     def rate_hz(self) -> float:
         """Frame rate. Raises ForeignFile where there is none."""
-        rate = self.parameters.number("POINT", "RATE") or self.header.rate_hz
+        told = self.parameters.number("POINT", "RATE")
+        rate = self.header.rate_hz if told is None else told
         if not 0 < rate < np.inf:
             _refuse(self.path, RecordingCode.FOREIGN_NO_RATE, "has no sampling rate; export it again with its rates")
         return rate
@@ -171,11 +179,20 @@ def _parameters(
         _refuse(path, RecordingCode.FOREIGN_CUT, complaint)
     file.seek(start)
     try:
-        return C3dParameters(file.read(min(end - start, LARGEST_PARAMETERS)), processor)
+        parameters = C3dParameters(file.read(min(end - start, LARGEST_PARAMETERS)), processor)
     except ValueError as error:
         raise ForeignFile(
             f"{path} cannot be read as C3D: {error}; {EXPORT_AGAIN}", RecordingCode.FOREIGN_DAMAGED
         ) from error
+    has_channels = bool(parameters.number("ANALOG", "USED"))
+    for group, name in FINITE:
+        number = parameters.number(group, name)
+        is_positive = (group, name) in POSITIVE and (group == "POINT" or has_channels)
+        if number is not None and not (np.isfinite(number) and (number > 0 or not is_positive)):
+            expected = "a positive number" if is_positive else "a finite number"
+            complaint = f"has {group}:{name} = {number:g}, expected {expected}; {EXPORT_AGAIN}"
+            _refuse(path, RecordingCode.FOREIGN_DAMAGED, complaint)
+    return parameters
 
 
 def _layout(path: Path, size: int, header: C3dHeader, parameters: C3dParameters) -> C3dLayout:
@@ -305,9 +322,9 @@ class C3dParameters:
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def number(self, group: str, name: str) -> float | None:
-        """The first of the numbers, integers without sign; None without one or where it is not finite."""
+        """The first of the numbers, integers without sign; None without one."""
         values = self.numbers(group, name, is_signed=False)
-        return float(values[0]) if len(values) and np.isfinite(values[0]) else None
+        return float(values[0]) if len(values) else None
 
     def _parts(self, group: str, name: str) -> Iterator[Parameter]:
         for suffix in ("", *map(str, range(2, ENTRIES_CONTINUED + 1))):

@@ -299,11 +299,26 @@ def test_an_analog_rate_that_the_frames_do_not_hold_is_refused(tmp_path: Path) -
         read_c3d_signals(file, ["f1"])
 
 
-@pytest.mark.parametrize("scale", [np.nan, np.inf])
-def test_a_scale_of_all_channels_that_is_no_number_is_refused(tmp_path: Path, scale: float) -> None:
-    """It counted as 1."""
-    file = write_raw_c3d(tmp_path / "scale.c3d", gen_scale=scale)
-    with raises_refusal(RecordingCode.FOREIGN_DAMAGED, f"{scale} for the channel f1"):
+@pytest.mark.parametrize(
+    ("group", "name", "value"),
+    [
+        *((group, "RATE", rate) for group in (1, 2) for rate in (np.nan, np.inf, 0.0, -100.0)),
+        *((1, "SCALE", scale) for scale in (np.nan, -np.inf)),
+        *((2, "GEN_SCALE", scale) for scale in (np.nan, np.inf, 0.0)),
+        *((2, "SCALE", scale) for scale in (np.nan, 0.0)),
+        (2, "OFFSET", np.nan),
+    ],
+)
+def test_a_rate_or_scale_that_is_no_usable_number_is_refused(
+    tmp_path: Path, group: int, name: str, value: float
+) -> None:
+    """The header's rate, or 1, was read in its place."""
+    file = write_raw_c3d(tmp_path / "number.c3d", offset_kind=REAL)
+    content, record = bytearray(file.read_bytes()), bytes([len(name), group]) + name.encode()
+    at = content.index(record) + len(record) + (5 if name in ("SCALE", "OFFSET") and group == 2 else 4)
+    content[at : at + 4] = struct.pack("<f", value)
+    file.write_bytes(content)
+    with raises_refusal(RecordingCode.FOREIGN_DAMAGED, f" {value:g}"):
         read_c3d_signals(file, ["f1"])
 
 
