@@ -224,7 +224,7 @@ def _judge(folder: Path, file: str) -> Judgement:
 
 
 def _read_largest_emg(path: Path) -> dict[str, float]:
-    from station.session.wearer_findings import largest_emg
+    from station.session.fitted_judgement import largest_emg
 
     return largest_emg(path)
 

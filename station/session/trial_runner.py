@@ -25,11 +25,10 @@ from station.journal import JournalError, Recorded, write_mark
 from station.messages.codes import CommandCode, RefusalCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec
-from station.session.guide import Cue, Guide, guide_for
+from station.session.guide import Cue, Guide, guide_for, wearer_guide
 from station.session.live_trial import LiveTrial, force_limits
 from station.session.open_session import CommandRefused, OpenSession
 from station.session.plan_status import PlanStatus
-from station.session.wearer_guide import wearer_guide
 
 
 class TrialRunner:

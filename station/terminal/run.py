@@ -22,8 +22,15 @@ from station.journal import Setup, read_journal
 from station.messages.codes import CommandCode
 from station.messages.message import Message
 from station.session.controller import SessionController
-from station.terminal.commands import Action, Command, Request, SessionOutput
-from station.terminal.keyboard import is_interactive, listen_to_lines, listening_to_keys
+from station.terminal.commands import (
+    Action,
+    Command,
+    Request,
+    SessionOutput,
+    is_interactive,
+    listen_to_lines,
+    listening_to_keys,
+)
 from station.terminal.outputs import JsonOutput, SessionConsole, TextOutput
 from station.terminal.sequencer import SessionSequencer
 

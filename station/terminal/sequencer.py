@@ -33,12 +33,12 @@ from station.terminal.events import (
     SummaryProgressed,
     SummaryStarted,
     TrialEnded,
+    TrialMonitor,
     TrialSkipped,
     VerdictGiven,
     Waiting,
     WarningRaised,
 )
-from station.terminal.trial_monitor import TrialMonitor
 
 POLL_S = 0.1
 JOURNAL_POLL_S = 1.0

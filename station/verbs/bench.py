@@ -156,7 +156,7 @@ def _check_spec(spec: TrialSpec) -> None:
 def _subject(session: Path, subject: str | None) -> str | None:
     """The subject code; a terminal prompts for that of a new session."""
     from station.checksums import JOURNAL_FILE
-    from station.terminal.keyboard import is_interactive
+    from station.terminal.commands import is_interactive
 
     if subject is not None or (session / JOURNAL_FILE).exists() or not is_interactive():
         return subject

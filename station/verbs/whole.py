@@ -62,7 +62,7 @@ def serve(
     """Serve the operator's console, a page that guides through a session. Prints its address."""
     from station.config import load_config
     from station.console.server import serve as serve_console
-    from station.terminal.keyboard import is_interactive
+    from station.terminal.commands import is_interactive
 
     if not config.exists() and config.name == "station.toml" and is_interactive():
         print_message("There is no station.toml here. `station init` writes an example for devices on this computer.")

@@ -76,7 +76,7 @@ def test_no_child_reads_standard_input_and_no_thread_waits_in_a_read_of_it() -> 
         "drivers/simulators/__main__.py",  # no thread
         "station/bench/simulation.py",  # passes it to standard_input.py
         "station/standard_input.py",  # asks for data before it reads
-        "station/terminal/keyboard.py",  # also; keys of a terminal are read on POSIX only
+        "station/terminal/commands.py",  # also; keys of a terminal are read on POSIX only
     }
     assert "Thread" not in text_of(ROOT / "drivers/simulators/__main__.py")
 

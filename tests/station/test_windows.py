@@ -44,7 +44,7 @@ COARSE_CLOCKS = {"monotonic", "monotonic_ns"}
 OWNERS = ("os", "signal", "socket", "select", "loop", "time")
 GUARDED = {
     "station/__main__.py": {"resource"},
-    "station/terminal/keyboard.py": {"termios", "tty", "getpgrp", "tcgetpgrp"},
+    "station/terminal/commands.py": {"termios", "tty", "getpgrp", "tcgetpgrp"},
     "station/live/process.py": {"nice"},
     "station/session/worker.py": {"nice"},
     "station/bench/simulation.py": {"SIGTTIN"},

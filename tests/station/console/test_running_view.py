@@ -21,9 +21,8 @@ from station.console.running_view import (
     status_of,
 )
 from station.protocol import TrialSpec
-from station.session.guide import guide_for
+from station.session.guide import MotionGuide, guide_for
 from station.session.live_trial import LiveTrial, force_limits
-from station.session.wearer_guide import MotionGuide
 from tests.station.wearer import wearer_config
 
 BOUNCE = TrialSpec(None, "bounce", 1)

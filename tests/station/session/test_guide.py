@@ -19,13 +19,20 @@ from station.journal import read_journal, write_recorded
 from station.messages.codes import AlarmCode, CueCode, ReasonCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
-from station.session.fitted_judgement import judge_recording
-from station.session.guide import Cue, FreeStaticGuide, Guide, RestState, StaticGuide, SwingGuide, guide_for
+from station.session.fitted_judgement import judge_recording, largest_emg
+from station.session.guide import (
+    Cue,
+    FreeStaticGuide,
+    Guide,
+    RestState,
+    StaticGuide,
+    SwingGuide,
+    guide_for,
+    wearer_guide,
+)
 from station.session.judgement import Judgement
 from station.session.live_trial import ForceLimits, force_limits
 from station.session.reviewer import adopt_recordings
-from station.session.wearer_findings import largest_emg
-from station.session.wearer_guide import wearer_guide
 from tests.station.wearer import CYCLES, SPECS, WearerSession
 
 RNG = np.random.default_rng(7)
@@ -306,7 +313,7 @@ def judged(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Judge
 
     def judge(spec: TrialSpec, change: Callable[[WearerTrial], WearerTrial] = lambda trial: trial) -> Judgement:
         monkeypatch.setattr(
-            "station.session.wearer_findings.read_wearer_trial", lambda path: change(read_wearer_trial(path))
+            "station.session.fitted_judgement.read_wearer_trial", lambda path: change(read_wearer_trial(path))
         )
         return judge_recording(folder, spec.file_name(1))
 

@@ -16,10 +16,9 @@ from station.bench.view import Snapshot, TrialState
 from station.messages.codes import CueCode, TrialCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
-from station.session.guide import FreeStaticGuide, StaticGuide
+from station.session.guide import FreeStaticGuide, MotionGuide, StaticGuide
 from station.session.live_trial import ForceLimits, LiveTrial
 from station.session.telemetry import Telemetry
-from station.session.wearer_guide import MotionGuide
 
 RECORDING = (Message(TrialCode.RECORDING),)
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from station.messages.codes import CommandCode
-from station.terminal.commands import KEYS, MEANINGS, Action, Command, UnknownCommand, parse_command
-from station.terminal.keyboard import KeyParser
+from station.terminal.commands import KEYS, MEANINGS, Action, Command, KeyParser, UnknownCommand, parse_command
 from tests.refusals import raises_refusal
 
 
