@@ -10,15 +10,24 @@ import asyncio
 import json
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from nicegui import background_tasks, ui
 
+from recordings.manifest import DataOrigin
 from station.console.charts import DISPLACEMENT, FORCE, FORCE_AXIS, INK, axis, axis_below, line
 from station.console.live_feed import SHOWN_S, SLACK, WORN, LiveFeed, LivePoint
 from station.live.published import LiveBest, LiveRecent, LiveScenario, LiveSetup, LiveUpdate, LiveValues
 from station.messages.live_messages import LiveCode
 
+PATH = "/live"
+REFRESH_S = 0.08
+HERE = Path(__file__).parent
+SCRIPTS = "".join(
+    f"<script>{(HERE / name).read_text(encoding='utf-8')}</script>"
+    for name in ("freshness.js", "view3d.js", "body.js", "live.js")
+)
 DRAW_TIMEOUT_S = 10.0
 UNDRAWN_UPDATES = 2
 """As on the page of a trial: more are sent only when one is drawn."""
@@ -34,6 +43,34 @@ LINES: dict[str, tuple[str, str]] = {
 MAIN, FURTHER = ("slack", "worn", "rigid"), ("#8a94a3", "solid")
 """Scenarios with a curve in the colour of their condition; further rest lengths and cuffs are grey."""
 EMG_LINES = ((FORCE, "solid"), (DISPLACEMENT, "dashed"), ("#00715a", "dotted"), ("#7a3e9d", "solid"))
+
+
+def show_live_page(feed: LiveFeed) -> None:
+    """Build the page at /live for one browser; it has no effect on the operator's page or on the recording."""
+    for name in ("style.css", "live.css"):
+        ui.add_css(HERE / name)
+    ui.add_head_html(SCRIPTS)
+    ui.colors(primary="#1d4e89", positive="#1b7f3b", warning="#a34a00")
+    with ui.header().classes("items-center justify-between no-wrap"):
+        with ui.row().classes("items-center gap-5 no-wrap"):
+            simulated = ui.label("SIMULATED DATA").classes("simulated").mark("simulated")
+            with ui.column().classes("gap-0"):
+                ui.label("live muscles").classes("title")
+                trial = ui.label().classes("subtitle").mark("subtitle")
+        with ui.row().classes("items-center no-wrap shrink-0"):
+            ui.label().classes("age").mark("age")
+            ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').classes("small").on(
+                "click", js_handler="() => Quasar.Dark.toggle()"
+            )
+    view = LiveMuscles(feed)
+
+    def tick() -> None:
+        setup = feed.setup
+        simulated.set_visibility(setup is not None and setup.origin == DataOrigin.SIMULATED)
+        trial.text = "" if setup is None else setup.trial
+        view.tick()
+
+    ui.timer(REFRESH_S, tick)
 
 
 class LiveMuscles:

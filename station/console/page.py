@@ -17,7 +17,7 @@ from nicegui import ui
 from fitting.trial.mass_checks import MassCheckError
 from station.console import next_view, running_view, setup_view, summary_view, verdict_view
 from station.console.actions import Action, Actions
-from station.console.live_page import PATH as LIVE_PATH
+from station.console.live_view import PATH as LIVE_PATH
 from station.console.recordings_view import add_recordings
 from station.errors import StationError
 from station.session.controller import SessionController

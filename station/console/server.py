@@ -1,4 +1,4 @@
-"""`station serve`: the console's page on this machine, and access to it."""
+"""`station serve`: the console's page on this machine, the live page alone, and access to them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import socket
 import sys
 import time
 import webbrowser
-from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
 from functools import partial
+from http import HTTPStatus
 from http.cookies import SimpleCookie
 from pathlib import Path
 from typing import Any, NoReturn
@@ -22,15 +22,18 @@ from urllib.parse import parse_qs
 
 from nicegui import app, ui
 from nicegui.server import Server
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Message as AsgiMessage
 
 from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
+from station.child import ProcessLink, exit_with_parent
 from station.config import StationConfig, parse_config
-from station.console.compression import CompressionMiddleware
 from station.console.live_feed import LiveFeed
-from station.console.live_page import PATH as LIVE_PATH
-from station.console.live_page import show_live_page
+from station.console.live_view import PATH as LIVE_PATH
+from station.console.live_view import show_live_page
 from station.console.page import show_page
 from station.end_signals import end_signals
 from station.errors import StationError
@@ -52,9 +55,6 @@ OWN_SITE = ("same-origin", "none")
 """Values of Sec-Fetch-Site for requests of our own page and for a typed address; older browsers send none."""
 NO_FRAMES = ((b"content-security-policy", b"frame-ancestors 'none'"), (b"x-frame-options", b"DENY"))
 
-Scope = dict[str, Any]
-AsgiApp = Callable[[Scope, Any, Any], Awaitable[None]]
-
 
 class ServeError(StationError):
     """The console cannot listen at its address."""
@@ -67,10 +67,10 @@ class AccessMiddleware:
     otherwise control the console through the browser of its visitor. No other page may show ours in a frame.
     """
 
-    def __init__(self, inner: AsgiApp, token: str | None) -> None:
+    def __init__(self, inner: ASGIApp, token: str | None) -> None:
         self._inner, self._token = inner, token
 
-    async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._inner(scope, receive, send)
             return
@@ -102,15 +102,15 @@ class AccessMiddleware:
     def _is_right(self, shown: str) -> bool:
         return self._token is not None and hmac.compare_digest(shown.encode(), self._token.encode())
 
-    async def _reject(self, scope: Scope, receive: Any, send: Any, text: str) -> None:
+    async def _reject(self, scope: Scope, receive: Receive, send: Send, text: str) -> None:
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
         else:
             await PlainTextResponse(text, 403)(scope, receive, send)
 
 
-def _without_frames(send: Any) -> Any:
-    async def send_with_policy(message: dict[str, Any]) -> None:
+def _without_frames(send: Send) -> Send:
+    async def send_with_policy(message: AsgiMessage) -> None:
         if message["type"] == "http.response.start":
             message = {**message, "headers": [*message.get("headers", ()), *NO_FRAMES]}
         await send(message)
@@ -228,3 +228,64 @@ async def print_address(address: str, *, is_opened: bool) -> None:
     print(address, flush=True)
     if is_opened:
         webbrowser.open(address)
+
+
+class CompressionMiddleware(GZipMiddleware):
+    """GZipMiddleware that ends every request of a disconnected browser with an empty response.
+
+    Starlette's FileResponse ends without one when the browser disconnects, as on every reload of a page. NiceGUI's
+    middlewares, which are outside this one, take that for an error, and a traceback appears in the operator's terminal.
+    A response that is missing although the browser waits for it remains an error.
+    """
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        is_disconnected = is_answered = False
+
+        async def receive_and_note() -> AsgiMessage:
+            nonlocal is_disconnected
+            message = await receive()
+            is_disconnected |= message["type"] == "http.disconnect"
+            return message
+
+        async def send_and_note(message: AsgiMessage) -> None:
+            nonlocal is_answered
+            await send(message)  # FileResponse may cancel it
+            is_answered = True
+
+        await super().__call__(scope, receive_and_note, send_and_note)
+        if is_disconnected and not is_answered:
+            await Response(status_code=HTTPStatus.NO_CONTENT)(scope, receive, send)
+
+
+def main(parent: ProcessLink, folder: str, port: str) -> None:
+    """Serve the live page alone in a process of its own, until Ctrl-C or the end of the parent."""
+    exit_with_parent(parent)
+    serve_live(Path(folder), port=int(port))
+
+
+def serve_live(folder: Path, *, port: int = 8422, is_opened: bool = False) -> None:
+    """Serve the live page alone until Ctrl-C, for a replay or beside a recording that the terminal runs.
+
+    The values are those of the live process that announces itself in the folder, now or later.
+
+    Raises ServeError if it cannot listen.
+    """
+    ensure_free(LOOPBACK[0], port)
+    feed = LiveFeed(lambda: folder)
+    with ExitStack() as stack:
+        stack.callback(feed.close)
+        app.add_middleware(AccessMiddleware, token=None)
+        app.add_api_route("/beat", answer_beat)
+        app.on_startup(partial(print_address, f"http://{LOOPBACK[0]}:{port}/", is_opened=is_opened))
+        app.timer(LIVE_POLL_S, feed.poll)
+        ui.run(
+            lambda: show_live_page(feed),
+            host=LOOPBACK[0],
+            port=port,
+            title="live muscles",
+            dark=None,
+            show=False,
+            reload=False,
+            show_welcome_message=False,
+            gzip_middleware_factory=CompressionMiddleware,
+        )

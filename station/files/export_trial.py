@@ -1,15 +1,18 @@
 """Export recordings to files of other programs: all streams on one clock, in SI or in the unit of the format.
 
-A recording without a common clock becomes one table per stream, with counts, times and values of its device.
+A recording without a common clock becomes one table per stream, with counts, times and values of its device. Trials of
+earlier exports to the same Motion-BIDS data set are kept.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -21,18 +24,20 @@ from fitting.trial.analog_signals import AnalogSignals, nearest_samples
 from fitting.wearer.wearer_trial import elevation_of, find_cycles
 from recordings.contents import contents_of
 from recordings.errors import RecordingError
+from recordings.exchange.motion_bids import BidsSignals, BidsTrial, bids_files, bids_label, bids_summary
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
+from recordings.manifest import Manifest
 from recordings.reader import Track, open_recording
 from recordings.samples import Event
 from station.checksums import changed_files, standing_of
-from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
 from station.messages.file_messages import ChainCode, ExportCode
 from station.messages.message import Message, join_sentences
 from station.progress import Progress, silent
+from station.protocol import CONDITION_NAMES
 from station.whole_file import drafted, write_whole
 
 SHORTFALLS_LISTED = 4
@@ -369,3 +374,79 @@ def _columns(track: Track) -> tuple[list[str], np.ndarray]:
         return [f"{track.stream.name.strip('/')}_{unit.lower()}"], track.values
     names = [f"{label}_{axis}_{unit}" for label in labels for axis in AXES]
     return names, track.values[:, :, : len(AXES)].reshape(len(track.values), len(names)).astype(np.float64)
+
+
+def write_bids(trials: Sequence[SynchronisedRecording], output: Path, subject: str) -> Iterator[Path]:
+    """Write the files of the trials, and the summary with the rows of earlier exports. Yields every path.
+
+    Subject and session are taken from sub- and ses- in the file name; subject is used for a name without sub-.
+    """
+    named = [_named(trial, subject) for trial in trials]
+    for trial in named:
+        for name, content in bids_files(trial).items():
+            write_whole(output / name, content)
+            yield output / name
+    for name, content in bids_summary(named, "cuffstation", metadata.version("cuffstation")).items():
+        path = output / name
+        write_whole(path, _with_earlier_rows(path, content) if path.suffix == ".tsv" else content)
+        yield path
+
+
+def _named(trial: SynchronisedRecording, subject: str) -> BidsTrial:
+    manifest, line = trial.manifest, trial.line
+    entities = dict(re.findall(r"(sub|ses)-([0-9A-Za-z]+)", trial.path.stem))
+    start, rate, force = _regular(line.force_time, line.force)
+    return BidsTrial(
+        subject=entities.get("sub", bids_label(subject)),
+        session=entities.get("ses", ""),
+        task=manifest.test,
+        acquisition=bids_label(manifest.cuff.name if manifest.cuff else manifest.condition or ""),
+        run=manifest.run,
+        markers=trial.markers,
+        force=force,
+        force_start=start,
+        force_rate=rate,
+        signals=tuple(_bids_signals(name, signals) for name, signals in trial.signals.items() if len(signals.time) > 1),
+        edge_utc_ns=trial.edge_utc_ns,
+        description={
+            "TaskDescription": _task(manifest),
+            "SourceRecording": trial.path.name,
+            "SourceSHA256": trial.sha256,
+            "DataOrigin": manifest.origin,
+            "ForceLagUncertainty": line.lag.total(float(line.marker_time[-1]) / 2),
+        },
+    )
+
+
+def _task(manifest: Manifest) -> str:
+    if manifest.body is None:
+        return f"{manifest.test} test, repeat {manifest.repeat} of donning {manifest.donning}"
+    worn = f", {CONDITION_NAMES[manifest.condition]}" if manifest.condition else ""
+    return f"{manifest.test} of the wearer{worn}, repeat {manifest.repeat}"
+
+
+def _bids_signals(name: str, signals: AnalogSignals) -> BidsSignals:
+    index = signals.numbers - signals.numbers[0]
+    grid = np.full((int(index[-1]) + 1, len(signals.labels)), np.nan)
+    grid[index] = signals.values
+    rate = float(f"{index[-1] / (signals.time[-1] - signals.time[0]):.9g}")
+    return BidsSignals(name.strip("/"), signals.labels, signals.unit, float(signals.time[0]), rate, grid)
+
+
+def _regular(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float, NDArray[np.float64]]:
+    """Start [s], rate [Hz] and samples on a regular grid, NaN for lost ones: physio files of BIDS have no times."""
+    step = float(np.median(np.diff(time)))
+    index = np.rint((time - time[0]) / step).astype(np.int64)
+    grid = np.full(int(index[-1]) + 1, np.nan)
+    grid[index] = values
+    return float(time[0]), float(f"{index[-1] / (time[-1] - time[0]):.9g}"), grid
+
+
+def _with_earlier_rows(path: Path, content: bytes) -> bytes:
+    """Add the rows of the file on the disk whose first field is not in the new table."""
+    if not path.exists():
+        return content
+    header, *rows = content.decode().splitlines()
+    known = {row.split("\t")[0] for row in rows}
+    kept = [row for row in path.read_text(encoding="utf-8").splitlines()[1:] if row.split("\t")[0] not in known]
+    return ("\n".join([header, *sorted(kept + rows)]) + "\n").encode()

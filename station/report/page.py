@@ -38,10 +38,8 @@ from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
 from station.recordings_of_session import motions_in, pulls_in, recordings_in
 from station.report.assessment_section import assessment_section, effort_figures, suit_figures
-from station.report.cuff_section import TrueCuff, cuff_figures, reported_cuffs
-from station.report.emg_section import emg_figures, emg_section
+from station.report.cuff_section import TrueCuff, cuff_figures, normative_section, reported_cuffs
 from station.report.first_page import first_page
-from station.report.normative_section import normative_section
 from station.report.numbers import (
     LocatedObject,
     NumberRegister,
@@ -56,7 +54,7 @@ from station.report.numbers import (
 from station.report.pictures import Picture, PlannedFigure, draw_all
 from station.report.report_file import FORMAT, ReportDocument, Source, numbers_text
 from station.report.session_facts import recording_rows, session_facts
-from station.report.wearer_section import wearer_figures
+from station.report.wearer_section import emg_figures, emg_section, wearer_figures
 from station.study.study_document import NORMATIVE_FILE
 from station.whole_file import drafted, write_whole
 

@@ -29,7 +29,7 @@ def _opening() -> dict[str, Any]:
 
 @dataclass
 class LiveTrial:
-    """Telemetry of the running trial; latest is its last line (station/session/telemetry.py)."""
+    """Telemetry of the running trial; latest is its last line (station/session/trial_daemon.py)."""
 
     spec: TrialSpec
     guide: Guide

@@ -257,7 +257,7 @@ def live(
     """
     with ExitStack() as stack:
         if page and source.is_dir():
-            from station.console.live_server import serve_live
+            from station.console.server import serve_live
 
             serve_live(source, port=port)
             return
@@ -276,7 +276,7 @@ def _serve_page(stack: ExitStack, folder: Path, port: int) -> Child:
     """In a process of its own, which does not slow the replay."""
     from station.child import Child
 
-    child = Child("station.console.live_server", str(folder), str(port), stdout=None)
+    child = Child("station.console.server", str(folder), str(port), stdout=None)
     stack.callback(child.ensure_ended)
     return child
 

@@ -166,7 +166,7 @@ def _trace(folder: Path, number: str, format: str) -> int:  # noqa: A002
     """Print the chain of one number; the exit code."""
     import json
 
-    from station.report.trace import plain_trace, trace, trace_lines
+    from station.report.verification import plain_trace, trace, trace_lines
 
     traced = trace(folder, number)
     print(json.dumps(plain_trace(traced), indent=2) if format == "json" else "\n".join(trace_lines(traced)))
@@ -194,7 +194,7 @@ def report(
     from station.messages.message import Message
     from station.messages.setup_messages import FolderCode
     from station.progress import progress_bars
-    from station.report.normative_section import adopt_normative
+    from station.report.cuff_section import adopt_normative
     from station.report.page import ReportError, write_report
     from station.report.pdf import ensure_pdf, write_pdf
 

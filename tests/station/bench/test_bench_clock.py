@@ -30,7 +30,7 @@ from station.config import StationConfig, parse_config
 from station.console.running_view import streams_of
 from station.messages.codes import TrialCode
 from station.protocol import TrialSpec
-from station.session.telemetry import Telemetry
+from station.session.trial_daemon import Telemetry
 from tests.timeout import scaled_timeout
 
 SHORT = {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}}

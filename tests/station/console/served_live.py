@@ -19,7 +19,7 @@ def served_live_page(folder: Path) -> Iterator[str]:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     child = Child(
-        "station.console.live_server",
+        "station.console.server",
         str(folder),
         str(port),
         stdout=subprocess.PIPE,

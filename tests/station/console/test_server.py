@@ -15,8 +15,7 @@ from starlette.responses import FileResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from station.config import parse_config
-from station.console.compression import CompressionMiddleware
-from station.console.server import COOKIE, LOOPBACK, AccessMiddleware, ServeError, serve
+from station.console.server import COOKIE, LOOPBACK, AccessMiddleware, CompressionMiddleware, ServeError, serve
 from station.messages.codes import ServeCode
 from tests.refusals import raises_refusal
 from tests.station.child_process import STOP, press

@@ -12,7 +12,7 @@ from fitting.cuffs.cuffs_file import cuffs_json
 from recordings.manifest import DataOrigin
 from station.files.chain import chain_of
 from station.messages.study_messages import StudyCode
-from station.report.normative_section import adopt_normative, normative_section
+from station.report.cuff_section import adopt_normative, normative_section
 from station.report.page import write_report
 from station.report.verification import number_links
 from station.study.sessions import StudyError

@@ -18,7 +18,7 @@ from station.messages.message import Message
 from station.protocol import TrialSpec
 from station.session.guide import FreeStaticGuide, MotionGuide, StaticGuide
 from station.session.live_trial import ForceLimits, LiveTrial
-from station.session.telemetry import Telemetry
+from station.session.trial_daemon import Telemetry
 
 RECORDING = (Message(TrialCode.RECORDING),)
 
@@ -147,7 +147,7 @@ def test_events_of_the_devices_are_in_the_telemetry_as_text(tmp_path: Path) -> N
 def test_the_remaining_time_of_the_disk_is_free_space_over_the_measured_rate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("station.session.telemetry.bytes_free", lambda folder: 210_000_000)
+    monkeypatch.setattr("station.session.trial_daemon.bytes_free", lambda folder: 210_000_000)
     view = TelemetryByHand(tmp_path)
     assert view.line()["disk_left_s"] is None
     for block in range(30):
