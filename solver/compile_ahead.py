@@ -24,8 +24,7 @@ KERNELS = (
     ("solver.redundancy.reduction", "eliminate"),
     ("solver.redundancy.frames", "solve_activations"),
     ("solver.inverse_kinematics.solve", "solve_postures"),
-    ("solver.inverse_kinematics.solve", "fill_sensitivities"),
-    ("solver.inverse_kinematics.solve", "fill_information"),
+    ("solver.inverse_kinematics.linearise", "fill_linearised"),
     ("solver.stream.lag_window", "smooth_window"),
     ("solver.wrapping.wrapped_paths", "place_path_nodes"),
 )

@@ -17,10 +17,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled
+from solver.compiled import compiled, compiled_for_python
 from solver.constraint import WeldConstraint
 from solver.errors import SolverCode
-from solver.inverse_kinematics.pose import PoseWorkspace, Skeleton, point_in_ground
+from solver.inverse_kinematics.pose import (
+    PoseWorkspace,
+    Skeleton,
+    differentiate_screws,
+    evaluate_pose,
+    point_in_ground,
+)
 from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, ModelError, PointConstraint
 from solver.multibody.body_tables import Functions, Indices, pack_functions
 from solver.multibody.joints import derivatives
@@ -88,6 +94,21 @@ class LeastSquares(NamedTuple):
     turned: Array
 
 
+class LinearisedFrames(NamedTuple):
+    """Least squares and constraints about given postures.
+
+    hessian   (frames, coordinates, coordinates) Σ w JᵀJ + diag(w_k), with multipliers also the curvature of L
+    gradient  (frames, coordinates) Σ w Jᵀ (p − x);  points (frames, markers, 3) p in ground [m]
+    gap       (frames, rows) of the constraints;  rows (frames, rows, coordinates) its derivatives
+    """
+
+    hessian: Array
+    gradient: Array
+    points: Array
+    gap: Array
+    rows: Array
+
+
 def constraints_of(model: Model) -> ConstraintTable:
     """Locks are no rows: their coordinates are given. A weld is three points of two frames, whose rows are redundant.
 
@@ -144,6 +165,40 @@ def _points_held(constraint: Constraint) -> list[PointConstraint]:
         )
     )
     return [PointConstraint(constraint.name, one, two, *ends) for ends in zip(first, second, strict=True)]
+
+
+@compiled_for_python
+def fill_linearised(
+    tables: tuple[Skeleton, TrackedMarkers, ConstraintTable],
+    weighted: tuple[Array, Array, Array],
+    multipliers: Array,
+    coordinates: Array,
+    work: PoseWorkspace,
+    system: LeastSquares,
+    filled: LinearisedFrames,
+) -> None:
+    """Fill every frame of coordinates (frames, coordinates) that does not begin with NaN.
+
+    weighted: x (frames, markers, 3), w (frames, markers) and w_k (coordinates,); multipliers λ (frames, rows), or of no
+    frame, without the curvature of L.
+    """
+    (skeleton, markers, constraints), (observed, weights, pull) = tables, weighted
+    for frame in range(len(coordinates)):
+        q = coordinates[frame]
+        if not np.isfinite(q[0]):
+            continue
+        evaluate_pose(skeleton, q, work)
+        linearise(skeleton, markers, Targets(observed[frame], weights[frame], q, pull), q, work, system)
+        evaluate_gap(constraints, q, work, system.gap)
+        fill_constraint_rows(skeleton, constraints, q, work, system)
+        filled.gradient[frame] = system.gradient
+        if len(multipliers):
+            differentiate_screws(skeleton, q, work)
+            add_curvature(skeleton, constraints, multipliers[frame], q, work, system)
+        filled.hessian[frame] = system.hessian
+        filled.points[frame] = system.points
+        filled.gap[frame] = system.gap
+        filled.rows[frame] = system.rows
 
 
 @compiled

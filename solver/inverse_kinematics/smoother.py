@@ -35,6 +35,7 @@ from solver.inverse_kinematics.solve import (
     TrackingTasks,
     allocate_workspace,
     build_problem,
+    linearise_frames,
     posture_uncertainty,
     solve_inverse_kinematics,
 )
@@ -436,7 +437,6 @@ class _Evidence:
     ) -> None:
         self._problem = build_problem(model, tasks)
         self._work = allocate_workspace(model, self._problem)
-        self._unseen = np.full((len(values), len(tasks.markers), 3), np.nan)
         self._information = _information(covariances, known)
         self._vector = (self._information @ np.where(known, values, 0.0)[..., None])[..., 0]
 
@@ -444,16 +444,7 @@ class _Evidence:
         """Information (frames, coordinates, coordinates) and its product with the coordinates (frames, coordinates);
         constraints are linearised about q.
         """
-        from solver.inverse_kinematics.solve import (
-            fill_information,  # the compiler takes a while to import
-        )
-
-        frames, count = q.shape
-        gap, rows = np.zeros((frames, *self._work.system.gap.shape)), np.zeros((frames, *self._work.system.rows.shape))
-        of_markers = np.zeros((frames, count, count)), np.zeros((frames, count)), np.zeros(self._unseen.shape)
-        results = (*of_markers, gap, rows)
-        weightless = np.zeros(self._unseen.shape[:2])
-        fill_information(self._problem, self._unseen, weightless, np.ascontiguousarray(q), self._work, results)
+        _, _, _, gap, rows = linearise_frames(self._problem, self._work, q)
         transposed = np.swapaxes(rows, 1, 2) / GAP_SD**2
         tight = transposed @ rows
         beyond = (tight @ q[..., None] - transposed @ gap[..., None])[..., 0]

@@ -35,27 +35,19 @@ from solver.inverse_kinematics.gauss_newton import (
     IkWorkspace,
     Problem,
     allocate_step,
-    share_weights,
     solve_frame,
 )
 from solver.inverse_kinematics.linearise import (
+    LinearisedFrames,
     Targets,
     TrackedMarkers,
-    add_curvature,
     allocate_least_squares,
     constraints_of,
     evaluate_cost,
     evaluate_gap,
-    fill_constraint_rows,
-    linearise,
+    fill_linearised,
 )
-from solver.inverse_kinematics.pose import (
-    allocate_pose,
-    differentiate_screws,
-    evaluate_pose,
-    point_in_ground,
-    skeleton_of,
-)
+from solver.inverse_kinematics.pose import allocate_pose, evaluate_pose, point_in_ground, skeleton_of
 from solver.model import CoordinateLock, Marker, Model, ModelError
 from solver.vectors import norm, read, subtract
 
@@ -72,7 +64,7 @@ TURN, ROUND_OFF = 2.0 * pi, 1e-12
 
 
 class PostureOutcome(StrEnum):
-    """What became of a frame."""
+    """What became of a frame; in the order of the codes of gauss_newton.py."""
 
     SOLVED = "solved"
     NOT_CONVERGED = "not_converged"
@@ -80,8 +72,7 @@ class PostureOutcome(StrEnum):
     NO_MARKERS = "no_markers"
 
 
-OUTCOMES = (PostureOutcome.SOLVED, PostureOutcome.NOT_CONVERGED, PostureOutcome.GAP_OPEN, PostureOutcome.NO_MARKERS)
-"""In the order of the codes of gauss_newton.py."""
+OUTCOMES = tuple(PostureOutcome)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +237,6 @@ def targets_of(model: Model, tasks: TrackingTasks, frames: int) -> Array:
 def _solve(
     model: Model, problem: Problem, observed: Array, values: Array, starts: Array, most_rounds: int
 ) -> InverseKinematics:
-
     for coordinate, value in locked_values(model):
         starts[:, coordinate] = value
     work = allocate_workspace(model, problem)
@@ -411,12 +401,13 @@ def uncertainty_of_postures(
     """posture_uncertainty with the tables of the compiled solver: q (frames, coordinates), λ (frames, rows) of the
     constraints, sigma (markers,) [m].
     """
-
-    frames, count = q.shape
-    rows = np.zeros((frames, multipliers.shape[1], count))
-    hessians, spread = np.zeros((frames, count, count)), np.zeros((frames, count, count))
-    seen = np.ascontiguousarray(observed, dtype=np.float64)
-    fill_sensitivities(problem, seen, q, multipliers, sigma**2, work, (hessians, rows, spread))
+    weights = np.where(np.isfinite(observed).all(axis=2), problem.markers.weight, 0.0)
+    total = np.cumsum(weights, axis=1)[:, -1:]  # in the order of the solver
+    shares = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0.0)
+    is_posed = (total[:, 0] > 0.0) if weights.shape[1] else np.full(len(q), problem.pull.max() > 0.0)
+    posed = np.where(is_posed[:, None], q, np.nan)
+    hessians, _, _, _, rows = linearise_frames(problem, work, posed, (observed, shares), problem.pull, multipliers)
+    spread = linearise_frames(problem, work, posed, (observed, shares**2 * sigma**2)).hessian
     bounds = problem.bounds
     is_at_bound = ((q <= bounds.lowest) | (q >= bounds.highest)) & ~bounds.is_locked
     response, loose = _response(hessians, rows, bounds.is_locked | is_at_bound)
@@ -470,67 +461,32 @@ def _response(hessians: Array, rows: Array, is_fixed: NDArray[np.bool_]) -> tupl
     return (directions * inverse[:, None, :]) @ transposed, projector - curved
 
 
-@compiled_for_python
-def fill_sensitivities(
+def linearise_frames(
     problem: Problem,
-    observed: Array,
-    found: Array,
-    multipliers: Array,
-    variance: Array,
     work: IkWorkspace,
-    results: tuple[Array, Array, Array],
-) -> None:
-    """Fill results: Hessian of L (frames, coordinates, coordinates), rows of the constraints (frames, rows,
-    coordinates), and Σ (w_m / Σ w)² σ_m² JᵀJ (frames, coordinates, coordinates).
-
-    found (frames, coordinates), of which rows with NaN are passed over; variance (markers,) σ² of each marker [m²].
-    """
-    hessians, rows, noise = results
-    nothing = np.zeros(len(problem.pull))
-    for frame in range(len(observed)):
-        q, seen = found[frame], observed[frame]
-        if not (np.isfinite(q[0]) and share_weights(problem, seen, work.share)):
-            continue
-        evaluate_pose(problem.skeleton, q, work.pose)
-        targets = Targets(seen, work.share, q, problem.pull)
-        linearise(problem.skeleton, problem.markers, targets, q, work.pose, work.system)
-        fill_constraint_rows(problem.skeleton, problem.constraints, q, work.pose, work.system)
-        differentiate_screws(problem.skeleton, q, work.pose)
-        add_curvature(problem.skeleton, problem.constraints, multipliers[frame], q, work.pose, work.system)
-        hessians[frame] = work.system.hessian
-        rows[frame] = work.system.rows
-        for m in range(len(work.share)):
-            work.share[m] = work.share[m] ** 2 * variance[m]
-        targets = Targets(seen, work.share, q, nothing)
-        linearise(problem.skeleton, problem.markers, targets, q, work.pose, work.system)
-        noise[frame] = work.system.hessian
-
-
-@compiled_for_python
-def fill_information(
-    problem: Problem,
-    observed: Array,
-    precisions: Array,
     coordinates: Array,
-    work: IkWorkspace,
-    results: tuple[Array, Array, Array, Array, Array],
-) -> None:
-    """Fill results: Σ JᵀJ/σ² (frames, coordinates, coordinates), Σ Jᵀ(p − x)/σ² (frames, coordinates), the points p
-    (frames, markers, 3), and gap (frames, rows) and rows (frames, rows, coordinates) of the constraints.
+    weighted: tuple[Array, Array] | None = None,
+    pull: Array | None = None,
+    multipliers: Array | None = None,
+) -> LinearisedFrames:
+    """About coordinates (frames, coordinates); frames that begin with NaN stay 0.
 
-    precisions (frames, markers) 1/σ² [1/m²], 0 for a marker that does not count.
+    weighted     x (frames, markers, 3) and w (frames, markers); None for w = 0
+    pull         w_k (coordinates,); None for 0.  multipliers λ (frames, rows); None for Gauss–Newton's part alone
     """
-    information, gradient, points, gap, rows = results
-    nothing = np.zeros(coordinates.shape[1])
-    for frame in range(len(observed)):
-        q = coordinates[frame]
-        evaluate_pose(problem.skeleton, q, work.pose)
-        targets = Targets(observed[frame], precisions[frame], q, nothing)
-        linearise(problem.skeleton, problem.markers, targets, q, work.pose, work.system)
-        evaluate_gap(problem.constraints, q, work.pose, work.system.gap)
-        fill_constraint_rows(problem.skeleton, problem.constraints, q, work.pose, work.system)
-        information[frame] = work.system.hessian
-        gradient[frame] = work.system.gradient
-        points[frame] = work.system.points
-        gap[frame] = work.system.gap
-        rows[frame] = work.system.rows
+    (frames, count), (number,) = coordinates.shape, work.system.gap.shape
+    markers = len(problem.markers.weight)
+    seen, weights = weighted or (np.zeros((frames, markers, 3)), np.zeros((frames, markers)))
+    filled = LinearisedFrames(
+        hessian=np.zeros((frames, count, count)),
+        gradient=np.zeros((frames, count)),
+        points=np.zeros((frames, markers, 3)),
+        gap=np.zeros((frames, number)),
+        rows=np.zeros((frames, number, count)),
+    )
+    seen, weights, q = (np.ascontiguousarray(part, dtype=np.float64) for part in (seen, weights, coordinates))
+    pull = np.zeros(count) if pull is None else pull
+    curved = np.zeros((0, number)) if multipliers is None else np.ascontiguousarray(multipliers)
+    tables = problem.skeleton, problem.markers, problem.constraints
+    fill_linearised(tables, (seen, weights, pull), curved, q, work.pose, work.system, filled)
+    return filled

@@ -14,7 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.solve import TrackingTasks, allocate_workspace, build_problem
+from solver.inverse_kinematics.linearise import LinearisedFrames
+from solver.inverse_kinematics.solve import (
+    TrackingTasks,
+    allocate_workspace,
+    build_problem,
+    linearise_frames,
+)
 from solver.model import CoordinateLock, Model
 from solver.multibody.postures import postures
 
@@ -150,7 +156,7 @@ class LinearisedPostures:
 
 def linearise_postures(model: Model, tasks: TrackingTasks, coordinates: Array) -> LinearisedPostures:
     """At postures (frames, coordinates) [rad or m]."""
-    points, _, gap, rows = _evaluate(model, tasks, coordinates, None)
+    _, _, points, gap, rows = _evaluate(model, tasks, coordinates)
     frames, markers, count = *points.shape[:2], coordinates.shape[1]
     entries = 3 * markers
     seen = np.repeat(points, entries, axis=0).reshape(frames, markers, 3, markers, 3)
@@ -159,46 +165,30 @@ def linearise_postures(model: Model, tasks: TrackingTasks, coordinates: Array) -
         weights[:, m, :, m] = 1.0
         for axis in range(3):
             seen[:, m, axis, m, axis] -= 1.0
-    _, gradient, _, _ = _evaluate(
+    gradient = _evaluate(
         model,
         tasks,
         np.repeat(coordinates, entries, axis=0),
         (seen.reshape(-1, markers, 3), weights.reshape(-1, markers)),
-    )
+    ).gradient
     return LinearisedPostures(points, gradient.reshape(frames, markers, 3, count), gap, rows)
 
 
 def linearise_constraints(model: Model, coordinates: Array) -> tuple[Array, Array]:
     """gap (frames, rows) of the constraints, and rows (frames, rows, coordinates) its derivatives."""
-    _, _, gap, rows = _evaluate(model, TrackingTasks((), np.zeros(0)), coordinates, None)
-    return gap, rows
+    found = _evaluate(model, TrackingTasks((), np.zeros(0)), coordinates)
+    return found.gap, found.rows
 
 
 def evaluate_points(model: Model, tasks: TrackingTasks, coordinates: Array) -> tuple[Array, Array]:
     """points (frames, markers, 3) in ground [m], and gap (frames, rows) of the constraints."""
-    points, _, gap, _ = _evaluate(model, tasks, coordinates, None)
-    return points, gap
+    found = _evaluate(model, tasks, coordinates)
+    return found.points, found.gap
 
 
 def _evaluate(
-    model: Model, tasks: TrackingTasks, coordinates: Array, weighted: tuple[Array, Array] | None
-) -> tuple[Array, Array, Array, Array]:
-    """points, Σ w Jᵀ (p − x), gap and rows; weighted: x (frames, markers, 3) and w (frames, markers)."""
-    from solver.inverse_kinematics.solve import fill_information  # the compiler takes a while to import
-
-    frames, count, markers = *coordinates.shape, len(tasks.markers)
+    model: Model, tasks: TrackingTasks, coordinates: Array, weighted: tuple[Array, Array] | None = None
+) -> LinearisedFrames:
+    """Points, gap and rows; with x (frames, markers, 3) and w (frames, markers) also Σ w Jᵀ (p − x)."""
     problem = build_problem(model, tasks)
-    work = allocate_workspace(model, problem)
-    number = len(work.system.gap)
-    seen, weights = weighted or (np.zeros((frames, markers, 3)), np.zeros((frames, markers)))
-    results = (
-        np.zeros((frames, count, count)),
-        np.zeros((frames, count)),
-        np.zeros((frames, markers, 3)),
-        np.zeros((frames, number)),
-        np.zeros((frames, number, count)),
-    )
-    at = np.ascontiguousarray(coordinates)
-    fill_information(problem, np.ascontiguousarray(seen), np.ascontiguousarray(weights), at, work, results)
-    _, gradient, points, gap, rows = results
-    return points, gradient, gap, rows
+    return linearise_frames(problem, allocate_workspace(model, problem), coordinates, weighted)

@@ -1,6 +1,6 @@
 """A process that compiles the solver's kernels, started by CompilationAhead, which may end it at any time.
 
-It sends {"ready": 3, "kernels": 13} before and after each kernel. It imports little before it compiles.
+It sends {"ready": 3, "kernels": 12} before and after each kernel. It imports little before it compiles.
 """
 
 from __future__ import annotations

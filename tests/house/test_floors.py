@@ -39,7 +39,6 @@ LONGEST = {
     "fitting/trial/trial.py": 504,
     "solver/forces/passive_forces.py": 528,
     "solver/inverse_kinematics/smoother.py": 534,
-    "solver/inverse_kinematics/solve.py": 536,
     "solver/scaling.py": 530,
     "solver/suit/scenarios.py": 568,
     "solver/tendons/fiber.py": 561,

@@ -40,7 +40,7 @@ for compile_share in SHARES.values():
     compile_share()
 compile_ahead(print_count)
 before = signatures()
-assert count_ready() == len(KERNELS) == 13, before
+assert count_ready() == len(KERNELS) == 12, before
 assert all(before[f"{module}.{name}"] == 1 for module, name in KERNELS), before
 
 from fitting.cuffs.cuffs_file import read_cuffs
@@ -80,7 +80,7 @@ def test_after_it_an_assessment_compiles_nothing(ran: subprocess.CompletedProces
 
 def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str]) -> None:
     counts = [json.loads(line) for line in ran.stdout.splitlines()]
-    assert counts[-1] == {"ready": 13, "kernels": 13}
+    assert counts[-1] == {"ready": 12, "kernels": 12}
     assert [count["ready"] for count in counts] == sorted(count["ready"] for count in counts)
     assert ran.stderr == ""
 

@@ -236,7 +236,7 @@ def test_another_process_looks_for_a_kernel_under_the_same_key() -> None:
         ).stdout
         for seed in ("1", "2")
     )
-    assert first.count("\n") == 13
+    assert first.count("\n") == 12
     assert first == second
 
 
