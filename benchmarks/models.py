@@ -192,7 +192,7 @@ def opensim_values(path: Path, model: Model, q: Array, u: Array, acceleration: A
         for coordinate, value, speed in zip(coordinates, values, speeds, strict=True):
             if not coordinate.getLocked(state):
                 coordinate.setValue(state, float(value), False)
-                coordinate.setSpeedValue(state, float(speed))
+            coordinate.setSpeedValue(state, float(speed))  # a locked one may have a default speed
         osim.realizeAcceleration(state)
         lengths = [muscle.getLength(state) for muscle in muscles]
         for muscle in muscles:
