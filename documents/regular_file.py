@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
@@ -22,6 +23,8 @@ LARGEST_TABLE, LARGEST_MODEL, LARGEST_SUIT = 128 * 2**20, 64 * 2**20, 32 * 2**10
 """Largest sizes [bytes]: a motion or other table, an OpenSim document, a suit in TOML."""
 
 PIECE = 2**20
+DRAFTS, HELD = ".draft-", ".held"
+"""Prefix of the folders of drafts, and the file in each of them that its process keeps locked."""
 REPLACE_TIMEOUT_S, REPLACE_PAUSE_S = 3.0, 0.1
 """Wall seconds: a virus scanner holds a new file for about one."""
 
@@ -93,9 +96,8 @@ def replaced(path: Path, *, with_folder: bool = True) -> Iterator[Path]:
     try:
         if with_folder:
             path.parent.mkdir(parents=True, exist_ok=True)
-        # a virus scanner may still read the draft when its folder is removed
-        with tempfile.TemporaryDirectory(prefix=".draft-", dir=path.parent, ignore_cleanup_errors=True) as folder:
-            draft = Path(folder) / path.name
+        with draft_folder(path.parent) as folder:
+            draft = folder / path.name
             yield draft
             replace_file(draft, path)
     except OSError as error:
@@ -103,6 +105,63 @@ def replaced(path: Path, *, with_folder: bool = True) -> Iterator[Path]:
         if error.errno is None or (draft is not None and str(draft.parent) not in named):
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+@contextmanager
+def draft_folder(parent: Path) -> Iterator[Path]:
+    """A folder for one draft, removed when the block ends. Those of processes that were killed are removed before."""
+    for left in parent.glob(f"{DRAFTS}*"):
+        _remove_if_left(left)
+    with ExitStack() as stack:
+        yield _held_folder(stack, parent)
+
+
+_own_drafts: set[Path] = set()
+"""A lock of this process is no obstacle to itself on some network drives."""
+
+
+def _held_folder(stack: ExitStack, parent: Path) -> Path:
+    while True:  # until no other process has taken the folder, not yet locked, for one that was left
+        # a virus scanner may still read the draft when its folder is removed
+        made = tempfile.TemporaryDirectory(prefix=DRAFTS, dir=parent, ignore_cleanup_errors=True)
+        folder = Path(stack.enter_context(made))
+        _own_drafts.add(folder)
+        stack.callback(_own_drafts.discard, folder)
+        with suppress(FileNotFoundError):
+            held = stack.enter_context((folder / HELD).open("xb"))
+            if _is_locked_by_us(held) is not False and (folder / HELD).exists():
+                return folder
+
+
+def _remove_if_left(folder: Path) -> None:
+    """Remove the folder of a draft if no process holds it."""
+    if folder in _own_drafts:
+        return
+    with suppress(OSError):
+        folder.rmdir()  # its process was killed before it locked the folder
+    with suppress(OSError):
+        with (folder / HELD).open("r+b") as held:
+            is_left = _is_locked_by_us(held) is True
+            if is_left:
+                shutil.rmtree(folder, ignore_errors=True)
+        if is_left:  # on Windows, the open file was in the way
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _is_locked_by_us(file: BinaryIO) -> bool | None:
+    """Whether this process has the lock of the file now; None where the file system has no locks."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return False if error.errno in (errno.EACCES, errno.EAGAIN, errno.EDEADLK) else None
+    return True
 
 
 def replace_file(draft: Path, path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import filecmp
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
 
-from documents.regular_file import replace_file, sync_file
+from documents.regular_file import draft_folder, replace_file, sync_file
 from recordings import topics
 from recordings.chunks import Damage, read_entries
 from recordings.contents import Contents, contents_of
@@ -69,19 +68,16 @@ def recover(path: Path, output: Path | None = None, progress: Callable[[int], No
     output cannot be made.
     """
     output = output or recovered_path(path)
-    part = output.with_name(f"{output.name}.{os.getpid()}.part")  # another may recover the same at the same time
     try:
-        part.unlink(missing_ok=True)
-        with part.open("xb") as file:
-            damage = _copy(path, file, progress)
-        _give_name(part, output)
+        with draft_folder(output.parent) as folder:
+            with (folder / output.name).open("xb") as file:
+                damage = _copy(path, file, progress)
+            _give_name(folder / output.name, output)
         sync_folder(output.parent)
     except OSError as error:
         raise RecordingError(
             f"{output} cannot be written: {error.strerror or error}", RecordingCode.NOT_WRITABLE
         ) from error
-    finally:
-        part.unlink(missing_ok=True)
     return RecoveryReport(path, output, damage, contents_of(output))
 
 

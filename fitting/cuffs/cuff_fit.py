@@ -20,7 +20,7 @@ from fitting.dynamic.cross_checks import ComplexStiffness
 from fitting.dynamic.damping import DampingFit
 from fitting.laws.model_class import ModelComparison
 from fitting.pull.pull import Pull
-from fitting.results.codes import EXPLAINED_BY, UNIDENTIFIED_BY, RejectionCode, Standing, TrialNoteCode, Verdict
+from fitting.results.codes import EXPLAINED_BY, RejectionCode, Standing, TrialNoteCode, Verdict
 from fitting.results.sentences import Note, verdict_text
 from fitting.spatial.tensors import Tensors
 from fitting.static.held_loads import HeldLoads, fit_migration
@@ -298,7 +298,7 @@ class CuffFit(EqualByFields):
     @property
     def missing(self) -> tuple[str, ...]:
         """Quantities that are absent or not identified, and so must not be used."""
-        doubted = {name for verdict in self.verdicts for name in UNIDENTIFIED_BY.get(verdict, ())}
+        doubted = {name for verdict in self.verdicts for name in verdict.quantities}
         return tuple(name for name in QUANTITIES if getattr(self, name) is None or name in doubted)
 
 

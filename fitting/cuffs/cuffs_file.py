@@ -22,7 +22,7 @@ from fitting.dynamic.cross_checks import ComplexStiffness
 from fitting.dynamic.damping import DampingFit
 from fitting.errors import CodedError
 from fitting.laws.model_class import KELVIN_VOIGT, ModelComparison
-from fitting.results.codes import EXPLAINED_BY, UNIDENTIFIED_BY, FitErrorCode, Verdict
+from fitting.results.codes import EXPLAINED_BY, FitErrorCode, Verdict
 from fitting.results.cuffs_schema import FORMAT, CuffEntry, CuffsDocument, FigureEntry
 from fitting.results.sentences import Figures, Note
 from fitting.spatial.tensors import Tensor, Tensors, entry_errors
@@ -436,9 +436,7 @@ def _is_given(figure: FigureEntry, entry: CuffEntry) -> bool:
 
 def _verdicts(entry: CuffEntry, missing: tuple[str, ...]) -> tuple[Verdict, ...]:
     """The verdicts of the file, without those on quantities whose value was entered by hand afterwards."""
-    kept = (
-        code for code in entry.verdict_codes if code not in UNIDENTIFIED_BY or set(UNIDENTIFIED_BY[code]) & set(missing)
-    )
+    kept = (code for code in entry.verdict_codes if not code.quantities or set(code.quantities) & set(missing))
     return tuple(kept) or (Verdict.GIVEN,)
 
 

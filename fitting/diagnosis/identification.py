@@ -12,7 +12,7 @@ from documents.results import EqualByFields
 from fitting.dynamic.damping import DampingFit, Swings
 from fitting.pull.plateaus import Plateau, last_step
 from fitting.pull.pull import Pull, newest_first, of_test
-from fitting.results.codes import EXPLAINED_BY, UNIDENTIFIED_BY, FitOutcome, NoteCode, TrialNoteCode, Verdict, worst
+from fitting.results.codes import EXPLAINED_BY, FitOutcome, NoteCode, TrialNoteCode, Verdict, worst
 from fitting.results.sentences import Figures, Note
 from fitting.static.held_loads import Creep, HeldLoads, fit_migration, held_load_notes
 from fitting.static.stiffness import StaticFit, StiffnessFit
@@ -195,7 +195,7 @@ def notes_on(
     before: Sequence[str],
 ) -> tuple[Note, ...]:
     """All notes on a donning. before lists unreadable static recordings in which the cuff may have migrated."""
-    unidentified = {name for verdict in identified.verdicts for name in UNIDENTIFIED_BY.get(verdict, ())}
+    unidentified = {name for verdict in identified.verdicts for name in verdict.quantities}
     return (
         *_stopped_notes(all_static, trials, swings, identified.verdicts),
         *_stiffness_notes(held.stiffness, swings.fits),

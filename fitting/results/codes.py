@@ -30,17 +30,11 @@ class Verdict(StrEnum):
     NOT_UNLOADED = "migration_not_identified.not_unloaded"
     MIGRATED_BEFORE = "migration_not_identified.unusable_trial_before"
 
-
-UNIDENTIFIED_BY: Mapping[Verdict, tuple[str, ...]] = {
-    Verdict.LAG: ("damping",),
-    Verdict.DAMPING_UNCERTAIN: ("damping",),
-    Verdict.NEGATIVE: ("damping",),
-    Verdict.DAMPING_NOT_CONVERGED: ("damping",),
-    Verdict.FRICTION: ("damping",),
-    Verdict.SCALE: ("stiffness", "damping"),
-    Verdict.SKIN: ("stiffness", "damping"),
-}
-"""Verdict → quantities that are not identified although there is a figure."""
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Those that are not identified, also if there is a figure."""
+        named, is_unidentified, _ = self.partition("_not_identified.")
+        return tuple(named.split("_and_")) if is_unidentified else ()
 
 
 class CauseCode(StrEnum):

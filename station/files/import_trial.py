@@ -9,7 +9,7 @@ import hashlib
 import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.regular_file import replace_file
+from documents.regular_file import draft_folder, replace_file
 from fitting.errors import UnusableTrial
 from fitting.trial.clocks import find_edges
 from fitting.trial.trial import read_trials
@@ -325,10 +325,10 @@ def write_recording(
     files: the sources of the data, for messages. Raises ImportRefused or RecordingError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f"{path.name}.part")
-    draft.unlink(missing_ok=True)
-    writer = RecordingWriter(draft, manifest, streams)
-    try:
+    with ExitStack() as stack:
+        draft = stack.enter_context(draft_folder(path.parent)) / path.name
+        writer = RecordingWriter(draft, manifest, streams)
+        stack.callback(writer.discard)
         for item in items:
             writer.write(item)
         writer.close(outcome)
@@ -339,6 +339,4 @@ def write_recording(
         if path.exists():
             raise ImportRefused(Message(ImportCode.FILE_EXISTS, {"path": str(path)}))
         replace_file(draft, path)
-        write_checksums(path)
-    finally:
-        writer.discard()
+    write_checksums(path)

@@ -53,8 +53,13 @@ Command = Callable[[dict[str, Any]], None]
 def serve_views(stack: ExitStack, setup: LiveSetup, folder: Path, on_command: Command) -> Callable[[LiveUpdate], None]:
     """Serve until the stack is closed, at an address that is announced in the folder; returns publish()."""
     server = stack.enter_context(LiveServer(setup, on_command))
-    announce(folder, server.address)
-    stack.callback(withdraw, folder, server.address)
+    try:
+        announce(folder, server.address)
+    except OSError as error:  # the values are written all the same
+        figures = {"path": str(folder / ADDRESS_FILE), "reason": describe_failure(error)}
+        print(Message(LiveCode.NOT_ANNOUNCED, figures), file=sys.stderr, flush=True)
+    else:
+        stack.callback(withdraw, folder, server.address)
     return server.publish
 
 
@@ -308,6 +313,7 @@ class LiveAddress:
 
 
 def announce(folder: Path, address: LiveAddress) -> None:
+    """Write the address, in place of what has its name. Raises OSError."""
     path = folder / ADDRESS_FILE
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:

@@ -34,6 +34,7 @@ class LiveCode(StrEnum):
     ENDED = "live.ended"
     UNREACHABLE = "live.unreachable"
     WRONG_ADDRESS = "live.wrong_address"
+    NOT_ANNOUNCED = "live.not_announced"
 
 
 LIVE: Mapping[StrEnum, str] = {
@@ -85,6 +86,10 @@ LIVE: Mapping[StrEnum, str] = {
     ),
     LiveCode.NO_FILE: "the live result is not written ({reason}); the recording is not affected",
     LiveCode.WRONG_ADDRESS: "{path} is ignored, it is no address of a live process: {reason}; delete it",
+    LiveCode.NOT_ANNOUNCED: (
+        "no view can show the live values: {path} cannot be written ({reason}); remove it before the next trial; the "
+        "recording is not affected"
+    ),
     LiveCode.NOT_STARTED: "the live process does not start ({reason}); the recording is not affected",
     LiveCode.ENDED: "the live process has ended (exit code {exit_code}); the recording is not affected",
     LiveCode.UNREACHABLE: "no live process answers; it runs while a trial is recorded with [live] enabled = true",

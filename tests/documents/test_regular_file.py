@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import PIPE
 from typing import TextIO
 
 import filelock
@@ -64,6 +66,27 @@ def test_of_two_files_that_are_replaced_together_the_one_that_failed_is_named(tm
     with pytest.raises(OSError, match="full") as failed, replaced(numbers), replaced(page):
         raise OSError(errno.ENOSPC, "the disk is full")
     assert failed.value.filename == str(page)
+
+
+def test_a_draft_of_a_killed_process_is_removed_by_the_next_one_and_that_of_a_living_process_is_not(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "cuffs.json"
+    draft = f"from documents.regular_file import *\nwith replaced(Path({str(path)!r})) as draft:"
+    draft += "\n draft.write_text('half'); print(draft, flush=True); input()"
+    (tmp_path / ".draft-not-locked-yet").mkdir()
+    with subprocess.Popen([sys.executable, "-c", draft], stdin=PIPE, stdout=PIPE, text=True) as process:  # noqa: S603
+        assert process.stdout is not None
+        living = Path(process.stdout.readline().strip())
+        with replaced(path) as own, replaced(tmp_path / "other.json") as second:
+            own.write_text("new")
+            second.write_text("new")
+        assert living.read_text() == "half"
+        process.kill()
+    assert living.exists() and path.read_text() == "new"
+    with replaced(path) as own:
+        own.write_text("newer")
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["cuffs.json", "other.json"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file is replaced there only after it is closed")

@@ -115,7 +115,7 @@ def _is_read_or_refused(path: Path) -> None:
     with _one_line(), recover(path).output.open("rb") as file:
         list(make_reader(file, validate_crcs=True).iter_messages())
     assert path.read_bytes() == before
-    assert not list(path.parent.glob("*.part"))
+    assert not list(path.parent.glob(".draft-*"))
 
 
 @contextlib.contextmanager

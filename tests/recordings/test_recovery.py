@@ -186,7 +186,7 @@ def test_a_different_file_of_the_same_size_and_time_is_left_alone(whole: Path, t
     other.write_bytes(different)
 
     def give_it_the_time_of_the_copy(_: int) -> None:
-        (part,) = tmp_path.glob("*.part")
+        (part,) = tmp_path.glob(".draft-*/b.mcap")
         os.utime(other, ns=(part.stat().st_mtime_ns,) * 2)
 
     with raises_refusal(RecordingCode.OUTPUT_EXISTS):

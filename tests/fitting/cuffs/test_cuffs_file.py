@@ -110,6 +110,28 @@ def test_a_trial_that_ended_early_does_not_lead_the_verdict_of_a_value_given_by_
     assert read_cuffs(path)["hand"].verdict == sentence_of(Verdict.GIVEN)
 
 
+@pytest.mark.parametrize(
+    ("verdict", "key", "value"),
+    [
+        (Verdict.NO_DYNAMIC, "damping_n_s_per_m", 210.0),
+        (Verdict.FEW_LOADS, "stiffness_n_per_m", 8500.0),
+        (Verdict.NOT_UNLOADED, "migration_m", 0.012),
+    ],
+)
+def test_a_value_given_by_hand_ends_the_verdict_that_there_is_none(
+    tmp_path: Path, verdict: Verdict, key: str, value: float
+) -> None:
+    path = tmp_path / "cuffs.json"
+    plain = json.loads(cuffs_json(_session(_fit(verdict=verdict))))
+    for figures in (plain["cuffs"]["hand"], plain["cuffs"]["hand"]["not_identified"]):
+        figures.pop(key, None)
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    assert read_cuffs(path)["hand"].verdicts == (verdict,)
+    plain["cuffs"]["hand"][key] = value
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    assert read_cuffs(path)["hand"].verdicts == (Verdict.GIVEN,)
+
+
 @pytest.mark.parametrize("verdict", [Verdict.SCALE, Verdict.SKIN])
 def test_a_stiffness_that_the_diagnosis_calls_wrong_cannot_be_worn(tmp_path: Path, verdict: Verdict) -> None:
     path = tmp_path / "cuffs.json"

@@ -38,6 +38,7 @@ from station.live.subscription import (
     LiveUnreachable,
     announce,
     find_address,
+    serve_views,
     withdraw,
 )
 from station.messages.live_messages import LiveCode
@@ -124,6 +125,18 @@ def test_an_address_that_is_none_is_ignored_with_a_sentence(
 def test_a_pipe_in_place_of_the_address_is_ignored(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / ADDRESS_FILE)
     assert find_address(tmp_path) is None
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, pytest.param(lambda path: path.parent.rmdir(), id="no folder")])
+def test_an_address_that_cannot_be_written_does_not_end_the_live_process(
+    tmp_path: Path, make: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "session"
+    folder.mkdir()
+    make(folder / ADDRESS_FILE)
+    with ExitStack() as stack:
+        serve_views(stack, SETUP, folder, ignore)(update(1))
+    assert str(folder / ADDRESS_FILE) in capsys.readouterr().err
 
 
 def frames_until(view: LiveSubscription, last: int) -> list[LiveUpdate]:
