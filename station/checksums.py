@@ -2,7 +2,7 @@
 
 The format is that of sha256sum, so that `sha256sum -c SHA256SUMS` checks a folder without the station. Hidden files are
 not listed: no command reads them. Lines of JOURNALS contain the hash of the lines before them, so that these files may
-grow after their hash was recorded.
+grow after their hash was recorded. Files are written atomically, and those of a session are entered into its list.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path, PurePath, PurePosixPath
 
@@ -207,3 +208,20 @@ def _line(name: str, sha256: str) -> bytes:
 
 def _unescaped(name: str) -> str:
     return re.sub(r"\\.", lambda found: ESCAPES.get(found[0], found[0]), name)
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file completely, or leave the previous one. Bytes of names that are not UTF-8 are replaced."""
+    with drafted(path) as draft:
+        draft.write_bytes(content.encode(errors="replace") if isinstance(content, str) else content)
+
+
+@contextmanager
+def drafted(path: Path) -> Iterator[Path]:
+    """A temporary path of the same name; its file replaces `path` when the block ends without an error.
+
+    An OSError names the path, not the temporary one. A file below a session folder is entered into its list of hashes.
+    """
+    with replaced(path) as draft:
+        yield draft
+    list_in_session(path)

@@ -29,6 +29,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.bench.trial_recorder import TrialRecorder, TrialRefused, TrialResult
+from station.checksums import write_whole
 from station.config import StationConfig, parse_config
 from station.errors import StationError
 from station.exit_code import DONE, LOSSY
@@ -42,7 +43,6 @@ from station.report.page import TRUTH_FILE
 from station.session.summary import end_session
 from station.subject.subject_file import SUBJECT_FILE
 from station.tables import assessment_table, cuff_table
-from station.whole_file import write_whole
 
 MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16}
 """Limits of the assessment in the demo; `station assess` solves all frames."""

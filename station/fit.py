@@ -18,7 +18,7 @@ from fitting.trial.trial import RejectedTrial, Trial, TrialReading, read_alone, 
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.reader import read_manifest
-from station.checksums import standing_of, write_checksums
+from station.checksums import standing_of, write_checksums, write_whole
 from station.errors import StationError
 from station.exit_code import LOSSY
 from station.journal import Assignment, Journal, read_journal
@@ -26,7 +26,6 @@ from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in, useless_copies_in
-from station.whole_file import write_whole
 
 
 class SessionError(StationError):

@@ -55,14 +55,13 @@ from station.assessment.uncertainty_json import (
     plain_uncertainty,
     without_decision,
 )
-from station.checksums import write_checksums
+from station.checksums import write_checksums, write_whole
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.subject.assessed_subject import compare_cord, plain_subject, subject_inputs
 from station.versions import solving_versions
-from station.whole_file import write_whole
 
 POINT = re.compile(r"\[\s+(-?[\d.]+),\s+(-?[\d.]+),\s+(-?[\d.]+)\s+\]")
 """Three numbers of a list, which share a line of the file."""

@@ -14,10 +14,10 @@ from solver.osim.suited import add_suit
 from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import WrongOptions, cuff_remarks, one_arm_cuff, read_cuffs_to_wear
+from station.checksums import write_whole
 from station.messages.codes import InputCode
 from station.messages.message import Message
 from station.sources import BUNDLED, model_of
-from station.whole_file import write_whole
 
 
 @dataclass(frozen=True)

@@ -31,12 +31,12 @@ from solver.osim.loads_document import data_file, read_loads_document
 from solver.osim.suited import SuitedModel
 from solver.time_series_table import write_table
 from station.assessment.reserves import unit_of
+from station.checksums import drafted
 from station.defaults import CUTOFF_HZ
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.sources import loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
 from station.versions import solving_versions
-from station.whole_file import drafted
 
 
 @dataclass(frozen=True)

@@ -24,13 +24,12 @@ from station.assessment.assessment_inputs import (
 )
 from station.assessment.assessment_json import known
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
-from station.checksums import write_checksums
+from station.checksums import write_checksums, write_whole
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.versions import solving_versions
-from station.whole_file import write_whole
 
 
 @dataclass(frozen=True, eq=False)

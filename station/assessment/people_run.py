@@ -25,13 +25,13 @@ from solver.uncertainty.sources import DonningSpread
 from solver.uncertainty.total import DrawnPeople, explained_figures, mark_infeasible, with_people
 from station.assessment.budget_file import BUNDLED_BUDGET, UncertaintyBudget, read_budget
 from station.assessment.case import AssessedCase
+from station.checksums import drafted
 from station.errors import StationError, UnusedOption
 from station.messages.codes import InputCode
 from station.messages.message import Message
 from station.progress import Progress, silent
 from station.sources import named_hash
 from station.versions import solver_digest
-from station.whole_file import drafted
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -33,8 +33,8 @@ from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome
 from solver.time_series_table import write_table
 from station.assessment.assessment_inputs import read_effort
+from station.assessment.assessment_json import describe_tendons, note_unconverged
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
-from station.assessment.outcomes import describe_tendons, note_unconverged
 from station.assessment.reserves import (
     LEAST_SHARE,
     MOST_NAMED,
@@ -47,13 +47,13 @@ from station.assessment.reserves import (
     shares_text,
     unit_of,
 )
+from station.checksums import drafted
 from station.errors import StationError, UnusedOption
 from station.exit_code import WRONG_USAGE
 from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
 from station.progress import Progress, silent
 from station.versions import solving_versions
-from station.whole_file import drafted
 
 if TYPE_CHECKING:
     from solver.tendons.fiber import ElasticForces  # the compiler behind it takes long to import

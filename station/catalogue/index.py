@@ -26,13 +26,12 @@ from documents.regular_file import LARGEST_TABLE, describe_failure, open_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TrialEntry
-from station.checksums import JOURNAL_FILE, Checksums, list_in_session, sha256_of
+from station.checksums import JOURNAL_FILE, Checksums, drafted, list_in_session, sha256_of, write_whole
 from station.errors import StationError
 from station.journal import Journal, JournalError, read_journal
 from station.messages.message import Message
 from station.messages.study_messages import CatalogueCode
 from station.progress import Progress, silent
-from station.whole_file import drafted, write_whole
 
 CATALOGUE_FILE = "catalogue.duckdb"
 BATCH = 200

@@ -1,12 +1,15 @@
-"""A chart as SVG with text, hover titles, and colours that are classes of the page's style sheet."""
+"""A chart as SVG with text, hover titles and colours of the page's style sheet; a sentence as HTML."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from html import escape
 
 import numpy as np
+from jinja2.filters import do_mark_safe
+from markupsafe import Markup
 
 from station.charts.marks import (
     SIXTH,
@@ -321,3 +324,9 @@ def _sample(entry: LegendEntry, x: float, y: float) -> str:
     if entry.kind == "band":
         return f'<rect class="band {entry.colour}" x="{x:.1f}" y="{y - 4:.1f}" width="16" height="8"/>'
     return f'<circle class="{entry.kind} {entry.colour}" cx="{x + 8:.1f}" cy="{y:.1f}" r="3.2"/>'
+
+
+def with_commands(sentence: object) -> Markup:
+    """A sentence as HTML, its `commands` as code."""
+    text = str(sentence) if isinstance(sentence, Markup) else escape(str(sentence))
+    return do_mark_safe(re.sub(r"`([^`]+)`", r"<code>\1</code>", text))

@@ -21,8 +21,8 @@ from station.console.live_view import PATH as LIVE_PATH
 from station.console.recordings_view import add_recordings
 from station.errors import StationError
 from station.session.controller import SessionController
-from station.session.live_trial import LiveTrial
 from station.session.plan_status import PlanStatus
+from station.session.trial_runner import LiveTrial
 
 REFRESH_S = 0.08
 """A little more often than ten times a second, because a busy machine is sometimes late."""

@@ -35,7 +35,7 @@ from station.console.charts import (
 from station.protocol import BODY_TESTS, TrialSpec
 from station.session.controller import SessionController
 from station.session.guide import RestState
-from station.session.live_trial import LiveTrial
+from station.session.trial_runner import LiveTrial
 
 SHOWN_S = 20.0
 """Seconds of each curve over time."""

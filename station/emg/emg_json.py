@@ -22,14 +22,13 @@ from fitting.emg.shape import ShapeComparison, ShapeOutcome
 from recordings.manifest import DataOrigin
 from solver.time_series_table import write_table
 from station.assessment.assessment_inputs import REDUCTION_COLUMNS
-from station.checksums import sha256_of, write_checksums
+from station.checksums import drafted, sha256_of, write_checksums, write_whole
 from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial, pool_trials
 from station.emg.trials import EmgFileError, EmgSetup, EnvelopeSection
 from station.folded_table import FoldedTable
 from station.messages.emg_messages import EmgCode
 from station.messages.message import Message
 from station.versions import solving_versions
-from station.whole_file import drafted, write_whole
 
 EMG_FILE = "emg.json"
 FORMAT: Literal[1] = 1

@@ -23,10 +23,10 @@ from fitting.pull.cuff_motion import cuff_motion, fit_pose, pull_direction, refe
 from fitting.trial.trial import Trial, read_trial
 from recordings.manifest import DataOrigin
 from solver.time_series_table import write_table
+from station.checksums import drafted
 from station.files.synchronised import ExportRefused, SynchronisedRecording
 from station.messages.file_messages import ExportCode
 from station.messages.message import Figures, Message
-from station.whole_file import drafted
 
 Array = NDArray[np.float64]
 

@@ -31,14 +31,13 @@ from recordings.exchange.trc import write_trc
 from recordings.manifest import Manifest
 from recordings.reader import Track, open_recording
 from recordings.samples import Event
-from station.checksums import changed_files, standing_of
+from station.checksums import changed_files, drafted, standing_of, write_whole
 from station.files.export_loads import write_loads
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
 from station.messages.file_messages import ChainCode, ExportCode
 from station.messages.message import Message, join_sentences
 from station.progress import Progress, silent
 from station.protocol import CONDITION_NAMES
-from station.whole_file import drafted, write_whole
 
 SHORTFALLS_LISTED = 4
 """Gaps and damages of a recording in its note; `station info` lists all."""

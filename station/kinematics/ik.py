@@ -35,6 +35,7 @@ from solver.osim.document import read_document
 from solver.osim.tool_setups import IkSetup, ik_setup_document, read_ik_setup
 from solver.personalisation.coverage import check_coverage
 from solver.time_series_table import write_table
+from station.checksums import drafted, write_whole
 from station.kinematics.marker_checks import (
     Finding,
     KinematicsError,
@@ -53,7 +54,6 @@ from station.kinematics.marker_sets import place_marker_set
 from station.messages.codes import KinematicsCode
 from station.messages.message import Figures, Message
 from station.sources import BUNDLED, model_of, named_hash
-from station.whole_file import drafted, write_whole
 
 Array = NDArray[np.float64]
 

@@ -40,6 +40,7 @@ from solver.personalisation.segment_masses import (
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.motion_solution import solve_motion
 from solver.scaling import MuscleRanges, check_scaling, muscle_ranges
+from station.checksums import write_whole
 from station.kinematics.ik import ensure_common, markers_in_ground, model_with_markers
 from station.kinematics.marker_checks import (
     Finding,
@@ -64,7 +65,6 @@ from station.messages.message import Message
 from station.progress import Progress, silent
 from station.sources import BUNDLED, named_hash, repeated_name
 from station.versions import solving_versions
-from station.whole_file import write_whole
 
 Array = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from station.checksums import list_in_session
+from station.checksums import list_in_session, write_whole
 from station.config import LiveSection
 from station.errors import StationError
 from station.extras import MissingExtra
@@ -34,7 +34,6 @@ from station.live.published import NAN, LiveDelivery, LiveSetup, LiveValues
 from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 from station.versions import solver_digest, solving_versions
-from station.whole_file import write_whole
 
 LOOPBACK, ANY = "loopback", "any"
 DEVICE_OF_LOOPBACK = "lo"

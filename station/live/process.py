@@ -1,8 +1,8 @@
 """The live process of a trial, started by the recorder's LiveTap.
 
-The first message is the request (LiveRequest); then come those of feed_wire.py. Views connect to the address in the
-session's folder. The process ends with the recorder; nothing that happens here reaches it. Compiled functions and the
-solver's memory are loaded before the first frame.
+The first message is the request (LiveRequest); then come those of the recording (tap.py). Views connect to the address
+in the session's folder. The process ends with the recorder; nothing that happens here reaches it. Compiled functions
+and the solver's memory are loaded before the first frame.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from solver.stream.stream_solver import StreamSolver
 from station.child import ProcessLink
 from station.config import parse_config
 from station.live.engine import LiveEngine, LiveSink, Publish
-from station.live.feed_wire import REQUEST, FedMessage, decode
 from station.live.outlet import LslOutlet, ResultFile
 from station.live.pipeline import LivePlan, PreparedTrial, prepare_trial
 from station.live.published import LiveSetup
 from station.live.subscription import serve_views
+from station.live.tap import REQUEST, FedMessage, decode
 from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 

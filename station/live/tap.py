@@ -1,33 +1,85 @@
-"""The recorder's end: a view that starts the live process and passes it the items. It never holds up a trial."""
+"""The recorder's end: a view that starts the live process and passes it the items. It never holds up a trial.
+
+The first message is the request, then come those of a recording: a header (kind, host time [ns], arrival at the
+recorder [s, monotonic clock]) and the content, JSON for the request. Both ends are of the same installation, so the
+layout has no version.
+"""
 
 from __future__ import annotations
 
+import json
+import struct
 import subprocess
 import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from pydantic import TypeAdapter
+
+from recordings.packing import Message as RecordedMessage
+from recordings.packing import pack, unpack
 from recordings.samples import Item, Samples, Stream
-from recordings.topics import EMG, FORCE, MARKERS
+from recordings.topics import EMG, FORCE, MARKERS, SCHEMA_OF_TOPIC
 from station.bench.states import CAPTURE_ENDS
 from station.bench.view import JOIN_TIMEOUT_S, BackgroundView, Snapshot, TrialState
 from station.child import Child
 from station.clock import Clock
 from station.config import StationConfig
-from station.live.feed_wire import REQUEST, LiveRequest, encode_message, encode_request
 from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec
 
+HEADER = struct.Struct("<Bqd")
+TOPICS = tuple(SCHEMA_OF_TOPIC)
+REQUEST_KIND = 255
 BACKLOG = 500
 """Blocks that may wait for the live process before the oldest is dropped: a few seconds."""
 WAKE_S = 0.1
 TAPPED = (MARKERS, FORCE, EMG)
+
+
+@dataclass(frozen=True)
+class FedMessage:
+    """A message of the recorder, passed on at arrival_s of the monotonic clock, which all processes share."""
+
+    content: RecordedMessage | dict[str, Any]
+    arrival_s: float
+
+
+def encode_message(message: RecordedMessage, host_time_ns: int, arrival_s: float) -> bytes:
+    topic, data = pack(message)
+    return HEADER.pack(TOPICS.index(topic), host_time_ns, arrival_s) + data
+
+
+def encode_request(request: dict[str, Any]) -> bytes:
+    return HEADER.pack(REQUEST_KIND, 0, 0.0) + json.dumps(request).encode()
+
+
+def decode(data: bytes) -> FedMessage:
+    kind, host_time_ns, arrival_s = HEADER.unpack_from(data)
+    content = data[HEADER.size :]
+    return FedMessage(
+        json.loads(content) if kind == REQUEST_KIND else unpack(TOPICS[kind], host_time_ns, content), arrival_s
+    )
+
+
+@dataclass(frozen=True)
+class LiveRequest:
+    """config as in station.toml; before_utc_ns: only trials that began earlier give the body of the wearer."""
+
+    config: dict[str, Any]
+    folder: str
+    spec: TrialSpec
+    before_utc_ns: int
+
+
+REQUEST = TypeAdapter(LiveRequest)
 
 
 def live_views(config: StationConfig, folder: Path, spec: TrialSpec, clock: Clock) -> list[LiveTap]:

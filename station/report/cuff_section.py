@@ -18,7 +18,7 @@ from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
 from recordings.manifest import DataOrigin
-from station.checksums import write_checksums
+from station.checksums import write_checksums, write_whole
 from station.cuff_text import of_cuff
 from station.report.fit_figures import MM, checks_figure, fit_figure
 from station.report.numbers import (
@@ -45,7 +45,6 @@ from station.study.study_document import (
     QuantityName,
     read_normative,
 )
-from station.whole_file import write_whole
 
 Cuffs = Mapping[str, Cuff]
 Plain = Mapping[str, Any]

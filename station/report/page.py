@@ -27,12 +27,12 @@ from fitting.results.codes import Standing
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
-from station.checksums import write_checksums
+from station.charts.svg import with_commands
+from station.checksums import drafted, write_checksums, write_whole
 from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
 from station.files.chain import NUMBERS_FILE, REPORT_FILE, chain_of
 from station.fit import fit_session_folder
-from station.messages.html import with_commands
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
@@ -56,7 +56,6 @@ from station.report.report_file import FORMAT, ReportDocument, Source, numbers_t
 from station.report.session_facts import recording_rows, session_facts
 from station.report.wearer_section import emg_figures, emg_section, wearer_figures
 from station.study.study_document import NORMATIVE_FILE
-from station.whole_file import drafted, write_whole
 
 T = TypeVar("T")
 Drawn = Mapping[str, Sequence[Picture]]

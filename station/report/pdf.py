@@ -6,11 +6,10 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from station.checksums import write_checksums
+from station.checksums import write_checksums, write_whole
 from station.errors import StationError
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
-from station.whole_file import write_whole
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Playwright

@@ -22,9 +22,9 @@ from solver.redundancy.effort import effort_weights
 from solver.redundancy.mechanics import glenoid_cone, is_shoulder
 from solver.redundancy.problem import FrameOutcome
 from station.assessment.rmr import SolvedMotion, reserve_unit
+from station.checksums import write_whole
 from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
 from station.sources import without_hash
-from station.whole_file import write_whole
 
 WARM = "#c2571a"
 HEAT = ("#ffffff", "#f8dcae", "#e8743b", "#8b1e4f", "#1b0c2a")

@@ -11,6 +11,7 @@ from fitting.errors import UnusableTrial
 from recordings.errors import RecordingError
 from solver.errors import SolverError
 from solver.time_series_table import write_table
+from station.checksums import drafted
 from station.config import ConfigError
 from station.emg.comparison import ComparedEmg, ConditionFiles, compare_emg
 from station.emg.emg_json import write_emg
@@ -19,7 +20,6 @@ from station.journal import read_journal
 from station.messages.emg_messages import EmgCode
 from station.protocol import SUITED
 from station.recordings_of_session import motions_in
-from station.whole_file import drafted
 
 if TYPE_CHECKING:
     from station.assessment.assess import AssessedSuit

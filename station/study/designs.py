@@ -33,13 +33,13 @@ from fitting.study.power import (
     stiffness_error,
 )
 from recordings.standard_gravity import g
+from station.checksums import write_whole
 from station.config import parse_config
 from station.folded_table import FoldedTable
 from station.messages.message import Message
 from station.messages.study_messages import PlanCode
 from station.study.sessions import StudyError
 from station.study.study_document import SHOWN
-from station.whole_file import write_whole
 
 Several = Annotated[tuple[Annotated[Whole, Field(ge=1, le=100)], ...], Field(min_length=1)]
 Part = Annotated[Number, Field(gt=0, lt=1)]

@@ -39,13 +39,12 @@ from fitting.study.cuff_study import (
 )
 from fitting.study.variance_components import Component, ComponentOutcome
 from recordings.manifest import DataOrigin
-from station.checksums import sha256_of, write_checksums
+from station.checksums import sha256_of, write_checksums, write_whole
 from station.messages.message import Message
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
 from station.study.sessions import StudyError, StudySessions, measurements_of
 from station.versions import solving_versions
-from station.whole_file import write_whole
 
 FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""

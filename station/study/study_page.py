@@ -15,10 +15,9 @@ from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.variance_components import ComponentOutcome
 from recordings.manifest import DataOrigin
 from station.charts.marks import Chart, Intervals, Mark, Panel, Points, Rule, Strip, chart, values
-from station.charts.svg import draw
-from station.checksums import write_checksums
+from station.charts.svg import draw, with_commands
+from station.checksums import write_checksums, write_whole
 from station.folded_table import FoldedTable
-from station.messages.html import with_commands
 from station.messages.message import Message
 from station.study.study_document import (
     OPEN,
@@ -33,7 +32,6 @@ from station.study.study_document import (
     shown_figure,
     shown_range,
 )
-from station.whole_file import write_whole
 
 STUDY_PAGE = "study.html"
 _HERE = Path(__file__).parent

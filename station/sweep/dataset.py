@@ -43,6 +43,7 @@ from solver.suit.scenarios import (
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, SuitError, read_suit
 from station.assessment.assessment_inputs import cuff_findings, cuff_remarks, read_cuffs_to_wear, worn_cuffs
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
+from station.checksums import drafted, write_whole
 from station.dask_cluster import completed_tasks
 from station.messages.message import Message
 from station.messages.study_messages import SweepCode
@@ -51,7 +52,6 @@ from station.progress import Progress, silent
 from station.sources import BUNDLED, kinematics_of, loads_of, model_of
 from station.sweep.sweep_plan import AXES, NONE, PlanError, Point, SweepPlan, Value
 from station.versions import solver_digest, solving_versions
-from station.whole_file import drafted, write_whole
 
 Outcome = dict[str, float | str | None]
 """Column → value: the columns of RESULTS, and of ERRORS where the case failed."""

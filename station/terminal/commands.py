@@ -20,8 +20,8 @@ from typing import Protocol
 from station.errors import StationError
 from station.messages.codes import CommandCode
 from station.messages.message import Message
-from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
+from station.session.trial_runner import LiveTrial
 from station.standard_input import POLL_INTERVAL_S, READ_SIZE, read_lines
 from station.terminal.events import CommandAnswered, Event, PlanListed
 

@@ -16,8 +16,8 @@ from station.journal import Choice
 from station.messages.codes import CueCode, TerminalCode, TrialCode
 from station.messages.message import Message
 from station.session.judgement import Figure, Grade, Judgement, Reason, Row
-from station.session.live_trial import LiveTrial
 from station.session.plan_status import PlanState, PlanStatus
+from station.session.trial_runner import LiveTrial
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from rich.text import Text
 from station.messages.codes import VerdictCode
 from station.messages.message import Message
 from station.protocol import describe_trial
-from station.session.live_trial import LiveTrial
+from station.session.trial_runner import LiveTrial
 from station.terminal import events
 from station.terminal.events import Event
 

@@ -17,10 +17,9 @@ from station.messages.message import Message, join_sentences
 from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.judgement import Judgement
-from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
 from station.session.plan_status import PlanStatus, kept_recordings, preparation, redo_loses_migration
-from station.session.trial_runner import TrialProcess
+from station.session.trial_runner import LiveTrial, TrialProcess
 from station.terminal.commands import Action, Command, CommandQueue, Request, SessionOutput
 from station.terminal.events import (
     Decided,

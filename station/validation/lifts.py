@@ -46,13 +46,13 @@ from solver.redundancy.mechanics import (
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome
 from station.assessment.given_motion import motion_checks, motion_findings
+from station.checksums import write_whole
 from station.errors import StationError
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 from station.messages.study_messages import ValidationCode
 from station.progress import Progress, silent
 from station.report.canvas import LINE, SHADES, STYLE, as_png
-from station.whole_file import write_whole
 
 Array = NDArray[np.float64]
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from station.config import LiveSection, StationConfig
     from station.live.engine import LiveSink
     from station.protocol import TrialSpec
-    from station.viewer.live_scene import LiveScene
+    from station.viewer.scene import LiveScene
 
 PLAN = "Whole session (without --test)"
 
@@ -284,7 +284,7 @@ def _serve_page(stack: ExitStack, folder: Path, port: int) -> Child:
 def _scenes(stack: ExitStack, rrd: Path | None, *, rerun: bool) -> list[LiveScene]:
     if rrd is None and not rerun:
         return []
-    from station.viewer.live_scene import LiveScene
+    from station.viewer.scene import LiveScene
     from station.viewer.viewer import start_viewer
 
     sinks: list[Path | str] = [] if rrd is None else [rrd]
@@ -304,7 +304,7 @@ def _watch(folder: Path, scenes: Sequence[LiveScene]) -> None:
         raise LiveUnreachable(Message(LiveCode.UNREACHABLE))
     with LiveSubscription(address) as subscription:
         if scenes:
-            from station.viewer.live_scene import show_live
+            from station.viewer.scene import show_live
 
             show_live(subscription, scenes)
         else:

@@ -169,7 +169,7 @@ def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
 
 def _print_conditions(solved: SolvedMotion) -> None:
     """The notes, forces left out, slack muscles, large reserves, and frames and muscles that did not converge."""
-    from station.assessment.outcomes import describe_unconverged, describe_unsolved
+    from station.assessment.assessment_json import describe_unconverged, describe_unsolved
     from station.assessment.reserves import reserve_findings
     from station.assessment.rmr import left_out_findings, slack_findings
 

@@ -27,6 +27,7 @@ def plan(
     """Compute how many volunteers, donnings and repeats a comparison of two cuffs needs, and the time."""
     from rich.console import Console
 
+    from station.checksums import write_whole
     from station.study.designs import (
         CONFIG_FILE,
         DesignOutcome,
@@ -36,7 +37,6 @@ def plan(
         read_study_plan,
         write_plan,
     )
-    from station.whole_file import write_whole
 
     read = read_study_plan(plan)
     designs = find_designs(read)

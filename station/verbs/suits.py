@@ -81,8 +81,8 @@ def _compare_with_paper(fitted: SessionFit, output: Path | None, format: Format)
     from rich.console import Console
 
     from fitting.cuffs.published_method import plain_published, published_fits
+    from station.checksums import write_whole
     from station.tables import published_table
-    from station.whole_file import write_whole
 
     fits = published_fits(fitted)
     text = json.dumps({"method": "paper", "cuffs": plain_published(fits)}, indent=2) + "\n"

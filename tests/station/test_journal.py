@@ -12,7 +12,7 @@ import pytest
 
 from recordings.manifest import CuffSite
 from station import journal
-from station.checksums import JOURNAL_FILE
+from station.checksums import JOURNAL_FILE, drafted, write_whole
 from station.errors import StationError
 from station.journal import (
     Assignment,
@@ -37,7 +37,6 @@ from station.journal import (
 from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
-from station.whole_file import drafted, write_whole
 from tests.links import symlink
 from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout

@@ -18,13 +18,12 @@ from recordings.reader import open_recording
 from recordings.recovery import recover
 from station import child, end_signals
 from station.bench.trial_recorder import TrialRefused
-from station.checksums import Checksums, is_below
+from station.checksums import Checksums, is_below, write_whole
 from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
 from station.messages.codes import RefusalCode
 from station.messages.setup_messages import ConfigCode
 from station.protocol import windows_name_fault
-from station.whole_file import write_whole
 from tests.refusals import raises_refusal
 from tests.station.bench.test_trial_recorder import SPEC, Rig
 from tests.windows_files import behave_as_windows

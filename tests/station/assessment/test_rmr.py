@@ -20,8 +20,8 @@ from solver.muscle import MuscleOutcome
 from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from solver.time_series_table import read_table, write_table
 from station import sources
+from station.assessment.assessment_json import describe_unconverged, describe_unsolved
 from station.assessment.given_motion import MotionCut, MuscleInputs
-from station.assessment.outcomes import describe_unconverged, describe_unsolved
 from station.assessment.rmr import SolvedMotion, solve_muscles, solved_columns, write_solved
 from station.messages.codes import InputCode
 from station.report.rmr_figures import draw_solved

@@ -23,8 +23,8 @@ from solver.osim.model_writer import osim_document
 from solver.paths import evaluate_paths
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.problem import FrameOutcome
+from station.assessment.assessment_json import describe_unsolved
 from station.assessment.given_motion import MotionCut, MuscleInputs
-from station.assessment.outcomes import describe_unsolved
 from station.assessment.rmr import SolvedMotion, left_out_findings, slack_muscles, solve_muscles
 from station.messages.codes import AssessmentCode, InputCode
 from tests.links import symlink

@@ -22,7 +22,7 @@ from station.console.running_view import (
 )
 from station.protocol import TrialSpec
 from station.session.guide import MotionGuide, guide_for
-from station.session.live_trial import LiveTrial, force_limits
+from station.session.trial_runner import LiveTrial, force_limits
 from tests.station.wearer import wearer_config
 
 BOUNCE = TrialSpec(None, "bounce", 1)

@@ -17,10 +17,9 @@ from station.bench.view import Snapshot, TrialState
 from station.config import LiveSection, parse_config
 from station.live import outlet as outlet_module
 from station.live.engine import LiveEngine
-from station.live.feed_wire import LiveRequest
 from station.live.outlet import LslOutlet, OutletRefused, live_path
 from station.live.subscription import LiveSubscription, find_address
-from station.live.tap import LiveTap
+from station.live.tap import LiveRequest, LiveTap
 from station.messages.live_messages import LiveCode
 from tests.drivers.pytest_on_loopback import passed_on_loopback
 from tests.station.live.test_server import SETUP

@@ -12,10 +12,10 @@ from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.reader import open_recording
 from recordings.samples import Event, Samples
 from station.live.engine import LiveEngine, LiveRefused, prepare_replay, replay_live
-from station.live.feed_wire import encode_message, encode_request
 from station.live.pipeline import PreparedTrial
 from station.live.process import FedMessages, run
 from station.live.published import NAN, UPDATE, LiveDelivery, LiveUpdate
+from station.live.tap import encode_message, encode_request
 from station.messages.live_messages import LiveCode
 from station.subject.assessed_subject import read_wearer_trials
 from tests.station.live.trials import TIGHT, Collected, generic_plan, part_of

@@ -21,8 +21,7 @@ from station.child import Child
 from station.clock import ManualClock
 from station.config import parse_config
 from station.live import tap as tap_module
-from station.live.feed_wire import LiveRequest
-from station.live.tap import BACKLOG, LiveTap, live_views
+from station.live.tap import BACKLOG, LiveRequest, LiveTap, live_views
 from station.messages.codes import TrialCode
 from station.messages.message import Message
 from station.protocol import TrialSpec

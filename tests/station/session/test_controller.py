@@ -31,10 +31,9 @@ from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.guide import guide_for
 from station.session.listing import list_sessions
-from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
 from station.session.summary import Summary
-from station.session.trial_runner import TrialRunner
+from station.session.trial_runner import LiveTrial, TrialRunner
 from station.session.worker import Worker, WorkerKilled
 from tests.refusals import raises_refusal
 from tests.station.console.served import write_config

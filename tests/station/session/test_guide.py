@@ -31,8 +31,8 @@ from station.session.guide import (
     wearer_guide,
 )
 from station.session.judgement import Judgement
-from station.session.live_trial import ForceLimits, force_limits
 from station.session.reviewer import adopt_recordings
+from station.session.trial_runner import ForceLimits, force_limits
 from tests.station.wearer import CYCLES, SPECS, WearerSession
 
 RNG = np.random.default_rng(7)

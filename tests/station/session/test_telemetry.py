@@ -17,8 +17,8 @@ from station.messages.codes import CueCode, TrialCode
 from station.messages.message import Message
 from station.protocol import TrialSpec
 from station.session.guide import FreeStaticGuide, MotionGuide, StaticGuide
-from station.session.live_trial import ForceLimits, LiveTrial
 from station.session.trial_daemon import Telemetry
+from station.session.trial_runner import ForceLimits, LiveTrial
 
 RECORDING = (Message(TrialCode.RECORDING),)
 

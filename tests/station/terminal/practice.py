@@ -16,7 +16,7 @@ from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import StationConfig, load_config
 from station.journal import Setup
 from station.session.controller import SessionController
-from station.session.live_trial import LiveTrial
+from station.session.trial_runner import LiveTrial
 from station.terminal.commands import Request, parse_command
 from station.terminal.events import Event
 from station.terminal.sequencer import SessionSequencer

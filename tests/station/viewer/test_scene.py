@@ -19,8 +19,7 @@ from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.live.published import LiveFinding
 from station.live.subscription import LiveSubscription, find_address
 from station.sources import BUNDLED, named_hashes
-from station.viewer.live_scene import LiveScene, show_live
-from station.viewer.scene import emg_rms, log_scene
+from station.viewer.scene import LiveScene, emg_rms, log_scene, show_live
 from station.viewer.viewer import SceneExtent
 from tests.station.console.live_source import LiveSource
 from tests.station.foreign import static_and_dynamic
