@@ -1,20 +1,14 @@
-"""How smooth each coordinate moves: the order of its white derivative and the intensity, with their uncertainty.
-
-Third derivative white (jerk) or fourth (snap): whichever makes the record likelier. The intensity is not known exactly
-either, so intervals are those of the mixture over the intensities that the record admits. A plug-in estimate alone
-gives intervals that are too narrow in short records (Kass, Steffey, J. Am. Stat. Assoc. 84:717, 1989).
-
-smooth_scalar smooths one such coordinate and gives its likelihood: the Kalman filter, and the smoother of Bryson and
-Frazier, which inverts no covariance (Durbin, Koopman, Time Series Analysis by State Space Methods, 2012, ch. 4.3 and
-4.4).
-
-Postures, velocities and accelerations of a whole trial at once: nothing is differentiated.
+"""Postures, velocities and accelerations of a whole trial at once: nothing is differentiated.
 
 Inverse kinematics gives the posture of each frame and its covariance from the marker noise. The noise is white, and so
-is a high derivative of each coordinate. The motion is the most probable one, found by the Kalman
-filter and the smoother of Bryson and Frazier (Durbin, Koopman, Time Series Analysis by State Space Methods, 2012,
-ch. 4.3 and 4.4). Markers whose labels are exchanged for a while, and a marker far from its usual place on its body, are
-left out.
+is a high derivative of each coordinate, the third (jerk) or fourth (snap): whichever makes the record likelier. The
+motion is the most probable one, found by the Kalman filter and the smoother of Bryson and Frazier, which inverts no
+covariance (Durbin, Koopman, Time Series Analysis by State Space Methods, 2012, ch. 4.3 and 4.4). Markers whose labels
+are exchanged for a while, and a marker far from its usual place on its body, are left out.
+
+The intensity of the white derivative is not known exactly either, so intervals are those of the mixture over the
+intensities that the record admits. A plug-in estimate alone gives intervals that are too narrow in short records (Kass,
+Steffey, J. Am. Stat. Assoc. 84:717, 1989).
 """
 
 from __future__ import annotations
@@ -26,7 +20,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
+from solver.compiled import compiled, compiled_for_python
 from solver.errors import SolverCode
 from solver.inverse_kinematics.exchanges import find_exchanges
 from solver.inverse_kinematics.solve import (
@@ -41,19 +35,15 @@ from solver.inverse_kinematics.solve import (
 )
 from solver.model import Model, ModelError
 from solver.motion import Kinematics
-from solver.multibody.postures import points_in_ground, postures
+from solver.multibody.postures import postures
 
 Array = NDArray[np.float64]
 
 ORDERS = (3, 4)
-START_SD = (0.3, 2.0, 10.0, 60.0)
-"""Of q, q̇, q̈ and the third derivative before the first frame [rad or m, s]."""
-LEAST_SD = 1e-6
-"""rad or m; added to the standard deviation of postures, for coordinates that constraints determine exactly."""
-LOWEST, HIGHEST, SPACING = -18.0, 32.0, 0.8
-"""Of the logarithm of the intensity [rad² or m², s]."""
-WORTHWHILE = 5.0
-"""Of the log-likelihood, below the highest; less likely intensities do not count."""
+START_SD = (0.3, 2.0, 10.0, 60.0)  # of q, q̇, q̈ and the third derivative before the first frame [rad or m, s]
+LEAST_SD = 1e-6  # rad or m; added to that of postures, for coordinates that constraints determine exactly
+LOWEST, HIGHEST, SPACING = -18.0, 32.0, 0.8  # of the logarithm of the intensity [rad² or m², s]
+WORTHWHILE = 5.0  # of the log-likelihood, below the highest; less likely intensities do not count
 SKIPPED = 6  # observations that the likelihood leaves to the wide start, the same for every order
 
 
@@ -74,12 +64,11 @@ class MotionPrior:
 def transition(order: int, interval: float) -> tuple[Array, Array]:
     """Transition and covariance per unit of intensity of a step; both (order, order), of q and its derivatives."""
     step, drive = np.zeros((order, order)), np.zeros((order, order))
-    for i in range(order):
-        for j in range(order):
-            if j >= i:
-                step[i, j] = interval ** (j - i) / factorial(j - i)
-            a, b = order - 1 - i, order - 1 - j
-            drive[i, j] = interval ** (a + b + 1) / (factorial(a) * factorial(b) * (a + b + 1))
+    for i, j in np.ndindex(order, order):
+        if j >= i:
+            step[i, j] = interval ** (j - i) / factorial(j - i)
+        a, b = order - 1 - i, order - 1 - j
+        drive[i, j] = interval ** (a + b + 1) / (factorial(a) * factorial(b) * (a + b + 1))
     return step, drive
 
 
@@ -104,8 +93,8 @@ def fit_motion_prior(values: Array, variances: Array, interval: float) -> Motion
 def _mixed(candidates: list[_Candidate], highest: float) -> Array:
     """(frames, 3) standard deviation of the mixture over orders and intensities."""
     states = [state for candidate in candidates for state in candidate.states(highest)]
-    weights = np.array([weight for weight, _, _ in states])[:, None, None] / sum(weight for weight, _, _ in states)
-    means, spreads = np.array([means for _, means, _ in states]), np.array([spread for _, _, spread in states])
+    weights, means, spreads = (np.array(part) for part in zip(*states, strict=True))
+    weights = weights[:, None, None] / sum(weights)
     mean = (weights * means).sum(axis=0)
     deviation: Array = np.sqrt((weights * (spreads + (means - mean) ** 2)).sum(axis=0))
     return deviation
@@ -145,20 +134,20 @@ class _Candidate:
         return [at, *(beside for beside in (at - 1, at + 1) if 0 <= beside < len(self._grid))]
 
     def _likelihood(self, at: int) -> float:
-
         if at not in self._found:
-            none = np.zeros((0, self.order))
-            drive = np.exp(self._grid[at]) * self._drive
-            found = smooth_scalar(self._values, self._variances, self._step, drive, self._start, none, none)
+            found = self._run(at, *np.zeros((2, 0, self.order)))
             self._found[at] = found if np.isfinite(found) else -np.inf
         return self._found[at]
 
     def _smooth(self, at: int) -> tuple[Array, Array]:
-
         means, spread = np.zeros((2, len(self._values), self.order))
-        drive = np.exp(self._grid[at]) * self._drive
-        smooth_scalar(self._values, self._variances, self._step, drive, self._start, means, spread)
+        self._run(at, means, spread)
         return means[:, :3], np.maximum(spread[:, :3], 0.0)
+
+    def _run(self, at: int, means: Array, spread: Array) -> float:
+        drive = np.exp(self._grid[at]) * self._drive
+        found: float = smooth_scalar(self._values, self._variances, self._step, drive, self._start, means, spread)
+        return found
 
 
 @compiled_for_python
@@ -172,14 +161,14 @@ def smooth_scalar(
     likelihood is computed.
     """
     frames, order = len(values), len(step)
-    mean, cov, work, other = np.zeros(order), start.copy(), np.zeros((order, order)), np.zeros((order, order))
+    mean, cov, gain, other = np.zeros(order), start.copy(), np.zeros(order), np.zeros((order, order))
     kept = frames if len(means) else 0
-    ahead, covs, gains = np.zeros((kept, order)), np.zeros((kept, order, order)), np.zeros((kept, order))
-    errors = np.zeros((kept, 2))
+    ahead, covs = np.zeros((kept, order)), np.zeros((kept, order, order))
+    gains, errors = np.zeros((kept, order)), np.zeros((kept, 2))
     likelihood, seen = 0.0, 0
     for k in range(frames):
         if k:
-            _advance(step, drive, mean, cov, work, other)
+            advance(step, drive, mean, cov, other)
         if kept:
             ahead[k] = mean
             covs[k] = cov
@@ -188,17 +177,20 @@ def smooth_scalar(
             if seen >= SKIPPED:
                 likelihood -= 0.5 * (np.log(total) + error * error / total)
             seen += 1
-            _update(error, total, mean, cov, work[0], other)
+            update(error, total, mean, cov, gain, other)
             if kept:
-                gains[k] = work[0]
+                gains[k] = gain
                 errors[k, 0], errors[k, 1] = error, total
-    if kept:
-        _return(step, ahead, covs, gains, errors, means, spread)
+    r, N = np.zeros(order), np.zeros((order, order))
+    for k in range(kept - 1, -1, -1):
+        observe(gains[k], errors[k], r, N, other)
+        smoothed_state(ahead[k], covs[k], r, N, means[k], spread[k])
+        go_back(step, r, N, other)
     return likelihood
 
 
 @compiled
-def _update(error: float, total: float, mean: Array, cov: Array, gain: Array, other: Array) -> None:
+def update(error: float, total: float, mean: Array, cov: Array, gain: Array, other: Array) -> None:
     """Fill gain; mean and covariance after an observation of the first entry."""
     order = len(mean)
     for i in range(order):
@@ -213,16 +205,14 @@ def _update(error: float, total: float, mean: Array, cov: Array, gain: Array, ot
 
 
 @compiled
-def _advance(step: Array, drive: Array, mean: Array, cov: Array, work: Array, other: Array) -> None:
-    """Mean and covariance one frame ahead."""
+def advance(step: Array, drive: Array, mean: Array, cov: Array, other: Array) -> None:
+    """Mean and covariance one frame ahead; step is an upper triangle."""
     order = len(step)
     for i in range(order):
-        work[0, i] = 0.0
+        ahead = 0.0
         for j in range(i, order):
-            work[0, i] += step[i, j] * mean[j]
-    for i in range(order):
-        mean[i] = work[0, i]
-    for i in range(order):
+            ahead += step[i, j] * mean[j]
+        mean[i] = ahead
         for j in range(order):
             other[i, j] = 0.0
             for k in range(i, order):
@@ -234,45 +224,18 @@ def _advance(step: Array, drive: Array, mean: Array, cov: Array, work: Array, ot
                 cov[i, j] += other[i, k] * step[j, k]
 
 
-@compiled_with_allocation
-def _return(step: Array, ahead: Array, covs: Array, gains: Array, errors: Array, means: Array, spread: Array) -> None:
-    """Backwards: r and N gather what later observations add."""
-    frames, order = ahead.shape
-    r, N = np.zeros(order), np.zeros((order, order))
-    work, other = np.zeros(order), np.zeros((order, order))
-    for k in range(frames - 1, -1, -1):
-        if errors[k, 1] > 0.0:
-            _observe(gains[k], errors[k, 0], errors[k, 1], r, N, other)
-        for i in range(order):
-            means[k, i], spread[k, i] = ahead[k, i], covs[k, i, i]
-            for j in range(order):
-                means[k, i] += covs[k, i, j] * r[j]
-                for m in range(order):
-                    spread[k, i] -= covs[k, i, j] * N[j, m] * covs[k, m, i]
-        for i in range(order):
-            work[i] = 0.0
-            for j in range(i + 1):
-                work[i] += step[j, i] * r[j]
-            for j in range(order):
-                other[i, j] = 0.0
-                for m in range(i + 1):
-                    other[i, j] += step[m, i] * N[m, j]
-        for i in range(order):
-            r[i] = work[i]
-            for j in range(order):
-                N[i, j] = 0.0
-                for m in range(j + 1):
-                    N[i, j] += other[i, m] * step[m, j]
-
-
 @compiled
-def _observe(gain: Array, error: float, total: float, r: Array, N: Array, other: Array) -> None:
-    """r becomes Lᵀ r + e/S and N becomes Lᵀ N L + 1/S in the first entry, L = I − K (1 0 …)."""
-    order = len(r)
+def observe(gain: Array, errors: Array, r: Array, N: Array, other: Array) -> None:
+    """r becomes Lᵀ r + e/S and N becomes Lᵀ N L + 1/S in the first entry, L = I − K (1 0 …): backwards they gather
+    what later observations add. errors (2,): observed less predicted, e, and its variance S, 0 without an observation.
+    """
+    order, total = len(r), errors[1]
+    if not total > 0.0:
+        return
     along = 0.0
     for i in range(order):
         along += gain[i] * r[i]
-    r[0] += error / total - along
+    r[0] += errors[0] / total - along
     for i in range(order):
         other[0, i] = 0.0
         for j in range(order):
@@ -286,19 +249,45 @@ def _observe(gain: Array, error: float, total: float, r: Array, N: Array, other:
     N[0, 0] += inner + 1.0 / total
 
 
+@compiled
+def smoothed_state(ahead: Array, cov: Array, r: Array, N: Array, mean: Array, spread: Array) -> None:
+    """Fill mean and spread (order,) of a frame, from those before its observation and all later ones."""
+    order = len(r)
+    for i in range(order):
+        mean[i], spread[i] = ahead[i], cov[i, i]
+        for j in range(order):
+            mean[i] += cov[i, j] * r[j]
+            for m in range(order):
+                spread[i] -= cov[i, j] * N[j, m] * cov[m, i]
+
+
+@compiled
+def go_back(step: Array, r: Array, N: Array, other: Array) -> None:
+    """r becomes Φᵀ r and N becomes Φᵀ N Φ."""
+    order = len(r)
+    for i in range(order - 1, -1, -1):
+        before = 0.0
+        for j in range(i + 1):
+            before += step[j, i] * r[j]
+        r[i] = before
+        for j in range(order):
+            other[i, j] = 0.0
+            for m in range(i + 1):
+                other[i, j] += step[m, i] * N[m, j]
+    for i in range(order):
+        for j in range(order):
+            N[i, j] = 0.0
+            for m in range(j + 1):
+                N[i, j] += other[i, m] * step[m, j]
+
+
 MOST_ROUNDS = 20
-SETTLED = 0.05
-"""Standard deviations; of the largest change of any position, velocity or acceleration in a round."""
-LEAST_CHANGE = (1e-6, 1e-4, 1e-2)
-"""rad or m, per s, per s²; a smaller change does not count, however small the standard deviation."""
-GAP_SD = 1e-5
-"""m; by which a constraint may be missed."""
-FAR, LEAST_FAR = 6.0, 5e-3
-"""Robust standard deviations, and m, by which a marker must leave its usual place to be left out."""
-SINGULAR = 1e-12
-"""Part of the greatest variance of a posture, below which a direction is one that the constraints exclude."""
-MOST_SEARCHES = 4
-"""Searches for markers to leave out; leaving one out shows others."""
+SETTLED = 0.05  # standard deviations; largest change of any position, velocity or acceleration in a round
+LEAST_CHANGE = (1e-6, 1e-4, 1e-2)  # rad or m, per s, per s²; a smaller change does not count
+GAP_SD = 1e-5  # m; by which a constraint may be missed
+FAR, LEAST_FAR = 6.0, 5e-3  # robust standard deviations, and m, from its usual place, where a marker is left out
+SINGULAR = 1e-12  # part of the greatest variance of a posture; below it constraints exclude a direction
+MOST_SEARCHES = 4  # for markers to leave out; leaving one out shows others
 
 
 class SmootherOutcome(StrEnum):
@@ -363,7 +352,8 @@ def smooth_motion(
     known = stated.is_held & np.isfinite(frames.coordinates) & is_solved[:, None]
     if not known.any():
         outcome = SmootherOutcome.NOT_CONVERGED if counts.any() else SmootherOutcome.NO_MARKERS
-        return _without_motion(model, counts, outcome)
+        nothing = np.full(frames.coordinates.shape, np.nan)
+        return SmoothedMotion(nothing, nothing, nothing, fit_motion_prior(nothing, nothing, 1.0), counts, outcome)
     values = np.where(known, frames.coordinates, np.nan)
     prior = fit_motion_prior(values, np.where(known, stated.standard_deviation, np.nan) ** 2, interval)
     evidence = _Evidence(model, tasks, frames.coordinates, stated.covariance, known)
@@ -404,17 +394,10 @@ def _far(model: Model, observed: Array, tasks: TrackingTasks, coordinates: Array
     if not np.isfinite(coordinates).any():
         return np.zeros(observed.shape[:2], dtype=np.bool_)
     state = postures(model, _filled(coordinates), np.zeros_like(coordinates))
-    beside = np.stack(
-        [
-            np.einsum(
-                "fij,fi->fj",
-                state.rotation_to_ground[:, marker.body],
-                observed[:, m] - points_in_ground(state, marker.body, marker.location),
-            )
-            for m, marker in enumerate(tasks.markers)
-        ],
-        axis=1,
-    )
+    bodies, locations = [marker.body for marker in tasks.markers], [marker.location for marker in tasks.markers]
+    rotation = state.rotation_to_ground[:, bodies]
+    points = state.origin_in_ground[:, bodies] + (rotation @ np.array(locations)[..., None])[..., 0]
+    beside = np.einsum("fmij,fmi->fmj", rotation, observed - points)
     with np.errstate(invalid="ignore"):
         away = np.linalg.norm(beside - _median(beside)[None], axis=2)
         reach = np.maximum(FAR * 1.4826 * _median(away), LEAST_FAR)
@@ -424,9 +407,7 @@ def _far(model: Model, observed: Array, tasks: TrackingTasks, coordinates: Array
 
 def _median(values: Array) -> Array:
     """Over the frames; 0 for what is never seen."""
-    seen = np.isfinite(values).any(axis=0)
-    found: Array = np.nanmedian(np.where(seen, values, 0.0), axis=0)
-    return found
+    return np.asarray(np.nanmedian(np.where(np.isfinite(values).any(axis=0), values, 0.0), axis=0))
 
 
 class _Evidence:
@@ -513,13 +494,7 @@ def _state_space(prior: MotionPrior, interval: float) -> tuple[Array, Array, Arr
     return step, drive, np.diag(start), places
 
 
-def _without_motion(model: Model, counts: NDArray[np.bool_], outcome: SmootherOutcome) -> SmoothedMotion:
-    nothing = np.full((len(counts), len(model.coordinates)), np.nan)
-    return SmoothedMotion(nothing, nothing, nothing, fit_motion_prior(nothing, nothing, 1.0), counts, outcome)
-
-
 def _filled(coordinates: Array) -> Array:
     """Frames without a posture lie on the straight line between their neighbours."""
-    known = np.isfinite(coordinates[:, 0])
-    at = np.arange(len(coordinates))
+    known, at = np.isfinite(coordinates[:, 0]), np.arange(len(coordinates))
     return np.column_stack([np.interp(at, at[known], column[known]) for column in coordinates.T])

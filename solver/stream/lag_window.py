@@ -21,9 +21,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
+from solver.compiled import compiled, compiled_for_python
 from solver.inverse_kinematics.gauss_newton import IkWorkspace, Problem
 from solver.inverse_kinematics.marker_fit import LONGEST_GAP
+from solver.inverse_kinematics.smoother import (
+    START_SD,
+    advance,
+    go_back,
+    observe,
+    smoothed_state,
+    transition,
+    update,
+)
 from solver.inverse_kinematics.solve import (
     MOST_ROUNDS,
     OUTCOMES,
@@ -171,8 +180,6 @@ INTERVALS = 9
 """Intervals between frames of which the median counts."""
 USUAL_INTERVAL = 0.01
 """s; of a stream of one frame."""
-START_SD = (0.3, 2.0, 10.0)
-"""Of q, q̇, q̈ where a coordinate starts [rad or m, s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,12 +192,13 @@ class SmoothedState:
 
 @dataclass(frozen=True, eq=False)
 class _Entry:
-    """A frame: values and variances (coordinates,), NaN without a posture; restarts (coordinates,) which start anew;
-    is_held (coordinates,) in the latest posture.
+    """A frame: step and drive (3, 3) as in Window; values and variances (coordinates,), NaN without a posture; restarts
+    (coordinates,) which start anew; is_held (coordinates,) in the latest posture.
     """
 
     time: float
-    step: float
+    step: Array
+    drive: Array
     values: Array
     variances: Array
     restarts: NDArray[np.bool_]
@@ -204,7 +212,7 @@ class LagWindow:
     def __init__(self, coordinates: int) -> None:
         self._count = coordinates
         self._entries: deque[_Entry] = deque()
-        start = np.tile(np.diag(np.square(START_SD)), (coordinates, 1, 1))
+        start = np.tile(np.diag(np.square(START_SD[:3])), (coordinates, 1, 1))
         self._state = FilterState(np.zeros((coordinates, 3)), start)
         self._sensitivity = np.zeros(coordinates)
         self._sensitive_frames = np.zeros(coordinates, dtype=np.int64)
@@ -244,7 +252,9 @@ class LagWindow:
             variances = np.where(posture.is_held, variance, LOST_SD**2)
             self._learn(variance / noise**2, posture.is_held)
         lost: NDArray[np.bool_] = ~posture.is_held & np.isfinite(self._held_at) & has_posture
-        self._entries.append(_Entry(time, step, values, variances, restarts, self._is_held, has_posture))
+        self._entries.append(
+            _Entry(time, *transition(3, step), values, variances, restarts, self._is_held, has_posture)
+        )
         self.last_time = time
         if has_posture:
             self._posture_at = time
@@ -265,6 +275,7 @@ class LagWindow:
             np.array([entry.values for entry in entries]),
             np.array([entry.variances for entry in entries]),
             np.array([entry.step for entry in entries]),
+            np.array([entry.drive for entry in entries]),
             np.array([entry.restarts for entry in entries]),
         )
         intensity = JERK_INTENSITY * np.maximum(self._sensitivity, LEAST_SENSITIVITY)
@@ -307,12 +318,11 @@ def smooth_window(window: Window, intensity: Array, state: FilterState, smoothed
     intensity (coordinates,) of the jerk [rad²/s⁵ or m²/s⁵]. state is that before the window's first frame, and becomes
     that after it.
     """
-    values, variances, steps, restarts = window
+    values, variances, steps, drives, restarts = window
     frames, count = values.shape
     filtered = _Filtered(np.zeros((frames, 3)), np.zeros((frames, 3, 3)), np.zeros((frames, 3)), np.zeros((frames, 2)))
     ahead, covs, gains, errors = filtered
-    step, drive, work = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
-    mean, cov = np.zeros(3), np.zeros((3, 3))
+    mean, cov, other, r, N = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
     for k in range(count):
         mean[:], cov[:] = state.means[k], state.covariances[k]
         last = frames
@@ -323,15 +333,19 @@ def smooth_window(window: Window, intensity: Array, state: FilterState, smoothed
                     break
                 _restart(values[i, k], mean, cov)
             else:
-                _fill_transition(steps[i], intensity[k], step, drive)
-                _advance(step, drive, mean, cov, work)
+                advance(steps[i], intensity[k] * drives[i], mean, cov, other)
             ahead[i], covs[i], errors[i] = mean, cov, 0.0
             if np.isfinite(values[i, k]):
                 errors[i, 0], errors[i, 1] = values[i, k] - mean[0], cov[0, 0] + variances[i, k]
-                _update(errors[i], mean, cov, gains[i], work)
+                update(errors[i, 0], errors[i, 1], mean, cov, gains[i], other)
             if i == 0:
                 state.means[k], state.covariances[k] = mean, cov
-        _smooth_first(filtered, steps, last, step, smoothed[k], spread[k])
+        r[:], N[:] = 0.0, 0.0
+        for i in range(last - 1, 0, -1):
+            observe(gains[i], errors[i], r, N, other)
+            go_back(steps[i], r, N, other)
+        observe(gains[0], errors[0], r, N, other)
+        smoothed_state(ahead[0], covs[0], r, N, smoothed[k], spread[k])
 
 
 @compiled
@@ -344,111 +358,19 @@ def _restart(value: float, mean: Array, cov: Array) -> None:
         mean[0] = value
 
 
-@compiled
-def _fill_transition(t: float, intensity: float, step: Array, drive: Array) -> None:
-    """Transition and covariance of a step of t seconds."""
-    step[0, 0] = step[1, 1] = step[2, 2] = 1.0
-    step[0, 1] = step[1, 2] = t
-    step[0, 2] = t * t / 2.0
-    drive[0, 0] = intensity * t**5 / 20.0
-    drive[0, 1] = drive[1, 0] = intensity * t**4 / 8.0
-    drive[0, 2] = drive[2, 0] = intensity * t**3 / 6.0
-    drive[1, 1] = intensity * t**3 / 3.0
-    drive[1, 2] = drive[2, 1] = intensity * t**2 / 2.0
-    drive[2, 2] = intensity * t
-
-
-@compiled
-def _advance(step: Array, drive: Array, mean: Array, cov: Array, work: Array) -> None:
-    for i in range(3):
-        for j in range(i + 1, 3):
-            mean[i] += step[i, j] * mean[j]
-    for i in range(3):
-        for j in range(3):
-            work[i, j] = 0.0
-            for m in range(i, 3):
-                work[i, j] += step[i, m] * cov[m, j]
-    for i in range(3):
-        for j in range(3):
-            cov[i, j] = drive[i, j]
-            for m in range(j, 3):
-                cov[i, j] += work[i, m] * step[j, m]
-
-
-@compiled_with_allocation
-def _update(error: Array, mean: Array, cov: Array, gain: Array, work: Array) -> None:
-    """Mean and covariance after an observation of q; error is (observed − predicted, its variance)."""
-    for i in range(3):
-        gain[i] = cov[i, 0] / error[1]
-        mean[i] += gain[i] * error[0]
-    work[:] = cov
-    for i in range(3):
-        for j in range(3):
-            cov[i, j] = work[i, j] - 0.5 * (gain[i] * work[0, j] + gain[j] * work[0, i])
-
-
-@compiled_with_allocation
-def _smooth_first(filtered: _Filtered, steps: Array, last: int, step: Array, state: Array, spread: Array) -> None:
-    """Backwards from the frame before `last` to the first: r and N gather what later observations add."""
-    ahead, covs, gains, errors = filtered
-    r, N, other = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-    for k in range(last - 1, -1, -1):
-        if errors[k, 1] > 0.0:
-            _observe(gains[k], errors[k], r, N, other)
-        if k > 0:
-            t = steps[k]
-            step[0, 1] = step[1, 2] = t
-            step[0, 2] = t * t / 2.0
-            _return(step, r, N, other)
-    for i in range(3):
-        state[i], spread[i] = ahead[0, i], covs[0, i, i]
-        for j in range(3):
-            state[i] += covs[0, i, j] * r[j]
-            for m in range(3):
-                spread[i] -= covs[0, i, j] * N[j, m] * covs[0, m, i]
-
-
-@compiled
-def _observe(gain: Array, error: Array, r: Array, N: Array, other: Array) -> None:
-    """r becomes Lᵀ r + e/S and N becomes Lᵀ N L + 1/S in the first entry, L = I − K (1 0 0)."""
-    r[0] += error[0] / error[1] - (gain[0] * r[0] + gain[1] * r[1] + gain[2] * r[2])
-    for i in range(3):
-        other[0, i] = gain[0] * N[0, i] + gain[1] * N[1, i] + gain[2] * N[2, i]
-    inner = other[0, 0] * gain[0] + other[0, 1] * gain[1] + other[0, 2] * gain[2]
-    for i in range(3):
-        N[0, i] -= other[0, i]
-        N[i, 0] -= other[0, i]
-    N[0, 0] += inner + 1.0 / error[1]
-
-
-@compiled
-def _return(step: Array, r: Array, N: Array, other: Array) -> None:
-    """r becomes Φᵀ r and N becomes Φᵀ N Φ."""
-    r[2] += step[1, 2] * r[1] + step[0, 2] * r[0]
-    r[1] += step[0, 1] * r[0]
-    for i in range(3):
-        for j in range(3):
-            other[i, j] = 0.0
-            for m in range(i + 1):
-                other[i, j] += step[m, i] * N[m, j]
-    for i in range(3):
-        for j in range(3):
-            N[i, j] = 0.0
-            for m in range(j + 1):
-                N[i, j] += other[i, m] * step[m, j]
-
-
 class Window(NamedTuple):
     """Frames from the first that was not given out to the latest.
 
     values, variances (frames, coordinates) of the postures, NaN where there is none
-    steps     (frames,) [s] from the frame before, that of the first from the state
+    steps, drives  (frames, 3, 3) transition from the frame before, that of the first from the state, and the covariance
+                   that it adds per unit of intensity
     restarts  (frames, coordinates) where a coordinate starts anew
     """
 
     values: Array
     variances: Array
     steps: Array
+    drives: Array
     restarts: NDArray[np.bool_]
 
 

@@ -38,7 +38,6 @@ LONGEST = {
     "fitting/study/cuff_study.py": 553,
     "fitting/trial/trial.py": 504,
     "solver/forces/passive_forces.py": 528,
-    "solver/inverse_kinematics/smoother.py": 534,
     "solver/scaling.py": 530,
     "solver/suit/scenarios.py": 568,
     "solver/tendons/fiber.py": 561,

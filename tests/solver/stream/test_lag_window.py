@@ -1,4 +1,4 @@
-"""The fixed-lag smoother beside the smoother of whole records, which runs over all frames at once."""
+"""The fixed-lag smoother and the smoother of whole records, beside all states conditioned at once."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
 
 from solver.inverse_kinematics.smoother import START_SD, smooth_scalar, transition
@@ -50,20 +51,56 @@ def smoothed(lag: float, gap: range = range(0)) -> tuple[Array, Array]:
 
 
 def over_all_frames(frames: int, gap: range = range(0)) -> tuple[Array, Array]:
-    """The same from smooth_scalar on the first frames, started at the first value."""
+    """The same for the first frames at once, from the first value."""
     step, unit = transition(3, INTERVAL)
-    means, spread = np.zeros((2, frames, 3, 2))
+    unseen = [at for at in gap if at < frames]
     drive = JERK_INTENSITY * (SD / NOISE) ** 2 * unit
+    means, spread = np.zeros((2, frames, 3, 2))
     for k in range(2):
         values = observed()[:frames, k].copy()
-        values[[at for at in gap if at < frames]] = np.nan
         first = values[0]
-        results = np.zeros((2, frames, 3))
-        variances = np.full(frames, SD**2)
-        smooth_scalar(values - first, variances, step, drive, np.diag(np.square(START_SD[:3])), *results)
-        means[..., k], spread[..., k] = results
+        values[unseen] = np.nan
+        means[..., k], spread[..., k] = conditioned(values - first, step, drive)
         means[:, 0, k] += first
     return means, np.sqrt(spread)
+
+
+def conditioned(values: Array, step: Array, drive: Array) -> tuple[Array, Array]:
+    """Means and variances (frames, order) of all states at once, given values (frames,) of standard deviation SD."""
+    frames, order = len(values), len(step)
+    powers = [np.linalg.matrix_power(step, k) for k in range(frames)]
+    passed = np.block([[powers[max(k - j, 0)] * (k >= j) for j in range(frames)] for k in range(frames)])
+    added = scipy.linalg.block_diag(np.diag(np.square(START_SD[:order])), *[drive] * (frames - 1))
+    prior = passed @ added @ passed.T
+    seen = np.flatnonzero(np.isfinite(values))
+    among, along = prior[np.ix_(order * seen, order * seen)] + SD**2 * np.eye(len(seen)), prior[:, order * seen]
+    gain = np.linalg.solve(among, along.T).T
+    variances = np.diag(prior) - (gain * along).sum(axis=1)
+    return (gain @ values[seen]).reshape(frames, order), variances.reshape(frames, order)
+
+
+@pytest.mark.parametrize("order", [3, 4])
+def test_the_smoother_of_whole_records_conditions_all_states_on_all_values(order: int) -> None:
+    step, unit = transition(order, 0.1)
+    values = observed()[:12, 0].copy()
+    values[5:8] = np.nan
+    means, spread = np.zeros((2, len(values), order))
+    smooth_scalar(values, np.full(12, SD**2), step, 3.0 * unit, np.diag(np.square(START_SD[:order])), means, spread)
+    expected, variances = conditioned(values, step, 3.0 * unit)
+    np.testing.assert_allclose(means, expected, rtol=1e-6, atol=2e-6)
+    np.testing.assert_allclose(spread, variances, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("order", "interval"), [(3, 0.1), (4, 0.02)])
+def test_a_step_is_that_of_a_white_derivative(order: int, interval: float) -> None:
+    """Van Loan, IEEE Trans. Autom. Control 23:395, 1978."""
+    both = np.zeros((2 * order, 2 * order))
+    both[:order, :order], both[order:, order:] = -np.eye(order, k=1), np.eye(order, k=1).T
+    both[order - 1, -1] = 1.0
+    found = scipy.linalg.expm(both * interval)
+    step, unit = transition(order, interval)
+    np.testing.assert_allclose(step, found[order:, order:].T, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(unit, found[order:, order:].T @ found[:order, order:], rtol=1e-9)
 
 
 @pytest.mark.parametrize("gap", [range(0), range(20, 28)])
