@@ -117,22 +117,24 @@ def least_violation(problem: ConicProblem) -> Array:
     return x
 
 
-def solve_frame_with_clarabel(
-    sequence: FrameSequence, frame: int, bounds: tuple[Array, Array]
-) -> tuple[Array, Outcomes]:
-    """x (scenarios, controls) and outcomes (scenarios,) within bounds, lower and upper (scenarios, controls)."""
-    rows, to_rows = _reachable_rows(sequence.matrix[frame])
+def solve_frame_with_clarabel(sequence: FrameSequence, bounds: Array) -> tuple[Array, Outcomes]:
+    """x (scenarios, controls) and outcomes (scenarios,) of a sequence of one frame, with activations within bounds
+    (scenarios, 2, muscles).
+    """
+    rows, to_rows = _reachable_rows(sequence.matrix[0])
+    lower, upper = widest = sequence.widest_bounds()
+    muscles = len(sequence.rise)
     problem = ConicProblem(
-        weights=determined(sequence.weights, sequence.matrix[[frame]], sequence.cone_matrix[[frame]]),
+        weights=determined(sequence.weights, sequence.matrix, sequence.cone_matrix),
         equality_matrix=rows,
-        equality_target=sequence.target[:, frame] @ to_rows.T,
-        lower=bounds[0],
-        upper=bounds[1],
-        cone_matrix=sequence.cone_matrix[frame],
-        cone_offset=sequence.cone_offset[:, frame],
-        cubed=len(sequence.rise) if sequence.exponent == 3 else 0,
+        equality_target=sequence.target[:, 0] @ to_rows.T,
+        lower=np.concatenate([bounds[:, 0], lower[:, muscles:]], axis=1),
+        upper=np.concatenate([bounds[:, 1], upper[:, muscles:]], axis=1),
+        cone_matrix=sequence.cone_matrix[0],
+        cone_offset=sequence.cone_offset[:, 0],
+        cubed=muscles if sequence.exponent == 3 else 0,
     )
-    return _solve_frame(problem, sequence.widest_bounds())
+    return _solve_frame(problem, widest)
 
 
 def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, Outcomes]:

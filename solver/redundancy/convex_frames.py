@@ -25,7 +25,7 @@ from solver.model import ModelError
 from solver.redundancy.conic import solve_frame_with_clarabel
 from solver.redundancy.effort import Effort
 from solver.redundancy.frames import solve_frames
-from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, FrameSequence
+from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, FrameSequence, Outcomes
 from solver.redundancy.reduced_problem import ActivationRates, WarmStart
 from solver.redundancy.reduction import Reduction, reduce_frames
 
@@ -128,9 +128,7 @@ class ClarabelFrame:
             cone_matrix=sequence.cone_matrix * scale,
             cone_offset=sequence.cone_offset + sequence.cone_matrix @ offset,
         )
-        lower, upper = linear.widest_bounds()
-        lower[0, :muscles], upper[0, :muscles] = bounds
-        controls, outcomes = solve_frame_with_clarabel(linear, 0, (lower, upper))
+        controls, outcomes = solve_frame_with_clarabel(linear, bounds[None])
         activations = controls[0, :muscles].clip(0.0, 1.0)
         return FrameStep(activations, offset + scale * np.r_[activations, controls[0, muscles:]], outcomes[0])
 
@@ -154,28 +152,35 @@ def force_frame(
 
 
 class ConvexFrames:
-    """The frames of one scenario with an ActivationCost, each from the solution of the frame before."""
+    """Frames with an ActivationCost, each from the solution of the frame before."""
 
-    def __init__(self) -> None:
-        self._guess, self._multipliers = np.zeros(0), np.zeros(0)
+    def __init__(self, scenarios: int) -> None:
+        self._guesses = [np.zeros(0)] * scenarios
+        self._multipliers = [np.zeros(0)] * scenarios
 
-    def solve(self, sequence: FrameSequence, bounds: Array) -> tuple[Array, FrameOutcome]:
-        """x (controls,) and outcome of a sequence of one frame and scenario, within bounds (2, muscles).
+    def solve(self, sequence: FrameSequence, bounds: Array) -> tuple[Array, Outcomes]:
+        """x (scenarios, controls) and outcomes (scenarios,) of a sequence of one frame, with activations within bounds
+        (scenarios, 2, muscles).
 
         Raises ModelError for a problem that only Clarabel solves: it has no other costs than powers.
         """
-        frame = force_frame(sequence, self._multipliers)
+        found = [self._solve(sequence.scenario(i), i, within) for i, within in enumerate(bounds)]
+        outcomes = np.array([step.outcome for step in found], dtype=object)
+        return np.array([step.forces for step in found]), outcomes
+
+    def _solve(self, sequence: FrameSequence, scenario: int, bounds: Array) -> FrameStep:
+        frame = force_frame(sequence, self._multipliers[scenario])
         if isinstance(frame, ClarabelFrame):
             raise ModelError(
                 "a cost function of activations needs muscles with weights above 0, actuators with two limits or none, "
                 "and free actuators that the motion determines, and the problem has others; change weights or limits",
                 SolverCode.UNSUPPORTED,
             )
-        muscles = len(sequence.rise)
-        guess = self._guess if len(self._guess) == muscles else np.full(muscles, FIRST_GUESS)
+        muscles, guess = len(sequence.rise), self._guesses[scenario]
+        guess = guess if len(guess) == muscles else np.full(muscles, FIRST_GUESS)
         found = _least_effort(frame, guess.clip(*bounds), bounds)
-        self._guess, self._multipliers = found.activations, frame.multipliers
-        return found.forces, found.outcome
+        self._guesses[scenario], self._multipliers[scenario] = found.activations, frame.multipliers
+        return found
 
 
 def _least_effort(frame: ReducedFrame, guess: Array, bounds: Array) -> FrameStep:

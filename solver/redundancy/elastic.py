@@ -26,6 +26,7 @@ from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ForcePoint, F
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import Mechanics, ResponseMaps, response_maps
 from solver.redundancy.problem import (
+    SOLVED_OUTCOMES,
     FrameOutcome,
     FrameSequence,
     LoadResponse,
@@ -194,9 +195,8 @@ class _ElasticFrames:
         self._history.keep(self._settled)
         self._guess, self._gain, self._curvature = point.activations, point.gain, point.curvature
         self._multipliers = multipliers
-        outcomes = np.array([found.outcome], dtype=object)
-        lower, upper = self._sequence.reachable_bounds(found.activations[None], outcomes)
-        self._bounds = np.concatenate([lower, upper])[:, : len(self._strength)]
+        is_known = np.array([found.outcome in SOLVED_OUTCOMES])
+        self._bounds = self._sequence.reachable(found.activations[None], is_known)[0]
 
 
 def _ensure_dynamic(model: Model, options: RedundancyOptions) -> None:

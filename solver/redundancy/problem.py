@@ -80,6 +80,11 @@ OUTCOME_OF_CODE[[SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE]] = [
 SOLVED_OUTCOMES = (FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE)
 
 
+def are_solved(outcomes: Outcomes) -> NDArray[np.bool_]:
+    """Whether frames (…) have the activations from which the next ones start."""
+    return np.asarray((outcomes == SOLVED_OUTCOMES[0]) | (outcomes == SOLVED_OUTCOMES[1]))
+
+
 @dataclass(frozen=True, eq=False)
 class RedundancyProblem:
     """The matrices of every frame; loads and bounds are left open, so one problem serves many scenarios.
@@ -250,9 +255,9 @@ class FrameSequence:
             cone_offset=self.cone_offset[:, frames],
         )
 
-    def scenario(self, index: int) -> FrameSequence:
-        """This scenario alone."""
-        own = slice(index, index + 1)
+    def scenario(self, chosen: int | slice) -> FrameSequence:
+        """This scenario alone, or these."""
+        own = slice(chosen, chosen + 1) if isinstance(chosen, int) else chosen
         return replace(self, target=self.target[own], cone_offset=self.cone_offset[own])
 
     def widest_bounds(self) -> tuple[Array, Array]:
@@ -264,16 +269,17 @@ class FrameSequence:
             lower[:, muscles:], upper[:, muscles:] = self.limits
         return lower, upper
 
-    def reachable_bounds(self, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
-        """Bounds one interval after x (scenarios, controls); the widest after an unsolved frame."""
-        lower, upper = self.widest_bounds()
-        muscles, (least, greatest) = len(self.rise), self.widest_activations
-        is_known = np.array([outcome in SOLVED_OUTCOMES for outcome in outcomes])[:, None]
+    def reachable(
+        self, activations: Array, is_known: NDArray[np.bool_], rates: tuple[Array, Array] | None = None
+    ) -> Array:
+        """Bounds (scenarios, 2, muscles) an interval after activations (scenarios, muscles); the widest where these are
+        not known. rates: rise and fall over another interval than the sequence's.
+        """
+        least, greatest = self.widest_activations
         with np.errstate(invalid="ignore"):
-            slowest, fastest = reachable(controls[:, :muscles].clip(0, 1), self.rise, self.fall)
-        lower[:, :muscles] = np.where(is_known, np.fmax(slowest, least), least)
-        upper[:, :muscles] = np.where(is_known, np.fmin(fastest, greatest), greatest)
-        return lower, upper
+            slowest, fastest = reachable(activations.clip(0, 1), *(rates or (self.rise, self.fall)))
+        within = np.stack([np.fmax(slowest, least), np.fmin(fastest, greatest)], axis=1)
+        return np.where(is_known[:, None, None], within, self.widest_activations)
 
     def reducible(self) -> FrameSequence | None:
         """The sequence as reduction.py takes it: a control without effect in all frames has a weight, so that its value
@@ -307,13 +313,20 @@ class FrameSequence:
         )
 
 
+def activation_rates(problem: RedundancyProblem, interval: float | Array) -> tuple[Array, Array]:
+    """Rise and fall (muscles,) over an interval [s], or (scenarios, muscles) over one for each (scenarios, 1)."""
+    shape = np.broadcast_shapes(np.shape(interval), problem.time_constants[0].shape)
+    rise, fall = np.full((2, *shape), np.inf)
+    for rate, constant in zip((rise, fall), problem.time_constants, strict=True):
+        is_limited = (constant > 0.0) & problem.has_activation_dynamics
+        np.divide(interval, constant, out=rate, where=np.broadcast_to(is_limited, shape))
+    return rise, fall
+
+
 def frame_sequence(problem: RedundancyProblem, loads: LoadResponse) -> FrameSequence:
     """The problems of all frames and scenarios as the solvers take them."""
     cone = problem.cone / CONE_FORCE_SCALE
-    rise, fall = unlimited = np.full(problem.time_constants.shape, np.inf)
-    if problem.has_activation_dynamics:
-        is_limited = problem.time_constants > 0.0
-        rise, fall = np.divide(problem.interval, problem.time_constants, out=unlimited, where=is_limited)
+    rise, fall = activation_rates(problem, problem.interval)
     return FrameSequence(
         weights=problem.weights,
         matrix=problem.acceleration_matrix,

@@ -22,22 +22,25 @@ from solver.multibody.rotations import each_frame
 from solver.redundancy.conic import solve_frame_with_clarabel
 from solver.redundancy.problem import (
     OUTCOME_OF_CODE,
-    SOLVED_OUTCOMES,
     FrameOutcome,
     FrameSequence,
     LoadResponse,
     Outcomes,
     RedundancyProblem,
+    activation_rates,
+    are_solved,
     frame_sequence,
     no_loads,
 )
-from solver.redundancy.reduced_problem import BEYOND_RATE, SOLVED, Codes, WarmStart, reachable
+from solver.redundancy.reduced_problem import Codes, WarmStart
 
 if TYPE_CHECKING:
     from solver.redundancy.convex_frames import ConvexFrames
+    from solver.redundancy.reduction import Reduction
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
+SolveFrame = Callable[[FrameSequence, Array], tuple[Array, Outcomes]]
 RunSolver = Callable[[FrameSequence, Progress, "int | None"], tuple[Array, Outcomes]]
 
 FRAMES_AT_ONCE = 100  # between two reports of progress; their reduced rows stay in the cache
@@ -96,80 +99,49 @@ class FrameByFrame:
     def __init__(self, scenarios: int, muscles: int) -> None:
         self._activations = np.zeros((scenarios, muscles))
         self._time = np.full(scenarios, -np.inf)
-        self._now = -np.inf
         self._multipliers = np.zeros((scenarios, 0))
-        self._convex: list[ConvexFrames] = []
+        self._convex: ConvexFrames | None = None
 
     def solve(self, problem: RedundancyProblem, loads: LoadResponse | None = None) -> ScenarioSolutions:
         """Solve a problem of one frame, at its time [s], later than that of the frame before, for all scenarios."""
-        self._now = float(problem.time[0])
-        solve = self._solve_with_clarabel if problem.solver == "clarabel" else self._solve
-        if problem.cost is not None:
-            solve = self._solve_convex
-        self._time_constants = problem.time_constants
-        return solve_redundancy(problem, loads, workers=1, solve_run=lambda sequence, *_: solve(sequence))
+        return solve_redundancy(
+            problem, loads, workers=1, solve_run=lambda sequence, *_: self._solve(problem, sequence)
+        )
 
     def forget(self, scenario: int) -> None:
         """Start a scenario anew: its activations may be anything in the next frame."""
         self._time[scenario] = -np.inf
 
-    def _solve(self, sequence: FrameSequence) -> tuple[Array, Outcomes]:
-        from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
-        from solver.redundancy.reduction import reduce_frames
+    def _solve(self, problem: RedundancyProblem, sequence: FrameSequence) -> tuple[Array, Outcomes]:
+        now, solve = float(problem.time[0]), self._solve_reduced
+        rates = activation_rates(problem, np.minimum(now - self._time, LONGEST)[:, None])
+        bounds = sequence.reachable(self._activations, np.isfinite(self._time), rates)
+        if problem.solver == "clarabel":
+            solve = solve_frame_with_clarabel
+        elif problem.cost is not None:
+            self._convex = self._convex or _convex_frames(len(bounds))
+            solve = self._convex.solve
+        controls, outcomes = solve(sequence, bounds)
+        is_known = are_solved(outcomes)
+        self._activations = np.where(is_known[:, None], controls[:, : len(sequence.rise)], 0.0)
+        self._time = np.where(is_known, now, -np.inf)
+        return controls[:, None], outcomes[:, None]
+
+    def _solve_reduced(self, sequence: FrameSequence, bounds: Array) -> tuple[Array, Outcomes]:
+        from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
 
         reducible = sequence.reducible()
         reduction = None if reducible is None else reduce_frames(reducible)
         if reducible is None or reduction is None:
-            return self._solve_with_clarabel(sequence)
-        muscles, rates, rows = len(sequence.rise), reducible.rates, reduction.rows.shape[1]
-        start = first_start(rates.widest, len(sequence.target), rows)
+            return solve_frame_with_clarabel(sequence, bounds)
+        rows = reduction.rows.shape[1]
+        start = first_start(reducible.rates.widest, len(bounds), rows)
         if self._multipliers.shape[1] == rows:
             start.multipliers[:] = self._multipliers
         self._multipliers = start.multipliers
-        start.bounds[:, :, :muscles] = np.stack(self._bounds(), axis=1)
-        solution = solve_frames(reduction, reduction.targets(sequence.target, sequence.cone_offset), rates, start)
-        self._keep(solution.a[:, 0, :muscles], (solution.codes[:, 0] == SOLVED) | (solution.codes[:, 0] == BEYOND_RATE))
-        outcomes: Outcomes = OUTCOME_OF_CODE[solution.codes]
-        return reduction.x(solution.a, solution.v, sequence.target), outcomes
-
-    def _solve_convex(self, sequence: FrameSequence) -> tuple[Array, Outcomes]:
-        """With an ActivationCost."""
-        from solver.redundancy.convex_frames import ConvexFrames  # the compiler behind it takes long to import
-
-        self._convex = self._convex or [ConvexFrames() for _ in self._time]
-        bounds = np.stack(self._bounds(), axis=1)
-        controls = np.empty((len(bounds), len(sequence.weights)))
-        outcomes = np.empty(len(bounds), dtype=object)
-        for scenario, solver in enumerate(self._convex):
-            controls[scenario], outcomes[scenario] = solver.solve(sequence.scenario(scenario), bounds[scenario])
-        self._keep_solved(controls, outcomes, len(sequence.rise))
-        return controls[:, None], outcomes[:, None]
-
-    def _solve_with_clarabel(self, sequence: FrameSequence) -> tuple[Array, Outcomes]:
-        lower, upper = sequence.widest_bounds()
-        muscles = len(sequence.rise)
-        lower[:, :muscles], upper[:, :muscles] = self._bounds()
-        controls, outcomes = solve_frame_with_clarabel(sequence, 0, (lower, upper))
-        self._keep_solved(controls, outcomes, muscles)
-        return controls[:, None], outcomes[:, None]
-
-    def _keep_solved(self, controls: Array, outcomes: Outcomes, muscles: int) -> None:
-        is_known = np.array([outcome in SOLVED_OUTCOMES for outcome in outcomes])
-        self._keep(controls[:, :muscles], is_known)
-
-    def _bounds(self) -> tuple[Array, Array]:
-        """Activations (scenarios, muscles) that no and full excitation lead to by now (Thelen 2003)."""
-        since = np.minimum(self._now - self._time, LONGEST)[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):  # a time constant of 0 is no limit
-            rise, fall = since / self._time_constants[0], since / self._time_constants[1]
-            slowest, fastest = reachable(self._activations.clip(0, 1), rise, fall)
-        lower, upper = np.fmax(slowest, 0.0), np.fmin(fastest, 1.0)
-        is_known = np.isfinite(self._time)[:, None]
-        return np.where(is_known, lower, 0.0), np.where(is_known, upper, 1.0)
-
-    def _keep(self, activations: Array, is_known: NDArray[np.bool_]) -> None:
-        self._activations = np.where(is_known[:, None], activations, 0.0)
-        self._time = np.where(is_known, self._now, -np.inf)
+        start.bounds[:, :, : bounds.shape[2]] = bounds
+        controls, codes = solve_reduced(reducible, reduction, start)
+        return controls[:, 0], OUTCOME_OF_CODE[codes[:, 0]]
 
 
 def solve_runs(
@@ -199,7 +171,7 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
     reduce_frames in reduction.py).
     """
     if sequence.cost is not None:
-        return _solve_convex_sequence(sequence, progress)
+        return _solve_in_turn(sequence, _convex_frames(len(sequence.target)).solve, progress)
     reducible = sequence.reducible()
     if reducible is None:
         return solve_sequence_with_clarabel(sequence, progress)
@@ -235,25 +207,19 @@ class BlockSolver:
         """Fill x (scenarios, frames, controls) and codes (scenarios, frames) of a reducible block; `spread` maps over
         the workers. False if the block does not have the structure that reduction.py needs, or that of those before.
         """
-        from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
-        from solver.redundancy.reduction import reduce_frames
+        from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
 
         weights, rank = self._first or (block.weights, None)
         reduction = reduce_frames(block, rank) if np.array_equal(block.weights, weights) else None
         if reduction is None:
             return False
-        rates = block.rates
         if self._first is None:
             self._first = (weights, reduction.rank)
-            self._starts = [
-                first_start(rates.widest, len(block.target[share]), reduction.rows.shape[1]) for share in self._shares
-            ]
+            widest, rows = block.rates.widest, reduction.rows.shape[1]
+            self._starts = [first_start(widest, len(block.target[share]), rows) for share in self._shares]
 
         def solve_share(share: slice, start: WarmStart) -> None:
-            b = block.target[share]
-            solution = solve_frames(reduction, reduction.targets(b, block.cone_offset[share]), rates, start)
-            codes[share] = solution.codes
-            controls[share] = reduction.x(solution.a, solution.v, b)
+            controls[share], codes[share] = solve_reduced(block.scenario(share), reduction, start)
 
         list(spread(solve_share, self._shares, self._starts))
         return True
@@ -264,25 +230,13 @@ def first_start(widest: Array, scenarios: int, rows: int) -> WarmStart:
     return WarmStart(np.tile(widest, (scenarios, 1, 1)), np.zeros((scenarios, rows)))
 
 
-def _solve_convex_sequence(sequence: FrameSequence, progress: Progress) -> tuple[Array, Outcomes]:
-    """solve_sequence with an ActivationCost, frame by frame and scenario by scenario."""
-    scenarios, frames = sequence.target.shape[:2]
-    controls = np.empty((scenarios, frames, len(sequence.weights)))
-    outcomes = np.empty((scenarios, frames), dtype=object)
-    from solver.redundancy.convex_frames import ConvexFrames  # the compiler behind it takes long to import
+def solve_reduced(sequence: FrameSequence, reduction: Reduction, start: WarmStart) -> tuple[Array, Codes]:
+    """x (scenarios, frames, controls) and codes (scenarios, frames) of a reducible sequence from a start."""
+    from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
 
-    solvers = [ConvexFrames() for _ in range(scenarios)]
-    lower, upper = sequence.widest_bounds()
-    progress(0, frames)
-    muscles = len(sequence.rise)
-    for frame in range(frames):
-        one = sequence.cut(slice(frame, frame + 1))
-        for scenario, solver in enumerate(solvers):
-            bounds = np.stack([lower[scenario, :muscles], upper[scenario, :muscles]])
-            controls[scenario, frame], outcomes[scenario, frame] = solver.solve(one.scenario(scenario), bounds)
-        lower, upper = sequence.reachable_bounds(controls[:, frame], outcomes[:, frame])
-        progress(frame + 1, frames)
-    return controls, outcomes
+    t = reduction.targets(sequence.target, sequence.cone_offset)
+    solution = solve_frames(reduction, t, sequence.rates, start)
+    return reduction.x(solution.a, solution.v, sequence.target), solution.codes
 
 
 def solve_sequence_with_clarabel(
@@ -290,17 +244,28 @@ def solve_sequence_with_clarabel(
     progress: Progress,
     workers: int | None = None,  # noqa: ARG001 (it uses one thread)
 ) -> tuple[Array, Outcomes]:
-    """solve_sequence by Clarabel, frame by frame: the reference, slower by two orders of magnitude."""
-    scenarios, frames = sequence.target.shape[:2]
+    """solve_sequence by Clarabel: the reference, slower by two orders of magnitude."""
+    return _solve_in_turn(sequence, solve_frame_with_clarabel, progress)
+
+
+def _solve_in_turn(sequence: FrameSequence, solve: SolveFrame, progress: Progress) -> tuple[Array, Outcomes]:
+    """solve_sequence frame by frame, all scenarios of a frame at once."""
+    (scenarios, frames), muscles = sequence.target.shape[:2], len(sequence.rise)
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
-    bounds = sequence.widest_bounds()
+    bounds = np.tile(sequence.widest_activations, (scenarios, 1, 1))
     progress(0, frames)
     for frame in range(frames):
-        controls[:, frame], outcomes[:, frame] = solve_frame_with_clarabel(sequence, frame, bounds)
-        bounds = sequence.reachable_bounds(controls[:, frame], outcomes[:, frame])
+        controls[:, frame], outcomes[:, frame] = solve(sequence.cut(slice(frame, frame + 1)), bounds)
+        bounds = sequence.reachable(controls[:, frame, :muscles], are_solved(outcomes[:, frame]))
         progress(frame + 1, frames)
     return controls, outcomes
+
+
+def _convex_frames(scenarios: int) -> ConvexFrames:
+    from solver.redundancy.convex_frames import ConvexFrames  # the compiler behind it takes long to import
+
+    return ConvexFrames(scenarios)
 
 
 def _count_from(progress: Progress, start: int, frames: int, done: int, _: int) -> None:
@@ -346,8 +311,7 @@ def _fill_frames(problem: RedundancyProblem, loads: LoadResponse, solutions: Sce
     solutions.reaction[:, part] = reaction
     solutions.cone_slack[:, part] = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.inf
     controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
-    is_claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
-    outcomes[is_claimed & ~is_met(matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
+    outcomes[are_solved(outcomes) & ~is_met(matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
     greatest = np.abs(residual, out=residual).argmax(axis=-1)
     missed = np.take_along_axis(residual, greatest[..., None], axis=-1)[..., 0]
     solutions.equality_residual[:, part] = missed

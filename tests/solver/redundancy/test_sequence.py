@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,9 +54,18 @@ def frame_by_frame(whole: RedundancyProblem, frames: range) -> list[ScenarioSolu
     return [running.solve(frame_of(whole, k), loads_of(k)) for k in frames]
 
 
-def test_frames_one_by_one_are_the_frames_of_the_whole_motion() -> None:
-    whole, frames = solve_redundancy(problem(), loads()), range(len(problem().time))
-    one_by_one = frame_by_frame(problem(), frames)
+NARROW = np.repeat([[0.02], [0.3]], MUSCLES, axis=1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{}, {"has_activation_dynamics": False}, {"activation_limits": NARROW}],
+    ids=["published", "without dynamics", "limits of the muscles"],
+)
+def test_frames_one_by_one_are_the_frames_of_the_whole_motion(change: dict[str, Any]) -> None:
+    changed = replace(problem(), time_constants=10 * problem().time_constants, **change) if change else problem()
+    whole, frames = solve_redundancy(changed, loads()), range(len(problem().time))
+    one_by_one = frame_by_frame(changed, frames)
     for k in frames:
         np.testing.assert_array_equal(one_by_one[k].outcomes[:, 0], whole.outcomes[:, k])
         np.testing.assert_allclose(one_by_one[k].controls[:, 0], whole.controls[:, k], rtol=0, atol=1e-7)
