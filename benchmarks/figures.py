@@ -30,7 +30,7 @@ from solver.redundancy.problem import build_redundancy
 from solver.redundancy.sequence import solve_redundancy
 from station.fit import fit_session_folder
 from tests.fitting.defects import Law, OddSession, Rig
-from tests.fitting.diagnosis.test_diagnosis import DEFECTS
+from tests.fitting.diagnosis.test_causes import DEFECTS
 from tests.fitting.experiment import Session, Truth, published
 from tests.fitting.laws.test_model_class import STRONG
 from tests.fitting.pulled_in_space import directions, elbow, pulled

@@ -40,7 +40,7 @@ from fitting.trial.trial import Trial, build_trial
 from fitting.uncertainty import Repeat, combine
 from recordings.manifest import Timing
 from tests.fitting.defects import Law, OddSession
-from tests.fitting.diagnosis.test_diagnosis import DEFECTS
+from tests.fitting.diagnosis.test_causes import DEFECTS
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
 from tests.fitting.laws.test_model_class import STRONG, WEAK, Rig
 from tests.fitting.pulled_in_space import directions, elbow, pulled

@@ -1,4 +1,4 @@
-"""Forces that are left out of a model: what they would do, and what muscles, reserves and constraints have to give."""
+"""Mechanics of a motion: forces left out of a model, and the glenoid's cone with its published angle and axes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
+from scipy import stats
 
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
@@ -15,8 +17,21 @@ from solver.motion import Kinematics, decimate, differentiate
 from solver.multibody.dynamics import equations_of_motion, inverse_dynamics
 from solver.multibody.loads import ExternalForce
 from solver.multibody.postures import points_in_ground, postures
+from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.model_reader import read_osim
-from solver.redundancy.mechanics import actuator_forces, forces_of, without_forces
+from solver.redundancy.mechanics import (
+    actuator_forces,
+    angle_between,
+    angle_to_axis,
+    cone_rows,
+    contact_points,
+    force_agreement,
+    forces_of,
+    glenoid_axes,
+    glenoid_cone,
+    with_rim,
+    without_forces,
+)
 from tests.refusals import raises_refusal
 from tests.solver.legs import step_in
 
@@ -81,3 +96,120 @@ def test_forces_of_actuators_on_bodies_have_the_power_of_their_loads(tmp_path: P
     power = 30.0 * (ahead - behind) / 2e-5 @ force - 4.0 * (turning[:, foot] - turning[:, turn.body_b]) @ axis
     assert np.abs(power).max() > 1.0
     np.testing.assert_allclose((forces * u).sum(axis=1), power, atol=1e-6)
+
+
+CONE = glenoid_cone(BARE)
+
+
+def test_the_cone_is_that_of_the_published_markers():
+    assert np.degrees(CONE.half_angle) == pytest.approx(19.033794314488, abs=1e-9)
+    toward_glenoid = np.array([-0.01995036627856, -0.00364826527646, -0.02767297723668])
+    np.testing.assert_allclose(CONE.axis, toward_glenoid / np.linalg.norm(toward_glenoid), atol=1e-9)
+    assert BARE.bodies[CONE.body].name == "scapula"
+
+
+def test_a_force_meets_the_rows_exactly_where_its_angle_is_within_the_cone():
+    generator = np.random.default_rng(0)
+    rotations = rotation_body_fixed_xyz(generator.uniform(-1, 1, (500, 3)))
+    forces = 100 * (2 * rotations @ CONE.axis + generator.normal(size=(500, 3)))
+    rays = np.einsum("fij,fj->fi", cone_rows(CONE, rotations), forces)
+    is_inside = rays[:, 0] >= np.linalg.norm(rays[:, 1:], axis=1)
+    np.testing.assert_array_equal(is_inside, angle_to_axis(CONE, rotations, forces) <= CONE.half_angle)
+    assert 0.1 < is_inside.mean() < 0.9
+
+
+def test_a_force_away_from_the_glenoid_is_outside_though_on_the_axis():
+    rotation = np.eye(3)[None]
+    assert angle_to_axis(CONE, rotation, -CONE.axis[None])[0] == pytest.approx(np.pi)
+    assert (cone_rows(CONE, rotation) @ -CONE.axis)[0, 0] < 0
+
+
+def test_an_elliptic_rim_goes_through_the_edge_marker_and_is_narrower_across():
+    cone = glenoid_cone(BARE, aspect=0.75)
+    rows = cone_rows(cone, np.eye(3)[None])[0]
+    slope = np.tan(cone.half_angle)
+    along, across = cone.edge, np.cross(cone.axis, cone.edge)
+    for direction, width in ((along, 1.0), (-along, 1.0), (across, 0.75), (-across, 0.75)):
+        ray = rows @ (cone.axis + width * slope * direction)
+        assert ray[0] == pytest.approx(np.hypot(ray[1], ray[2]))
+
+
+def test_a_rim_without_width_is_refused():
+    with raises_refusal(SolverCode.WRONG_GLENOID):
+        glenoid_cone(BARE, aspect=0.0)
+
+
+def test_a_marker_that_makes_no_cone_is_refused():
+    markers = tuple(
+        replace(marker, location=marker.location + 0.01) if marker.name == "HumHead_Center" else marker
+        for marker in BARE.markers
+    )
+    with raises_refusal(SolverCode.WRONG_GLENOID, naming="HumHead_Center"):
+        glenoid_cone(replace(BARE, markers=markers))
+
+
+def test_a_model_without_the_markers_is_refused_by_name():
+    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="Glenoid_Center"):
+        glenoid_cone(replace(BARE, markers=()))
+
+
+def test_a_reaction_meets_the_plane_where_its_line_through_the_head_does():
+    rotation = rotation_body_fixed_xyz([[0.3, -0.2, 0.5]])
+    along, across = CONE.edge, np.cross(CONE.axis, CONE.edge)
+    force = 700 * rotation[0] @ (CONE.distance * CONE.axis + 0.004 * along - 0.003 * across)
+    np.testing.assert_allclose(contact_points(CONE, rotation, force[None]), [[0.004, -0.003]], atol=1e-12)
+    assert np.isnan(contact_points(CONE, rotation, -force[None])).all()
+
+
+def test_the_rim_is_as_far_from_the_centre_as_the_edge_marker_is_seen_from_the_head():
+    center, edge = (BARE.marker(name).location for name in ("Glenoid_Center", "Glenoid_Edge"))
+    head = BARE.joint("GlenoHumeral").frame_in_parent.translation
+    ray = (edge - head) * CONE.distance / ((edge - head) @ CONE.axis)
+    assert np.linalg.norm(head + ray - center) == pytest.approx(CONE.rim[0])
+    assert glenoid_cone(BARE, aspect=0.8).rim == pytest.approx((CONE.rim[0], 0.8 * CONE.rim[0]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_figures_are_those_of_scipy_over_the_known_frames(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    reference = generator.uniform(100, 900, 80)
+    predicted = reference + generator.normal(30, 60, 80)
+    gaps = generator.choice(80, 7, replace=False)
+    with_gaps = predicted.copy()
+    with_gaps[gaps] = np.nan
+    found = force_agreement(with_gaps, reference)
+    ours, theirs = np.delete(predicted, gaps), np.delete(reference, gaps)
+    assert found.correlation == pytest.approx(stats.pearsonr(ours, theirs).statistic, abs=1e-12)
+    assert found.rmse == pytest.approx(stats.tmean((ours - theirs) ** 2) ** 0.5, rel=1e-12)
+    assert found.peak_ratio == max(ours) / max(theirs)
+
+
+def test_a_constant_force_has_no_correlation_and_a_lost_one_no_figures() -> None:
+    rising = np.arange(5.0)
+    assert np.isnan(force_agreement(np.ones(5), rising).correlation)
+    assert np.isnan(force_agreement(np.full(5, np.nan), rising).rmse)
+
+
+def test_angles_are_those_of_the_cosine() -> None:
+    generator = np.random.default_rng(0)
+    first, second = generator.normal(size=(2, 50, 3))
+    cosine = (first * second).sum(axis=1) / (np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1))
+    np.testing.assert_allclose(angle_between(first, second), np.arccos(cosine), atol=1e-12)
+
+
+def test_the_glenoids_axes_are_right_handed_and_a_compressive_force_is_medial() -> None:
+    cone = glenoid_cone(BARE)
+    axes = glenoid_axes(cone.axis, cone.edge)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    np.testing.assert_allclose(axes @ cone.axis, [0, 0, -1], atol=1e-12)
+    up_in_scapula = axes[1]
+    assert up_in_scapula[1] > 0.5, "the scapula's y axis points up"
+
+
+@pytest.mark.parametrize("tangent", [0.34, 0.5, 1.2])
+def test_a_rim_of_a_given_tangent_leaves_axis_and_direction_of_the_edge(tangent: float) -> None:
+    before, after = glenoid_cone(BARE), glenoid_cone(with_rim(BARE, tangent))
+    assert np.tan(after.half_angle) == pytest.approx(tangent, rel=1e-12)
+    np.testing.assert_allclose(after.axis, before.axis, atol=1e-12)
+    np.testing.assert_allclose(after.edge, before.edge, atol=1e-12)
