@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from benchmarks.under_load import busy_loops
-from tests.house.sameness import differences
+from recordings.reader import open_recording
+from recordings.samples import Event, Loss, Samples
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
 LOOPS = 2
 PATIENCE_S = 200.0
+# The report names the hour alone where the last recording is of the same day as the first, and in its table of trials.
+DATES = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?(\+\d\d:\d\d|Z)?|\d\d:\d\d(:\d\d)?(?= UTC|</td>)")
+HASHES = re.compile(r"\b[0-9a-f]{12,64}\b")
+ABOUT_THE_FILES = ("sha256", "sources", "recorded_utc", "inputs", "seal")
+RESULTS = ("cuffs.json", "assessment.json", "report.json")
 
 
 @pytest.mark.slow
@@ -27,3 +36,47 @@ def test_busy_loops_and_a_single_core_change_nothing(recorded_session: Path, tmp
         subprocess.run(command, check=True, cwd=ROOT, timeout=scaled_timeout(PATIENCE_S))  # noqa: S603
     assert len(list(tmp_path.glob("*.mcap"))) == 6
     assert differences(recorded_session, tmp_path) == []
+
+
+def differences(one: Path, other: Path) -> list[str]:
+    """The files of two sessions that differ by more: recordings by their samples, figures, and the report."""
+    names = sorted({path.name for folder in (one, other) for path in folder.glob("*.mcap")})
+    differing = [name for name in names if _items(one / name) != _items(other / name)]
+    differing += [name for name in RESULTS if figures(one / name) != figures(other / name)]
+    if _page(one) != _page(other):
+        differing.append("report.html")
+    return differing
+
+
+def figures(path: Path) -> Any:
+    """A document of results without dates and hashes; None where there is none."""
+    return _without_the_files(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+
+
+def _items(path: Path) -> list[Any]:
+    """Everything in a recording; times of arrival count from its first sample, for they carry the date."""
+    if not path.is_file():
+        return []
+    items = list(open_recording(path).items())
+    begun_ns = next(item.host_time_ns for item in items if isinstance(item, Samples))
+    plain: list[Any] = []
+    for item in items:
+        if isinstance(item, Samples):
+            arrays = (item.sample_numbers, item.device_time_ns, item.values)
+            plain.append((item.stream, item.host_time_ns - begun_ns, *(array.tobytes() for array in arrays)))
+        elif isinstance(item, Loss):
+            plain.append((item.stream, item.cause, item.first_missing, item.count, item.host_time_ns - begun_ns))
+        elif isinstance(item, Event):
+            plain.append((item.kind, item.host_time_ns - begun_ns))
+    return plain
+
+
+def _without_the_files(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_the_files(inner) for key, inner in value.items() if key not in ABOUT_THE_FILES}
+    return [_without_the_files(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _page(folder: Path) -> str:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    return HASHES.sub("", DATES.sub("", page.replace(str(folder), "").replace(folder.name, "")))

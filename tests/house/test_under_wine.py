@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.house.sameness import figures
+from tests.house.test_same_bytes import figures
 from tests.station.terminal.test_record_session import on_a_terminal
 from tests.timeout import scaled_timeout
 

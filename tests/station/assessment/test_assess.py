@@ -40,8 +40,7 @@ from station.report.first_page import IN_TABLES
 from station.report.page import write_report
 from tests.refusals import raises_refusal
 from tests.station.loads import write_weight
-from tests.station.report.unmarked import unmarked_numbers
-from tests.station.reported import few_people
+from tests.station.reported import few_people, unmarked_numbers
 
 
 def fitted(value: float, error: float) -> dict[str, float]:

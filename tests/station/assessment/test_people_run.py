@@ -44,8 +44,7 @@ from station.report.verification import number_links
 from tests.refusals import raises_refusal
 from tests.solver.uncertainty.test_people import CASE
 from tests.station.assessment.test_assess import numbers_in, write_cuffs
-from tests.station.report.unmarked import unmarked_numbers
-from tests.station.reported import few_people
+from tests.station.reported import few_people, unmarked_numbers
 
 BUDGET = "[sample]\npeople = 40\nframes = 8\n[donning]\nmigration = 0.3\n"
 

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import re
+import socket
+import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Page, expect
 
+from recordings.contents import contents_of
+from recordings.topics import MARKERS
+from station.child import Child
+from station.live.process import warm_up
 from station.live.published import LiveFinding, LiveSubject
-from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, seen, unreadable, until
+from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, runs, seen, stop, unreadable, until
 from tests.station.console.live_source import LiveSource, live_setup
-from tests.station.console.served_live import served_live_page
+from tests.station.console.served import ServedConsole, write_config
+from tests.station.console.test_wearer_in_a_browser import WEARER
+from tests.station.live.trials import generic_plan
+from tests.station.wearer import wearer_config
 
 pytestmark = [
     pytest.mark.slow,
@@ -146,3 +156,66 @@ def test_a_frozen_page_gets_no_further_updates_and_holds_nothing_up(browser: Bro
         seen(other, re.compile(r"^lag 150 ms · values 0\.\d\d s old$"))
         session.send("Debugger.resume")
         until(other, lambda: len(sent) > before + 8)
+
+
+@contextmanager
+def served_live_page(folder: Path) -> Iterator[str]:
+    """The address of the page with the values of this folder."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    child = Child(
+        "station.console.server",
+        str(folder),
+        str(port),
+        stdout=subprocess.PIPE,
+        text=True,
+        env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
+    )
+    assert child.process.stdout is not None
+    try:
+        address = child.process.stdout.readline().strip()
+        assert address == f"http://127.0.0.1:{port}/"
+        yield address
+    finally:
+        child.ensure_ended()
+        child.process.stdout.close()
+
+
+ENDLESS = WEARER.replace("cycles = 2", "cycles = 2\npose_s = 3600.0")
+"""A pose that the operator stops: on a busy machine the first live values take a minute."""
+
+
+@pytest.mark.timeout(400)
+def test_a_frozen_live_page_does_not_affect_the_recording(polite_browser: Browser, tmp_path: Path) -> None:
+    warm_up(generic_plan(wearer_config(), tmp_path).plan)  # compiles what the first values would wait for
+    config = write_config(tmp_path)
+    config.write_text(f"{config.read_text()}{ENDLESS}\n[live]\nenabled = true\n")
+    with ServedConsole(config, "--simulated") as console:
+        page, live = open_page(polite_browser, console.address), open_page(polite_browser, f"{console.address}live")
+        seen(live, "No live values")
+        page.get_by_label("Subject code").fill("P01")
+        page.get_by_label("Operator").fill("ab")
+        page.get_by_role("button", name="Begin").click()
+        seen(page, "next: pose")
+        page.keyboard.press("a")
+        runs(page)
+        seen(live, re.compile(r"^lag 150 ms · values \d+\.\d+ s old$|^VALUES ARE"))
+        seen(live, "generic body")
+        session = live.context.new_cdp_session(live)
+        session.send("Debugger.enable")
+        session.send("Debugger.pause")
+        frozen_s = recorded_s(page)
+        until(page, lambda: recorded_s(page) > frozen_s + 3.0)
+        stop(page)
+        seen(page, "Keep (k)")
+    contents = contents_of(next((tmp_path / "sessions").rglob("*task-pose*.mcap")))
+    assert contents.complete and not contents.gaps
+    markers = contents.streams[MARKERS]
+    assert markers.samples / markers.nominal_rate_hz > frozen_s + 3.0
+
+
+def recorded_s(page: Page) -> float:
+    """Duration of the recording that the page shows."""
+    text = page.get_by_text(re.compile(r"^REC \d")).first.inner_text()
+    return float(text.split()[1])

@@ -32,7 +32,7 @@ from tests.station.emg.measured import (
     write_mvc,
     write_setup,
 )
-from tests.station.report.unmarked import unmarked_numbers
+from tests.station.reported import unmarked_numbers
 
 Station = Callable[..., Ran]
 

@@ -18,7 +18,7 @@ from station.report.verification import number_links
 from station.study.sessions import StudyError
 from tests.refusals import raises_refusal
 from tests.station.report.test_page import _fitted
-from tests.station.report.unmarked import unmarked_numbers
+from tests.station.reported import unmarked_numbers
 
 
 def _entry(mean: float, low: float, high: float) -> dict[str, Any]:

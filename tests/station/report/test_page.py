@@ -23,7 +23,7 @@ from station.report.fit_figures import checks_figure, fit_figure
 from station.report.muscle_figures import activation_figure, change_figure, muscle_changes
 from station.report.page import write_report
 from tests.fitting.experiment import Session, published
-from tests.station.report.unmarked import unmarked_numbers
+from tests.station.reported import unmarked_numbers
 
 MOST_BYTES_PER_TRIAL = 60_000
 """24 trials keep below 2 MB."""

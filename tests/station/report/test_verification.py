@@ -16,8 +16,7 @@ from station.checksums import Checksums, write_checksums
 from station.files.chain import Link, verify_folder
 from station.messages.file_messages import NumberCode
 from station.report.verification import number_links
-from tests.station.report.unmarked import unmarked_numbers
-from tests.station.reported import DYNAMIC, STATIC, report_session
+from tests.station.reported import DYNAMIC, STATIC, report_session, unmarked_numbers
 
 STIFFNESS = "cuffs.hand.stiffness_n_per_m"
 EFFORT = "assessment.at_rigid_optimum.hand.both"

@@ -1,4 +1,7 @@
-"""The recorder's process on a simulated bench: whatever becomes of its console, the trial is kept."""
+"""The recorder's process on a simulated bench: whatever becomes of its console, the trial is kept.
+
+Telemetry shows values, marks, tares and alarms of the running trial.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import pairwise
@@ -14,23 +18,29 @@ from multiprocessing import connection
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import pytest
 from scipy.constants import g
 
 from recordings.contents import contents_of
-from recordings.manifest import MeasurementProtocol, TestKind
+from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell, MeasurementProtocol, TestKind
 from recordings.reader import open_recording
-from recordings.samples import Event
+from recordings.samples import Event, Item, Loss, Samples, Stream
+from station.bench.live_displacement import LiveDisplacement
 from station.bench.simulation import SimulatedBench, practice_settings
+from station.bench.view import Snapshot, TrialState
 from station.child import Child
 from station.config import StationConfig, load_config
 from station.journal import Recorded, read_journal
-from station.messages.codes import ReasonCode, RefusalCode, TrialCode
+from station.messages.codes import CueCode, ReasonCode, RefusalCode, TrialCode
 from station.messages.message import Message
+from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.fitted_judgement import unfinished_step
+from station.session.guide import FreeStaticGuide, MotionGuide, StaticGuide
 from station.session.reviewer import adopt_recordings, is_being_recorded
-from station.session.trial_runner import TrialProcess
+from station.session.trial_daemon import Telemetry
+from station.session.trial_runner import ForceLimits, LiveTrial, TrialProcess
 from tests.station.console.served import write_config
 from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 from tests.station.session.test_controller import SETUP, SPEED, until, with_folder
@@ -323,3 +333,244 @@ def test_a_page_is_served_while_telemetry_arrives_faster_than_it_is_shown() -> N
     shown = asyncio.run(served_meanwhile())
     assert len(shown) == 200
     assert all(later > sooner for sooner, later in pairwise(shown)), "other work between two messages"
+
+
+RECORDING = (Message(TrialCode.RECORDING),)
+
+ANCHOR = ("anchor_1", "anchor_2", "anchor_3")
+LABELS = (*ANCHOR, "cuff_1", "rope_1", "rope_2")
+CUFF = CuffSite("hand", "arm", ANCHOR, ("cuff_1",), ("rope_1", "rope_2"))
+CELL = LoadCell("daq", 100.0, -1)
+STREAMS = (Stream("/force", "V", ("force",), 1000.0, "NI"), Stream("/markers", "mm", LABELS, 100.0, "QTM"))
+AT_REST = np.array([[0, 0, 0], [100, 0, 0], [0, 100, 0], [50, 50, 50], [60, 50, 50], [160, 50, 50]], np.float64)
+RNG = np.random.default_rng(11)
+
+
+def moved(frames: int, displacement_mm: float, rope: bool = True) -> np.ndarray:
+    """Frames in which the cuff is so far along the rope (+x) while the whole body turns and sways."""
+    points = np.tile(AT_REST, (frames, 1, 1))
+    points[:, 3:, 0] += displacement_mm
+    for frame in points:
+        angle, sway = RNG.normal(0, 0.05), RNG.normal(0, 30, 3)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        frame[:] = frame @ turn.T + sway
+    return points
+
+
+def test_displacement_is_along_the_rope_while_the_body_moves() -> None:
+    live = LiveDisplacement(CUFF, LABELS)
+    assert live.update(moved(30, 0.0))[-1] == pytest.approx(0.0, abs=0.1)
+    assert live.update(moved(5, 7.5)) == pytest.approx(7.5, abs=0.1)
+
+
+def test_without_rope_markers_displacement_is_along_its_largest_direction() -> None:
+    live = LiveDisplacement(CuffSite("hand", "arm", ANCHOR, ("cuff_1",)), LABELS)
+    live.update(moved(30, 0.0))
+    assert live.update(moved(5, 7.5)) == pytest.approx(7.5, abs=0.1)
+    assert live.update(moved(5, -2.0)) == pytest.approx(-2.0, abs=0.1), "the direction keeps its sign"
+
+
+def test_a_hidden_cuff_has_no_displacement() -> None:
+    live = LiveDisplacement(CUFF, LABELS)
+    live.update(moved(30, 0.0))
+    hidden = moved(4, 3.0)
+    hidden[1:3, 3] = np.nan
+    assert np.isnan(live.update(hidden)).tolist() == [False, True, True, False]
+
+
+def test_a_bouncing_weight_is_displaced_in_the_laboratory() -> None:
+    live = LiveDisplacement(BounceRig(2.5, "weight"), ("other", "weight"))
+    frames = np.zeros((60, 2, 3))
+    frames[:, 0] = np.nan
+    frames[:, 1, 2] = 900.0 + np.concatenate([np.zeros(30), 40.0 * np.sin(np.linspace(0, 6 * np.pi, 30))])
+    assert live.update(frames)[30:] == pytest.approx(frames[30:, 1, 2] - 900.0, abs=1e-6)
+
+
+def test_an_anchor_of_two_markers_gives_no_displacement() -> None:
+    live = LiveDisplacement(CuffSite("hand", "arm", ANCHOR[:2], ("cuff_1",)), LABELS)
+    assert np.isnan(live.update(moved(40, 0.0))).all()
+
+
+class TelemetryByHand:
+    """A telemetry view driven by hand, and the messages it sent."""
+
+    def __init__(
+        self, folder: Path, marked: CuffSite | BodyMarkers = CUFF, streams: tuple[Stream, ...] = STREAMS
+    ) -> None:
+        self.sent: list[dict[str, Any]] = []
+        self.view = Telemetry(self.sent.append, marked, CELL, folder, emg=EmgAmplifier("daq", {"deltoid": 500.0}))
+        self.view.show(Snapshot(TrialState.RECORDING, RECORDING, 4.9, 0.0, 3.0, 2, 1, streams))
+
+    def line(self, *items: Item) -> dict[str, Any]:
+        for item in items:
+            self.view.offer(item)
+        self.view._refresh()
+        return self.sent[-1]
+
+
+def force(start_s: float, seconds: float, volts: float) -> Samples:
+    numbers = np.arange(round(1000 * start_s), round(1000 * (start_s + seconds)), dtype=np.uint64)
+    times = numbers.astype(np.int64) * 1_000_000
+    return Samples("/force", numbers, times, int(times[-1]) + 5_000_000, np.full((len(numbers), 1), volts))
+
+
+def markers(start_s: float, values: np.ndarray) -> Samples:
+    numbers = np.arange(len(values), dtype=np.uint64) + round(100 * start_s)
+    times = numbers.astype(np.int64) * 10_000_000
+    with_residual = np.concatenate([values, np.zeros((*values.shape[:2], 1))], axis=2).astype(np.float32)
+    return Samples("/markers", numbers, times, int(times[-1]) + 5_000_000, with_residual)
+
+
+def test_a_line_has_state_force_in_newtons_and_lost_samples(tmp_path: Path) -> None:
+    telemetry = TelemetryByHand(tmp_path).line(force(0.0, 0.1, -0.25))
+    assert (telemetry["state"], telemetry["sync_v"], telemetry["lost_samples"], telemetry["marks"]) == (
+        "recording",
+        4.9,
+        2,
+        1,
+    )
+    assert 3 <= len(telemetry["force"]) <= 6, "a curve for the eye, not a kilohertz"
+    assert {newtons for _, newtons in telemetry["force"]} == {25.0}
+
+
+def test_rates_are_in_station_time_with_their_nominal_rate(tmp_path: Path) -> None:
+    view = TelemetryByHand(tmp_path)
+    for block in range(10):
+        telemetry = view.line(force(0.1 * block, 0.1, 0.0))
+    assert telemetry["streams"]["/force"]["rate_hz"] == pytest.approx(1000, rel=0.02)
+    assert telemetry["streams"]["/force"]["nominal_hz"] == 1000
+
+
+def test_a_hidden_marker_is_named_and_leaves_no_point(tmp_path: Path) -> None:
+    view = TelemetryByHand(tmp_path)
+    view.line(markers(0.0, moved(30, 0.0)))
+    hidden = moved(4, 3.0)
+    hidden[:, 3] = np.nan
+    telemetry = view.line(markers(0.3, hidden))
+    assert [name for name, is_seen in telemetry["seen"].items() if not is_seen] == ["cuff_1"]
+    assert telemetry["points"][3] is None and telemetry["points"][4] == pytest.approx(hidden[-1, 4], abs=0.06)
+    assert telemetry["displacement"] == []
+
+
+def test_events_of_the_devices_are_in_the_telemetry_as_text(tmp_path: Path) -> None:
+    telemetry = TelemetryByHand(tmp_path).line(
+        Event("capture_started", "capture started", 0, "QTM"), Loss("/force", "overrun", 5, 40, 0, 0)
+    )
+    assert telemetry["events"] == ["capture started", "lost 40 samples of /force: overrun"]
+
+
+def test_the_remaining_time_of_the_disk_is_free_space_over_the_measured_rate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("station.session.trial_daemon.bytes_free", lambda folder: 210_000_000)
+    view = TelemetryByHand(tmp_path)
+    assert view.line()["disk_left_s"] is None
+    for block in range(30):
+        telemetry = view.line(force(0.1 * block, 0.1, 0.0))
+    assert telemetry["disk_left_s"] == pytest.approx((210e6 - 50e6) / 16e3, rel=0.05), "16 bytes a sample, a kilohertz"
+
+
+def test_a_closed_console_is_not_an_error(tmp_path: Path) -> None:
+    def refuse(_: dict[str, Any]) -> None:
+        raise BrokenPipeError
+
+    view = TelemetryByHand(tmp_path)
+    view.view._send = refuse
+    for block in range(3):
+        view.view.offer(force(0.1 * block, 0.1, -0.25))
+        view.view._refresh()
+    view.view._send = view.sent.append
+    telemetry = view.line(force(0.3, 0.1, -0.25))
+    assert telemetry["streams"]["/force"]["samples"] == 400 and telemetry["dropped"] == 0, "it looked on all the while"
+
+
+def test_a_view_that_is_not_read_drops_items_and_counts_them(tmp_path: Path) -> None:
+    view = TelemetryByHand(tmp_path)
+    for _ in range(2100):
+        view.view.offer(Event("note", "x", 0, "QTM"))
+    assert view.line()["dropped"] == 100
+
+
+def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
+    view = TelemetryByHand(tmp_path)
+    numbers = np.arange(4000, 5000, dtype=np.uint64)
+    sync = Samples("/sync", numbers, numbers.astype(np.int64) * 1_000_000, 5_004_000_000, np.zeros((1000, 1)))
+    assert view.line(force(4.0, 1.0, 0.1), sync)["edge_s"] is None
+    shown = Snapshot(TrialState.RECORDING, RECORDING, 4.9, 0.0, 3.0, 2, 1, STREAMS, edge_device_ns=4_250_000_000)
+    view.view.show(shown)
+    telemetry = view.line()
+    live = LiveTrial(TrialSpec("hand", "static", 1), StaticGuide((), 1.0))
+    live.latest = telemetry
+    at_edge_s = telemetry["edge_s"]
+    assert live.from_edge([(at_edge_s - 0.5, 1.0), (at_edge_s, 2.0), (at_edge_s + 1.5, 3.0)]) == [
+        (-0.5, 1.0),
+        (0.0, 2.0),
+        (1.5, 3.0),
+    ]
+    assert at_edge_s == pytest.approx(-0.749), "a quarter of a second into a block whose last sample came at time 0"
+    live.latest = {**telemetry, "edge_s": None}
+    assert live.from_edge([(7.0, 1.0), (9.0, 2.0)]) == [(-2.0, 1.0), (0.0, 2.0)]
+
+
+def test_a_line_has_the_time_at_which_it_was_written(tmp_path: Path) -> None:
+    before = time.time()
+    assert before <= TelemetryByHand(tmp_path).line()["at"] <= time.time()
+
+
+def test_of_a_wearer_the_elevation_of_the_arm_and_the_level_of_the_emg_are_shown(tmp_path: Path) -> None:
+    body = BodyMarkers(("ac", "el", "c7", "t8"), (), ("ac", "el"), ("c7", "t8"), False)
+    streams = (
+        Stream("/markers", "mm", ("el", "t8", "c7", "ac"), 100.0, "QTM"),
+        Stream("/emg", "V", ("deltoid", "biceps"), 1000.0, "NI"),
+    )
+    view = TelemetryByHand(tmp_path, body, streams)
+    angle = np.radians(60.0)
+    el = [300 * np.sin(angle), 0.0, 1400 - 300 * np.cos(angle)]
+    frames = np.tile(np.array([el, [-50, 0, 1100], [-50, 0, 1450], [0, 0, 1400]]), (10, 1, 1))
+    frames[5:, 0] = np.nan
+    t = np.arange(100) / 1000
+    volts = np.column_stack([0.1 * np.sqrt(2) * np.sin(2 * np.pi * 100 * t) + 0.02, np.zeros(100)])
+    numbers = np.arange(100, dtype=np.uint64)
+    emg = Samples("/emg", numbers, numbers.astype(np.int64) * 1_000_000, 105_000_000, volts)
+    telemetry = view.line(markers(0.0, frames), emg)
+    assert telemetry["displacement"] == [] and telemetry["elevation"]
+    assert [angle for _, angle in telemetry["elevation"]] == pytest.approx([60.0] * len(telemetry["elevation"]))
+    assert telemetry["emg_uv"] == {"deltoid": pytest.approx(200.0, abs=0.1), "biceps": 0.0}
+    live = LiveTrial(TrialSpec(None, "motion", 1, condition="unsuited"), MotionGuide(2))
+    live.update(telemetry, ForceLimits(150.0, 5e3))
+    assert live.motion is live.elevation and live.cue.message.code is CueCode.RAISE_ARM
+
+
+def test_a_mark_has_its_time_and_a_note_and_a_tare_its_force() -> None:
+    live = LiveTrial(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
+    points = [(0.1 * i, 10.0 + 5.0 * (i > 15)) for i in range(30)]
+    live.update(
+        {"state": "recording", "recorded_s": 2.9, "force": points, "displacement": [], "elevation": [], "events": []},
+        ForceLimits(150.0, 5e3),
+    )
+    assert (live.add_mark(), live.add_mark("STOP")) == (1, 2)
+    assert live.marks == {1: 2.9, 2: 2.9} and live.mark_names == {2: "STOP"}
+    live.tare()
+    assert live.tare_n == pytest.approx(15.0)
+
+
+def test_an_alarm_lasts_until_it_is_acknowledged_and_its_cause_is_gone() -> None:
+    live = LiveTrial(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
+
+    def raised_by(start_s: float, newtons: float) -> bool:
+        points = [(start_s + 0.1 * i, newtons) for i in range(12)]
+        return live.update(
+            {"state": "armed", "force": points, "displacement": [], "elevation": [], "events": []},
+            ForceLimits(150.0, 5e3),
+        )
+
+    assert not raised_by(0.0, 20.0) and live.alarm is None
+    assert raised_by(2.0, 160.0) and live.unseen_alarm is not None
+    assert not raised_by(4.0, 20.0) and live.unseen_alarm is not None, "the operator has not seen it"
+    assert not raised_by(6.0, 160.0)
+    live.is_alarm_seen = True
+    assert not raised_by(8.0, 160.0) and live.unseen_alarm is None and live.alarm is not None, (
+        "the force is still above the limit"
+    )
+    assert not raised_by(10.0, 20.0) and not raised_by(11.5, 20.0) and live.alarm is None
+    assert raised_by(13.0, 160.0) and live.unseen_alarm is not None, "another one"

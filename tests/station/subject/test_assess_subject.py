@@ -31,8 +31,7 @@ from station.subject.assessed_subject import AssessedSubject, build_subject, fit
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, SubjectError, read_subject, write_subject
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
-from tests.station.report.unmarked import unmarked_numbers
-from tests.station.reported import few_people
+from tests.station.reported import few_people, unmarked_numbers
 from tests.station.wearer import SPECS, WearerSession
 
 GENERIC = bundled_model()
