@@ -25,7 +25,6 @@ from solver.uncertainty.total import DrawnPeople
 from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
-    MeasuredReduction,
     cuff_findings,
     cuff_remarks,
     read_cuffs_to_wear,
@@ -35,10 +34,10 @@ from station.assessment.assessment_inputs import (
 from station.assessment.assessment_json import (
     ACTIVATIONS_FILE,
     ASSESSMENT_FILE,
+    MeasuredReductionEntry,
     activations_table,
     plain_assessment,
     plain_cuffs,
-    plain_emg,
 )
 from station.assessment.case import AssessedCase, read_case
 from station.assessment.drawn_postures import plain_postures
@@ -83,7 +82,7 @@ class AssessedSuit:
     cuffs: tuple[Cuff, ...]
     assessment: Assessment
     beside: tuple[str, Assessment] | None
-    emg: tuple[MeasuredReduction, ...]
+    emg: tuple[MeasuredReductionEntry, ...]
     inputs: dict[str, str]
     cuffs_standing: Standing
     postures: list[dict[str, Any]]
@@ -275,7 +274,7 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     if summary is not None and assessed.people is not None:
         plain["uncertainty"] = plain_uncertainty(summary, assessed.people, assessed.donning)
     plain["against_study"] = None if assessed.study is None else assessed.study.model_dump(mode="json")
-    plain["emg"] = plain_emg(assessed.emg)
+    plain["emg"] = [row.model_dump(exclude_unset=True) for row in assessed.emg]
     plain["postures"] = assessed.postures
     plain["suit_names"] = assessed.suit_names
     if assessed.subject is not None:

@@ -10,7 +10,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import describe_failure, open_regular
 from documents.validation import describe_error
-from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, StrictEntry
+from station.assessment.assessment_json import KnownNumberEntry, MeasuredReductionEntry, NumberEntry, StrictEntry
 from station.assessment.drawn_postures import PostureEntry
 from station.assessment.study_comparison import StudyComparisonEntry
 from station.assessment.uncertainty_json import DecisionEntry, UncertaintyEntry
@@ -77,14 +77,6 @@ class UnsolvedEntry(StrictEntry):
 
     count: KnownNumberEntry
     outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
-
-
-class MeasuredReductionEntry(StrictEntry):
-    """A measured reduction of muscle activity."""
-
-    muscle: str
-    reduction_percent: NumberEntry
-    sd_percent: NumberEntry
 
 
 class AssessmentInputsEntry(StrictEntry):

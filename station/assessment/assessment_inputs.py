@@ -49,6 +49,7 @@ from solver.redundancy.effort import (
 )
 from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
+from station.assessment.assessment_json import MeasuredReductionEntry, NumberEntry
 from station.checksums import changed_files, sha256_of, standing_of
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
@@ -127,7 +128,7 @@ class AssessmentInputs:
         first, last = suit.rest_lengths[[0, -1]]
         return replace(suit, rest_lengths=np.linspace(first, last, most_rest_lengths))
 
-    def read_emg(self, model: Model, suit: Suit) -> tuple[MeasuredReduction, ...]:
+    def read_emg(self, model: Model, suit: Suit) -> tuple[MeasuredReductionEntry, ...]:
         return tuple(read_emg(self.emg, (*model.muscle_names, *suit.groups))) if self.emg else ()
 
     def read_other_motion(self, model: Model) -> tuple[str, Model, Kinematics] | None:
@@ -296,16 +297,7 @@ class EmgError(StationError):
     """An EMG file that cannot be used."""
 
 
-@dataclass(frozen=True)
-class MeasuredReduction:
-    """Measured reduction of the activity of a muscle, or of a group of the suit file, with its standard deviation."""
-
-    muscle: str
-    reduction_percent: float
-    sd_percent: float
-
-
-def read_emg(path: Path, known: Collection[str]) -> list[MeasuredReduction]:
+def read_emg(path: Path, known: Collection[str]) -> list[MeasuredReductionEntry]:
     """Read a table of measured reductions; known are the model's muscles and the suit's groups. Raises EmgError."""
     try:
         rows = list(
@@ -322,7 +314,7 @@ def read_emg(path: Path, known: Collection[str]) -> list[MeasuredReduction]:
     return [_measured(path, line, row, known) for line, row in enumerate(rows, start=2)]
 
 
-def _measured(path: Path, line: int, row: dict[str, str], known: Collection[str]) -> MeasuredReduction:
+def _measured(path: Path, line: int, row: dict[str, str], known: Collection[str]) -> MeasuredReductionEntry:
     if row["muscle"] not in known:
         figures: Figures = {"path": path.name, "line": line, "muscle": row["muscle"], "known": ", ".join(known)}
         raise EmgError(Message(InputCode.EMG_MUSCLE, figures))
@@ -333,4 +325,5 @@ def _measured(path: Path, line: int, row: dict[str, str], known: Collection[str]
     if not math.isfinite(reduction) or not 0 <= sd < math.inf:
         given = {"reduction": str(row["reduction_percent"]), "sd": str(row["sd"])}
         raise EmgError(Message(InputCode.EMG_NUMBER, {"path": path.name, "line": line, **given}))
-    return MeasuredReduction(row["muscle"], reduction, sd)
+    numbers = NumberEntry(value=reduction, ci95=None), NumberEntry(value=sd, ci95=None)
+    return MeasuredReductionEntry(muscle=row["muscle"], reduction_percent=numbers[0], sd_percent=numbers[1])

@@ -22,9 +22,8 @@ from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import Assessment, EffortCurve
 from solver.suit.quantity import Quantity
 
-if TYPE_CHECKING:  # the compiler behind these takes long to import
-    from solver.tendons.fiber import ElasticForces
-    from station.assessment.assessment_inputs import MeasuredReduction
+if TYPE_CHECKING:
+    from solver.tendons.fiber import ElasticForces  # the compiler behind it takes long to import
 
 IN_THE_GLENOID = " and keep the joint reaction inside the glenoid"
 """Further part of the sentence of an infeasible frame, with the glenoid constraint."""
@@ -70,6 +69,14 @@ class KnownNumberEntry(NumberEntry):
     """A number that is always known."""
 
     value: float
+
+
+class MeasuredReductionEntry(StrictEntry):
+    """A measured reduction of muscle activity."""
+
+    muscle: str
+    reduction_percent: NumberEntry
+    sd_percent: NumberEntry
 
 
 Plain = dict[str, Any]
@@ -144,13 +151,6 @@ def activations_table(assessment: Assessment) -> str:
         for time, row in zip(assessment.time, activations, strict=True):
             lines.append(",".join([condition, cuff, f"{time:.10g}", *(f"{value:.6g}" for value in row)]))
     return "\n".join(lines) + "\n"
-
-
-def plain_emg(measured: Sequence[MeasuredReduction]) -> list[Plain]:
-    return [
-        {"muscle": row.muscle, "reduction_percent": known(row.reduction_percent), "sd_percent": known(row.sd_percent)}
-        for row in measured
-    ]
 
 
 def plain_cuffs(cuffs: Sequence[Cuff]) -> Plain:

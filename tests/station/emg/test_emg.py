@@ -103,7 +103,7 @@ def test_envelopes_and_change_are_read_by_the_next_stage(station: Station, lab: 
         tmp_path / "emg_change.csv", ["DeltoideusClavicle_A", "SerratusAnterior_I", "SerratusAnterior_M"]
     )
     assert [row.muscle for row in measured] == ["DeltoideusClavicle_A", "SerratusAnterior_I", "SerratusAnterior_M"]
-    assert measured[0].reduction_percent == pytest.approx(100 / 3, abs=8)
+    assert measured[0].reduction_percent.value == pytest.approx(100 / 3, abs=8)
     assert ran.out.count("_emg.sto") == 6
 
 
