@@ -64,7 +64,7 @@ TURN, ROUND_OFF = 2.0 * pi, 1e-12
 
 
 class PostureOutcome(StrEnum):
-    """What became of a frame; in the order of the codes of gauss_newton.py."""
+    """What became of a frame."""
 
     SOLVED = "solved"
     NOT_CONVERGED = "not_converged"
@@ -73,6 +73,7 @@ class PostureOutcome(StrEnum):
 
 
 OUTCOMES = tuple(PostureOutcome)
+"""In the order of the codes of gauss_newton.py."""
 
 
 @dataclass(frozen=True, eq=False)
