@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -19,6 +19,8 @@ import pytest
 from station.files.init import InitError, write_examples
 from station.messages.setup_messages import ConfigCode
 from tests.refusals import raises_refusal
+from tests.solver.test_compile_ahead import CUFFS
+from tests.solver.test_kernel_wheel import has_instructions
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
@@ -80,25 +82,37 @@ def test_an_editable_install_is_a_path_that_type_checkers_follow(tmp_path: Path)
         assert path.endswith(".pth") and Path(installed.read(path).decode().strip()) == tree
 
 
+MOST_BEYOND_WARM_S = 2.0
+USE = """
+import sys, time
+from pathlib import Path
+import cuffstation as cs
+import solver
+assert Path(solver.__file__).is_relative_to(sys.prefix), solver.__file__
+model = cs.load_model()
+times = []
+for _ in range(2):
+    began = time.process_time()
+    cs.assess(cs.read_cuffs(sys.argv[1]), model, cs.load_motion(model, every=200), people=0)
+    times.append(time.process_time() - began)
+print(times[0] - times[1])
+"""
+
+
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
 @pytest.mark.skipif(sys.platform == "win32", reason="the page has bin/ in its lines, Windows Scripts/")
-def test_the_quick_start_runs_line_by_line_from_a_wheel_in_a_new_environment(tmp_path: Path) -> None:
+@has_instructions
+def test_the_quick_start_runs_line_by_line_from_a_wheel_with_kernels_and_compiles_nothing(tmp_path: Path) -> None:
     """Dependencies are those of this environment, which the new one sees behind its own packages."""
-    wheel = distributions(tmp_path / "built")[".whl"]
-    shutil.copy(wheel, tmp_path)
-    page = (ROOT / "docs" / "quick-start.md").read_text(encoding="utf-8")
-    lines = [shlex.split(line, comments=True) for line in re.findall(r"^    (\S.*)$", page, re.M)]
-    code = "\n".join(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
-    assert [line[0] for line in lines] == ["python", "cuffs/bin/pip", "cuffs/bin/station", "cuffs/bin/python"]
+    kept = tmp_path / "kept"
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    environment |= {"MPLBACKEND": "agg", "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    printed = ""
-    for command, *words in lines:
-        offline = ["--no-deps", "--no-index"] if command.endswith("pip") else []
+    environment |= {"MPLBACKEND": "agg", "NUMBA_CACHE_DIR": str(kept)}
+
+    def run(command: str, *words: str, code: str = "", folder: Path = tmp_path) -> str:
         ran = subprocess.run(  # noqa: S603
-            [sys.executable if command == "python" else str(tmp_path / command), *words, *offline],
-            cwd=tmp_path,
+            [sys.executable if command == "python" else str(tmp_path / command), *words],
+            cwd=folder,
             input=code,
             env=environment,
             capture_output=True,
@@ -107,13 +121,31 @@ def test_the_quick_start_runs_line_by_line_from_a_wheel_in_a_new_environment(tmp
             check=False,
         )
         assert ran.returncode == 0, ran.stderr
-        printed = ran.stdout
+        return ran.stdout
+
+    run("python", "-m", "solver.kernel_wheel", str(tmp_path), folder=ROOT)
+    (wheel,) = tmp_path.glob("*.whl")
+    assert f"-cp{sys.version_info.major}{sys.version_info.minor}-none-" in wheel.name
+    page = (ROOT / "docs" / "quick-start.md").read_text(encoding="utf-8")
+    page = page.replace("cuffstation-0.2.0-py3-none-any.whl", wheel.name)
+    lines = [shlex.split(line, comments=True) for line in re.findall(r"^    (\S.*)$", page, re.M)]
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
+    assert [line[0] for line in lines] == ["python", "cuffs/bin/pip", "cuffs/bin/station", "cuffs/bin/python"]
+    printed = ""
+    for command, *words in lines:
+        offline = ["--no-deps", "--no-index"] if command.endswith("pip") else []
+        printed = run(command, *words, *offline, code=code)
         for packages in (tmp_path / "cuffs").glob("lib/python*/site-packages"):
             (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
     assert "8515 +/- 30 N/m (0.36 %), 95 %: 8301 to 8741" in printed and "visco_elastic" in printed
     assert (tmp_path / "effort.png").is_file() and (tmp_path / "study" / "station.toml").is_file()
     assert not list((tmp_path / "study").rglob("*.pyc")), "pip compiles the examples"
     assert list(tmp_path.glob("cuffs/lib/python*/site-packages/cuffstation/__init__.py"))
+    cuffs = tmp_path / "cuffs.json"
+    cuffs.write_text(json.dumps({"cuffs": CUFFS}), encoding="utf-8")
+    assert float(run("cuffs/bin/python", "-c", USE, str(cuffs))) < MOST_BEYOND_WARM_S
+    run("cuffs/bin/station", "rmr", "--every", "100", "--output", str(tmp_path / "rmr.csv"))
+    assert not [path for path in kept.rglob("*") if path.is_file()], "what was compiled"
 
 
 def test_the_configuration_and_the_examples_are_written_and_no_file_is_replaced(tmp_path: Path) -> None:

@@ -105,7 +105,5 @@ def test_a_clock_that_is_set_back_by_an_hour_between_two_trials_is_a_note_of_the
         terminal.until("trial_ended")
         signal.touch()
         terminal.until("trial_ended")
-        terminal.send("end")
-        terminal.until("session_closed")
     first, second = ([message.code for message in one.codes] for one in read_journal(tmp_path / SESSION).recorded)
     assert (TrialCode.CLOCK_SET_BACK in first, TrialCode.CLOCK_SET_BACK in second) == (False, True)

@@ -1,9 +1,8 @@
-"""A wheel with compiled kernels, built from this checkout and installed elsewhere."""
+"""Kernels that a wheel carries; tests/house/test_distribution.py builds and installs one."""
 
 from __future__ import annotations
 
 import importlib
-import json
 import logging
 import os
 import platform
@@ -18,7 +17,6 @@ import pytest
 
 from solver import compiled
 from solver.compiled import TARGETS, X86_64_V3, processor_of
-from tests.solver.test_compile_ahead import CUFFS
 
 MODULE = "shipped_kernel"
 KERNEL = """
@@ -125,55 +123,3 @@ def test_code_runs_on_a_processor_that_has_all_its_instructions(
     architecture: str, features: set[str], processor: str | None
 ) -> None:
     assert processor_of(architecture, frozenset(features)) == processor
-
-
-ROOT = Path(__file__).parents[2]
-MOST_BEYOND_WARM_S = 2.0
-USE = """
-import sys, time
-from pathlib import Path
-import cuffstation as cs
-import solver
-assert Path(solver.__file__).is_relative_to(sys.argv[1]), solver.__file__
-model = cs.load_model()
-times = []
-for _ in range(2):
-    began = time.process_time()
-    cs.assess(cs.read_cuffs(sys.argv[2]), model, cs.load_motion(model, every=200), people=0)
-    times.append(time.process_time() - began)
-print(times[0] - times[1])
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@has_instructions
-def test_an_installed_wheel_compiles_nothing(tmp_path: Path) -> None:
-    wheels, installed, kept = tmp_path / "wheels", tmp_path / "installed", tmp_path / "kept"
-    _run("-m", "solver.kernel_wheel", str(wheels))
-    (wheel,) = wheels.iterdir()
-    assert f"-cp{sys.version_info.major}{sys.version_info.minor}-none-" in wheel.name
-    _run("-m", "pip", "install", "--no-deps", "--target", str(installed), str(wheel))
-    environment = {"PYTHONPATH": str(installed), "NUMBA_CACHE_DIR": str(kept)}
-    cuffs = tmp_path / "cuffs.json"
-    cuffs.write_text(json.dumps({"cuffs": CUFFS}), encoding="utf-8")
-    beyond_warm_s = float(_run("-c", USE, str(installed), str(cuffs), **environment))
-    assert beyond_warm_s < MOST_BEYOND_WARM_S
-    station = "from station.__main__ import main; main()"
-    _run("-c", station, "rmr", "--every", "100", "--output", str(tmp_path / "rmr.csv"), **environment)
-    assert not [path for path in kept.rglob("*") if path.is_file()], "what was compiled"
-
-
-def _run(*arguments: str, **environment: str) -> str:
-    """Run Python; stdout. From the checkout only to build, so that the rest imports the installed packages."""
-    folder = ROOT if not environment else Path(environment["PYTHONPATH"])
-    ran = subprocess.run(  # noqa: S603
-        [sys.executable, *arguments],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stderr
-    return ran.stdout

@@ -12,16 +12,25 @@ from tests.station.console.browsing import CHROMIUM, chromium
 from tests.station.console.served import ServedConsole
 
 
-@pytest.fixture(autouse=True)
-def served_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True, scope="session")
+def served_by(request: pytest.FixtureRequest) -> None:
     if python := request.config.getoption("--served-by"):
-        monkeypatch.setattr(ServedConsole, "python", str(Path(python).absolute()))
+        ServedConsole.python = str(Path(python).absolute())
+
+
+@pytest.fixture(scope="module")
+def shared_browser() -> Iterator[Browser]:
+    """No longer than a module: asyncio does not run in the thread of Playwright."""
+    with chromium(CHROMIUM) as launched:
+        yield launched
 
 
 @pytest.fixture
-def browser() -> Iterator[Browser]:
-    with chromium(CHROMIUM) as launched:
-        yield launched
+def browser(shared_browser: Browser) -> Iterator[Browser]:
+    """Its pages are closed at the end of the test."""
+    yield shared_browser
+    for context in shared_browser.contexts:
+        context.close()
 
 
 @pytest.fixture

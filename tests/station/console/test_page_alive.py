@@ -1,8 +1,9 @@
-"""A page that shows something old says so: its console is gone, its data stand still, or it draws too slowly."""
+"""The page while a trial runs: what is old is marked, charts and marks answer at once, markers are rotated."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,7 +19,6 @@ from tests.station.console.browsing import (
     picture_updates,
     runs,
     seen,
-    stop,
     until,
 )
 from tests.station.console.served import ServedConsole, write_config
@@ -71,44 +71,47 @@ def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects
                 expect(page.locator(".unconfirmed")).to_contain_text("Arm")
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the recorder is found by /proc")
-def test_old_data_are_marked_while_the_console_answers(browser: Browser, tmp_path: Path) -> None:
-    with ServedConsole(write_config(tmp_path, hold_s=600.0), "--simulated") as console:
-        page = open_page(browser, console.address)
+@pytest.fixture(scope="module")
+def trial(shared_browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedConsole]:
+    """A console whose first trial does not end by itself."""
+    config = write_config(tmp_path_factory.mktemp("trial"), hold_s=3600.0)
+    with ServedConsole(config, "--simulated") as console:
+        page = open_page(shared_browser, console.address)
         begin(page)
         page.keyboard.press("a")
         runs(page)
-        seen(page, re.compile(r"^data \d\.\d s old$"))
-        recorder = psutil.Process(recorder_of(console.pid))
-        recorder.suspend()
-        try:
-            seen(page, re.compile(r"^DATA ARE \d+\.\d s OLD$"))
-            expect(page.get_by_text("The console does not answer")).to_be_hidden()
-        finally:
-            recorder.resume()
-        seen(page, re.compile(r"^data \d\.\d s old$"))
-        stop(page)
-        seen(page, "Keep (k)")
+        page.context.close()
+        yield console
 
 
-def test_a_page_that_does_not_draw_receives_no_further_updates(browser: Browser, tmp_path: Path) -> None:
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the recorder is found by /proc")
+def test_old_data_are_marked_while_the_console_answers(browser: Browser, trial: ServedConsole) -> None:
+    page = open_page(browser, trial.address)
+    seen(page, re.compile(r"^data \d\.\d s old$"))
+    recorder = psutil.Process(recorder_of(trial.pid))
+    recorder.suspend()
+    try:
+        seen(page, re.compile(r"^DATA ARE \d+\.\d s OLD$"))
+        expect(page.get_by_text("The console does not answer")).to_be_hidden()
+    finally:
+        recorder.resume()
+    seen(page, re.compile(r"^data \d\.\d s old$"))
+
+
+def test_a_page_that_does_not_draw_receives_no_further_updates(browser: Browser, trial: ServedConsole) -> None:
     """Else it would draw them one after the other when it can again, ever further behind."""
-    with ServedConsole(write_config(tmp_path, hold_s=600.0), "--simulated") as console:
-        frozen, other = open_page(browser, console.address), open_page(browser, console.address)
-        sent, drawn_by_other = picture_updates(frozen), picture_updates(other)
-        begin(other)
-        other.keyboard.press("a")
-        runs(frozen)
-        frozen.wait_for_function("document.querySelector('.age').textContent.startsWith('data')")
-        session = frozen.context.new_cdp_session(frozen)
-        session.send("Debugger.enable")
-        session.send("Debugger.pause")
-        before, before_other = len(sent), len(drawn_by_other)
-        until(other, lambda: len(drawn_by_other) > before_other + 30)
-        assert len(sent) - before <= 4, "two on their way, and what was sent while the page was being frozen"
-        session.send("Debugger.resume")
-        until(other, lambda: len(sent) > before + 8)
-        stop(other)
+    frozen, other = open_page(browser, trial.address), open_page(browser, trial.address)
+    sent, drawn_by_other = picture_updates(frozen), picture_updates(other)
+    runs(frozen)
+    frozen.wait_for_function("document.querySelector('.age').textContent.startsWith('data')")
+    session = frozen.context.new_cdp_session(frozen)
+    session.send("Debugger.enable")
+    session.send("Debugger.pause")
+    before, before_other = len(sent), len(drawn_by_other)
+    until(other, lambda: len(drawn_by_other) > before_other + 30)
+    assert len(sent) - before <= 4, "two on their way, and what was sent while the page was being frozen"
+    session.send("Debugger.resume")
+    until(other, lambda: len(sent) > before + 8)
 
 
 CHART = "getElement(Number(document.querySelector('.charts .nicegui-echart').id.slice(1))).chart.getOption()"
@@ -117,61 +120,81 @@ ZOOMED = f"axis => {{ const {{ start, end }} = {CHART}.dataZoom[axis]; return en
 MARKS = f"() => {CHART}.series[0].markLine.data.map((mark) => mark.name)"
 
 
-def test_charts_show_marks_pause_zoom_and_scale(browser: Browser, tmp_path: Path) -> None:
-    with ServedConsole(write_config(tmp_path, hold_s=600.0), "--simulated") as console:
-        page = open_page(browser, console.address)
-        updates = picture_updates(page)
-        begin(page)
-        page.keyboard.press("a")
-        runs(page)
-        page.keyboard.press("m")
-        page.keyboard.type("coughed")
-        page.keyboard.press("Enter")
-        until(page, lambda: page.evaluate(MARKS) == ["1 coughed"])
-        page.keyboard.press("p")
-        page.wait_for_function("document.body.classList.contains('paused')")
-        seen_s, so_far = page.evaluate(LAST_POINT), len(updates)
-        until(page, lambda: len(updates) > so_far + 5)
-        assert page.evaluate(LAST_POINT) == seen_s, "paused"
-        page.locator(".charts canvas").first.hover()
-        page.mouse.wheel(0, -300)
-        page.wait_for_function(ZOOMED, arg=0)
-        assert not page.evaluate(ZOOMED, 1)
-        page.keyboard.down("Shift")
-        page.mouse.wheel(0, -300)
-        page.keyboard.up("Shift")
-        page.wait_for_function(ZOOMED, arg=1)
-        page.locator(".charts canvas").first.dblclick()
-        page.wait_for_function(f"() => ![0, 1].some({ZOOMED})")
-        page.keyboard.press("p")
-        until(page, lambda: page.evaluate(LAST_POINT) > seen_s)
-        stop(page)
+def test_charts_show_marks_pause_zoom_and_scale(browser: Browser, trial: ServedConsole) -> None:
+    page = open_page(browser, trial.address)
+    updates = picture_updates(page)
+    runs(page)
+    page.keyboard.press("m")
+    page.keyboard.type("coughed")
+    page.keyboard.press("Enter")
+    until(page, lambda: any(name.endswith(" coughed") for name in page.evaluate(MARKS)))
+    page.keyboard.press("p")
+    page.wait_for_function("document.body.classList.contains('paused')")
+    seen_s, so_far = page.evaluate(LAST_POINT), len(updates)
+    until(page, lambda: len(updates) > so_far + 5)
+    assert page.evaluate(LAST_POINT) == seen_s, "paused"
+    page.locator(".charts canvas").first.hover()
+    page.mouse.wheel(0, -300)
+    page.wait_for_function(ZOOMED, arg=0)
+    assert not page.evaluate(ZOOMED, 1)
+    page.keyboard.down("Shift")
+    page.mouse.wheel(0, -300)
+    page.keyboard.up("Shift")
+    page.wait_for_function(ZOOMED, arg=1)
+    page.locator(".charts canvas").first.dblclick()
+    page.wait_for_function(f"() => ![0, 1].some({ZOOMED})")
+    page.keyboard.press("p")
+    until(page, lambda: page.evaluate(LAST_POINT) > seen_s)
 
 
-def test_the_markers_are_rotated_by_the_mouse_and_reset(browser: Browser, tmp_path: Path) -> None:
-    with ServedConsole(write_config(tmp_path)) as console:
-        page = open_page(browser, console.address)
-        page.evaluate("""() => {
-            document.body.insertAdjacentHTML("beforeend",
-                "<canvas id=space style='position:fixed;left:0;top:0;width:400px;height:300px;z-index:99'></canvas>");
-            const at = [[0, 0, 0], [200, 0, 0], [0, 150, 0], [50, 50, 120], [90, 50, 120], null];
-            const roles = ["anchor", "anchor", "anchor", "cuff", "rope", "rope"];
-            window.drawMarkers("space", at.map((point, i) => ({name: `m${i}`, role: roles[i], at: point})));
-        }""")
-        canvas = page.locator("#space")
-        upright = canvas.evaluate("canvas => canvas.toDataURL()")
-        blank = page.evaluate(
-            "() => Object.assign(document.createElement('canvas'), {width: 400, height: 300}).toDataURL()"
-        )
-        assert upright != blank
-        page.mouse.move(200, 150)
-        page.mouse.down()
-        page.mouse.move(290, 190, steps=4)
-        page.mouse.up()
-        turned = canvas.evaluate("canvas => canvas.toDataURL()")
-        assert turned != upright
-        page.mouse.dblclick(200, 150)
-        assert canvas.evaluate("canvas => canvas.toDataURL()") == upright
+FOCUS_AFTER = """action => {
+    document.activeElement.blur();
+    action === "click"
+        ? document.querySelector(".mark-button").click()
+        : document.body.dispatchEvent(new KeyboardEvent("keydown", {...action, bubbles: true, cancelable: true}));
+    return document.activeElement.placeholder;
+}"""
+"""Within one task of the browser: the console cannot answer before it returns."""
+
+
+def test_the_name_of_a_mark_has_the_focus_before_the_console_answers(browser: Browser, trial: ServedConsole) -> None:
+    page = open_page(browser, trial.address)
+    runs(page)
+    seen(page, "hang weight 1 of 3")
+    for action in ("click", *({"key": key, "code": "KeyM"} for key in ("m", "M", "ь"))):
+        assert page.evaluate(FOCUS_AFTER, action) == "name, then Enter"
+    page.keyboard.type("slips")  # with an s: Stop
+    seen(page, re.compile(r"^mark \d+ at \d+\.\d s is in the recording$"))
+    expect(page.get_by_placeholder("name, then Enter")).to_have_value("slips")
+    page.keyboard.press("Enter")
+    seen(page, re.compile(r"^mark \d+ at \d+\.\d s is in the recording: slips$"))
+    runs(page)
+    assert page.evaluate(FOCUS_AFTER, {"key": "m", "code": "KeyM", "ctrlKey": True}) is None, "the browser's own"
+
+
+def test_the_markers_are_rotated_by_the_mouse_and_reset(browser: Browser, trial: ServedConsole) -> None:
+    page = open_page(browser, trial.address)
+    page.evaluate("""() => {
+        document.body.insertAdjacentHTML("beforeend",
+            "<canvas id=space style='position:fixed;left:0;top:0;width:400px;height:300px;z-index:99'></canvas>");
+        const at = [[0, 0, 0], [200, 0, 0], [0, 150, 0], [50, 50, 120], [90, 50, 120], null];
+        const roles = ["anchor", "anchor", "anchor", "cuff", "rope", "rope"];
+        window.drawMarkers("space", at.map((point, i) => ({name: `m${i}`, role: roles[i], at: point})));
+    }""")
+    canvas = page.locator("#space")
+    upright = canvas.evaluate("canvas => canvas.toDataURL()")
+    blank = page.evaluate(
+        "() => Object.assign(document.createElement('canvas'), {width: 400, height: 300}).toDataURL()"
+    )
+    assert upright != blank
+    page.mouse.move(200, 150)
+    page.mouse.down()
+    page.mouse.move(290, 190, steps=4)
+    page.mouse.up()
+    turned = canvas.evaluate("canvas => canvas.toDataURL()")
+    assert turned != upright
+    page.mouse.dblclick(200, 150)
+    assert canvas.evaluate("canvas => canvas.toDataURL()") == upright
 
 
 def recorder_of(console: int) -> int:
