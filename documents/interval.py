@@ -1,9 +1,11 @@
-"""Text of a number and its 95 % interval; the number of digits is chosen here only."""
+"""Text of a number with its 95 % interval, where the number of digits is chosen, or with its noun."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from string import Formatter
+from typing import Any
 
 SIGNIFICANT = 2
 """Significant digits of the half width."""
@@ -92,6 +94,20 @@ def rounded(number: float, digits: int) -> str:
 def shown(number: float, digits: int) -> str:
     """The same with a minus sign instead of a hyphen: for people, not for programs."""
     return rounded(number, digits).replace("-", "−")
+
+
+def counted(number: float, noun: str) -> str:
+    """`1 frame`, `51 frames`."""
+    return f"{number:.0f} {noun}{'' if round(number) == 1 else 's'}"
+
+
+class CountingFormatter(Formatter):
+    """Formats templates in which a figure may have its noun: `{count:frame}` is `1 frame` or `51 frames`."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if format_spec[-2:-1].isalpha():  # a word, no presentation type
+            return counted(float(value), format_spec)
+        return str(super().format_field(value, format_spec))
 
 
 def _half(ci95: Sequence[float], scale: float) -> float:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from drivers.device import TOLERANCE_S, DeviceClock, HostClock
 from drivers.errors import DeviceCode, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
@@ -261,7 +262,10 @@ class LslEmg:
         latest = np.maximum.accumulate(np.where(is_sound, place, -1))
         filled = np.where(latest < 0, start_s, stamps[latest]) + (place - latest) / self._rate_hz
         wrong = stamps[~is_sound]
-        text = f"{self.name} stamped {len(wrong)} samples with {wrong[0]:g} s, which is no time; theirs is interpolated"
+        text = (
+            f"{self.name} stamped {counted(len(wrong), 'sample')} with {wrong[0]:g} s, which is no "
+            "time; theirs is interpolated"
+        )
         return filled, [Event("emg_clock_unreadable", text, host_time_ns, self.name)]
 
     def _most_samples(self, host_time_ns: int) -> float:

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from documents.interval import counted
 from drivers.device import DeviceClock, Received
 from drivers.errors import DeviceCode, DeviceMisconfigured, DeviceUnavailable
 from recordings.samples import Event, Item, Loss, Samples
@@ -74,7 +75,9 @@ def decode_frame(body: bytes) -> MarkerFrame:
                 first = place + COMPONENT.size + MARKERS.size
                 points = body[first : first + 16 * count]
                 if len(points) != 16 * count:
-                    raise ValueError(f"frame {number}, which announces {count} markers and ends before the last")
+                    raise ValueError(
+                        f"frame {number}, which announces {counted(count, 'marker')} and ends before the last"
+                    )
                 return MarkerFrame(number, timestamp_us, points, drop_rate, out_of_sync_rate)
             place += max(size, COMPONENT.size)
     except struct.error as error:
@@ -260,7 +263,10 @@ class MarkerBlocks:
         """Event for a frame with another number of markers, once per series; it is counted as missing."""
         did_fit, self._fits = self._fits, False
         found = len(frame.points) // 16
-        text = f"{self._source} sent frame {frame.number} with {found} markers, expected {expected}, one for each label"
+        text = (
+            f"{self._source} sent frame {frame.number} with {counted(found, 'marker')}, expected "
+            f"{expected}, one for each label"
+        )
         return [Event("unreadable_packet", text, self._arrived_ns, self._source)] if did_fit else []
 
     def _stamp_jump(self, frame: MarkerFrame) -> Item | None:

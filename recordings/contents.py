@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from documents.interval import counted
 from recordings import topics
 from recordings.chunks import Damage, read_entries
 from recordings.manifest import Manifest, TrialOutcome
@@ -85,7 +86,8 @@ class Contents:
     def shortfalls(self) -> tuple[str, ...]:
         """Gaps, damage and lost messages, as sentences; empty for a complete file without gaps."""
         gaps = (
-            f"gap in {gap.stream}: {gap.count} samples from {gap.first_missing} on, {gap.cause}" for gap in self.gaps
+            f"gap in {gap.stream}: {counted(gap.count, 'sample')} from {gap.first_missing} on, {gap.cause}"
+            for gap in self.gaps
         )
         return (*gaps, *self.missing)
 

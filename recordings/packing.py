@@ -8,6 +8,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from recordings import topics
 from recordings.errors import RecordingCode, RecordingError
 from recordings.manifest import Manifest, TrialOutcome, manifest_from_json, manifest_to_json
@@ -120,12 +121,14 @@ def _block(topic: str, host_time_ns: int, wire: Any) -> Samples:
     # A forged count must neither allocate memory nor move values from one sample to the next.
     if not 0 < count <= MOST_SAMPLES_IN_A_BLOCK or len(wire.values) % (count * width * kind.itemsize):
         raise RecordingError(
-            f"a block of {topic} announces {count} samples and holds {len(wire.values)} bytes",
+            f"a block of {topic} announces {counted(count, 'sample')} and holds {counted(len(wire.values), 'byte')}",
             RecordingCode.WRONG_BLOCK,
         )
     columns = len(wire.values) // (count * width * kind.itemsize)
     if not columns and count > MOST_SAMPLES_WITHOUT_VALUES:
-        raise RecordingError(f"a block of {topic} announces {count} samples without a value", RecordingCode.WRONG_BLOCK)
+        raise RecordingError(
+            f"a block of {topic} announces {counted(count, 'sample')} without a value", RecordingCode.WRONG_BLOCK
+        )
     values = np.frombuffer(wire.values, dtype=kind.newbyteorder("<"))
     return Samples(
         stream=topic,
@@ -148,7 +151,8 @@ def _spread(first: int, step: int, numbers: bytes, kind: str, count: int) -> NDA
     if numbers:
         if len(numbers) != 8 * count:
             raise RecordingError(
-                f"a block announces {count} samples and has {len(numbers)} bytes of numbers for them",
+                f"a block announces {counted(count, 'sample')} and has {counted(len(numbers), 'byte')} "
+                "of numbers for them",
                 RecordingCode.WRONG_BLOCK,
             )
         return np.frombuffer(numbers, dtype=kind)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from documents.results import EqualByFields, labelled_dataset
 from recordings import topics
 from recordings.chunks import Damage, Entry, read_entries
@@ -47,7 +48,10 @@ class Track(EqualByFields):
     values: NDArray[Any]
 
     def __repr__(self) -> str:
-        return f"Track {self.stream.name}: {len(self.values)} samples of {len(self.stream.labels)} [{self.stream.unit}]"
+        return (
+            f"Track {self.stream.name}: {counted(len(self.values), 'sample')} of "
+            f"{len(self.stream.labels)} [{self.stream.unit}]"
+        )
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row per sample: sample_number, device_time_ns, host_time_ns, then a column per label in Stream.unit; of a
@@ -245,7 +249,7 @@ class Survey:
     @property
     def _lost(self) -> tuple[str, ...]:
         return tuple(
-            f"{topic} holds {self.messages.get(topic, 0)} of {count} messages"
+            f"{topic} holds {self.messages.get(topic, 0)} of {counted(count, 'message')}"
             for topic, count in self.expected.items()
             if self.messages.get(topic, 0) != count
         )
@@ -311,7 +315,8 @@ def _in_columns(values: NDArray[Any], labels: tuple[str, ...], all_labels: tuple
     """Values of a block in the columns of the whole track; NaN for a label that the block lacks."""
     if values.shape[1] != len(labels):
         raise RecordingError(
-            f"{path} has a block of {values.shape[1]} columns where {len(labels)} are described; its labels were lost",
+            f"{path} has a block of {counted(values.shape[1], 'column')} where {len(labels)} are "
+            "described; its labels were lost",
             RecordingCode.LABELS_LOST,
         )
     if labels == all_labels:

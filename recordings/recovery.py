@@ -10,6 +10,7 @@ from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
 
+from documents.interval import counted
 from documents.regular_file import draft_folder, replace_file, sync_file
 from recordings import topics
 from recordings.chunks import Damage, read_entries
@@ -47,7 +48,7 @@ class RecoveryReport:
             *self.contents.missing,
             *(f"{gap.stream} lost samples {gap.first_missing} to {gap.first_missing + gap.count - 1}" for gap in gaps),
             *(
-                f"{name} keeps {kept.samples} samples, the last is number {kept.last_sample_number} "
+                f"{name} keeps {counted(kept.samples, 'sample')}, the last is number {kept.last_sample_number} "
                 f"at {kept.last_device_time_ns * 1e-9:.3f} s of its device's clock"
                 for name, kept in self.contents.streams.items()
             ),

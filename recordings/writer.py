@@ -25,6 +25,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
+from documents.interval import counted
 from documents.regular_file import sync_file
 from recordings import topics
 from recordings.errors import RecordingCode, RecordingError, WriteFailed
@@ -203,7 +204,7 @@ class RecordingWriter:
             return
         stream = self._streams.get(block.stream)
         if stream is None or block.values.shape[1:2] != (len(stream.labels),):
-            announced = "nothing" if stream is None else f"{len(stream.labels)} columns"
+            announced = "nothing" if stream is None else counted(len(stream.labels), "column")
             raise RecordingError(
                 f"a block of {block.stream} holds values of shape {block.values.shape}, announced was {announced}; "
                 "describe the stream first",

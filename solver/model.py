@@ -13,6 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from documents.interval import counted
 from solver.checks import freeze_arrays
 from solver.constraint import Constraint as Constraint  # noqa: PLC0414 (part of the interface)
 from solver.constraint import CoordinateCoupler as CoordinateCoupler  # noqa: PLC0414 (part of the interface)
@@ -316,9 +317,10 @@ class Model:
 
     def __repr__(self) -> str:
         return (
-            f"Model {self.name!r}: {len(self.bodies) - 1} bodies, {len(self.coordinates)} coordinates, "
-            f"{len(self.muscles)} muscles, {len(self.actuators)} actuators, {len(self.markers)} markers, "
-            f"{len(self.constraints)} constraints"
+            f"Model {self.name!r}: {len(self.bodies) - 1} bodies, {counted(len(self.coordinates), 'coordinate')}, "
+            f"{counted(len(self.muscles), 'muscle')}, {counted(len(self.actuators), 'actuator')}, "
+            f"{counted(len(self.markers), 'marker')}, "
+            f"{counted(len(self.constraints), 'constraint')}"
         )
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from documents.results import EqualByFields, labelled_dataset
 from solver.checks import ensure_at_least, ensure_known, ensure_type
 from solver.coded_findings import CodedFinding, describe_codes
@@ -119,7 +120,10 @@ class Kinematics(EqualByFields):
     def __repr__(self) -> str:
         frames, coordinates = self.positions.shape
         span = f"{self.time[0]:g} to {self.time[-1]:g} s"
-        described = f"Kinematics: {frames} frames of {coordinates} coordinates, {span}; low-pass filter: {self.filter}"
+        described = (
+            f"Kinematics: {counted(frames, 'frame')} of {counted(coordinates, 'coordinate')}, "
+            f"{span}; low-pass filter: {self.filter}"
+        )
         if self.steps is not None:
             described += f"; interpolated from steps of {self.steps[0]:.6g} to {self.steps[1]:.6g} s"
         if self.missing:

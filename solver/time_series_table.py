@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
 from solver.errors import MotionError, SolverCode
 
@@ -95,7 +96,7 @@ def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], A
     given = [line for line in lines[first:] if line.strip() and line[0] != "#"]
     rows = [line.replace(",", " ") for line in given]
     if len(rows) < 3:
-        sentence = f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows"
+        sentence = f"{path.name} should have a row of names and at least two frames and has {counted(len(rows), 'row')}"
         raise MotionError(sentence, SolverCode.NO_FRAMES)
     names = rows[0].split()
     try:
@@ -173,7 +174,8 @@ def _ensure_same_length(path: Path, rows: Sequence[str]) -> None:
     for number, length in enumerate(lengths):
         if length != lengths[0]:
             raise MotionError(
-                f"{path.name} should have {lengths[0]} columns in every row and has {length} in frame {number}; "
+                f"{path.name} should have {counted(lengths[0], 'column')} in every row and has {length} "
+                f"in frame {number}; "
                 "the file may be cut",
                 SolverCode.MALFORMED_TABLE,
             )

@@ -311,7 +311,7 @@ def marker_notes(found: MarkerQuality) -> tuple[Note, ...]:
     if found.hidden > OCCLUSION_NOTE:
         notes.append(Note(TrialNoteCode.MARKERS_HIDDEN, {"hidden": found.hidden}))
     if found.ghosts:
-        counts = ", ".join(f"{label} in {count} frames" for label, count in found.ghosts.items())
+        counts = ", ".join(f"{label} (frames: {count})" for label, count in found.ghosts.items())
         notes.append(Note(TrialNoteCode.GHOSTS, {"markers": counts}))
     if found.loose:
         label, rms = found.loose

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from string import Formatter
 from types import MappingProxyType
 from typing import Any
 
+from documents.interval import CountingFormatter
 from fitting.results.codes import (
     EXPLAINED_BY,
     CauseCode,
@@ -173,11 +173,11 @@ _CAUSES: Templates = {
 
 _NOTES: Templates = {
     NoteCode.STOPPED_LOADING: (
-        "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:.0f} weights; record it again, and hang "
+        "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:weight}; record it again, and hang "
         "all of them one by one"
     ),
     NoteCode.STOPPED_UNLOADING: (
-        "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:.0f} weights were taken off; record it "
+        "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:weight} were taken off; record it "
         "again, and take all of them off one by one"
     ),
     NoteCode.STOPPED_SWINGING: (
@@ -293,7 +293,7 @@ _REFUSALS: Templates = {
     FitErrorCode.CHECKS_UNREADABLE: "{file} cannot be read: {problem}",
     FitErrorCode.CHECKS_INVALID: "{file}, line {line:.0f}: expected a reading of a known mass, found {found}",
     FitErrorCode.CHECK_SHORT: (
-        "the load cell sent {samples:.0f} samples, expected at least {expected:.0f}",
+        "the load cell sent {samples:sample}, expected at least {expected:.0f}",
         " ({device_errors})",
         "; run `station check` to see whether the device answers",
     ),
@@ -425,14 +425,18 @@ def fields_of(clause: str) -> set[str]:
     return {field for _, field, _, _ in _FORMATTER.parse(clause) if field}
 
 
-class _Scaled(Formatter):
+class _Scaled(CountingFormatter):
     """Formats an SI figure in the unit that the template names, and a code as its sentence."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, StrEnum):
             return sentence_of(value)
         unit, _, form = format_spec.rpartition(" ")
-        return format(_SCALES[unit] * value if unit else value, form)
+        return (
+            super().format_field(_SCALES[unit] * value, form)
+            if unit in _SCALES
+            else super().format_field(value, format_spec)
+        )
 
 
 _FORMATTER = _Scaled()

@@ -15,7 +15,7 @@ _ONLY_DAMAGE = (
 )
 _REST = "the force at rest changes by {drift_n:+.2f} N from start to end, expected at most {limit_n:.2f} N"
 _FREQUENT = "samples per cycle of {frequency_hz:.2f} Hz, expected at least {expected:g}"
-_CABLE = " {count:.0f} time(s) for less than 20 ms, at {at}; ignored, check the cable"
+_CABLE = " {count:time} for less than 20 ms, at {at}; ignored, check the cable"
 
 Templates = Mapping[StrEnum, str | tuple[str, ...]]
 """Code → its template, or the clauses of its template."""
@@ -49,8 +49,9 @@ REJECTIONS: Templates = {
         f"{_AGAIN}"
     ),
     RejectionCode.NO_OVERLAP: (
-        "force ends {force_end_s:.2f} s and markers end {marker_end_s:.2f} s after the sync edge, with {samples:.0f} "
-        f"samples and {{frames:.0f}} frames in {{both_s:.2f}} s of both, expected at least {{expected_s:g}} s; {_AGAIN}"
+        "force ends {force_end_s:.2f} s and markers end {marker_end_s:.2f} s after the sync edge, with "
+        "{samples:sample} "
+        f"and {{frames:frame}} in {{both_s:.2f}} s of both, expected at least {{expected_s:g}} s; {_AGAIN}"
     ),
     RejectionCode.NO_FRAMES: ("the recording has no marker frame after the sync edge; check that QTM was capturing"),
     RejectionCode.MISSING_MARKERS: (
@@ -65,7 +66,7 @@ REJECTIONS: Templates = {
         "sync output and the configured threshold"
     ),
     RejectionCode.SYNC_RISES_AGAIN: (
-        "the sync line rises {count:.0f} times (at {at}), expected once; set QTM's output to one pulse for the whole "
+        "the sync line rises {count:time} (at {at}), expected once; set QTM's output to one pulse for the whole "
         "capture and record again"
     ),
     RejectionCode.SYNC_INVERTED: (
@@ -170,7 +171,7 @@ REJECTIONS: Templates = {
         "noise of {noise_m:mm .2f} mm; check that it is on the weight"
     ),
     RejectionCode.BOUNCE_GAPS: (
-        "the bounce has {count:.0f} stretches of {length_s:.1f} s without a gap in force or marker, expected at least "
+        "the bounce has {count:interval} of {length_s:.1f} s without a gap in force or marker, expected at least "
         "2; let it bounce longer in view of the cameras"
     ),
     RejectionCode.BOUNCE_POLARITY: (
@@ -189,10 +190,10 @@ TRIAL_NOTES: Templates = {
     TrialNoteCode.ASSIGNED: "assigned to this trial by the operator; recorded as {recorded_as}",
     TrialNoteCode.WINDOW: "only {start_s:.2f} to {end_s:.2f} s of the trial are used",
     TrialNoteCode.FORCE_LOST: (
-        "force samples were lost {count:.0f} time(s), {total_s:.2f} s in all, at most {longest_s:.2f} s at a time"
+        "force samples were lost {count:time}, {total_s:.2f} s in all, at most {longest_s:.2f} s at a time"
     ),
     TrialNoteCode.FRAMES_LOST: (
-        "marker frames were lost {count:.0f} time(s), {total_s:.2f} s in all, at most {longest_s:.2f} s at a time"
+        "marker frames were lost {count:time}, {total_s:.2f} s in all, at most {longest_s:.2f} s at a time"
     ),
     TrialNoteCode.ZERO_DRIFT: (
         _REST + "; look for a load that was left on, and let the load cell and its amplifier warm up"
@@ -298,9 +299,9 @@ TRIAL_NOTES: Templates = {
     ),
     TrialNoteCode.WRONG_LOAD: (
         "the load held from {start_s:.1f} s on is {found_n:.1f} N above the hook, expected {expected_n:.1f} N "
-        "({count:.0f} weights); correct the weights or the step's time in protocol.toml"
+        "({count:weight}); correct the weights or the step's time in protocol.toml"
     ),
-    TrialNoteCode.FEW_WEIGHTS: "{count:.0f} of {total:.0f} weights of the plan were added",
+    TrialNoteCode.FEW_WEIGHTS: "{count:.0f} of {total:weight} of the plan added",
     TrialNoteCode.ONE_BRANCH: (
         "all weights are removed at once: from a single unloading branch, slip and friction cannot be distinguished; "
         "remove them one by one"
@@ -352,7 +353,7 @@ TENSORS: Templates = {
     ),
     TensorCode.ONE_PLANE: (
         "{quantity} in three dimensions needs pulls that span space, and the {test} trials pull in one plane "
-        "({directions:.0f} directions), which determines 5 of 6 entries; record one more direction, 30° or more "
+        "({directions:direction}), which determines 5 of 6 entries; record one more direction, 30° or more "
         "towards {missing}"
     ),
     TensorCode.EQUAL_LOADS: (

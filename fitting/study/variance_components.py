@@ -29,6 +29,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from documents.interval import counted
 from fitting.errors import FitError
 from fitting.results.codes import FitOutcome
 
@@ -321,7 +322,7 @@ def fit_components(
     """
     fixed = np.ones((len(values), 1)) if fixed is None else fixed
     if len(values) <= fixed.shape[1]:
-        raise TooFewObservations(f"{len(values)} observations, expected more than {fixed.shape[1]}")
+        raise TooFewObservations(f"{counted(len(values), 'observation')}, expected more than {fixed.shape[1]}")
     incidences = [factor.incidence() for factor in factors]
     found = dependencies(contrast(values, fixed, known, incidences))
     kept = [i for i, others in enumerate(found) if others is None]

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.c3d_file import (
     BLOCK,
@@ -50,7 +51,7 @@ def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
     layout, labels = c3d.layout, c3d.parameters.texts("POINT", "LABELS")
     if not layout.frames or not layout.points or not labels:
         raise ForeignFile(
-            f"{path} holds no markers ({layout.points} points, {layout.frames} frames)",
+            f"{path} holds no markers ({counted(layout.points, 'point')}, {counted(layout.frames, 'frame')})",
             RecordingCode.FOREIGN_NO_MARKERS,
         )
     if layout.frames < 2:

@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from documents.plain_data import shortened
 from documents.regular_file import describe_failure, open_regular
 from recordings.errors import ForeignFile, RecordingCode
@@ -222,7 +223,7 @@ def _layout(path: Path, size: int, header: C3dHeader, parameters: C3dParameters)
     missing = layout.size(*counts) - room
     if missing > 0 and not (told != counts and fits(layout, told)):
         frame = max(1, layout.size(*counts) // max(1, frames))
-        complaint = f"announces {frames} frames and holds {max(0, room // frame)}; {EXPORT_AGAIN}"
+        complaint = f"announces {counted(frames, 'frame')} and holds {max(0, room // frame)}; {EXPORT_AGAIN}"
         _refuse(path, RecordingCode.FOREIGN_CUT, complaint)
     if told != counts and fits(layout, told):
         complaint = (
@@ -263,7 +264,7 @@ def _frames(header: C3dHeader, parameters: C3dParameters) -> int:
 
 
 def _listed(points: int, analog_values: int) -> str:
-    return f"{points} points and {analog_values} analog values"
+    return f"{counted(points, 'point')} and {counted(analog_values, 'analog value')}"
 
 
 @dataclass(frozen=True)

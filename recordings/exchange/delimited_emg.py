@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.sample_tables import SignalTable, require_rising, require_single_channels
 from recordings.exchange.text import MISSING, PRINTED_BY_C, read_lines, read_numbers
@@ -132,9 +133,10 @@ def _layout(above: Sequence[str], row: str, labels: tuple[str, ...], path: Path)
         titles = names
     fields = row.split(separator)
     if len(fields) < len(titles) or any(field.strip() for field in fields[len(titles) :]):
-        found = f"{len(titles)} titles" if titles else "no line of titles"
+        found = counted(len(titles), "title") if titles else "no line of titles"
         raise ForeignFile(
-            f"{path} has {len(fields)} columns and {found}, expected a title for each; where the file has none, "
+            f"{path} has {counted(len(fields), 'column')} and {found}, expected a title for each; where "
+            "the file has none, "
             "give labels",
             RecordingCode.FOREIGN_TITLES,
         )
@@ -235,7 +237,7 @@ def read_exp(path: Path, rate_hz: float | None = None, labels: Sequence[str] = (
     announced = round(rate * _number(header, "Data capture period", path))
     if len(frames) < 2 or abs(len(frames) - announced) > 1:
         raise ForeignFile(
-            f"{path} announces {announced} frames and holds {len(frames)}; export it again, whole",
+            f"{path} announces {counted(announced, 'frame')} and holds {len(frames)}; export it again, whole",
             RecordingCode.FOREIGN_CUT,
         )
     signals = {name: values[:, 1 + i] for i, name in enumerate(names)}

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.text import listed, read_lines, read_numbers
 
@@ -93,7 +94,8 @@ def read_joint_force(path: Path) -> JointForceRecord:
     captured = np.flatnonzero(table[:, -1] > 0)
     if len(captured) < FEWEST_SAMPLES:
         raise ForeignFile(
-            f"{path} has Marker 1 in {len(captured)} samples, expected it in those of the captured motion; use a "
+            f"{path} has Marker 1 in {counted(len(captured), 'sample')}, expected it in those of the "
+            "captured motion; use a "
             "record with motion data",
             RecordingCode.FOREIGN_NO_MOTION,
         )
@@ -141,7 +143,8 @@ def _ensure_announced(header: Sequence[str], found: int, path: Path) -> None:
     announced = _header_number(header, "Number of Data Sets", path)
     if announced is not None and announced != found:
         raise ForeignFile(
-            f"{path} announces {announced:g} samples and has {found}; download it again", RecordingCode.FOREIGN_CUT
+            f"{path} announces {counted(announced, 'sample')} and has {found}; download it again",
+            RecordingCode.FOREIGN_CUT,
         )
 
 

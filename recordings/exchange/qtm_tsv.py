@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.sample_tables import (
     MarkerTable,
@@ -134,7 +135,8 @@ def _leading_columns(titles: str, rows: Sequence[str], widest: int, markers: int
     if extra in (0, 1, 2):
         return extra
     raise ForeignFile(
-        f"{path} has {widest} columns for {markers} markers, expected {3 * markers}, with Frame and Time at most "
+        f"{path} has {counted(widest, 'column')} for {counted(markers, 'marker')}, expected "
+        f"{3 * markers}, with Frame and Time at most "
         f"{3 * markers + 2}; export X, Y and Z of every trajectory and nothing else",
         RecordingCode.FOREIGN_TITLES,
     )

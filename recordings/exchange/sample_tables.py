@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.text import MISSING
 
@@ -87,7 +88,7 @@ def require_rising(time_s: NDArray[np.float64], where: str, first_line: int = 1)
     """
     if len(time_s) < 2:
         raise ForeignFile(
-            f"{where} holds {len(time_s)} samples, expected at least 2; export the complete file",
+            f"{where} holds {counted(len(time_s), 'sample')}, expected at least 2; export the complete file",
             RecordingCode.FOREIGN_TOO_SHORT,
         )
     broken = np.flatnonzero(~np.isfinite(time_s))

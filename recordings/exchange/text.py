@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from documents.regular_file import open_regular
 from recordings.errors import ForeignFile, RecordingCode
 
@@ -118,7 +119,8 @@ def require_fields(lines: Sequence[str], separator: str, titles: Sequence[str], 
             is_comma = separator == "," and len(fields) > count
             remedy = "are decimals written with commas? Export points, or semicolons between columns"
             raise ForeignFile(
-                f"{path}, line {first_line + i}, has {len(fields)} fields, expected {count} ({listed(titles)}); "
+                f"{path}, line {first_line + i}, has {counted(len(fields), 'field')}, expected {count} "
+                f"({listed(titles)}); "
                 f"{remedy if is_comma else 'repair the line, or export it again'}",
                 RecordingCode.FOREIGN_TITLES,
             )

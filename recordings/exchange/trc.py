@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.sample_tables import (
     MarkerTable,
@@ -158,7 +159,8 @@ def _notes_on_columns(
             note = (f"{path} has numbers of markers without a name, which are not read",)
         elif found > count or (separator is None and found < count):
             raise ForeignFile(
-                f"{path}, line {first_line + i}, has {found} columns, expected {count} of the markers that line 4 "
+                f"{path}, line {first_line + i}, has {counted(found, 'column')}, expected {count} of the "
+                "markers that line 4 "
                 "names; export it again, with a point in decimals and tabs between the columns",
                 RecordingCode.FOREIGN_TITLES,
             )

@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import (
     InverseKinematics,
@@ -165,7 +166,7 @@ def longest_whole_motion(model: Model, time: Array, solution: InverseKinematics)
     if len(longest) < 2 or (longest[-1] - longest[0]) * interval < SHORTEST_MOTION:
         raise MotionError(
             f"the markers should determine the posture for at least {SHORTEST_MOTION:g} s without a gap of more than "
-            f"{LONGEST_GAP:g} s, and do in {len(solved)} of {len(time)} frames; record the trial again",
+            f"{LONGEST_GAP:g} s, and do in {len(solved)} of {counted(len(time), 'frame')}; record the trial again",
             SolverCode.NOT_COVERED,
         )
     start, end = int(longest[0]), int(longest[-1]) + 1

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from solver.constraint import (
     ConstantDistanceConstraint,
     Constraint,
@@ -99,7 +100,7 @@ def _motion(element: Element, coordinates: list[Coordinate]) -> Motion:
 def _add_coordinates(element: Element, coordinates: list[Coordinate], kinds: list[Kind]) -> None:
     found = element.members("coordinates")
     if len(found) != len(kinds):
-        raise element.refusal(f"has {len(found)} coordinates, expected {len(kinds)}")
+        raise element.refusal(f"has {counted(len(found), 'coordinate')}, expected {len(kinds)}")
     coordinates += [_coordinate(element, kind) for element, kind in zip(found, kinds, strict=True)]
 
 

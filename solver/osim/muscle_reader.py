@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from solver.errors import SolverCode
 from solver.functions.muscle_curves import (
     Curves,
@@ -305,7 +306,9 @@ def has_function_path(element: Element) -> bool:
 def read_path(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> Path:
     points = element.objects("PathPointSet")
     if len(points) < 2:
-        raise element.refusal(f"has {len(points)} points, expected at least 2: its ends", SolverCode.WRONG_PATH)
+        raise element.refusal(
+            f"has {counted(len(points), 'point')}, expected at least 2: its ends", SolverCode.WRONG_PATH
+        )
     return Path(
         points=tuple(_point(point, names) for point in points),
         wraps=tuple(_wrap(wrap, surfaces) for wrap in element.objects("PathWrapSet")),

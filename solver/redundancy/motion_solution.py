@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from documents.results import EqualByFields, curves_svg, labelled_dataset, result_html
 from solver.coded_findings import CodedFinding, describe_codes
 from solver.errors import SolverCode, SolverError
@@ -244,7 +245,8 @@ class MotionSolution(EqualByFields):
             force = np.linalg.norm(self.reaction[has_effort, 3:], axis=1)
             sizes = f"mean effort {self.effort[has_effort].mean():.4g}, joint reaction up to {force.max():.0f} N"
         return (
-            f"MotionSolution: {len(self.time)} frames, {self.unsolved} not solved, {len(self.muscles)} muscles\n"
+            f"MotionSolution: {counted(len(self.time), 'frame')}, {self.unsolved} not solved, "
+            f"{counted(len(self.muscles), 'muscle')}\n"
             f"  {sizes}{describe_codes(self.findings)}"
         )
 

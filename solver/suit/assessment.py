@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.interval import bracketed
+from documents.interval import bracketed, counted
 from documents.results import EqualByFields, curves_svg, labelled_dataset, result_html
 from solver.coded_findings import CodedFinding, describe_codes
 from solver.cuff import CuffParameters, by_site
@@ -170,7 +170,10 @@ class Assessment(EqualByFields):
     def __repr__(self) -> str:
         columns = ["condition", "cuff", *TABLE]
         rows = self.to_dataframe()[columns].to_string(index=False, float_format="{:.4g}".format)
-        title = f"Assessment: {self.scenarios} scenarios, {self.unsolved} frames not solved; effort over a slack cord"
+        title = (
+            f"Assessment: {self.scenarios} scenarios, {counted(self.unsolved, 'frame')} not solved; "
+            "effort over a slack cord"
+        )
         return f"{title}{describe_codes(self.findings)}\n{rows}"
 
     def to_dataframe(self) -> pd.DataFrame:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from solver.errors import SolverCode
 from solver.model import (
     AnyPathPoint,
@@ -145,7 +146,7 @@ def allocate_results(tables: PathTables, frames: int, coordinates: int) -> PathR
 
 def _check(model: Model, k: int, path: Path) -> None:
     if len(path.points) < 2:
-        sentence = f"path {k} has {len(path.points)} points, expected at least 2: its beginning and its end"
+        sentence = f"path {k} has {counted(len(path.points), 'point')}, expected at least 2: its beginning and its end"
         raise ModelError(sentence, SolverCode.WRONG_PATH)
     for point in path.points:
         if not 0 <= point.body < len(model.bodies):

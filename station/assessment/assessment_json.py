@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from documents.interval import counted
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
 from fitting.results.codes import Standing
 from fitting.uncertainty import Estimate
@@ -235,7 +236,8 @@ def describe_unconverged(solution: MotionSolution) -> list[str]:
 def note_unconverged(solution: MotionSolution) -> str:
     """For a table: each code with its number of frames and its muscles; "converged" where there is none."""
     notes = [
-        f"{outcome} in {int(solution.frames_with(outcome).sum())} frames of {' '.join(muscles_with(solution, outcome))}"
+        f"{outcome} in {counted(solution.frames_with(outcome).sum(), 'frame')} of "
+        f"{' '.join(muscles_with(solution, outcome))}"
         for outcome in UNCONVERGED
         if solution.frames_with(outcome).any()
     ]
@@ -249,7 +251,7 @@ def describe_tendons(model: Model, fibers: ElasticForces | None) -> str:
     tendons = [model.muscles[index].tendon for index in fibers.elastic]
     strains = sorted({tendon.strain for tendon in tendons if tendon is not None})
     described = (
-        f"elastic in {len(tendons)} of {len(model.muscles)} muscles, strain at the greatest isometric force "
+        f"elastic in {len(tendons)} of {counted(len(model.muscles), 'muscle')}, strain at the greatest isometric force "
         f"{' to '.join(f'{strain:g}' for strain in strains[:1] + strains[1:][-1:])}"
     )
     held = np.flatnonzero(fibers.is_shortest.any(axis=0))
@@ -257,7 +259,7 @@ def describe_tendons(model: Model, fibers: ElasticForces | None) -> str:
         return described
     names = " ".join(model.muscle_names[index] for index in held)
     frames = int(fibers.is_shortest.any(axis=1).sum())
-    return f"{described}; fibre held at its least length in {frames} frames of {names}"
+    return f"{described}; fibre held at its least length in {counted(frames, 'frame')} of {names}"
 
 
 def muscles_with(solution: MotionSolution, outcome: MuscleOutcome) -> list[str]:
@@ -267,7 +269,7 @@ def muscles_with(solution: MotionSolution, outcome: MuscleOutcome) -> list[str]:
 
 
 def _count(solution: MotionSolution, frames: list[int]) -> str:
-    return f"{len(frames)} of {len(solution.time)} frames, the first at {solution.time[frames[0]]:g} s"
+    return f"{len(frames)} of {counted(len(solution.time), 'frame')}, the first at {solution.time[frames[0]]:g} s"
 
 
 def _violation(solution: MotionSolution, frames: list[int], *, has_glenoid: bool) -> str:

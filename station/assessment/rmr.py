@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from solver.errors import SolverCode
 from solver.model import Actuator, CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
@@ -402,7 +403,9 @@ def _finite(
     dropped = [column.name for column in columns if column not in kept]
     parts = [f"the columns {', '.join(dropped)}"] if dropped else []
     if not is_kept.all():
-        parts.append(f"{int((~is_kept).sum())} of {len(time)} frames, the first at {time[np.argmin(is_kept)]:g} s")
+        parts.append(
+            f"{int((~is_kept).sum())} of {counted(len(time), 'frame')}, the first at {time[np.argmin(is_kept)]:g} s"
+        )
     return kept, is_kept, " and ".join(parts)
 
 

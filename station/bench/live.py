@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from documents.interval import counted
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.live_displacement import LiveDisplacement
@@ -67,7 +68,7 @@ class LiveView(BackgroundView):
         elif isinstance(item, Event):
             self._print(f"  {item.text}")
         elif isinstance(item, Loss):
-            self._print(f"  lost {item.count} samples of {item.stream}: {item.cause}")
+            self._print(f"  lost {counted(item.count, 'sample')} of {item.stream}: {item.cause}")
 
     def _track_cuff(self, frames: Samples) -> None:
         labels = {stream.name: stream.labels for stream in self._snapshot.streams}.get(frames.stream, ())

@@ -16,6 +16,7 @@ from typing import Self
 
 import numpy as np
 
+from documents.interval import counted
 from recordings.manifest import DataOrigin
 from recordings.samples import Item, Samples, Stream
 from station.messages.codes import TrialCode
@@ -124,7 +125,7 @@ class StreamTally:
         last = samples.values[-1]
         if samples.stream == "/markers":
             seen = int(np.isfinite(last[:, 0]).sum())
-            self.last = f"{seen} of {len(last)} markers seen"
+            self.last = f"{seen} of {counted(len(last), 'marker')} seen"
         else:
             self.last = f"{float(last[0]):+.3f}"
 

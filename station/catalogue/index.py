@@ -22,6 +22,7 @@ from typing import Any
 import duckdb
 import pandas as pd
 
+from documents.interval import counted
 from documents.regular_file import LARGEST_TABLE, describe_failure, open_regular, read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
@@ -403,7 +404,10 @@ def read_participants(path: Path) -> Participants:
         if not row:
             continue
         if len(row) != len(header) or row[0] in found:
-            raise _wrong(path, f"line {number} has {len(row)} values for {len(header)} columns, or its id again")
+            raise _wrong(
+                path,
+                f"line {number} has {counted(len(row), 'value')} for {counted(len(header), 'column')}, or its id again",
+            )
         found[row[0]] = {name: None if value == MISSING else value for name, value in zip(header, row, strict=True)}
     return found
 

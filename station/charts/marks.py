@@ -122,7 +122,7 @@ class Strip:
     is_upright: bool = False
 
 
-HALF, THIRD, QUARTER, SIXTH = 500.0, 340.0, 250.0, 195.0
+HALF, THIRD, QUARTER, SIXTH = 500.0, 340.0, 250.0, 180.0
 """Width [px] of a panel that takes this part of the page's width."""
 
 Mark = Line | Cloud | Points | Intervals | Band | Rule | Strip

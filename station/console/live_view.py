@@ -15,6 +15,7 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
+from documents.interval import counted
 from recordings.manifest import DataOrigin
 from station.console.charts import DISPLACEMENT, FORCE, FORCE_AXIS, INK, axis, axis_below, line
 from station.console.live_feed import SHOWN_S, SLACK, WORN, LiveFeed, LivePoint
@@ -360,8 +361,8 @@ def delivery_text(setup: LiveSetup, update: LiveUpdate | None, *, is_over: bool)
     parts = [f"{setup.trial}, ended"] if is_over else [setup.trial]
     parts += [
         f"{delivery.solved_hz:.0f} of {setup.frame_rate_hz:.0f} frames per second solved",
-        f"{delivery.dropped_frames} frames left out",
+        f"{counted(delivery.dropped_frames, 'frame')} left out",
         f"latency {1e3 * delivery.latency_s:.0f} ms",
     ]
-    parts += [f"{delivery.not_shown} updates not shown"] if delivery.not_shown else []
+    parts += [f"{counted(delivery.not_shown, 'update')} not shown"] if delivery.not_shown else []
     return " · ".join(part for part in parts if part)

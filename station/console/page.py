@@ -14,6 +14,7 @@ from typing import Any
 
 from nicegui import ui
 
+from documents.interval import counted
 from fitting.trial.mass_checks import MassCheckError
 from station.console import next_view, running_view, setup_view, summary_view, verdict_view
 from station.console.actions import Action, Actions
@@ -210,7 +211,7 @@ def titles_of(controller: SessionController) -> tuple[str, str]:
     rehearsal = "REHEARSAL, not stored · " if controller.session.is_rehearsal else ""
     session = f"{rehearsal}subject {setup.subject} · session {setup.number}"
     if controller.runner.live is None:
-        return session, f"{len(plan.done)} of {len(plan.trials)} trials done"
+        return session, f"{len(plan.done)} of {counted(len(plan.trials), 'trial')} done"
     spec = controller.runner.live.spec
     number = 1 + next((n for n, trial in enumerate(plan.trials) if trial.title == spec.title), 0)
     repeats = f" of {setup.repeats}" if spec.cuff is not None else ""

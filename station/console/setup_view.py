@@ -13,6 +13,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
+from documents.interval import counted
 from recordings.manifest import TrialCondition
 from station.bench.check import CheckResult
 from station.console.actions import Actions
@@ -202,16 +203,16 @@ def _session(controller: SessionController, actions: Actions, session: ListedSes
     trials = "; ".join((", ".join(setup.cuffs), *(CONDITION_NAMES[worn] for worn in setup.conditions)))
     name = f"{setup.subject}, session {setup.number}: {trials.removeprefix('; ')}"
     when = f"{session.begun.day} {session.begun:%B %Y, %H:%M}" if session.begun else "date unknown"
-    progress = f"{session.done} of {session.trials}"
+    progress = f"{session.done} of {counted(session.trials, 'trial')}"
     button = ui.button(on_click=lambda: actions.run(lambda: controller.session.resume(folder))).props("flat")
     with button.classes("w-full session").mark("resume"):
         button.tooltip(str(folder))
         with ui.grid(columns="1fr auto").classes("w-full gap-x-4 gap-y-0 text-left items-center"):
             ui.label(name).classes("font-bold break-words min-w-0")
-            ui.label(f"{progress} trials").classes("text-right")
+            ui.label(progress).classes("text-right")
             ui.label(f"{when}{f' · {setup.operator}' if setup.operator else ''}").classes("quiet text-lg")
             ui.linear_progress(session.done / max(1, session.trials), show_value=False).classes("w-28").props(
-                f'size=10px rounded aria-label="{progress} trials"'
+                f'size=10px rounded aria-label="{progress}"'
             )
 
 

@@ -6,7 +6,7 @@ import time
 
 from nicegui import ui
 
-from documents.interval import UNBROKEN
+from documents.interval import UNBROKEN, counted
 from station.console.actions import Actions
 from station.console.next_view import show_plan
 from station.console.wearer_form import offer_wearer
@@ -86,4 +86,4 @@ def headline_of(plan: PlanStatus) -> str:
     if done == len(plan.trials):
         return "Every trial of the plan is accepted"
     skips = f", {skipped} skipped" if skipped else ""
-    return f"{done} of {len(plan.trials)} trials of the plan are accepted{skips}"
+    return f"{done} of {counted(len(plan.trials), 'trial')} of the plan accepted{skips}"

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from documents.interval import bracketed
+from documents.interval import bracketed, counted
 from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
 from fitting.emg.change import RepeatUnit
@@ -364,7 +364,7 @@ def change_table(document: EmgDocument) -> FoldedTable:
     for change in document.changes:
         ratios = _figure_text(change.emg_ratio, digits=2), _figure_text(change.model_ratio, digits=2)
         repeats = zip(change.repeats, change.repeat_units, strict=True)
-        counts = ", ".join(f"{count} {unit}{'s' if count != 1 else ''}" for count, unit in repeats)
+        counts = ", ".join(counted(count, unit) for count, unit in repeats)
         table.add_row(change.channel, ", ".join(change.muscles), *ratios, counts)
     return table
 

@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from documents.interval import counted
 from recordings.exchange.sample_tables import MarkerTable
 from solver.coded_findings import CoverageCode
 from solver.errors import MotionError, SolverCode
@@ -435,7 +436,7 @@ def summary(solved: SolvedPostures) -> list[str]:
     farthest = [f"{solved.tasks.markers[m].name} {1e3 * worst[m]:.0f} mm" for m in np.argsort(worst)[::-1][:3]]
     smoothed = [] if solved.smoothed is None else [_of_smoother(solved.smoothed)]
     return [
-        f"{frames} frames, {frames - solution.unsolved} solved; RMS residual of the markers {rms:.1f} mm",
+        f"{counted(frames, 'frame')}, {frames - solution.unsolved} solved; RMS residual of the markers {rms:.1f} mm",
         f"largest residuals: {', '.join(farthest)}; marker noise {1e3 * np.median(solved.noise):.2f} mm",
         *smoothed,
         *finding_lines(solved.findings),

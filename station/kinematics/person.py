@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from documents.interval import counted
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.standard_gravity import g
 from solver.coded_findings import CoverageCode, ScalingCode
@@ -467,7 +468,7 @@ def _line(trial: TrialCheck, body_mass: float) -> str:
     ranges = trial.ranges
     passive = int(ranges.passive.argmax())
     text = (
-        f"{trial.name}: {len(trial.time)} frames, markers {1e3 * trial.rms:.1f} mm (RMS), fibres "
+        f"{trial.name}: {counted(len(trial.time), 'frame')}, markers {1e3 * trial.rms:.1f} mm (RMS), fibres "
         f"{ranges.shortest.min():.2f} to {ranges.longest.max():.2f} of the optimal length, passive force up to "
         f"{ranges.passive[passive]:.0f} N ({ranges.muscles[passive]}), path jumps up to "
         f"{1e3 * ranges.jump.max():.1f} mm"

@@ -18,6 +18,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from documents.interval import counted
 from solver.stream.stream_frame import StreamOutcome
 from station.live.published import LiveDelivery, LiveScenario, LiveSetup, LiveUpdate, LiveValues
 from station.live.subscription import LiveSubscription
@@ -55,7 +56,7 @@ def render(setup: LiveSetup, update: LiveUpdate, now_s: float) -> Group:
         for place, scenario in enumerate(update.scenarios or setup.scenarios):
             table.add_row(*_row(scenario, place, update.values))
     table.caption = (
-        f"age {age:.2f} s, {delivery.solved_hz:.0f} frames/s, {delivery.dropped_frames} frames left out"
+        f"age {age:.2f} s, {delivery.solved_hz:.0f} frames/s, {counted(delivery.dropped_frames, 'frame')} left out"
         if math.isfinite(age)
         else "no values"
     )

@@ -12,9 +12,9 @@ _DIFFERENCE = "{first} − {second}: {difference_percent} % effort at {at_m:.3f}
 _INTERVAL = _DIFFERENCE + " (95 % CI {low_percent} to {high_percent} %)"
 _INTERVALS = (
     "Intervals contain {sources}: {people:.0f} drawn people, {solved:.0f} with a solution. So many people give 95 % "
-    "intervals that hold {least_percent:.0f} to {most_percent:.0f} % of all people. One in {every:.0f} frames is solved"
+    "intervals that hold {least_percent:.0f} to {most_percent:.0f} % of all people. One in {every:frame} is solved"
 )
-_UNSOLVED = "{frames:.0f} of {all_frames:.0f} frames of all scenarios "
+_UNSOLVED = "{frames:.0f} of {all_frames:frame} of all scenarios "
 _INFEASIBLE = _UNSOLVED + (
     "are infeasible: no activations between 0 and 1 and controls within their limits give the accelerations"
 )
@@ -23,7 +23,7 @@ _UNKNOWN_EFFORT = (
     "of the motion."
 )
 _RESERVE = " Elastic tendons that are slack after rest need a reserve ([reserves] in --effort)."
-_UNCONVERGED = "{frames:.0f} of {all_frames:.0f} frames: the "
+_UNCONVERGED = "{frames:.0f} of {all_frames:frame}: the "
 _MIGRATION = (
     "With compliance, migration of {cuffs} reduces the largest force of the cord by {lost_percent:.0f} %, and changes "
     "the effort by {percent_per_cm} percentage points per centimetre that {cuff} alone migrates"

@@ -12,7 +12,7 @@ _NO_EDGE = "no sync edge came within {timeout_s:g} s"
 _FELL = "the sync line fell from {from_v:.2f} V to {to_v:.2f} V where a rise was expected; " + _POLARITY
 _TOO_SLOW = "this computer is too slow: "
 _FASTER = "; close other programs or use a faster computer"
-_CERTIFICATE = "certificate {serial_number}of {calibrated_on}, {age_days} days old, due on {due_on}"
+_CERTIFICATE = "certificate {serial_number}of {calibrated_on}, {age_days:day} old, due on {due_on}"
 _FORCE = "{mean_n:+.2f} N, standard deviation {sd_n:.2f} N"
 _DISK = "{free_gb:.1f} GB free for {folder}, the plan needs {needed_gb:.2f} GB"
 _MASS = "{found_n:.2f} ± {sd_n:.2f} N, expected {expected_n:.2f} ± {tolerance_n:.2f} N"
@@ -83,7 +83,7 @@ _TRIAL: Mapping[StrEnum, str] = {
         "the clock of this computer shows {now_utc}, and the last file of the session was written at {last_utc}: the "
         "clock was set back. This trial is dated after the others to keep their order; check date and time"
     ),
-    TrialCode.OVERWRITTEN: _TOO_SLOW + "{samples:.0f} samples were overwritten before they were read" + _FASTER,
+    TrialCode.OVERWRITTEN: _TOO_SLOW + "{samples:sample} overwritten before being read" + _FASTER,
     TrialCode.LATE: _TOO_SLOW + "samples waited {late_s:.1f} s before they were recorded" + _FASTER,
     TrialCode.STATION_PAUSED: (
         "the station itself was suspended for {stall_s:.1f} s; make sure that its computer does not sleep or swap"
@@ -120,7 +120,7 @@ _REFUSALS: Mapping[StrEnum, str] = {
         "the recorder ended with code {exit_code} during the trial; what it had written is kept"
     ),
     RefusalCode.PATH_TOO_LONG: (
-        "{path} is {excess} characters too long for Windows, which allows {longest}; use a session folder with a "
+        "{path} is {excess:character} too long for Windows, which allows {longest}; use a session folder with a "
         "shorter path"
     ),
 }

@@ -40,7 +40,7 @@ EMG: Mapping[StrEnum, str] = {
     EmgCode.UNKNOWN_CHANNEL: "the set-up names the channel {name}, which {file} does not have; {known}",
     EmgCode.UNKNOWN_MUSCLE: "the set-up names the muscle {name} for {channel}, which {file} does not have; {known}",
     EmgCode.ACTIVATIONS_COUNT: (
-        "{trials} trials of EMG have {activations} files of activations, expected one for each trial"
+        "{trials:trial} of EMG and {activations:file} of activations, expected one for each trial"
     ),
     EmgCode.SAME_NAME: "two trials are named {name}, expected different names; rename a file",
     EmgCode.MIXED_UNITS: "{in_volts} is in volts and {unknown} has no unit, expected the same unit; set unit in [file]",

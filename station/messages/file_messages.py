@@ -218,15 +218,15 @@ _EXPORT: Mapping[StrEnum, str] = {
     ExportCode.BOUNCE: "{file} is a bounce: no cuff is loaded",
     ExportCode.NO_DIRECTION: "the direction of the force in {file} is unknown: {reason}",
     ExportCode.CUFF_HIDDEN: (
-        "{file} shows the cuff and its anchor together in fewer than {rows:.0f} consecutive force samples; "
+        "{file} shows the cuff and its anchor together in fewer than {rows:consecutive force sample}; "
         "`station info` shows how long every marker was hidden"
     ),
     ExportCode.ROWS_LEFT_OUT: (
-        "{file}: {left_out:.0f} of {rows:.0f} rows are left out because a marker of the cuff or its anchor is hidden; "
-        "the rest is in {files:.0f} gap-free files. --fill-gaps writes one file and fills the gaps"
+        "{file}: {left_out:.0f} of {rows:row} left out because a marker of the cuff or its anchor is hidden; "
+        "the rest is in {files:gap-free file}. --fill-gaps writes one file and fills the gaps"
     ),
     ExportCode.ROWS_FILLED: (
-        "{file}: direction and point of {hidden:.0f} rows, and {lost:.0f} rows of lost samples, are interpolated "
+        "{file}: direction and point of {hidden:row}, and {lost:row} of lost samples, are interpolated "
         "linearly; the longest gap is {longest_s:.3g} s"
     ),
     ExportCode.INCOMPLETE: "{file} is incomplete, and so is its export: {reasons}",
@@ -249,7 +249,7 @@ _CHAIN: Mapping[StrEnum, str] = {
     NumberCode.SOURCE: "{id} is {found}, expected {expected} from {source} {pointer}",
     NumberCode.FIGURE: "{id} is another drawing or caption than the one that was written",
     NumberCode.PROVENANCE: "{id} names other recordings or draws than those of {source} {pointer}",
-    NumberCode.INPUT: "{numbers} numbers depend on it, the first: {id}",
+    NumberCode.INPUT: "numbers that depend on it: {numbers}, the first {id}",
     NumberCode.RECOMPUTED: "{id} is {found}, and a new fit of the recordings gives {expected}",
     ChainCode.CHANGED: "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}",
     ChainCode.ADDED: "{file} is not in {sums}: another program added it after the session was recorded",
@@ -258,7 +258,7 @@ _CHAIN: Mapping[StrEnum, str] = {
         "line {line} were changed, removed, inserted or reordered"
     ),
     ChainCode.JOURNAL_CHANGED: (
-        "{file} has changed since it was recorded: its {lines} lines are not those in {sums}. The last line was "
+        "{file} has changed since it was recorded: {lines:line}, not those in {sums}. The last line was "
         "changed or removed"
     ),
     ChainCode.LIST_LINE: "line {line} does not name a file of this folder with its SHA-256",

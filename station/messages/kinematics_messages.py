@@ -53,7 +53,7 @@ KINEMATICS: Mapping[StrEnum, str] = {
         "there are wrong; correct the labels"
     ),
     KinematicsCode.FAR: (
-        "{marker} is up to {residual_mm:.0f} mm from its place on the model in {frames} frames, the first at "
+        "{marker} is up to {residual_mm:.0f} mm from its place on the model in {frames:frame}, the first at "
         "{first_s:.2f} s: the postures there are wrong; delete these positions, or correct the label"
     ),
     KinematicsCode.NEVER_SEEN: (
@@ -148,8 +148,8 @@ PERSON_SENTENCES: Mapping[StrEnum, str] = {
         "choose a time range in which the person stands still"
     ),
     PersonCode.POSE_SWAYS: "marker {marker} moves by {range_mm:.0f} mm within the static pose; its mean is used",
-    PersonCode.NOT_CONVERGED: "the estimate did not converge in {steps} steps; sizes and standard errors are not final",
-    PersonCode.UNSOLVED_FRAMES: "{trial}: inverse kinematics is unsolved in {frames} of {all} frames",
+    PersonCode.NOT_CONVERGED: "the estimate did not converge in {steps:step}; sizes and standard errors are not final",
+    PersonCode.UNSOLVED_FRAMES: "{trial}: inverse kinematics is unsolved in {frames} of {all:frame}",
     PersonCode.LOCKS_REMOVED: "coordinates locked in the generic model are free in this body: {coordinates}",
     PersonCode.MARKER_FAR_OFF: (
         "{marker} lies {offset_mm:.0f} mm from where the model has it, {deviations:.1f} standard deviations: check its "
@@ -204,9 +204,9 @@ WEARER_SENTENCES: Mapping[StrEnum, str] = {
     CueCode.POSE_DONE: "pose held; end the capture",
     CueCode.RAISE_ARM: "raise the arm: cycle {cycle:.0f} of {cycles:.0f}",
     CueCode.LOWER_ARM: "lower the arm: cycle {cycle:.0f} of {cycles:.0f}",
-    CueCode.MOTION_DONE: "{cycles:.0f} cycles counted: let the arm hang, then end the capture",
+    CueCode.MOTION_DONE: "{cycles:cycle} counted: let the arm hang, then end the capture",
     CueCode.MOVE_UNCOUNTED: (
-        "raise and lower the arm {cycles:.0f} times, then end the capture; cycles are counted only with arm and trunk "
+        "raise and lower the arm {cycles:time}, then end the capture; cycles are counted only with arm and trunk "
         "under [body]"
     ),
     CueCode.CONTRACT: "contract as strongly as possible for 3 to 5 s, with rests between; then end the capture",
@@ -216,7 +216,7 @@ WEARER_SENTENCES: Mapping[StrEnum, str] = {
     ReasonCode.POSE_MOVES: (
         "marker {marker} moves by {range_mm:.0f} mm within the static pose, expected less than {highest_mm:.0f} mm"
     ),
-    ReasonCode.CYCLES_MISSING: "{found:.0f} arm cycles found, expected {planned:.0f}",
+    ReasonCode.CYCLES_MISSING: "{found:arm cycle} found, expected {planned:.0f}",
     ReasonCode.EMG_UNUSABLE: "EMG {channel}: {text}",
     ReasonCode.NO_EMG_CLOCK: "{text}",
 }
@@ -246,7 +246,7 @@ SUBJECT: Mapping[StrEnum, str] = {
         "subject.toml names the markers {markers}, which {model} does not have; it has {known}"
     ),
     SubjectCode.NO_MOTION: (
-        "{folder} should hold a motion trial of the wearer and holds none, but {poses:.0f} pose trials; record "
+        "{folder} should hold a motion trial of the wearer and holds none, but {poses:pose trial}; record "
         "one with `station record --test motion`"
     ),
     SubjectCode.UNKNOWN_CUFF: (

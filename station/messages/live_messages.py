@@ -67,13 +67,13 @@ LIVE: Mapping[StrEnum, str] = {
     ),
     LiveCode.MARKERS_LEFT_OUT: "{markers} jumped and are left out; check their labels and reflections in QTM",
     LiveCode.NOT_HELD: "hidden markers leave {coordinates} undetermined; the values there are estimates",
-    LiveCode.UNSOLVED: "{frames:.0f} of the last {of:.0f} frames have no solution ({outcome})",
+    LiveCode.UNSOLVED: "{frames:.0f} of the last {of:frame} have no solution ({outcome})",
     LiveCode.DECIMATED: (
         "the cameras send {rate_hz:.0f} frames per second: one in {every:.0f} is solved ({solved_hz:.0f} per second)"
     ),
     LiveCode.OVERLOADED: (
         "this computer is too slow: one frame in {every:.0f} is solved ({solved_hz:.0f} per second), "
-        "{dropped:.0f} frames were left out so far; the recording is not affected; fewer scenarios need less time"
+        "{dropped:frame} left out so far; the recording is not affected; fewer scenarios need less time"
     ),
     LiveCode.WRITTEN: "live result: {path}",
     LiveCode.NO_OUTLET: "no live outlet: {reason}",

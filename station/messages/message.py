@@ -10,9 +10,9 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from string import Formatter
 from typing import Any, Generic, TypeVar
 
+from documents.interval import CountingFormatter
 from station.messages.assessment_messages import ASSESSMENT, ASSESSMENT_FILE, DECISIONS
 from station.messages.bench_sentences import BENCH
 from station.messages.emg_messages import EMG
@@ -48,11 +48,11 @@ class Message(Generic[Code_co]):
         return self.code.value.partition(".")[0]
 
 
-class _WithMinusSigns(Formatter):
+class _WithMinusSigns(CountingFormatter):
     """Negative figures have a minus sign in the sentence and a hyphen in the JSON."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
-        text = str(super().format_field(value, format_spec))
+        text = super().format_field(value, format_spec)
         return f"−{text[1:]}" if re.fullmatch(r"-\d[\d.]*", text) else text
 
 

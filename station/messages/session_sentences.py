@@ -136,10 +136,10 @@ _REASONS: Mapping[StrEnum, str] = {
         "this dynamic trial yields neither stiffness nor damping; pull the spring about once a second throughout"
     ),
     ReasonCode.WEIGHTS_MISSING: (
-        "stopped after {found:.0f} of {planned:.0f} weights; redo the trial, and hang all of them one by one"
+        "stopped after {found:.0f} of {planned:weight}; redo the trial, and hang all of them one by one"
     ),
     ReasonCode.UNLOADING_MISSING: (
-        "stopped after {found:.0f} of {planned:.0f} weights were taken off; redo the trial, and take all of them off "
+        "stopped after {found:.0f} of {planned:weight} were taken off; redo the trial, and take all of them off "
         "one by one"
     ),
     ReasonCode.SWING_SHORT: (

@@ -47,7 +47,7 @@ class PlanCode(StrEnum):
 STUDY: Mapping[StrEnum, str] = {
     StudyCode.NOT_A_FOLDER: "{folder} is not a folder; give session folders, or a folder that holds them",
     StudyCode.NO_SESSION: "{folders} holds no session: no folder has a cuffs.json; fit sessions with `station fit`",
-    StudyCode.NO_USABLE_SESSION: "none of {sessions:.0f} sessions can be used: {left_out}",
+    StudyCode.NO_USABLE_SESSION: "none of {sessions:session} can be used: {left_out}",
     StudyCode.MIXED_ORIGIN: (
         "measured and simulated sessions cannot be in one study: {measured} is measured, {simulated} is simulated; "
         "name the folders of one kind"
@@ -82,7 +82,7 @@ STUDY: Mapping[StrEnum, str] = {
     PlanCode.UNREADABLE: "{path} cannot be read as the plan of a study in TOML: {reason}",
     PlanCode.WRONG_TABLE: "the plan of a study {path}: {reason}; docs/study.md has an example",
     PlanCode.NO_PROTOCOL: "{path} has no section [protocol]; give the configuration of the station with --config",
-    PlanCode.TOO_MANY_DESIGNS: "the plan has {designs:.0f} designs, expected at most {most:.0f}; name fewer choices",
+    PlanCode.TOO_MANY_DESIGNS: "the plan has {designs:design}, expected at most {most:.0f}; name fewer choices",
 }
 
 
@@ -107,7 +107,7 @@ SWEEPS: Mapping[StrEnum, str] = {
     SweepCode.UNREADABLE: "{path} cannot be read as a plan in TOML ({reason}); correct it",
     SweepCode.WRONG_TABLE: "the plan {path}: {reason}",
     SweepCode.TOO_MANY_POINTS: (
-        "the grid of the plan has {points:.0f} points, expected at most {most:.0f}; vary fewer values, or draw a sample"
+        "the grid of the plan has {points:point}, expected at most {most:.0f}; vary fewer values, or draw a sample"
     ),
     SweepCode.SPAN_OF_GRID: (
         "{axis} of the plan has first and last, expected a list of values; only numbers of a sample have first and last"
@@ -121,7 +121,7 @@ SWEEPS: Mapping[StrEnum, str] = {
         "vary.{axis} of the plan names {file}, which cannot be read ({reason}); paths are relative to the plan"
     ),
     SweepCode.FEW_FRAMES: (
-        "every = {every} keeps fewer than {least} frames in {cases} cases, as few as {fewest:.0f}: efforts and best "
+        "every = {every} keeps fewer than {least} frames in {cases:case}, as few as {fewest:.0f}: efforts and best "
         "rest lengths depend on which frames these are. Choose a smaller every in the plan"
     ),
     SweepCode.NO_SCHEDULER: (
@@ -174,14 +174,14 @@ VALIDATION: Mapping[StrEnum, str] = {
         "the published solution {variant} of {lift} and its motion have no time in common; use files of one lift"
     ),
     ValidationCode.WITHIN_LIMITS: (
-        "all {count} published variants are within the limits: median difference from the published force at most "
+        "all published variants ({count}) are within the limits: median difference from the published force at most "
         "{difference_n:g} N, RMSE at most the published one + {rmse_percent:g} % of body weight"
     ),
     ValidationCode.BEYOND_LIMITS: "beyond the limits: {variants}",
     ValidationCode.NOTHING_PUBLISHED: "no published solution in the folder: the limits were not checked",
     ValidationCode.PARTLY_PUBLISHED: (
         "{lift}, {variant}: the motion lasts from {start_s:g} to {end_s:g} s and the published solution from "
-        "{published_start_s:g} to {published_end_s:g} s, so that {compared} of {frames} frames are compared; check "
+        "{published_start_s:g} to {published_end_s:g} s, so that {compared} of {frames:frame} can be compared; check "
         "that both files are whole"
     ),
     ValidationCode.LOW_CORRELATION: (
@@ -194,5 +194,5 @@ VALIDATION: Mapping[StrEnum, str] = {
     ValidationCode.PUBLISHED_MISSING: "there is no {files}, so that this variant is not compared with a publication",
     ValidationCode.PUBLISHED_UNUSED: "not used: {files}; published solutions are those of the variants {variants}",
     ValidationCode.LIFT_LEFT_OUT: "{lift} is left out: {reason}",
-    ValidationCode.UNSOLVED: "{unsolved} of {frames} frames of {lift}, {variant}, have no solution and are left out",
+    ValidationCode.UNSOLVED: "{unsolved} of {frames:frame} of {lift}, {variant}, have no solution and are left out",
 }

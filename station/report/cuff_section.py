@@ -132,6 +132,13 @@ def reported_cuffs(
     ]
 
 
+def shared_notes(cuffs: Sequence[ReportedCuff]) -> list[str]:
+    """Notes that all cuffs have, for which one place suffices; none for a single cuff."""
+    if len(cuffs) < 2:
+        return []
+    return [note for note in cuffs[0].notes if all(note in cuff.notes for cuff in cuffs)]
+
+
 def effect_of(assessment: Plain | None, cuff: str) -> tuple[Shown, Shown, Shown]:
     """The best rest length with this arm cuff, migration and compliance, what it saves there, and at the reference.
 

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import TypeAdapter, ValidationError
 
+from documents.interval import counted
 from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
 from fitting.cuffs.cuff_fit import SessionFit
@@ -38,7 +39,7 @@ from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
 from station.recordings_of_session import motions_in, pulls_in, recordings_in
 from station.report.assessment_section import assessment_section, effort_figures, suit_figures
-from station.report.cuff_section import TrueCuff, cuff_figures, normative_section, reported_cuffs
+from station.report.cuff_section import TrueCuff, cuff_figures, normative_section, reported_cuffs, shared_notes
 from station.report.first_page import first_page
 from station.report.numbers import (
     LocatedObject,
@@ -177,11 +178,13 @@ def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
     folder, document, assessment, emg = results.folder, results.document, results.assessment, results.emg
     origin, chain = results.origin, chain_of(folder, is_report_included=False)
     known = located({name: cuff.model_dump() for name, cuff in results.truth.items()}, Source.of(TRUTH_FILE))
+    cuffs = reported_cuffs(results.cuffs, document, assessment, known, pictures)
     return {
         "folder": folder.resolve().name,
         "facts": session_facts(folder, recordings_in(folder), document.get("calibration"), origin),
         "first": first_page(assessment, results.cuffs),
-        "cuffs": reported_cuffs(results.cuffs, document, assessment, known, pictures),
+        "cuffs": cuffs,
+        "shared_notes": shared_notes(cuffs),
         "effort": pictures.get(EFFORT, ()),
         "is_fitted": bool(results.cuffs),
         "origin": origin,
@@ -285,6 +288,7 @@ def _environment(register: NumberRegister) -> Environment:
         "worn": worn,
         "fixed": fixed,
         "number_of": length,
+        "counted": counted,
         "commands": lambda sentence: with_commands(register.mark(sentence)),
     }
     return environment

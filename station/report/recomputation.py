@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from documents.interval import counted
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json
@@ -99,7 +100,7 @@ def _links(file: str, computed: Plain, results: Results, what: str) -> Iterator[
     if reported:
         again = render(results)[1].numbers
         found = [found for key, number in reported.items() for found in _of_number(key, number, again.get(key))]
-        yield _link(f"{NUMBERS_FILE} ← {what}, {len(reported)} numbers", found)
+        yield _link(f"{NUMBERS_FILE} ← {what}, {counted(len(reported), 'number')}", found)
 
 
 def _of_number(key: str, number: ReportedNumber, again: ReportedNumber | None) -> Iterator[Difference]:
@@ -194,7 +195,10 @@ def _link(what: str, found: list[Difference]) -> Link:
         detail = f"largest relative difference {max(one.size for one in found):.1g}" if found else "every number equal"
         if reworded:
             place = reworded[0].pointer
-            remark = f"{detail}; this station has another wording of {len(reworded)} sentences, the first: {place}"
+            remark = (
+                f"{detail}; this station has another wording of "
+                f"{counted(len(reworded), 'sentence')}, the first: {place}"
+            )
             return Link(what, Standing.UNRECORDED, remark)
         return Link(what, Standing.AS_RECORDED, detail)
     first = beyond[0]

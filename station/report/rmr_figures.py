@@ -17,6 +17,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from solver.model import ModelError
 from solver.redundancy.effort import effort_weights
 from solver.redundancy.mechanics import glenoid_cone, is_shoulder
@@ -155,7 +156,7 @@ def _glenoid(page: Page, solved: SolvedMotion) -> None:
     reach = float(np.clip(1.05 * np.nanmax(far, initial=0.0), 1.15 * rim_reach, MOST_RIMS * rim_reach))
     outside = far[far > reach]
     if len(outside):
-        beyond = f"{len(outside)} of {len(far)} frames beyond the axes, up to {outside.max():.0f} mm"
+        beyond = f"{len(outside)} of {counted(len(far), 'frame')} beyond the axes, up to {outside.max():.0f} mm"
         axis.text(0.02, 0.02, beyond, transform=axis.transAxes, fontsize=7.5)
     axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axis.set_xlabel("from its centre towards the edge marker [mm]")

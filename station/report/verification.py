@@ -14,6 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from documents.interval import counted
 from documents.plain_data import PlainDataError
 from documents.regular_file import read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE
@@ -72,8 +73,13 @@ def number_links(folder: Path) -> list[Link]:
     page = read_page(folder)
     return [
         *_input_links(folder, listed),
-        _link(f"{NUMBERS_FILE}, {len(listed.numbers)} numbers on the page", list(_faults_on_page(listed, page))),
-        _link(f"{NUMBERS_FILE}, {len(listed.figures)} figures on the page", list(_faults_of_figures(listed, page))),
+        _link(
+            f"{NUMBERS_FILE}, {counted(len(listed.numbers), 'number')} on the page", list(_faults_on_page(listed, page))
+        ),
+        _link(
+            f"{NUMBERS_FILE}, {counted(len(listed.figures), 'figure')} on the page",
+            list(_faults_of_figures(listed, page)),
+        ),
         *_source_links(folder, listed),
     ]
 
@@ -175,7 +181,7 @@ def _source_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
     new = [key for key in rendered if key not in listed.numbers] if is_same_version else []
     for file in dict.fromkeys(number.source.file for number in listed.numbers.values()):
         keys = [key for key, number in listed.numbers.items() if number.source.file == file]
-        what = f"{NUMBERS_FILE} ← {file or 'recordings'}, {len(keys)} numbers"
+        what = f"{NUMBERS_FILE} ← {file or 'recordings'}, {counted(len(keys), 'number')}"
         if file == CUFFS_FILE and not (folder / file).is_file():
             yield Link(what, Standing.UNRECORDED, FITTED_FOR_REPORT)
             continue
@@ -211,7 +217,9 @@ class TracedStream:
     duration_s: float
 
     def __str__(self) -> str:
-        return f"{self.name}: {self.samples} samples × {self.channels} [{self.unit}], {self.duration_s:.1f} s"
+        return (
+            f"{self.name}: {counted(self.samples, 'sample')} × {self.channels} [{self.unit}], {self.duration_s:.1f} s"
+        )
 
 
 @dataclass(frozen=True)

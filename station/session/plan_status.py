@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
+from documents.interval import counted
 from recordings.manifest import TrialCondition
 from station.config import StationConfig
 from station.journal import MOST_REPEATS, Journal, Recorded, Setup
@@ -256,7 +257,7 @@ def describe_plan(setup: Setup, config: StationConfig) -> str:
     parts = [f"motions {', '.join(setup.conditions)}"] if setup.conditions else []
     if setup.cuffs:
         masses = " + ".join(f"{mass:g}" for mass in load_steps(setup, config))
-        repeats = "1 repeat" if setup.repeats == 1 else f"{setup.repeats} repeats"
+        repeats = counted(setup.repeats, "repeat")
         parts.insert(
             0, f"{repeats} of {', '.join(setup.cuffs)}" + (f" with load steps of {masses} kg" if masses else "")
         )

@@ -27,6 +27,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from drivers.errors import DeviceError
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.wearer_trial import elevation_of
@@ -218,7 +219,7 @@ class Telemetry(BackgroundView):
         if isinstance(item, Event):
             self._new.events.append(item.text)
         elif isinstance(item, Loss):
-            self._new.events.append(f"lost {item.count} samples of {item.stream}: {item.cause}")
+            self._new.events.append(f"lost {counted(item.count, 'sample')} of {item.stream}: {item.cause}")
         elif len(item.values):
             self._tallies.setdefault(item.stream, StreamTally(RATE_REFRESHES)).add(item)
             self._disk.bytes_received += item.values.nbytes + item.device_time_ns.nbytes

@@ -18,6 +18,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from documents.interval import counted
 from documents.plain_data import PlainDataError, parse_toml, read_toml
 from documents.regular_file import describe_failure, read_regular
 from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
@@ -182,8 +183,8 @@ def planned_config(config: Path, plan: StudyPlan, design: StudyDesign) -> str:
         raise StudyError(Message(PlanCode.NO_PROTOCOL, {"path": str(config)}))
     masses = ", ".join(f"{mass:g}" for mass in design.step_masses_kg)
     section = (
-        f"[protocol]                        # planned: {design.volunteers} volunteers, "
-        f"{design.donnings} donnings of each cuff, swing at {design.swing_frequency_hz:g} Hz\n"
+        f"[protocol]                        # planned: {counted(design.volunteers, 'volunteer')}, "
+        f"{counted(design.donnings, 'donning')} of each cuff, swing at {design.swing_frequency_hz:g} Hz\n"
         f"repeats = {design.repeats}\n"
         f"pause_s = {plan.time.pause_s:g}\n"
         f"hold_s = {plan.time.hold_s:g}\n"

@@ -11,6 +11,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from rich.console import Console
 
+from documents.interval import counted
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.variance_components import ComponentOutcome
 from recordings.manifest import DataOrigin
@@ -74,6 +75,7 @@ def _environment() -> Environment:
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["commands"] = with_commands
+    environment.filters["counted"] = counted
     return environment
 
 

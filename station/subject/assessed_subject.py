@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.interval import counted
 from documents.regular_file import LARGEST_SUIT, read_regular
 from fitting.uncertainty import NORMAL_95
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
@@ -314,7 +315,7 @@ def subject_inputs(folder: Path, subject: AssessedSubject) -> dict[str, str]:
     digest = hashlib.sha256(read_regular(folder / SUBJECT_FILE, LARGEST_SUIT)).hexdigest()
     recorded = subject.assessed.sha256
     return {
-        "model": f"{subject.model.name}, scaled to the wearer by {len(subject.trials)} trials",
+        "model": f"{subject.model.name}, scaled to the wearer by {counted(len(subject.trials), 'trial')}",
         "motion": f"{subject.assessed.file} {recorded}",
         "subject": f"{SUBJECT_FILE} {digest}",
     }

@@ -15,6 +15,7 @@ from rich.console import Console, Group
 from rich.live import Live as LiveRegion
 from rich.text import Text
 
+from documents.interval import counted
 from station.messages.codes import VerdictCode
 from station.messages.message import Message
 from station.protocol import describe_trial
@@ -81,7 +82,7 @@ class TextOutput:
             case events.WarningRaised():
                 self._print_warning(event)
             case events.TrialEnded():
-                lost = f", {event.lost_samples} samples lost" if event.lost_samples else ""
+                lost = f", {counted(event.lost_samples, 'sample')} lost" if event.lost_samples else ""
                 state = "recorded" if event.accepted else "recorded, NOT ACCEPTED"
                 self._print(f"  {state}{lost}: {event.sentence}")
             case events.VerdictGiven():
@@ -110,8 +111,8 @@ class TextOutput:
             case events.SummaryFinished():
                 self._print_summary(event)
             case events.SessionClosed():
-                counted = f"{event.done} of {event.trials} trials kept, {event.skipped} skipped"
-                self._print(f"{counted}; {event.sentence}.", "bold")
+                kept = f"{event.done} of {counted(event.trials, 'trial')} kept, {event.skipped} skipped"
+                self._print(f"{kept}; {event.sentence}.", "bold")
             case _:
                 pass
 
@@ -119,7 +120,7 @@ class TextOutput:
         self._folder = Path(event.folder)
         simulated = "SIMULATED DEVICES, practice only. " if event.is_simulated else ""
         self._print(f"{simulated}Subject {event.subject}, session {event.session}, in {event.folder}", "bold")
-        done = f"{event.done} of {event.trials} trials kept, {event.skipped} skipped"
+        done = f"{event.done} of {counted(event.trials, 'trial')} kept, {event.skipped} skipped"
         self._print(f"  {done}. Type ? for the keys." if self._region else f"  {done}. `help` lists the commands.")
 
     def _print_next(self, event: events.NextTrial) -> None:

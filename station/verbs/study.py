@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from documents.interval import counted
 from station.exit_code import DONE, LOSSY
 from station.verbs.options import ConfigPath, FormatOption, print_message
 
@@ -47,7 +48,8 @@ def plan(
     print(f"{path}\n{output / CONFIG_FILE}")
     if designs[0].outcome is DesignOutcome.NOT_REACHED:
         print_message(
-            f"no design reaches a power of {read.detect.power:g} with {read.choices.most_volunteers} volunteers"
+            f"no design reaches a power of {read.detect.power:g} with "
+            f"{counted(read.choices.most_volunteers, 'volunteer')}"
         )
         raise typer.Exit(LOSSY)
 
@@ -89,7 +91,7 @@ def catalogue(
         indexed = update_catalogue(folder, path, progress, is_rebuilt=rebuild)
     for name, reason in indexed.unreadable.items():
         print_message(str(Message(CatalogueCode.UNREADABLE, {"session": name, "reason": reason})))
-    print_message(f"{path}: {indexed.sessions} sessions, {indexed.read} read, {indexed.removed} removed")
+    print_message(f"{path}: {counted(indexed.sessions, 'session')}, {indexed.read} read, {indexed.removed} removed")
     if participants is not None:
         write_participants(participants, *known_participants(path))
     _print_rows(run_sql(path, sql) if sql is not None else list_cuffs(path, chosen), format)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from documents.interval import counted
 from station.exit_code import DONE, FAILED, LOSSY
 from station.verbs.options import ConfigPath, FormatOption, Seed, print_message
 
@@ -158,7 +159,7 @@ def verify(
         print("\n".join(map(str, links)))
     breaks = sum(link.standing.is_break for link in links)
     unrecorded = sum(link.standing == "no hash recorded" for link in links)
-    print_message(f"{len(links)} links, {breaks} broken, {unrecorded} without a hash to compare with")
+    print_message(f"{counted(len(links), 'link')}, {breaks} broken, {unrecorded} without a hash to compare with")
     raise typer.Exit(FAILED if breaks else DONE)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from documents.interval import between, bracketed, digits_of, has_width, plus_minus
+from documents.interval import CountingFormatter, between, bracketed, digits_of, has_width, plus_minus
 
 
 def test_an_interval_has_two_digits_of_its_half_width() -> None:
@@ -97,3 +97,11 @@ def test_negative_numbers_have_a_minus_sign() -> None:
     assert bracketed(-2267.0, (-3431.0, -1103.0)) == "−2267 (−3431\u00a0to\u00a0−1103)"
     assert plus_minus(-2.0, (-4.0, 0.0)) == "−2.0 ± 2.0"
     assert between((-3.0, -1.0)) == "−3.0 to −1.0"
+
+
+@pytest.mark.parametrize(
+    ("count", "text"), [(0, "0 frames"), (1, "1 frame"), (1.0, "1 frame"), (2, "2 frames"), (1234.0, "1234 frames")]
+)
+def test_a_count_has_its_noun_in_singular_or_plural(count: float, text: str) -> None:
+    format_text = CountingFormatter().format
+    assert format_text("{count:frame} of {load:.1f} N", count=count, load=2) == f"{text} of 2.0 N"

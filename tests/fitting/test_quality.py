@@ -49,7 +49,7 @@ def test_a_body_that_leans_with_the_load_is_measured() -> None:
 
 def test_ghosts_and_hidden_frames_are_reported() -> None:
     ghosts = marker_notes(replace(SOUND, ghosts={"anchor_3": 12}))
-    assert ghosts == (Note(TrialNoteCode.GHOSTS, {"markers": "anchor_3 in 12 frames"}),)
+    assert ghosts == (Note(TrialNoteCode.GHOSTS, {"markers": "anchor_3 (frames: 12)"}),)
     assert marker_notes(replace(SOUND, hidden=0.3)) == (Note(TrialNoteCode.MARKERS_HIDDEN, {"hidden": 0.3}),)
     with raises_refusal(RejectionCode.MARKERS_HIDDEN, hidden=0.6):
         marker_notes(replace(SOUND, hidden=0.6))

@@ -162,7 +162,7 @@ def test_the_name_of_a_coordinate_may_contain_spaces(tmp_path, name, separator, 
         ("endheader\ntime\ta\n0\t1\n0.01\t1\n0.01\t2\n0.02\t1\n", SolverCode.UNEVEN_TIME, "has 0.01 s after"),
         ("endheader\ntime\ta\n0.02\t1\n0.01\t1\n0\t1\n", SolverCode.UNEVEN_TIME, "times that increase"),
         ("endheader\ntime\ta\n0\t1\n0.01\tone\n", SolverCode.MALFORMED_TABLE, "one"),
-        ("endheader\ntime\ta\n", SolverCode.NO_FRAMES, "1 rows"),
+        ("endheader\ntime\ta\n", SolverCode.NO_FRAMES, "1 row"),
         ("endheader\ntime\ta\ta\n0\t1\t2\n0.01\t1\t2\n", SolverCode.MALFORMED_TABLE, "several for a"),
     ],
 )

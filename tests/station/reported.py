@@ -17,7 +17,7 @@ from tests.station.foreign import static_and_dynamic
 
 STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
 MARKED = re.compile(r'<(data|span) class="number" id="([^"]+)".*?</\1>', re.DOTALL)
-TRIALS = re.compile(r'<(td|span) class="trial">.*?</\1>', re.DOTALL)
+TRIALS = re.compile(r'<(td|span) class="trial"[^>]*>.*?</\1>', re.DOTALL)
 """Number, time and title of a recording."""
 FIGURES = re.compile(r'<figure[^>]*><div id="([^"]+)">.*?</figure>', re.DOTALL)
 REASONED = {
@@ -32,8 +32,8 @@ REASONED = {
     r"← [\w-]+, \w+ [\d.]+: given by hand|\b\w+ [\d.]+ (N/m|N s/m|m) is given by hand": (
         "a link of the chain, whose number is in the table of cuffs, too"
     ),
-    r"\b\d+ links checked, \d+ not as recorded": "state of the folder, which `station verify` finds again",
-    r"\bscaled to the wearer by \d+ trials": "name of the model",
+    r"\b\d+ links? checked, \d+ not as recorded": "state of the folder, which `station verify` finds again",
+    r"\bscaled to the wearer by \d+ trials?": "name of the model",
 }
 """What is no result: pattern → reason."""
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import enum
 import importlib
 import pkgutil
+import re
 from enum import StrEnum
 from string import Formatter
 
 import pytest
 
+from fitting.results.sentences import SENTENCES as FITTED
 from solver.coded_findings import ScalingCode
 from solver.personalisation.coverage import CoverageCode
 from station import messages
@@ -38,3 +40,8 @@ def test_every_sentence_is_rendered_from_its_figures(code: StrEnum) -> None:
     figures: dict[str, float | str] = {name: 2.0 if spec else "text" for name, spec in fields}
     sentence = str(Message(code, figures))
     assert sentence and "{" not in sentence and "\n" not in sentence
+
+
+def test_no_sentence_counts_one_thing_in_the_plural() -> None:
+    templates = [*SENTENCES.values(), *("".join(clauses) for clauses in FITTED.values())]
+    assert [text for text in templates if re.search(r"\{(\w+s)(:\.0f)?\} ([\w-]+ )*\1\b", text)] == []

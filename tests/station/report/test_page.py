@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pandas as pd
 import pytest
 
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.results.codes import TensorCode
+from fitting.results.codes import NoteCode, TensorCode
 from fitting.results.sentences import Note
 from fitting.session import fit_session
 from fitting.spatial.tensors import Tensor, Tensors
@@ -89,6 +90,16 @@ def test_a_page_has_the_principal_values_of_a_cuff_pulled_in_space(tmp_path: Pat
     assert "Damping in three dimensions" not in page
     assert "2000.0 (1990.2\u00a0to\u00a02009.8)" in page
     assert unmarked_numbers(path, *(trial.file for trial in fitted.cuffs["waist"].trials), tmp_path.name) == []
+
+
+def test_a_note_that_all_cuffs_have_is_shown_once(tmp_path: Path) -> None:
+    fitted = _fitted()
+    waist = fitted.cuffs["waist"]
+    own = Note(NoteCode.STIFFNESS_RATIO, {"ratio": 1.25})
+    hand = replace(waist, name="hand", notes=(*waist.notes, own))
+    page = write_report(tmp_path, replace(fitted, donnings={"waist": {"1": waist}, "hand": {"1": hand}}))
+    text = page.read_text(encoding="utf-8")
+    assert waist.notes and [text.count(escape(str(note))) for note in hand.notes] == [1] * len(hand.notes)
 
 
 def test_the_drawn_line_goes_through_the_held_loads_within_their_errors() -> None:
