@@ -86,4 +86,4 @@ def headline_of(plan: PlanStatus) -> str:
     if done == len(plan.trials):
         return "Every trial of the plan is accepted"
     skips = f", {skipped} skipped" if skipped else ""
-    return f"{done} of {counted(len(plan.trials), 'trial')} of the plan accepted{skips}"
+    return f"{done} of {counted(len(plan.trials), 'trial')} of the plan are accepted{skips}"

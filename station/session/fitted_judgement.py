@@ -159,7 +159,7 @@ def _judge_trial(
         rows=tuple(_rows(trial, others, cuff)),
         notes=(
             *(note for note in notes_at_the_bench(trial.notes) if note not in shown),
-            *notes_at_the_bench(cuff.notes),
+            *notes_at_the_bench(cuff.notes, trial.test),
         ),
         path=_path(fitted),
         marks=marks,

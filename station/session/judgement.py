@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Literal
 
 from fitting.results.codes import EXPLAINED_BY, NoteCode, TrialNoteCode, Verdict
@@ -47,6 +48,14 @@ FOR_THE_REPORT = {
     NoteCode.NO_SHIFT,
 }
 """Notes for the analyst: the operator can do nothing about them between two trials."""
+
+OF_TEST: Mapping[StrEnum, str] = {
+    NoteCode.SHORT_HOLDS: "static",
+    NoteCode.SLIP_OR_FRICTION: "static",
+    NoteCode.MIGRATION_INTERVAL: "static",
+    NoteCode.DAMPING_INTERVAL: "dynamic",
+}
+"""Notes on a donning → the test in which the operator can act on them."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +117,9 @@ def judgement_without_fit(file: str) -> Judgement:
     return Judgement(file, file, "accept", (Message(ReasonCode.FIT_KILLED),))
 
 
-def notes_at_the_bench(notes: Iterable[Note]) -> tuple[str, ...]:
-    """Sentences of the notes on which the operator can act; what explains a verdict leads it."""
-    return tuple(str(note) for note in notes if note.code not in FOR_THE_REPORT and note.code not in EXPLAINED_BY)
+def notes_at_the_bench(notes: Iterable[Note], test: str = "") -> tuple[str, ...]:
+    """Sentences of the notes on which the operator can act, of a donning those on this test; what explains a verdict
+    leads it.
+    """
+    hidden = {*FOR_THE_REPORT, *EXPLAINED_BY}
+    return tuple(str(note) for note in notes if note.code not in hidden and OF_TEST.get(note.code, test) == test)

@@ -261,7 +261,7 @@ class TrialRunner:
             self._session.has_running_trial = False
         recorded = trial.recorded
         refusal = f"{trial.refusal} [{trial.refusal_code}]" if trial.refusal_code else trial.refusal
-        self._session.message = refusal or (recorded.sentence if recorded else "")
+        self._session.message = refusal or (recorded.sentence if recorded and not _ended_as_planned(recorded) else "")
         if recorded is not None and recorded.file and self._session.folder is not None:
             try:
                 for number, name in live.mark_names.items():
@@ -286,6 +286,12 @@ class TrialRunner:
         """Stop following; a running trial continues to its end."""
         for task in self._tasks:
             task.cancel()
+
+
+def _ended_as_planned(recorded: Recorded) -> bool:
+    """Whether the verdict alone is of interest."""
+    planned = {TrialCode.CAPTURE_ENDED, TrialCode.DURATION_REACHED}
+    return recorded.accepted and {message.code for message in recorded.codes} <= planned
 
 
 async def _in_daemon_thread(work: Callable[[Any], None], argument: Any) -> None:

@@ -489,7 +489,9 @@ def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(
 
         run(record())
         controller.close()
-    assert controller.session.message == str(Message(TrialCode.CAPTURE_ENDED))
+    (recorded,) = controller.session.journal.recorded
+    assert [message.code for message in recorded.codes] == [TrialCode.CAPTURE_ENDED]
+    assert controller.session.message == "", "the verdict suffices"
     assert sorted({step for step, _ in seen}) == list(range(8)), "every step, and then the end"
     hook, weight = seen[0][1], 2 * g
     for step, newtons in seen:

@@ -23,7 +23,7 @@ from station.journal import Recorded, write_recorded, write_verdict
 from station.messages.codes import ReasonCode, TrialCode
 from station.messages.message import Message
 from station.session.fitted_judgement import judge_recording
-from station.session.judgement import Judgement, judgement_without_fit
+from station.session.judgement import Judgement, judgement_without_fit, notes_at_the_bench
 from tests.station.foreign import static_and_dynamic
 
 FIT = "station.session.fitted_judgement.fit_donning_of"
@@ -349,3 +349,12 @@ def test_a_drifted_zero_is_a_reason_to_redo(judged: Callable[..., Judgement]) ->
     judgement = judged(zero_drift=5.0)
     assert judgement.advice == "redo"
     assert codes(judgement) == [ReasonCode.ZERO_DRIFT]
+
+
+def test_a_note_on_the_holds_is_shown_with_static_trials_only() -> None:
+    holds = Note(NoteCode.SHORT_HOLDS, {"hold_s": 3.7})
+    warm_up = Note(NoteCode.ZERO_DRIFT, {"drift_n_per_s": 0.01})
+    for_the_report = Note(NoteCode.STIFFNESS_RATIO, {"ratio": 1.2})
+    notes = (holds, warm_up, for_the_report)
+    assert notes_at_the_bench(notes, "static") == (str(holds), str(warm_up))
+    assert notes_at_the_bench(notes, "dynamic") == (str(warm_up),)
