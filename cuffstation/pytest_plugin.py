@@ -20,9 +20,9 @@ is used, because a project may have a file drivers.py or station.py of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -39,7 +39,17 @@ def simulated_bench() -> Iterator[Callable[..., Bench]]:
     Raises SimulatorError in one sentence where a fault or a setting cannot be used.
     """
     _ensure_own_packages()
-    from drivers.simulators.pytest_plugin import bench_starter
+    # Imported when asked for: physics and gRPC are slow to import.
+    from drivers.simulators.faults import fault_from_dict
+    from drivers.simulators.settings import settings_from_dict
+    from drivers.simulators.simulated_bench import Bench
 
     with ExitStack() as running:
-        yield bench_starter(running)
+
+        def start(
+            speed: float | None = None, seed: int = 0, faults: Sequence[dict[str, Any]] = (), **settings: Any
+        ) -> Bench:
+            plan = [fault_from_dict(fault) for fault in faults]
+            return running.enter_context(Bench(settings_from_dict(settings), speed, seed, plan))
+
+        yield start

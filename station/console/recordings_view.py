@@ -10,7 +10,7 @@ from station.console.actions import Actions
 from station.journal import Journal, Recorded
 from station.protocol import describe_trial
 from station.session.controller import SessionController
-from station.session.listing import local_time
+from station.session.open_session import local_time
 
 TESTS = ("static", "dynamic")
 

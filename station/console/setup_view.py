@@ -25,8 +25,7 @@ from station.messages.codes import CommandCode
 from station.protocol import CONDITION_NAMES
 from station.session.controller import BenchChecker, SessionController
 from station.session.judgement import Grade
-from station.session.listing import EarlierSessions, ListedSession, list_sessions
-from station.session.open_session import CommandRefused
+from station.session.open_session import CommandRefused, EarlierSessions, ListedSession, list_sessions
 from station.session.plan_status import is_subject_code, looks_like_a_name
 
 

@@ -23,8 +23,7 @@ from station.journal import JournalError
 from station.messages.codes import CheckCode
 from station.messages.message import Message
 from station.session.judgement import Grade
-from station.session.listing import list_sessions
-from station.session.open_session import OpenSession
+from station.session.open_session import OpenSession, list_sessions
 from station.session.reviewer import Reviewer, is_being_recorded
 from station.session.trial_runner import TrialRunner
 

@@ -24,7 +24,7 @@ from station.catalogue.query import SessionFilter, known_participants, list_cuff
 from station.checksums import JOURNAL_FILE
 from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.messages.study_messages import CatalogueCode
-from station.session.listing import list_sessions
+from station.session.open_session import list_sessions
 from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import write_sessions

@@ -30,8 +30,7 @@ from station.messages.setup_messages import FolderCode
 from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.guide import guide_for
-from station.session.listing import list_sessions
-from station.session.open_session import CommandRefused
+from station.session.open_session import CommandRefused, list_sessions
 from station.session.summary import Summary
 from station.session.trial_runner import LiveTrial, TrialRunner
 from station.session.worker import Worker, WorkerKilled

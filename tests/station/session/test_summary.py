@@ -24,7 +24,7 @@ from station.journal import Assignment, Setup, write_assigned, write_setup, writ
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
-from station.session.listing import EarlierSessions, list_sessions
+from station.session.open_session import EarlierSessions, list_sessions
 from station.session.summary import NOT_ASSESSED, EndedSession, SummaryError, end_session, summarise
 from station.subject.subject_file import Cord, Subject, write_subject
 from tests.refusals import raises_refusal
