@@ -179,17 +179,6 @@ def half_width_factor(inflation: float, dof: int) -> float:
     return student_half_width(dof) if inflation > 1 else NORMAL_95
 
 
-def block_diagonal(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Block-diagonal matrix."""
-    rows, columns = (sum(block.shape[axis] for block in blocks) for axis in (0, 1))
-    whole = np.zeros((rows, columns))
-    row = column = 0
-    for block in blocks:
-        whole[row : row + block.shape[0], column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
-    return whole
-
-
 def posture_error(tensor: NDArray[np.float64], anchor: NDArray[np.float64], anchor_rms: float) -> NDArray[np.float64]:
     """Covariance (6, 6) of a tensor (3, 3) due to noise of the reference posture, which rotates the tensor.
 
@@ -335,15 +324,13 @@ def _solve(holds: Sequence[Sequence[_Hold]], segments: Sequence[NDArray[np.intp]
     flat = [hold for trial in holds for hold in trial]
     units = unit_tensors()
     design = np.concatenate([(units @ (hold.force * hold.u)).T for hold in flat])
-    offsets = block_diagonal(
-        [np.asarray(np.kron(np.eye(segment.max() + 1)[segment], np.eye(3)), dtype=np.float64) for segment in segments]
-    )
+    offsets = scipy.linalg.block_diag(*(np.kron(np.eye(segment.max() + 1)[segment], np.eye(3)) for segment in segments))
     columns = np.hstack((design, offsets))
     x = np.concatenate([hold.x for hold in flat])
     compliance, outcome = np.zeros((3, 3)), FitOutcome.NOT_CONVERGED
     for count in range(1, MOST_HELD_ROUNDS + 1):
-        roots: list[NDArray[np.float64]] = [_whitening(hold, compliance) for hold in flat]
-        white = block_diagonal(roots) @ np.column_stack((columns, x))
+        roots = scipy.linalg.block_diag(*(_whitening(hold, compliance) for hold in flat))
+        white = roots @ np.column_stack((columns, x))
         scale = np.linalg.norm(white[:, :-1], axis=0)
         solved, _, rank, _ = np.linalg.lstsq(white[:, :-1] / scale, white[:, -1])
         if rank < len(scale):

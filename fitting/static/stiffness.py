@@ -41,11 +41,17 @@ from fitting.uncertainty import (
 )
 from solver.cuff import KelvinVoigt
 
-SOFTEST, STIFFEST = -0.9, 20.0
-"""Bounds of ρ × range of loads, which is the tangent at the highest load over that at the lowest, minus 1."""
+Array = NDArray[np.float64]
 
-MAX_STEPS = 500
-"""Of the search for the growth."""
+SOFTEST, STIFFEST = -0.9, 20.0  # of ρ × range of loads: tangent at the highest load over that at the lowest, minus 1
+MAX_STEPS = 500  # of the search for the growth
+MIN_STRAIGHT = 2  # degrees of freedom that a line through the plateaus must have before slip is excluded
+INCONSISTENT = 3.0  # combined standard errors between unloading and reloading; beyond, the cuff slips in reloading too
+MOST_FRICTION = 0.1
+"""Largest friction, as part of the load, that is considered as an alternative to slip. More would resist half of the
+force of a usual swing."""
+ROUNDS, MAX_ROUNDS = 4, 40  # of reweighting, least and most; they end when the compliance has converged
+LEAST_SD = 1e-7  # standard error of a displacement [m], for a marker stream without noise
 
 
 @dataclass(frozen=True)
@@ -55,9 +61,9 @@ class HeldPoints:
     The error of the force is included in that of the displacement, through the stiffness.
     """
 
-    force: NDArray[np.float64]
-    x: NDArray[np.float64]
-    x_sd: NDArray[np.float64]
+    force: Array
+    x: Array
+    x_sd: Array
     group: NDArray[np.intp]
 
 
@@ -72,7 +78,7 @@ class TangentLaw(EqualByFields):
     reference_force: float
     slope: float
     growth: float
-    covariance: NDArray[np.float64]
+    covariance: Array
     chi_square: float
     dof: int
     gain_sd: float
@@ -132,35 +138,22 @@ def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
     return TangentLaw(float(points.force.min()), slope, growth, covariance, chi_square, dof, gain_sd, outcome)
 
 
-def within(values: NDArray[np.float64], group: NDArray[np.intp], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+def within(values: Array, group: NDArray[np.intp], weight: Array) -> Array:
     """Values (n,) minus their weighted mean in their group."""
     total = np.bincount(group, weight)
     mean = np.bincount(group, weight * values) / np.where(total > 0, total, 1.0)
     return np.asarray(values - mean[group])
 
 
-def _bent(load: NDArray[np.float64], growth: float) -> NDArray[np.float64]:
+def _bent(load: Array, growth: float) -> Array:
     """ln(1 + ρ load)/ρ; its series for small ρ."""
     if abs(growth) * float(load.max()) < 1e-6:
         return np.asarray(load - growth * load**2 / 2)
     return np.asarray(np.log1p(growth * load) / growth)
 
 
-def _error(gradient: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+def _error(gradient: Array, covariance: Array) -> float:
     return math.sqrt(float(gradient @ covariance @ gradient))
-
-
-MIN_STRAIGHT = 2
-"""Degrees of freedom that a line through the plateaus must have before slip is excluded."""
-INCONSISTENT = 3.0
-"""Combined standard errors between unloading and reloading from which the cuff also slips while it is reloaded."""
-MOST_FRICTION = 0.1
-"""Largest friction, as part of the load, that is considered as an alternative to slip. More would resist half of the
-force of a usual swing."""
-ROUNDS, MAX_ROUNDS = 4, 40
-"""Least and largest number of reweighting rounds; they end when the compliance has converged."""
-LEAST_SD = 1e-7
-"""Smallest standard error of a displacement [m], for a marker stream without noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +170,10 @@ class StaticFit(EqualByFields):
 
     plateaus: tuple[Plateau, ...]
     segment: NDArray[np.intp]
-    offset: NDArray[np.float64]
+    offset: Array
     repeat: Repeat | None
-    x: NDArray[np.float64]
-    x_sd: NDArray[np.float64]
+    x: Array
+    x_sd: Array
     outcome: FitOutcome = FitOutcome.CONVERGED
 
 
@@ -217,17 +210,11 @@ class StiffnessFit(EqualByFields):
         """For a cuff with friction: k is that of loading, not of a single unloading branch; its interval has both."""
         if self.stiffness is None or self.loading is None:
             return self
-        low, high = self.loading.ci95
-        part = max(0.0, self.stiffness.value - self.loading.value) / math.sqrt(3)
-        stiffness = replace(
-            self.loading,
-            standard_error=math.hypot(self.loading.standard_error, part),
-            ci95=(min(low, self.stiffness.ci95[0]), max(high, self.stiffness.ci95[1])),
-            parts={**self.loading.parts, "friction": part},
-        )
+        wide = _with_friction_part(self.loading, self.stiffness.value - self.loading.value)
+        low, high = (choose(ends) for choose, *ends in zip((min, max), wide.ci95, self.stiffness.ci95, strict=True))
         return replace(
             self,
-            stiffness=stiffness,
+            stiffness=replace(wide, ci95=(low, high)),
             if_friction=self.loading,
             if_slip=self.if_slip or self.stiffness,
             slips_again=False,
@@ -257,7 +244,7 @@ def fit_stiffness(
         fits, slips_again = turned, False
     elif (loading := _loading_stiffness(fits, turned)) and _may_be_friction(fits, turned, loading):
         if_friction = loading
-    repeats = [fit.repeat for fit in fits if fit.repeat is not None]
+    repeats = _repeats(fits)
     stiffness = as_inverse(combine(repeats)) if repeats else None
     slip = sum(_slip(fit, stiffness.value) for fit in fits) if stiffness and not friction else 0.0
     law = fit_law(_points(fits), gain_sd) if repeats else None
@@ -322,7 +309,7 @@ def _has_one_curve(unslipped: Sequence[StaticFit], law: TangentLaw | None, *, on
 
     If the load only rose, a softening curve is not accepted, because slip has the same effect.
     """
-    if sum(fit.repeat.dof for fit in unslipped if fit.repeat) < MIN_STRAIGHT:
+    if sum(repeat.dof for repeat in _repeats(unslipped)) < MIN_STRAIGHT:
         return False
     if _is_straight(unslipped):
         return True
@@ -333,9 +320,8 @@ def _has_one_curve(unslipped: Sequence[StaticFit], law: TangentLaw | None, *, on
 
 def _is_straight(fits: Sequence[StaticFit]) -> bool:
     """Whether the loads of every segment are on a line within their errors."""
-    repeats = [fit.repeat for fit in fits if fit.repeat is not None]
-    dof = sum(repeat.dof for repeat in repeats)
-    return dof >= MIN_STRAIGHT and sum(repeat.chi_square for repeat in repeats) < chi_square_limit(dof)
+    dof = sum(repeat.dof for repeat in _repeats(fits))
+    return dof >= MIN_STRAIGHT and sum(repeat.chi_square for repeat in _repeats(fits)) < chi_square_limit(dof)
 
 
 def _friction(turned: Sequence[StaticFit]) -> float:
@@ -358,10 +344,9 @@ def _loading_stiffness(fits: Sequence[StaticFit], turned: Sequence[StaticFit]) -
 
     After slip the unloading branch has the slope k; with friction, which changes sign, it is steeper.
     """
-    loading = [fit.repeat for fit in turned if fit.repeat]
-    if not loading or any(_count_falls(fit.plateaus) > 1 for fit in fits):
-        return None
-    return as_inverse(combine(loading))
+    fall_counts = [sum(b.force < a.force - SAME_LOAD for a, b in pairwise(fit.plateaus)) for fit in fits]
+    loading = _repeats(turned)
+    return as_inverse(combine(loading)) if loading and max(fall_counts, default=0) <= 1 else None
 
 
 def _may_be_friction(fits: Sequence[StaticFit], turned: Sequence[StaticFit], loading: Estimate) -> bool:
@@ -370,7 +355,7 @@ def _may_be_friction(fits: Sequence[StaticFit], turned: Sequence[StaticFit], loa
     Slip is certain if previous loads are on one line with the unloading branch, if the loading branch is curved, or if
     it is far less steep.
     """
-    found, rising = [fit.repeat for fit in fits if fit.repeat], [fit.repeat for fit in turned if fit.repeat]
+    found, rising = _repeats(fits), _repeats(turned)
     dof, chi_square = sum(repeat.dof for repeat in rising), sum(repeat.chi_square for repeat in rising)
     if not found or _is_straight(fits) or (dof > 0 and chi_square > chi_square_limit(dof)):
         return False
@@ -378,20 +363,21 @@ def _may_be_friction(fits: Sequence[StaticFit], turned: Sequence[StaticFit], loa
     return slipped * (1 - 2 * MOST_FRICTION) < loading.value < slipped
 
 
-def _count_falls(plateaus: Sequence[Plateau]) -> int:
-    return sum(b.force < a.force - SAME_LOAD for a, b in pairwise(plateaus))
-
-
 def _extend_interval(stiffness: Estimate, other: Estimate) -> Estimate:
     """The stiffness with an interval that includes the other value; any value between the two is possible."""
     low = min(stiffness.ci95[0], other.value - NORMAL_95 * other.standard_error)
-    part = max(0.0, stiffness.value - other.value) / math.sqrt(3)
-    return replace(
-        stiffness,
-        standard_error=math.hypot(stiffness.standard_error, part),
-        ci95=(low, stiffness.ci95[1]),
-        parts={**stiffness.parts, "friction": part},
-    )
+    return replace(_with_friction_part(stiffness, stiffness.value - other.value), ci95=(low, stiffness.ci95[1]))
+
+
+def _with_friction_part(stiffness: Estimate, difference: float) -> Estimate:
+    """With the standard error of a value anywhere between k and k less a difference, if that is positive."""
+    part = max(0.0, difference) / math.sqrt(3)
+    error = math.hypot(stiffness.standard_error, part)
+    return replace(stiffness, standard_error=error, parts={**stiffness.parts, "friction": part})
+
+
+def _repeats(fits: Sequence[StaticFit]) -> list[Repeat]:
+    return [fit.repeat for fit in fits if fit.repeat is not None]
 
 
 def _progressive_slip(trials: Sequence[Sequence[Plateau]], stiffness: float) -> float:
@@ -423,7 +409,7 @@ def _retraces(unslipped: Sequence[StaticFit]) -> bool:
     return count > 0 and chi_square < chi_square_limit(count)
 
 
-def _returns(force: NDArray[np.float64]) -> bool:
+def _returns(force: Array) -> bool:
     """Whether loads (n,) [N] return to the first load after a rise, without falling below it."""
     first, last = force[0], force[-1]
     return bool(
@@ -452,11 +438,8 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
     segment = np.cumsum(begins, dtype=np.intp)
     force = np.array([plateau.force for plateau in plateaus])
     force_sd = np.array([plateau.force_sd for plateau in plateaus])
-    read = [
-        plateau.late if slipped else (plateau.displacement, plateau.displacement_sd)
-        for plateau, slipped in zip(plateaus, begins, strict=True)
-    ]
-    x, x_sd = np.array(read).reshape(len(plateaus), 2).T
+    whole, late = ((p.displacement, p.displacement_sd) for p in plateaus), (p.late for p in plateaus)
+    x, x_sd = np.where(begins[:, None], [*late], [*whole]).reshape(len(plateaus), 2).T
     x_sd = np.maximum(x_sd, LEAST_SD)
     if not any(np.ptp(force[segment == s]) > SAME_LOAD for s in np.unique(segment)):
         return StaticFit(plateaus, segment, np.full(len(plateaus), np.nan), None, x, x_sd)
@@ -479,21 +462,15 @@ class _Line:
     """Weights (plateaus,) [1/m²], displacement [m] and force [N] without segment means, compliance [m/N]."""
 
     segment: NDArray[np.intp]
-    weight: NDArray[np.float64]
-    x: NDArray[np.float64]
-    force: NDArray[np.float64]
+    weight: Array
+    x: Array
+    force: Array
     compliance: float
     information: float
     outcome: FitOutcome
 
 
-def _fit_line(
-    x: NDArray[np.float64],
-    x_sd: NDArray[np.float64],
-    force: NDArray[np.float64],
-    force_sd: NDArray[np.float64],
-    segment: NDArray[np.intp],
-) -> _Line:
+def _fit_line(x: Array, x_sd: Array, force: Array, force_sd: Array, segment: NDArray[np.intp]) -> _Line:
     compliance, outcome = 0.0, FitOutcome.NOT_CONVERGED
     for count in range(1, MAX_ROUNDS + 1):
         weight = 1 / (x_sd**2 + (compliance * force_sd) ** 2)
@@ -524,8 +501,7 @@ def _causes(plateaus: tuple[Plateau, ...], line: _Line, gain_sd: float, drift_sd
 
 def _contradict(above_all: list[StaticFit], every_rise: list[StaticFit]) -> bool:
     """Whether reloading up to previous loads gives another compliance than unloading (Hausman's test)."""
-    efficient = [fit.repeat for fit in above_all if fit.repeat is not None]
-    consistent = [fit.repeat for fit in every_rise if fit.repeat is not None]
+    efficient, consistent = _repeats(above_all), _repeats(every_rise)
     if not efficient or not consistent:
         return False
     one, other = combine(efficient), combine(consistent)

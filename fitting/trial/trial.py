@@ -363,9 +363,9 @@ def read_alone(
         trial = replace(_read(path, recording, collector), marks=_marks(collector))
     except (UnusableTrial, RecordingError) as error:
         damage = recording.damage if recording else (str(error),) if isinstance(error, DamagedFile) else ()
-        return RejectedTrial(
-            path.name, _reason(error), _capture_manifest(recording, collector), damage, _marks(collector)
-        )
+        unreadable = Note(RejectionCode.UNREADABLE, {"problem": str(error)})
+        reason = error.reason if isinstance(error, UnusableTrial) else unreadable
+        return RejectedTrial(path.name, reason, _capture_manifest(recording, collector), damage, _marks(collector))
     return _as_edited(trial, protocol) if isinstance(trial, Trial) and protocol is not None else trial
 
 
@@ -379,10 +379,6 @@ def calibrate_trials(readings: Iterable[TrialReading]) -> tuple[tuple[Trial, ...
     if calibration is not None:
         trials = [calibrated(trial, calibration) for trial in trials]
     return tuple(trials), tuple(rejected)
-
-
-def _reason(error: UnusableTrial | RecordingError) -> Note:
-    return error.reason if isinstance(error, UnusableTrial) else Note(RejectionCode.UNREADABLE, {"problem": str(error)})
 
 
 def _as_edited(trial: Trial, protocol: SessionProtocol) -> Trial:
@@ -465,7 +461,7 @@ def read_protocol(folder: Path) -> SessionProtocol:
     """Read protocol.toml of a session; an empty SessionProtocol without the file. Raises ProtocolFileError."""
     path = folder / PROTOCOL_FILE
     try:
-        data = read_toml(path)
+        table = _ProtocolTable.model_validate(read_toml(path))
     except FileNotFoundError:
         return SessionProtocol()
     except OSError as error:
@@ -474,8 +470,6 @@ def read_protocol(folder: Path) -> SessionProtocol:
     except PlainDataError as error:
         figures = {"file": str(path), "problem": str(error)}
         raise ProtocolFileError(FitErrorCode.PROTOCOL_NOT_TOML, figures) from error
-    try:
-        table = _ProtocolTable.model_validate(data)
     except ValidationError as error:
         figures = {"file": str(path), "key": faulty_key(error), "problem": describe_error(error)}
         raise ProtocolFileError(FitErrorCode.PROTOCOL_INVALID, figures) from error
