@@ -1,11 +1,9 @@
 """Scale a model: every body along its own axes, as OpenSim's ScaleTool does it (OpenSim 4.6).
 
-Factors belong to bodies; what is fixed to a body is scaled with it, component by component. Muscles keep their maximum
-isometric force and pennation; fibres and tendons grow with the length of the path in the default posture.
-
-Forces and actuators are scaled with their bodies. Paths and frames are scaled with their bodies, and the resting length
-of a path grows with the path in the default posture. Stiffness, damping and optimal forces stay. OpenSim leaves points
-at which forces act, and contact geometry, where they were; they are scaled too if `scales_points`.
+Factors belong to bodies; what is fixed to a body is scaled with it, component by component: also forces, actuators and
+paths. Muscles keep their maximum isometric force and pennation; fibres, tendons and the resting length of a path grow
+with the path in the default posture. Stiffness, damping and optimal forces stay. OpenSim leaves points at which forces
+act, and contact geometry, where they were; they are scaled too if `scales_points`.
 
 Findings on a scaled model: unequal factors move path points linearly and surfaces by mean factors, and a girdle in a
 wrong posture stretches muscles. Marker residuals show neither.
@@ -43,7 +41,7 @@ from solver.forces.passive_forces import (
     PointToPointSpring,
     SmoothContact,
 )
-from solver.functions.coordinate_functions import Function, PiecewisePolynomial, scaled
+from solver.functions.coordinate_functions import scaled
 from solver.inverse_kinematics.solve import TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import (
     Actuator,
@@ -57,7 +55,6 @@ from solver.model import (
     Model,
     ModelError,
     MovingPathPoint,
-    Muscle,
     PassiveForce,
     Path,
     PathPoint,
@@ -111,7 +108,10 @@ def scale_model(model: Model, scaling: Scaling) -> Model:
         actuators=tuple(scaled_actuator(one, factors, scales_points=also_points) for one in model.actuators),
     )
     ratios = iter(_default_lengths(scaled_model) / _default_lengths(model))
-    muscles = [_grown(muscle, next(ratios)) for muscle in scaled_model.muscles]
+    muscles = [
+        replace(m, optimal_fiber_length=m.optimal_fiber_length * k, tendon_slack_length=m.tendon_slack_length * k)
+        for m, k in ((muscle, next(ratios)) for muscle in scaled_model.muscles)
+    ]
     forces = [
         with_grown_length(force, float(next(ratios))) if isinstance(force, ALONG_PATH) else force
         for force in scaled_model.forces
@@ -160,8 +160,7 @@ def _inertia(body: Body, mass: float, s: Array) -> Array:
         return np.zeros((3, 3))
     ratio = mass / body.mass
     if np.ptp(s) < ALIKE:
-        alike: Array = body.inertia * (ratio * s[0] ** 2)
-        return alike
+        return np.asarray(body.inertia * (ratio * s[0] ** 2))
     moments = np.diag(body.inertia)
     axis = int(np.argmin(moments))
     other = 1 if axis == 0 else 0
@@ -189,9 +188,10 @@ def _joint(joint: Joint, factors: Factors) -> Joint:
     if isinstance(motion, ScapulothoracicMotion):
         motion = replace(motion, radii=motion.radii * parent, winging_origin=motion.winging_origin * child[:2])
     elif isinstance(motion, AxisMotion):
+        keeps = [index < 3 or getattr(one, "is_identity", False) for index, one in enumerate(motion.functions)]
         functions = tuple(
-            function if index < 3 or _has_no_size(function) else scaled(function, float(np.abs(axis) @ parent))
-            for index, (axis, function) in enumerate(zip(motion.axes, motion.functions, strict=True))
+            function if is_kept else scaled(function, float(np.abs(axis) @ parent))
+            for function, axis, is_kept in zip(motion.functions, motion.axes, keeps, strict=True)
         )
         motion = replace(motion, functions=functions)
     return replace(
@@ -202,22 +202,11 @@ def _joint(joint: Joint, factors: Factors) -> Joint:
     )
 
 
-def _has_no_size(function: Function) -> bool:
-    """Whether the axis moves by the coordinate itself: a degree of freedom."""
-    return isinstance(function, PiecewisePolynomial) and function.is_identity
-
-
 def _surface(surface: WrapSurface, s: Array) -> WrapSurface:
     columns = np.linalg.norm(s[:, None] * surface.placement.rotation, axis=0)
-    if surface.kind == "sphere":
-        grown = np.full(3, s.mean())
-    elif surface.kind == "cylinder":
-        across = columns[:2].mean()
-        grown = np.array([across, across, columns[2]])
-    elif surface.kind == "torus":
-        grown = np.full(3, columns[:2].mean())
-    else:
-        grown = columns
+    across = columns[:2].mean()
+    round_ones = {"sphere": [s.mean()] * 3, "cylinder": [across, across, columns[2]], "torus": [across] * 3}
+    grown = np.array(round_ones.get(surface.kind, columns))
     return replace(surface, placement=moved(surface.placement, s), dimensions=surface.dimensions * grown)
 
 
@@ -257,19 +246,10 @@ def _coupler(model: Model, coupler: CoordinateCoupler, factors: Factors) -> Coor
 @lru_cache(maxsize=2)  # many models are scaled from one; they are frozen
 def _default_lengths(model: Model) -> Array:
     """Of muscles, then of forces along paths [m], in the default posture, assembled."""
-    posture = assemble(model)[None]
     paths = [*(muscle.path for muscle in model.muscles)]
     paths += [force.path for force in model.forces if isinstance(force, ALONG_PATH)]
-    lengths: Array = evaluate_paths(model, postures(model, posture, np.zeros_like(posture)), paths).lengths[0]
+    lengths: Array = evaluate_paths(model, _in_default_posture(model), paths).lengths[0]
     return lengths
-
-
-def _grown(muscle: Muscle, ratio: float) -> Muscle:
-    return replace(
-        muscle,
-        optimal_fiber_length=muscle.optimal_fiber_length * ratio,
-        tendon_slack_length=muscle.tendon_slack_length * ratio,
-    )
 
 
 def scaled_force(force: PassiveForce, factors: Factors, *, scales_points: bool) -> PassiveForce:
@@ -346,14 +326,11 @@ def _contact_surface(surface: ContactSurface, factors: Factors) -> ContactSurfac
     return replace(surface, placement=moved(surface.placement, s), radius=radius)
 
 
-FIBRE_RANGE = (0.5, 1.45)
-"""Of the normalised fibre length; beyond it passive force dominates, below it there is no active force."""
+FIBRE_RANGE = (0.5, 1.45)  # normalised; beyond it passive force dominates, below it there is no active force
 ROUND_OFF = 1e-6
-LENGTH_RANGE = (0.9, 1.15)
-"""Of a path's length ratio over the median of all."""
+LENGTH_RANGE = (0.9, 1.15)  # of a path's length ratio over the median of all
 LARGEST_JUMP = 0.010  # m, of a path's length from one frame to the next, beyond the mean of its neighbours
-LARGEST_PASSIVE_FORCE = 0.5
-"""Over the maximum isometric force."""
+LARGEST_PASSIVE_FORCE = 0.5  # over the maximum isometric force
 
 
 @dataclass(frozen=True)
@@ -378,9 +355,7 @@ def check_scaling(generic: Model, scaled: Model) -> tuple[ScalingFinding, ...]:
     lengths = [evaluate_paths(model, state).lengths for model, state in ((generic, before), (scaled, after))]
     ratios = lengths[1][0] / lengths[0][0]
     ratios = ratios / np.median(ratios)
-    old_fibres, fibres = (
-        _normalised_fibres(model, length)[0] for model, length in zip((generic, scaled), lengths, strict=True)
-    )
+    old_fibres, fibres = (_normalised_fibres(m, one)[0] for m, one in zip((generic, scaled), lengths, strict=True))
     found = []
     for index, muscle in enumerate(scaled.muscles):
         if not LENGTH_RANGE[0] <= ratios[index] <= LENGTH_RANGE[1]:
@@ -442,8 +417,7 @@ def _jumps(lengths: Array) -> Array:
     if len(steps) < 3:
         return np.zeros(lengths.shape[1])
     padded = np.concatenate([steps[1:2], steps, steps[-2:-1]])
-    jumps: Array = np.abs(steps - 0.5 * (padded[:-2] + padded[2:])).max(axis=0)
-    return jumps
+    return np.asarray(np.abs(steps - 0.5 * (padded[:-2] + padded[2:])).max(axis=0))
 
 
 def _in_default_posture(model: Model) -> Postures:
@@ -454,14 +428,10 @@ def _in_default_posture(model: Model) -> Postures:
 def _normalised_fibres(model: Model, lengths: Array) -> Array:
     """Fibre length over the optimal one (frames, muscles), at lengths of the paths [m]; the tendons are rigid."""
     optimal, slack, pennation = np.array(
-        [
-            (muscle.optimal_fiber_length, muscle.tendon_slack_length, muscle.pennation_at_optimal)
-            for muscle in model.muscles
-        ]
+        [(m.optimal_fiber_length, m.tendon_slack_length, m.pennation_at_optimal) for m in model.muscles]
     ).T
     along = np.maximum(lengths - slack, 0.0)
-    fibres: Array = np.hypot(along, optimal * np.sin(pennation)) / optimal
-    return fibres
+    return np.asarray(np.hypot(along, optimal * np.sin(pennation)) / optimal)
 
 
 def _is_usual(fibre: float) -> bool:

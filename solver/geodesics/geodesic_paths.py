@@ -80,8 +80,8 @@ def _evaluate_frame(
         count, results.lengths[frame, path] = _wrap_path(points, wraps, bodies, changes, work)
         results.codes[frame, path] = work.code[0]
         mobility = results.mobilities[frame, path]
-        speed = pull(bodies, rates, work.nodes, work.sequence, count, work.wrench, mobility, ALSO_WITHIN_BODIES)
-        results.speeds[frame, path] = speed
+        along = work.nodes, work.sequence, work.wrench
+        results.speeds[frame, path] = pull(bodies, rates, along, count, mobility, ALSO_WITHIN_BODIES)
         move_wrenches(tables, path, work.wrench, results.wrenches[frame])
 
 

@@ -4,10 +4,8 @@ OpenSim caches the place in ground of a tangent point at its first use in a post
 point in its body. Lengths and directions of force use the cached places, points of application and the wrapping itself
 the latest ones: `ground` and `location` of a node. Only so are the results those of OpenSim.
 
-Lengthening speed and forces of a muscle path, as in OpenSim 4.6 (GeometryPath); compiled, for all paths.
-
-Tangent points are taken as fixed in their bodies: for exact tangents their sliding changes the length in second order
-only. OpenSim's tangents are not exact, so the forces are not quite the derivative of the length.
+For lengthening speed and forces tangent points are taken as fixed in their bodies: for exact tangents their sliding
+changes the length in second order only. OpenSim's are not exact, so the forces are not quite the length's derivative.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python, compiled_with_private_functions
 from solver.model import NO_COORDINATE, ConditionalPathPoint, MovingPathPoint, Path, PathPoint
@@ -70,14 +67,17 @@ CONVERGED_LENGTH = 0.0005  # m
 
 @compiled
 def wrap_path(
-    points: Records, wraps: Records, bodies: Records, changes: Records, work: WrapWorkspace
+    tables: PathTables, path: int, bodies: Records, changes: Records, work: WrapWorkspace
 ) -> tuple[int, float]:
-    """Wrap one path (POINT, WRAP) in one posture (POSE, CHANGE).
+    """Wrap one path in one posture (POSE, CHANGE).
 
-    Afterwards the first `count` entries of work.sequence are the nodes in order along it; returns count and the length
-    [m].
+    Afterwards the first `count` entries of work.sequence are the nodes in order along it, and work.code its outcome;
+    returns count and the length [m].
     """
+    points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
+    wraps = tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
     nodes, sequence = work.nodes, work.sequence
+    work.code[0] = CONVERGED
     count = place_path_points(points, wraps, changes, nodes, sequence)
     length = inf
     is_swapped, changes_so_far = False, 0
@@ -279,8 +279,7 @@ class PathNodes(NamedTuple):
 
 def allocate_nodes(frames: int, paths: int, work: WrapWorkspace) -> PathNodes:
     shape = (frames, paths, len(work.nodes))
-    counts: NDArray[np.int64] = np.zeros((frames, paths), np.int64)
-    return PathNodes(np.zeros((*shape, 3)), np.zeros(shape, np.int64), counts)
+    return PathNodes(np.zeros((*shape, 3)), np.zeros(shape, np.int64), np.zeros(shape[:2], np.int64))
 
 
 @compiled_for_python
@@ -290,10 +289,7 @@ def place_path_nodes(
     """Wrap every path in every frame: poses (frames, bodies) of POSE, changes (frames, points) of CHANGE."""
     for frame in range(len(poses)):
         for path in range(results.counts.shape[1]):
-            points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
-            wraps = tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
-            work.code[0] = CONVERGED
-            count, _ = wrap_path(points, wraps, poses[frame], changes[frame], work)
+            count, _ = wrap_path(tables, path, poses[frame], changes[frame], work)
             results.counts[frame, path] = count
             for k in range(count):
                 node = work.sequence[k]
@@ -364,31 +360,15 @@ def evaluate_wrapped_paths(
 
     poses (frames, bodies) of POSE, changes (frames, points) of CHANGE, rates (frames, coordinates)
     """
+    path_nodes = work.nodes, work.sequence, work.wrench
     for frame in range(len(poses)):
-        _evaluate_frame(tables, poses[frame], changes[frame], rates[frame], work, results, frame)
-
-
-@compiled
-def _evaluate_frame(
-    tables: PathTables,
-    bodies: Records,
-    changes: Records,
-    u: Array,
-    work: WrapWorkspace,
-    results: PathResults,
-    frame: int,
-) -> None:
-    for path in range(results.lengths.shape[1]):
-        points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
-        wraps = tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
-        work.code[0] = CONVERGED
-        count, results.lengths[frame, path] = wrap_path(points, wraps, bodies, changes, work)
-        results.codes[frame, path] = work.code[0]
-        speed = pull(
-            bodies, u, work.nodes, work.sequence, count, work.wrench, results.mobilities[frame, path], BETWEEN_BODIES
-        )
-        results.speeds[frame, path] = speed
-        move_wrenches(tables, path, work.wrench, results.wrenches[frame])
+        bodies, wrenches = poses[frame], results.wrenches[frame]
+        for path in range(results.lengths.shape[1]):
+            count, results.lengths[frame, path] = wrap_path(tables, path, bodies, changes[frame], work)
+            results.codes[frame, path] = work.code[0]
+            mobility = results.mobilities[frame, path]
+            results.speeds[frame, path] = pull(bodies, rates[frame], path_nodes, count, mobility, BETWEEN_BODIES)
+            move_wrenches(tables, path, work.wrench, wrenches)
 
 
 @compiled
@@ -403,20 +383,14 @@ def move_wrenches(tables: PathTables, path: int, wrench: Array, wrenches: Array)
 
 @compiled
 def pull(
-    bodies: Records,
-    rates: Array,
-    nodes: Records,
-    sequence: Indices,
-    count: int,
-    wrench: Array,
-    mobility: Array,
-    segments: int,
+    bodies: Records, rates: Array, path: tuple[Records, Indices, Array], count: int, mobility: Array, segments: int
 ) -> float:
     """Add the forces of a tension of 1 N along the straight segments; returns the lengthening speed [m/s].
 
+    path      nodes, their sequence, and wrench (bodies, 6), to which the forces are added, as to mobility
     segments  BETWEEN_BODIES or ALSO_WITHIN_BODIES: whose forces are added
     """
-    speed = 0.0
+    (nodes, sequence, wrench), speed = path, 0.0
     if count == 0:
         return speed
     start, place = nodes[sequence[0]], place_in_ground(bodies, nodes, sequence[0])
@@ -481,8 +455,7 @@ def pack_moving_points(paths: Sequence[Path], postures: Postures, *, stops_at_en
 
 def has_moving_points(paths: tuple[Path, ...]) -> bool:
     """Whether a coordinate moves any point of the paths in its body; a conditional point stays."""
-    _, functions = _movers(paths)
-    return len(functions.functions) > 1  # the last row only ends them
+    return len(_movers(paths)[1].functions) > 1  # the last row only ends them
 
 
 @compiled_for_python
