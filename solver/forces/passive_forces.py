@@ -1,30 +1,18 @@
-"""Contact of spheres and half-spaces by Hunt and Crossley, as OpenSim's HuntCrossleyForce.
+"""Passive forces of a model: contact, and forces on coordinates, at points, along paths and between frames.
 
-Hunt, Crossley, J. Appl. Mech. 42(2):440-445 (1975): Hertz's force times 1 + 3/2 c v; friction by Stribeck's curve.
-Equations: Simbody's HuntCrossleyForce, with its rules for two materials.
+Contact of spheres and half-spaces as OpenSim's HuntCrossleyForce (Hunt, Crossley, J. Appl. Mech. 42(2):440-445, 1975):
+Hertz's force times 1 + 3/2 c v, friction by Stribeck's curve, with Simbody's rules for two materials. SmoothContact is
+OpenSim's SmoothSphereHalfSpaceForce, for optimal control (Serrancolí et al., IEEE Trans. Neural Syst. Rehabil. Eng.
+27(8):1591-1602, 2019): tanh in place of the corners, so that a little force acts also without contact.
 
-SmoothContact is OpenSim's SmoothSphereHalfSpaceForce, for optimal control. Serrancolí et al., IEEE Trans. Neural Syst.
-Rehabil. Eng. 27(8):1591-1602 (2019): Hunt and Crossley's force with tanh in place of its corners, so that a little
-force acts also without contact. Equations: Simbody's class of this name.
+On a coordinate (OpenSim's SpringGeneralizedForce, CoordinateLimitForce, ExpressionBasedCoordinateForce): a force
+(frames,) [N or N m] for values q (frames,) [rad or m] and speeds u (frames,). At points: PointToPointSpring,
+ExpressionBasedPointToPointForce, and PrescribedForce if it is constant. Along a path: PathSpring,
+ExpressionBasedPathForce, Ligament, Blankevoort1991Ligament.
 
-Passive forces on coordinates, between points, along paths and between frames.
-
-On a coordinate: springs, limits and formulas (OpenSim's SpringGeneralizedForce,
-CoordinateLimitForce, ExpressionBasedCoordinateForce).
-
-Each gives a force (frames,) [N or N m] for values q (frames,) [rad or m] and speeds u (frames,) of its coordinate.
-
-Forces at points of bodies: OpenSim's PointToPointSpring, ExpressionBasedPointToPointForce, and PrescribedForce if it
-is constant.
-
-Springs and ligaments along a path: OpenSim's PathSpring, ExpressionBasedPathForce, Ligament and
-Blankevoort1991Ligament.
-
-Bushings between two frames: OpenSim's BushingForce, FunctionBasedBushingForce and ExpressionBasedBushingForce.
-
-The displacement of frame 2 from frame 1 is q: the body-fixed x-y-z angles of frame 2 in frame 1 and the position of its
-origin there [rad, m]. Force and moment act against q, by axis; equations of Simbody's Force::LinearBushing. They are
-singular where the second angle is a right angle.
+Between two frames: BushingForce, FunctionBasedBushingForce, ExpressionBasedBushingForce. Their displacement q has the
+body-fixed x-y-z angles of frame 2 in frame 1 and the place of its origin there [rad, m]. Force and moment act against
+q, by axis; equations of Simbody's Force::LinearBushing. They are singular where the second angle is a right angle.
 """
 
 from __future__ import annotations
@@ -109,16 +97,12 @@ class HuntCrossleyContact:
         pressure = np.maximum(hertz * (1.0 + 1.5 * c * approach), 0.0)
         tangent = sliding - approach[:, None] * touching.normal
         slip = np.linalg.norm(tangent, axis=1)
-        friction = pressure * self._friction_coefficient(first, second, slip) / np.where(slip > 0.0, slip, 1.0)
-        return wrench_about_origin(place, pressure[:, None] * touching.normal + friction[:, None] * tangent)
-
-    def _friction_coefficient(self, first: ContactMaterial, second: ContactMaterial, slip: Array) -> Array:
         static = _joint_friction(first.static_friction, second.static_friction)
         dynamic = _joint_friction(first.dynamic_friction, second.dynamic_friction)
         viscous = _joint_friction(first.viscous_friction, second.viscous_friction)
-        relative = slip / self.transition_velocity
-        dry = np.minimum(relative, 1.0) * (dynamic + 2.0 * (static - dynamic) / (1.0 + relative**2))
-        return dry + viscous * slip
+        coefficient = _stribeck(static, dynamic, slip / self.transition_velocity) + viscous * slip
+        friction = pressure * coefficient / np.where(slip > 0.0, slip, 1.0)
+        return wrench_about_origin(place, pressure[:, None] * touching.normal + friction[:, None] * tangent)
 
 
 @dataclass(frozen=True)
@@ -151,9 +135,7 @@ def _sphere_on_plane(state: Postures, plane: ContactSurface, sphere: ContactSurf
 
 
 def _center(state: Postures, surface: ContactSurface) -> Array:
-    offset = state.rotation_to_ground[:, surface.body] @ surface.placement.translation
-    center: Array = state.origin_in_ground[:, surface.body] + offset
-    return center
+    return points_in_ground(state, surface.body, surface.placement.translation)
 
 
 def _joint_friction(first: float, second: float) -> float:
@@ -210,16 +192,18 @@ class SmoothContact:
         return pressure
 
     def _friction_coefficient(self, slip: Array) -> Array:
-        static, dynamic = self.material.static_friction, self.material.dynamic_friction
-        relative = slip / self.transition_velocity
-        dry: Array = np.minimum(relative, 1.0) * (dynamic + 2.0 * (static - dynamic) / (1.0 + relative**2))
-        return dry + self.material.viscous_friction * slip
+        one, relative = self.material, slip / self.transition_velocity
+        return _stribeck(one.static_friction, one.dynamic_friction, relative) + one.viscous_friction * slip
+
+
+def _stribeck(static: float, dynamic: float, relative: Array) -> Array:
+    """Dry friction over the pressure, at a slip over the transition velocity."""
+    return np.asarray(np.minimum(relative, 1.0) * (dynamic + 2.0 * (static - dynamic) / (1.0 + relative**2)))
 
 
 def _rise(x: Array) -> Array:
     """From 0 to 1."""
-    rise: Array = 0.5 + 0.5 * np.tanh(x)
-    return rise
+    return np.asarray(0.5 + 0.5 * np.tanh(x))
 
 
 @dataclass(frozen=True)
@@ -342,16 +326,15 @@ class ConstantForce:
 
     def loads(self, model: Model, state: Postures) -> Loads:
         frames = (len(state.coordinates), 3)
-        turned = state.rotation_to_ground[:, self.body]
         force, torque = (
-            np.broadcast_to(part, frames) if self.is_force_in_ground else turned @ part
+            np.broadcast_to(part, frames) if self.is_force_in_ground else state.rotation_to_ground[:, self.body] @ part
             for part in (self.force, self.torque)
         )
         place = points_in_ground(state, self.body, self.point)
         wrenches, forces = no_loads(model, state)
         wrench = wrench_about_origin(np.broadcast_to(self.point, frames) if self.is_point_in_ground else place, force)
-        wrench[:, :3] += torque
         wrenches[:, self.body] += wrench
+        wrenches[:, self.body, :3] += torque
         return wrenches, forces
 
 
@@ -370,10 +353,8 @@ class _AlongPath(ABC):
     def loads(self, model: Model, state: Postures) -> Loads:
         paths = evaluate_paths(model, state, [self.path])
         tension = self.tension(paths.lengths[:, 0], paths.speeds[:, 0])
-        return (
-            paths.wrench_per_tension[:, 0] * tension[:, None, None],
-            paths.mobility_per_tension[:, 0] * tension[:, None],
-        )
+        wrench, mobility = paths.wrench_per_tension[:, 0], paths.mobility_per_tension[:, 0]
+        return wrench * tension[:, None, None], mobility * tension[:, None]
 
 
 @dataclass(frozen=True)
@@ -417,8 +398,7 @@ class Ligament(_AlongPath):
         return np.where(length > self.resting_length, tension, 0.0)
 
 
-DAMPED_FROM = 0.01
-"""Strain at which the damping of a Blankevoort1991Ligament is complete."""
+DAMPED_FROM = 0.01  # strain at which the damping of a Blankevoort1991Ligament is complete
 
 
 @dataclass(frozen=True)
@@ -465,15 +445,14 @@ class _BetweenFrames(ABC):
     def loads(self, model: Model, state: Postures) -> Loads:
         one, two = self.body_1, self.body_2
         to_ground = state.rotation_to_ground[:, one] @ self.frame_1.rotation
-        place = _origin(state, two, self.frame_2)
-        lever = place - _origin(state, one, self.frame_1)
+        place = points_in_ground(state, two, self.frame_2.translation)
+        lever = place - points_in_ground(state, one, self.frame_1.translation)
         to_frame = np.swapaxes(to_ground, 1, 2)
         angles = body_fixed_xyz_angles(to_frame @ state.rotation_to_ground[:, two] @ self.frame_2.rotation)
-        rates_matrix = angular_rates_matrix(angles)
         turning = state.angular_velocity[:, two] - state.angular_velocity[:, one]
         sliding = velocity_at(state, two, place) - velocity_at(state, one, place)
         displacement = np.concatenate([angles, rotate(to_frame, lever)], axis=1)
-        to_rates: Array = np.linalg.inv(rates_matrix)  # type: ignore[assignment]
+        to_rates: Array = np.linalg.inv(angular_rates_matrix(angles))  # type: ignore[assignment]
         rates = np.concatenate([rotate(to_rates @ to_frame, turning), rotate(to_frame, sliding)], axis=1)
         force = -(self.elastic_force(displacement) + self.damping * rates)
         wrench = wrench_about_origin(place, rotate(to_ground, force[:, 3:]))
@@ -505,8 +484,7 @@ class FunctionBushing(_BetweenFrames):
     functions: tuple[Function, ...]
 
     def elastic_force(self, displacement: Array) -> Array:
-        columns = [function.derivatives(q)[0] for function, q in zip(self.functions, displacement.T, strict=True)]
-        return np.stack(columns, axis=1)
+        return np.stack([f.derivatives(q)[0] for f, q in zip(self.functions, displacement.T, strict=True)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -519,10 +497,4 @@ class ExpressionBushing(_BetweenFrames):
         return np.stack([expression.at(*displacement.T) for expression in self.expressions], axis=1)
 
 
-DISPLACEMENTS = ("theta_x", "theta_y", "theta_z", "delta_x", "delta_y", "delta_z")
-"""Variables of an ExpressionBushing, in the order of the displacement."""
-
-
-def _origin(state: Postures, body: int, frame: Placement) -> Array:
-    place: Array = state.origin_in_ground[:, body] + state.rotation_to_ground[:, body] @ frame.translation
-    return place
+DISPLACEMENTS = ("theta_x", "theta_y", "theta_z", "delta_x", "delta_y", "delta_z")  # of an ExpressionBushing

@@ -35,7 +35,6 @@ LONGEST = {
     "fitting/pull/cuff_motion.py": 594,
     "fitting/static/stiffness.py": 516,
     "fitting/study/cuff_study.py": 553,
-    "solver/forces/passive_forces.py": 528,
     "solver/suit/scenarios.py": 568,
     "solver/tendons/fiber.py": 561,
     "station/validation/lifts.py": 547,
