@@ -36,12 +36,7 @@ class Writer:
 class Bench:
     """Devices by hand: a DAQ that sends a block every 0.1 station seconds and a mocap that sends while capturing."""
 
-    def __init__(
-        self,
-        start: str = "sync_edge",
-        timeout_s: float = 10.0,
-        duration_s: float | None = None,
-    ) -> None:
+    def __init__(self, start: str = "sync_edge", timeout_s: float = 10.0, duration_s: float | None = None) -> None:
         self.clock, self.writer = ManualClock(), Writer()
         rules = TrialRules(start, 2.5, timeout_s, duration_s)  # type: ignore[arg-type]
         self.trial = TrialStateMachine(rules, self.writer, self.clock)
@@ -50,6 +45,13 @@ class Bench:
 
     def arm(self) -> Bench:
         self.trial.arm(STREAMS, {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM"})
+        return self
+
+    def record(self, recorded_s: float = 2.0, *, armed_s: float = 1.0) -> Bench:
+        """Arm, start the capture after armed_s, and record for recorded_s."""
+        self.arm().run(armed_s)
+        self.start_capture()
+        self.run(recorded_s)
         return self
 
     @property

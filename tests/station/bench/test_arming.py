@@ -14,10 +14,7 @@ from tests.station.bench_by_hand import Bench
 
 
 def test_two_seconds_of_daq_samples_before_the_edge_are_kept() -> None:
-    bench = Bench().arm()
-    bench.run(7.0)
-    bench.start_capture()
-    bench.run(0.1)
+    bench = Bench().record(0.1, armed_s=7.0)
     first = bench.writer.samples("/force")[0].sample_numbers[0]
     assert first == 5000
 
@@ -219,10 +216,7 @@ def test_numbers_that_restart_after_a_preview_belong_to_a_capture() -> None:
 
 
 def test_numbers_that_restart_within_a_capture_add_no_loss() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
-    bench.start_capture()
-    bench.run(1.0)
+    bench = Bench().record(1.0, armed_s=3.0)
     for _ in range(3):
         bench.event("numbering_restarted")
         bench.frame = 90
@@ -248,10 +242,7 @@ def test_a_delayed_first_frame_is_not_a_loss() -> None:
 def test_a_device_that_falls_silent_while_recording_ends_the_trial_with_a_loss_of_each_stream(
     which: str, missing: dict[str, int]
 ) -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     setattr(bench, which, False)
     bench.run(4.0)
     assert bench.trial.state is TrialState.FAILED
@@ -283,10 +274,7 @@ def test_a_short_capture_without_a_frame_is_not_accepted(has_preview: bool) -> N
 
 
 def test_a_daq_that_froze_before_the_capture_ended_is_not_accepted_and_the_missing_end_is_counted() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     bench.daq_sends = False
     bench.run(1.0)
     bench.stop_capture()
@@ -301,10 +289,7 @@ def test_a_daq_that_froze_before_the_capture_ended_is_not_accepted_and_the_missi
 
 
 def test_a_daq_that_is_silent_after_the_end_of_the_capture_loses_no_samples() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     bench.stop_capture()
     bench.daq_sends = False
     bench.run(2.0)
@@ -312,10 +297,7 @@ def test_a_daq_that_is_silent_after_the_end_of_the_capture_loses_no_samples() ->
 
 
 def test_closing_waits_for_a_backlog_of_the_daq() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     backlog = [np.full(100, 5.0)] * 20
     bench.daq_sends = False
     bench.run(2.0)
@@ -331,10 +313,7 @@ def test_closing_waits_for_a_backlog_of_the_daq() -> None:
 
 def test_a_lost_device_fails_a_recording_trial_and_not_a_closing_one() -> None:
     for closing, expected in ((False, TrialState.FAILED), (True, TrialState.CLOSED)):
-        bench = Bench().arm()
-        bench.run(1.0)
-        bench.start_capture()
-        bench.run(2.0)
+        bench = Bench().record()
         if closing:
             bench.stop_capture()
         bench.trial.fail(DeviceLost("QTM is gone"))
@@ -343,10 +322,7 @@ def test_a_lost_device_fails_a_recording_trial_and_not_a_closing_one() -> None:
 
 
 def test_a_disconnected_device_may_be_silent_and_no_other() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
-    bench.start_capture()
-    bench.run(1.0)
+    bench = Bench().record(1.0, armed_s=3.0)
     bench.trial.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
     bench.daq_sends = False
     bench.run(8.0)
@@ -360,10 +336,7 @@ def test_a_disconnected_device_may_be_silent_and_no_other() -> None:
 
 
 def test_a_silent_device_ends_the_trial_while_another_is_disconnected() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
-    bench.start_capture()
-    bench.run(1.0)
+    bench = Bench().record(1.0, armed_s=3.0)
     bench.trial.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
     bench.daq_sends = bench.mocap_sends = False
     bench.run(4.0)
@@ -372,10 +345,7 @@ def test_a_silent_device_ends_the_trial_while_another_is_disconnected() -> None:
 
 
 def test_after_a_stall_of_the_station_no_device_is_silent_and_the_backlog_is_recorded() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     bench.clock.advance(60.0)
     bench.trial.tick()
     bench.run(2.0)
@@ -388,10 +358,7 @@ def test_after_a_stall_of_the_station_no_device_is_silent_and_the_backlog_is_rec
 
 
 def test_a_replaced_capture_ends_the_trial_without_acceptance() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     before = frames_recorded(bench)
     bench.event("capture_replaced")
     bench.run(2.0)
@@ -400,10 +367,7 @@ def test_a_replaced_capture_ends_the_trial_without_acceptance() -> None:
 
 
 def test_a_slow_computer_is_reported_during_the_trial_and_in_its_result() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     bench.trial.handle(Loss("/force", "overrun", 10_000, 250, 0, bench.clock.utc_ns()))
     bench.run(1.0)
     bench.trial.handle(Loss("/sync", "queue_overflow", 10_000, 50, 0, bench.clock.utc_ns()))
@@ -416,10 +380,7 @@ def test_a_slow_computer_is_reported_during_the_trial_and_in_its_result() -> Non
 
 
 def test_samples_that_wait_in_the_station_are_an_overload() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     late = next(i for i in reversed(bench.writer.items) if isinstance(i, Samples) and i.stream == "/force")
     bench.clock.advance(3.0)
     bench.trial.handle(late)

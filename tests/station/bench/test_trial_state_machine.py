@@ -34,10 +34,7 @@ def test_a_trial_runs_from_the_edge_to_the_capture_s_end_and_is_accepted() -> No
 
 
 def test_the_duration_counts_from_the_edge_on_the_daq_s_clock() -> None:
-    bench = Bench(duration_s=4.0).arm()
-    bench.run(3.0)
-    bench.start_capture()
-    bench.run(4.5)
+    bench = Bench(duration_s=4.0).record(4.5, armed_s=3.0)
     assert bench.trial.state is TrialState.CLOSING
     bench.run(1.0)
     assert bench.trial.state is TrialState.CLOSED
@@ -45,10 +42,7 @@ def test_the_duration_counts_from_the_edge_on_the_daq_s_clock() -> None:
 
 
 def test_frames_after_the_end_of_the_capture_are_not_recorded() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record(armed_s=3.0)
     bench.stop_capture()
     recorded = len(bench.writer.samples("/markers"))
     bench.frame = 1
@@ -59,10 +53,7 @@ def test_frames_after_the_end_of_the_capture_are_not_recorded() -> None:
 
 
 def test_a_capture_that_ends_first_ends_the_trial_before_its_duration() -> None:
-    bench = Bench(duration_s=100.0).arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(3.0)
+    bench = Bench(duration_s=100.0).record(3.0)
     bench.stop_capture()
     bench.run(2.0)
     assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])
@@ -79,20 +70,14 @@ def test_a_mocap_system_without_events_ends_its_capture_by_line_and_silence() ->
 
 
 def test_a_short_sync_pulse_does_not_end_the_trial() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(0.2)
+    bench = Bench().record(0.2)
     bench.level = 0.0
     bench.run(5.0)
     assert bench.trial.state is TrialState.RECORDING
 
 
 def test_a_dip_of_the_line_while_recording_is_noted_and_ignored() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     dip = np.full(100, 5.0)
     dip[50:53] = 0.0
     bench.send_daq(dip)
@@ -104,10 +89,7 @@ def test_a_dip_of_the_line_while_recording_is_noted_and_ignored() -> None:
 
 
 def test_a_second_rise_is_reported_at_once_and_the_trial_is_recorded_to_its_end() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(1.0)
+    bench = Bench().record(1.0)
     bench.send_daq(np.repeat([0.0, 5.0], 50))
     assert bench.trial.state is TrialState.RECORDING
     assert bench.codes == [TrialCode.RECORDING, TrialCode.SECOND_START]
@@ -175,10 +157,7 @@ def test_time_stamps_that_jump_during_a_capture_do_not_end_it_and_the_trial_is_n
 
 
 def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench = Bench().record()
     bench.stop_capture()
     bench.level = 5.0
     bench.run(2.0)
@@ -188,10 +167,7 @@ def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
 
 
 def test_one_stop_closes_and_keeps_the_trial_and_a_second_ends_it_at_once() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(3.0)
+    bench = Bench().record(3.0)
     bench.trial.stop()
     assert bench.trial.state is TrialState.CLOSING
     bench.trial.stop(at_once=True)
@@ -200,10 +176,7 @@ def test_one_stop_closes_and_keeps_the_trial_and_a_second_ends_it_at_once() -> N
 
 def test_a_trial_that_is_cut_short_is_closed_well_and_not_accepted() -> None:
     full = Message(TrialCode.DISK_NEARLY_FULL, {"folder": "monday", "free_mb": 40.0, "reserve_mb": 50.0})
-    bench = Bench().arm()
-    bench.run(3.0)
-    bench.start_capture()
-    bench.run(1.0)
+    bench = Bench().record(1.0, armed_s=3.0)
     bench.trial.cut_short(full)
     assert bench.trial.state is TrialState.CLOSING
     bench.run(2.0)
@@ -285,11 +258,7 @@ FULL = Message(TrialCode.DISK_NEARLY_FULL, {"folder": "monday", "free_mb": 40.0,
 
 
 def _recording() -> Bench:
-    bench = Bench().arm()
-    bench.run(3.0)
-    bench.start_capture()
-    bench.run(1.0)
-    return bench
+    return Bench().record(1.0, armed_s=3.0)
 
 
 def _closing() -> Bench:

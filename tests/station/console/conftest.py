@@ -18,6 +18,13 @@ def served_by(request: pytest.FixtureRequest) -> None:
         ServedConsole.python = str(Path(python).absolute())
 
 
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """A test in a browser is slow, and skipped without Chromium."""
+    if {"shared_browser", "polite_browser"} & set(getattr(item, "fixturenames", ())):
+        item.add_marker(pytest.mark.slow)
+        item.add_marker(pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"))
+
+
 @pytest.fixture(scope="module")
 def shared_browser() -> Iterator[Browser]:
     """No longer than a module: asyncio does not run in the thread of Playwright."""

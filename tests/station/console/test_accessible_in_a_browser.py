@@ -7,16 +7,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.station.console.browsing import CHROMIUM, begin, needs_axe, open_page, runs, seen, serious_faults
+from tests.station.console.browsing import begin, needs_axe, open_page, runs, seen, serious_faults
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.reported import report_session
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-    pytest.mark.timeout(600),
-    needs_axe,
-]
+pytestmark = [pytest.mark.timeout(600), needs_axe]
 
 
 CUT = """() => [document.documentElement, ...document.querySelectorAll(".nicegui-content")]

@@ -10,15 +10,11 @@ from playwright.sync_api import Browser, expect
 
 from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.subject.subject_file import Cord, Subject, read_subject
-from tests.station.console.browsing import CHROMIUM, begin, open_page, patience_ms, runs, seen, stop
+from tests.station.console.browsing import begin, open_page, patience_ms, runs, seen, stop
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.console.test_wearer_in_a_browser import WEARER
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-    pytest.mark.timeout(300),
-]
+pytestmark = pytest.mark.timeout(300)
 MASS, NUMBER = "Body mass [kg]", "Session"
 
 

@@ -12,7 +12,6 @@ from playwright.sync_api import Browser, expect
 
 from station.journal import Recorded, Setup, write_recorded, write_setup
 from tests.station.console.browsing import (
-    CHROMIUM,
     begin,
     buttons_are_in_view,
     fits_on_the_screen,
@@ -24,11 +23,7 @@ from tests.station.console.browsing import (
 )
 from tests.station.console.served import ServedConsole, write_config
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-    pytest.mark.timeout(600),
-]
+pytestmark = pytest.mark.timeout(600)
 
 IN_VIEW = """() => {
     const canvas = {clientWidth: 300, clientHeight: 300};

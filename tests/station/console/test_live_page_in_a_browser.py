@@ -19,18 +19,14 @@ from recordings.topics import MARKERS
 from station.child import Child
 from station.live.process import warm_up
 from station.live.published import LiveFinding, LiveSubject
-from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, runs, seen, stop, unreadable, until
+from tests.station.console.browsing import open_page, patience_ms, runs, seen, stop, unreadable, until
 from tests.station.console.live_source import LiveSource, live_setup
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.console.test_wearer_in_a_browser import WEARER
 from tests.station.live.trials import generic_plan
 from tests.station.wearer import wearer_config
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-    pytest.mark.timeout(300),
-]
+pytestmark = pytest.mark.timeout(300)
 
 OUTCOMES = ("generic_body", "no_glenoid", "wearer_left", "markers_exchanged", "not_held", "decimated", "overloaded")
 FINDINGS = tuple(LiveFinding(f"live.{code}", f"a sentence about {code.replace('_', ' ')}") for code in OUTCOMES)

@@ -12,7 +12,6 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from tests.station.console.browsing import (
-    CHROMIUM,
     begin,
     open_page,
     patience_ms,
@@ -23,11 +22,7 @@ from tests.station.console.browsing import (
 )
 from tests.station.console.served import ServedConsole, write_config
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-    pytest.mark.timeout(600),
-]
+pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.mark.parametrize("death", ["killed", "frozen"])

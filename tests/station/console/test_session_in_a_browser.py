@@ -12,7 +12,6 @@ from playwright.sync_api import Browser, Page, expect
 
 from recordings.contents import Contents, contents_of
 from tests.station.console.browsing import (
-    CHROMIUM,
     begin,
     buttons_are_in_view,
     drawn,
@@ -30,11 +29,7 @@ from tests.station.console.browsing import (
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.session.benched import simulated_bench
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-    pytest.mark.timeout(600),
-]
+pytestmark = pytest.mark.timeout(600)
 
 
 def the_recording(folder: Path, file: str = "sub-P01_ses-1_task-static_acq-hand_run-1.mcap") -> Contents:

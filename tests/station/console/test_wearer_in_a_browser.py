@@ -11,7 +11,6 @@ from playwright.sync_api import Browser, Page, expect
 
 from fitting.wearer.wearer_trial import read_wearer_trial
 from tests.station.console.browsing import (
-    CHROMIUM,
     buttons_are_in_view,
     fits_on_the_screen,
     open_page,
@@ -21,11 +20,7 @@ from tests.station.console.browsing import (
 )
 from tests.station.console.served import ServedConsole, write_config
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-    pytest.mark.timeout(400),
-]
+pytestmark = pytest.mark.timeout(400)
 
 WEARER = """
 [body]
