@@ -245,28 +245,16 @@ def fit_stiffness(
     elif (loading := _loading_stiffness(fits, turned)) and _may_be_friction(fits, turned, loading):
         if_friction = loading
     repeats = _repeats(fits)
-    stiffness = as_inverse(combine(repeats)) if repeats else None
-    slip = sum(_slip(fit, stiffness.value) for fit in fits) if stiffness and not friction else 0.0
+    k = as_inverse(combine(repeats)) if repeats else None
+    slip = sum(_slip(fit, k.value) for fit in fits) if k and not friction else 0.0
     law = fit_law(_points(fits), gain_sd) if repeats else None
-    progressive_slip = _progressive_slip(trials, stiffness.value) if slips_again and stiffness else 0.0
-    if_slip = stiffness if if_friction else None
-    if stiffness and if_friction:
-        stiffness = _extend_interval(stiffness, if_friction)
-    outcomes = [fit.outcome for fit in fits] + ([law.outcome] if law else [])
-    outcomes += [stiffness.outcome] if stiffness else []
+    progressive = _progressive_slip(trials, k.value) if slips_again and k else 0.0
+    if_slip = k if if_friction else None
+    if k and if_friction:
+        k = _extend_interval(k, if_friction)
+    outcome = worst([part.outcome for part in (*fits, law, k) if part])
     return StiffnessFit(
-        stiffness,
-        tuple(fits),
-        slip,
-        slips_again,
-        progressive_slip,
-        friction,
-        only_rose,
-        law,
-        if_friction,
-        loading,
-        if_slip,
-        worst(outcomes),
+        k, tuple(fits), slip, slips_again, progressive, friction, only_rose, law, if_friction, loading, if_slip, outcome
     )
 
 
@@ -420,14 +408,11 @@ def _returns(force: Array) -> bool:
 def _points(fits: Sequence[StaticFit]) -> HeldPoints:
     """The plateaus of all trials; every segment of every trial has its own offset."""
     firsts = np.cumsum([0, *(int(fit.segment.max(initial=-1)) + 1 for fit in fits)])
-    group = [fit.segment + first for fit, first in zip(fits, firsts, strict=False)]
-    force = [np.array([plateau.force for plateau in fit.plateaus]) for fit in fits]
-    return HeldPoints(
-        np.concatenate([*force, np.zeros(0)]),
-        np.concatenate([*(fit.x for fit in fits), np.zeros(0)]),
-        np.concatenate([*(fit.x_sd for fit in fits), np.zeros(0)]),
-        np.concatenate([*group, np.zeros(0)]).astype(np.intp),
-    )
+    groups = [fit.segment + first for fit, first in zip(fits, firsts, strict=False)]
+    forces = [np.array([plateau.force for plateau in fit.plateaus]) for fit in fits]
+    columns = (forces, [fit.x for fit in fits], [fit.x_sd for fit in fits], groups)
+    force, x, x_sd, group = (np.concatenate([*column, np.zeros(0)]) for column in columns)
+    return HeldPoints(force, x, x_sd, group.astype(np.intp))
 
 
 def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd: float, drift_sd: float) -> StaticFit:
@@ -453,8 +438,7 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
     causes = {"codes": math.sqrt(max(0.0, 1 / line.information - noise**2)), **causes}
     repeat = Repeat(line.compliance, noise, math.hypot(*causes.values()), chi_square, dof, causes)
     offset = (force - line.force) - (x - line.x) / line.compliance
-    error = np.hypot(x_sd, line.compliance * force_sd)
-    return StaticFit(plateaus, segment, offset, repeat, x, error, line.outcome)
+    return StaticFit(plateaus, segment, offset, repeat, x, np.hypot(x_sd, line.compliance * force_sd), line.outcome)
 
 
 @dataclass(frozen=True)
