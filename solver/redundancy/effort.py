@@ -73,7 +73,7 @@ class Effort:
         return self.exponent == 2 or self.cost is not None
 
     def terms(self, x: Array) -> Array:
-        """w φ(a), then w r² of the actuators."""
+        """w φ(a), then w r² of the actuators: the terms of (10)."""
         terms: Array = self.weights[: x.shape[-1]] * x**2
         if self.cost is not None:
             terms[..., : self.muscles] = self.weights[: self.muscles] * self.cost.value(x[..., : self.muscles])

@@ -134,7 +134,7 @@ class RedundancyProblem:
 
 
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
-    """Build the problem of all frames, without loads. ModelError for a model without muscles, or for unknown names.
+    """Build (11) for all frames, without loads. ModelError for a model without muscles, or for unknown names.
 
     Columns of an actuator that are round-off, as on a locked coordinate, are set to zero; its control is 0 there.
     """

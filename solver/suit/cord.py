@@ -140,7 +140,7 @@ def suit_forces(
     yields: bool = False,
     every: int = 1,
 ) -> SuitForces:
-    """Forces of the suit at each rest length (rest lengths,) [m], in every N-th frame of the line.
+    """Forces of the suit, (7), at each rest length (rest lengths,) [m], in every N-th frame of the line.
 
     cuffs are those at waist and arm, None for a rigid one; is_shifted applies their migration, yields their compliance.
     Raises SuitError where a cuff has no positive stiffness, or no equilibrium in a frame.

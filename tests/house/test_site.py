@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -62,6 +64,20 @@ def test_the_picture_of_the_layout_is_the_tree() -> None:
     }
     assert {name for name in drawn if not (ROOT / name).is_dir()} == set()
     assert {name for name in folders if not name.startswith("tests/") and "__pycache__" not in name} <= drawn
+
+
+def test_every_equation_of_the_source_study_is_cited_by_the_function_that_the_table_names() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\(\d+\).*?) \|.*`([\w/]+\.py)::([\w.]+)` \|$", page, re.M)
+    cited = []
+    for equations, file, name in rows:
+        node: Any = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+        for part in name.split("."):
+            node = next(one for one in node.body if getattr(one, "name", "") == part)
+        numbers = re.findall(r"\(\d+\)", equations)
+        cited += numbers
+        assert [number for number in numbers if number not in (ast.get_docstring(node) or "")] == [], name
+    assert cited == [f"({number})" for number in range(1, 12)]
 
 
 def test_every_file_that_the_front_page_links_to_exists_and_every_command_is_explained() -> None:
