@@ -1,4 +1,7 @@
-"""The page on the files that the station writes: every JSON Schema of docs/schemas as tables. A hook of mkdocs."""
+"""The page on the files that the station writes: every JSON Schema of docs/schemas as tables. A hook of mkdocs.
+
+`python -m docs.reference.schemas` writes docs/schemas from the types of the station.
+"""
 
 from __future__ import annotations
 
@@ -71,3 +74,39 @@ def _container(field: dict[str, Any]) -> str:
     inner = field.get("items" if kind == "array" else "additionalProperties")
     shown = "list" if kind == "array" else kind
     return f"{shown} of {_type(inner)}" if isinstance(inner, dict) else shown
+
+
+def schema_texts() -> dict[str, str]:
+    """File of docs/schemas → JSON Schema 2020-12 of the type that writes and reads the document, or one line of it."""
+    from pydantic import TypeAdapter
+
+    from fitting.results.cuffs_schema import CuffsDocument
+    from station.assessment.assessment_file import AssessmentDocument
+    from station.emg.emg_json import EmgDocument
+    from station.journal import JournalLine
+    from station.kinematics.ik import IkDocument
+    from station.kinematics.person import BodyDocument
+    from station.report.report_file import ReportDocument
+    from station.study.designs import StudyPlanDocument
+    from station.study.study_document import NormativeDocument, StudyDocument
+
+    documents: dict[str, TypeAdapter[object]] = {
+        "cuffs": TypeAdapter(CuffsDocument),
+        "assessment": TypeAdapter(AssessmentDocument),
+        "session": TypeAdapter(JournalLine),
+        "body": TypeAdapter(BodyDocument),
+        "ik": TypeAdapter(IkDocument),
+        "emg": TypeAdapter(EmgDocument),
+        "study": TypeAdapter(StudyDocument),
+        "plan": TypeAdapter(StudyPlanDocument),
+        "normative": TypeAdapter(NormativeDocument),
+        "report": TypeAdapter(ReportDocument),
+    }
+    dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    schemas = {name: dialect | document.json_schema() for name, document in documents.items()}
+    return {f"{name}.schema.json": json.dumps(schema, indent=1) + "\n" for name, schema in schemas.items()}
+
+
+if __name__ == "__main__":
+    for file, text in schema_texts().items():
+        (SCHEMAS / file).write_text(text, encoding="utf-8")

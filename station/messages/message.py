@@ -14,7 +14,6 @@ from typing import Any, Generic, TypeVar
 
 from documents.interval import CountingFormatter
 from station.messages.assessment_messages import ASSESSMENT, ASSESSMENT_FILE, DECISIONS
-from station.messages.bench_sentences import BENCH
 from station.messages.emg_messages import EMG
 from station.messages.file_messages import FILES
 from station.messages.kinematics_messages import KINEMATICS, PERSON_SENTENCES, SUBJECT, WEARER_SENTENCES
@@ -65,7 +64,6 @@ def join_sentences(messages: Iterable[Message[StrEnum]]) -> str:
 
 
 SENTENCES: Mapping[StrEnum, str] = {
-    **BENCH,
     **SESSION,
     **KINEMATICS,
     **PERSON_SENTENCES,

@@ -2,18 +2,20 @@
 
 report.json in its folder lists every number of the page with its source. The text of the page follows from the files of
 that folder alone, so that it can be rendered again and compared; its figures follow from the samples, too.
+As a PDF it is printed by an installed Chromium, Chrome or Edge that Playwright drives.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import TypeAdapter, ValidationError
@@ -58,6 +60,10 @@ from station.report.session_facts import recording_rows, session_facts
 from station.report.wearer_section import emg_figures, emg_section, wearer_figures
 from station.study.study_document import NORMATIVE_FILE
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Playwright
+
+
 T = TypeVar("T")
 Drawn = Mapping[str, Sequence[Picture]]
 _HERE = Path(__file__).parent
@@ -68,6 +74,10 @@ TRUTH_FILE = "simulated_truth.json"
 """Beside the recordings of simulated devices: what the simulated cuffs carried."""
 MISSING_FILE = "missing.json"
 """Beside them where the report is not complete: a list of sentences, what is missing and why."""
+PDF_FILE = "report.pdf"
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "microsoft-edge")
+"""On Linux by name; elsewhere Playwright finds the programs of CHANNELS."""
+CHANNELS = ("chrome", "msedge")
 
 
 class ReportError(StationError):
@@ -292,3 +302,45 @@ def _environment(register: NumberRegister) -> Environment:
         "commands": lambda sentence: with_commands(register.mark(sentence)),
     }
     return environment
+
+
+class BrowserError(StationError):
+    """No browser can print the page."""
+
+
+def ensure_pdf() -> None:
+    """Raises ModuleNotFoundError, before anything is fitted, without the extra `pdf`."""
+    import playwright  # noqa: F401
+
+
+def write_pdf(page: Path) -> Path:
+    """Print report.html beside itself on A4 and return the path. Raises BrowserError without a browser."""
+    from playwright.sync_api import Error, sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = _launch(playwright, Error)
+        try:
+            tab = browser.new_page(java_script_enabled=False, offline=True)
+            tab.goto(page.resolve().as_uri())
+            tab.emulate_media(media="print", color_scheme="light")
+            printed = tab.pdf(prefer_css_page_size=True, print_background=True, tagged=True, outline=True)
+        finally:
+            browser.close()
+    path = page.with_name(PDF_FILE)
+    write_whole(path, printed)
+    write_checksums(path)
+    return path
+
+
+def _launch(playwright: Playwright, error: type[Exception]) -> Browser:
+    """The first browser that starts: an installed one, then Playwright's own."""
+    found = next(filter(None, map(shutil.which, PROGRAMS)), None)
+    if found is not None:
+        return playwright.chromium.launch(executable_path=found)
+    reason = ""
+    for channel in (*CHANNELS, None):
+        try:
+            return playwright.chromium.launch(channel=channel)
+        except error as refused:
+            reason = str(refused).splitlines()[0]
+    raise BrowserError(Message(FolderCode.NO_BROWSER, {"reason": reason}))

@@ -196,8 +196,7 @@ def report(
     from station.messages.setup_messages import FolderCode
     from station.progress import progress_bars
     from station.report.cuff_section import adopt_normative
-    from station.report.page import ReportError, write_report
-    from station.report.pdf import ensure_pdf, write_pdf
+    from station.report.page import ReportError, ensure_pdf, write_pdf, write_report
 
     if not folder.is_dir():
         raise ReportError(Message(FolderCode.NOT_A_FOLDER, {"folder": str(folder)}))

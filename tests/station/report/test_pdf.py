@@ -18,8 +18,7 @@ from station.extras import MissingExtra, with_extras
 from station.fit import fit_session_folder
 from station.messages.setup_messages import ConfigCode, FolderCode
 from station.report import page
-from station.report.page import write_report
-from station.report.pdf import BrowserError, _launch, write_pdf
+from station.report.page import BrowserError, _launch, write_pdf, write_report
 from station.verbs.whole import report
 from tests.fitting.experiment import PUBLISHED, Session, published
 from tests.refusals import raises_refusal
@@ -99,7 +98,7 @@ def test_without_the_extra_the_command_names_it_before_it_fits(tmp_path: Path, m
 
 
 def test_a_computer_without_a_browser_has_a_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("station.report.pdf.PROGRAMS", ())
+    monkeypatch.setattr("station.report.page.PROGRAMS", ())
     tried: list[Any] = []
 
     def launch(channel: str | None) -> NoReturn:
