@@ -36,6 +36,7 @@ from fitting.pull.plateaus import Plateau, check_steps, find_plateaus
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.sentences import Note
 from fitting.trial.calibration import code_width
+from fitting.trial.clocks import LONGEST_FORCE_GAP
 from fitting.trial.trial import Trial
 
 if TYPE_CHECKING:
@@ -173,6 +174,12 @@ class _Moved:
 
 
 def _move(trial: Trial, motion: CuffMotion) -> _Moved:
+    """Without the frames at which the force is not known: between samples that are far apart."""
+    is_known = np.ones(len(trial.marker_time), bool)
+    for start, end in trial.force_gaps:
+        if end - start > LONGEST_FORCE_GAP:
+            is_known &= (trial.marker_time <= start) | (trial.marker_time >= end)
+    motion = replace(motion, displacement=np.where(is_known[:, None], motion.displacement, np.nan))
     force = np.interp(trial.marker_time, trial.force_time, trial.force)
     quality = marker_quality(motion.displacement, motion.residual, motion.body, force, motion.ghosts)
     quality = replace(quality, loose=motion.loose)

@@ -121,8 +121,8 @@ REJECTIONS: Templates = {
     ),
     RejectionCode.CUFF_HIDDEN: "the cuff markers {markers} are hidden at the start; check the cameras' view",
     RejectionCode.MARKERS_HIDDEN: (
-        "anchor or cuff markers are hidden in {hidden:percent .0f} % of the frames, expected at most {limit:percent "
-        ".0f} %; check the cameras' view and record again"
+        "anchor or cuff markers are hidden, or the force is missing, in {hidden:percent .0f} % of the frames, expected "
+        "at most {limit:percent .0f} %; check the cameras' view and the force, and record again"
     ),
     RejectionCode.MARKERS_FROZEN: (
         "the markers do not change at all for {duration_s:.1f} s from {start_s:.1f} s on while the force changes; "
@@ -198,7 +198,9 @@ TRIAL_NOTES: Templates = {
     TrialNoteCode.ZERO_DRIFT: (
         _REST + "; look for a load that was left on, and let the load cell and its amplifier warm up"
     ),
-    TrialNoteCode.MARKERS_HIDDEN: "anchor or cuff markers are hidden in {hidden:percent .0f} % of the frames",
+    TrialNoteCode.MARKERS_HIDDEN: (
+        "anchor or cuff markers are hidden, or the force is missing, in {hidden:percent .0f} % of the frames"
+    ),
     TrialNoteCode.GHOSTS: "marker positions that jumped or were exchanged were left out: {markers}",
     TrialNoteCode.LOOSE_MARKER: (
         "{marker} moves by {rms_m:mm .1f} mm rms relative to the other anchor markers: it is loose, or skin moves "

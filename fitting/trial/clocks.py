@@ -107,6 +107,9 @@ def _breaks(numbers: NDArray[np.int64], stamps: NDArray[np.float64]) -> list[int
     return [int(index) + 1 for index in np.flatnonzero(is_break)]
 
 
+LONGEST_FORCE_GAP = 0.05
+"""Seconds without force that are interpolated; of a pull once a second, 1 % of the amplitude is lost. Frames in longer
+gaps are left out as if they were hidden."""
 BOUNCE = 0.02
 """Seconds: threshold crossings within this time are one edge; a shorter pulse is a glitch."""
 REST = 1.5

@@ -218,9 +218,7 @@ class RecordedState(OpenState):
 
     def store(self, item: Item) -> None:
         context = self.context
-        if isinstance(item, Loss):
-            context.lost_samples += item.count
-        context.writer.write(item)
+        context.write(item)
         for message in context.overload.update(item, context.clock.utc_ns()):
             context.write_message(message)
 
@@ -433,5 +431,6 @@ class Closing(RecordedState):
         if end.has_capture_ended and context.sync.is_high:
             messages.append(Message(TrialCode.NO_STOP_EDGE))
             context.write_message(messages[-1])
-        messages += [*context.notes, *context.overload.messages]
-        return Ended(*messages, edge=self.edge, is_accepted=self._is_accepted)
+        mostly_lost = context.mostly_lost() if self._is_accepted else []
+        messages += [*mostly_lost, *context.notes, *context.overload.messages]
+        return Ended(*messages, edge=self.edge, is_accepted=self._is_accepted and not mostly_lost)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from fitting.pull.cuff_motion import OCCLUSION_LIMIT
+from fitting.trial.clocks import LONGEST_FORCE_GAP
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.stream_watchdog import OverloadMonitor, Shortfall, StreamWatchdog
 from station.bench.sync_line import GLITCH_NS, Edge, SyncLine
@@ -58,6 +61,7 @@ class TrialContext:
         self.overload = OverloadMonitor()
         self.notes: list[Message[TrialCode]] = []
         self.lost_samples = self.marks = self.latest_device_ns = 0
+        self._recorded, self._lost = Counter[str](), Counter[str]()
 
     def record_arrival(self, item: Item) -> None:
         """Restart the silence timer of a stream that delivered samples, update its clock, check the first frame."""
@@ -74,11 +78,32 @@ class TrialContext:
         """Record the message as an event of its kind."""
         self.write_event(message.kind, str(message))
 
+    def write(self, item: Item) -> None:
+        """Record an item of the trial, and count its samples."""
+        if isinstance(item, Loss):
+            self.lost_samples += item.count
+            rate_hz = sum(stream.rate_hz for stream in self.streams if stream.name == item.stream)
+            if item.stream == "/markers" or item.count > LONGEST_FORCE_GAP * rate_hz:
+                self._lost[item.stream] += item.count
+        elif isinstance(item, Samples):
+            self._recorded[item.stream] += len(item.device_time_ns)
+        self.writer.write(item)
+
     def write_loss(self, loss: Loss | None) -> None:
         """Count and record samples that the station itself found missing."""
         if loss is not None:
-            self.lost_samples += loss.count
-            self.writer.write(loss)
+            self.write(loss)
+
+    def mostly_lost(self) -> list[Message[TrialCode]]:
+        """A message for each needed stream that lost so much that the fit refuses the trial; it bridges short gaps."""
+        messages = []
+        for stream in self.streams:
+            lost = self._lost[stream.name]
+            share = lost / max(1, lost + self._recorded[stream.name])
+            if stream.name in NEEDED and share >= OCCLUSION_LIMIT:
+                figures: Figures = {"source": stream.source, "stream": stream.name, "lost": share}
+                messages.append(Message(TrialCode.MOSTLY_LOST, {**figures, "limit": OCCLUSION_LIMIT}))
+        return messages
 
     def event(self, kind: str, text: str) -> Event:
         return Event(kind, text, self.clock.utc_ns(), "station")

@@ -44,6 +44,7 @@ class TrialCode(StrEnum):
     SECOND_START = "sync_double_edge"
     EMPTY_CAPTURE = "empty_capture"
     END_MISSING = "end_missing"
+    MOSTLY_LOST = "mostly_lost"
     NO_STOP_EDGE = "no_stop_edge"
     CLOCK_SET_BACK = "clock_set_back"
     OVERWRITTEN = "overloaded.samples_overwritten"

@@ -87,6 +87,10 @@ _TRIAL: Mapping[StrEnum, str] = {
     TrialCode.EMPTY_CAPTURE: (
         "{source} sent no frame of the capture; check that it tracks the markers and streams 3D data in real time"
     ),
+    TrialCode.MOSTLY_LOST: (
+        "{source} lost {lost:.0%} of the samples on {stream}, expected at most {limit:.0%}; check its connection and "
+        "its rate, and record again"
+    ),
     TrialCode.END_MISSING: "{source} sent nothing on {stream} in the last {missing_s:.1f} s of the trial",
     TrialCode.NO_STOP_EDGE: (
         "the sync line is still high where the recording ends, so only the start edge relates the clocks"

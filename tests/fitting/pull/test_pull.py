@@ -48,6 +48,17 @@ def test_a_cuff_that_creeps_slips_or_has_friction_is_on_the_clock_of_its_force(l
     assert len(pulls) == 1
 
 
+@pytest.mark.parametrize(("gap_s", "is_used"), [(0.04, True), (0.5, False)])
+def test_frames_in_a_long_gap_of_the_force_are_left_out(gap_s: float, is_used: bool) -> None:
+    """The force was interpolated over any gap, and read as measured."""
+    trial = _static("hand", 4.0, 1000.0)
+    whole = make_pulls([trial])[0][0]
+    (pull,) = make_pulls([replace(trial, force_gaps=((10.0, 10.0 + gap_s),))])[0]
+    inside = (trial.marker_time > 10.0) & (trial.marker_time < 10.0 + gap_s)
+    np.testing.assert_array_equal(np.isfinite(pull.displacement[inside]), is_used)
+    np.testing.assert_allclose(pull.displacement[~inside], whole.displacement[~inside], atol=1e-5)
+
+
 # Held loads in a trial's force.
 
 

@@ -156,6 +156,30 @@ def test_time_stamps_that_jump_during_a_capture_do_not_end_it_and_the_trial_is_n
     assert (bench.trial.state, bench.codes) == (TrialState.FAILED, [TrialCode.CAPTURE_ENDED, TrialCode.STAMPS_JUMPED])
 
 
+@pytest.mark.parametrize(
+    ("stream", "count", "is_accepted"),
+    [
+        ("/markers", 1, True),  # with every second block of ten frames: 9 % of the frames
+        ("/markers", 10, False),
+        ("/force", 40, True),  # 40 ms are interpolated, however often
+        ("/force", 200, False),
+    ],
+)
+def test_a_trial_that_lost_half_of_what_the_fit_needs_is_not_accepted(
+    stream: str, count: int, is_accepted: bool
+) -> None:
+    bench = Bench().arm()
+    bench.run(2.5)
+    bench.start_capture()
+    for _ in range(20):
+        bench.run(0.1)
+        bench.trial.handle(Loss(stream, "skipped", 0, count, 0, bench.clock.utc_ns()))
+    bench.stop_capture()
+    bench.run(2.0)
+    assert (bench.trial.state is TrialState.CLOSED) == is_accepted
+    assert (TrialCode.MOSTLY_LOST in bench.codes) != is_accepted
+
+
 def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
     bench = Bench().record()
     bench.stop_capture()
