@@ -13,12 +13,13 @@ from typing import NoReturn
 
 from station.exit_code import ENDED_BY_CTRL_C, FAILED, INTERRUPTED
 
-LEAST, LEAST_TO_COMPILE, SPARE = 400 * 2**20, 600 * 2**20, 2**26
-"""Bytes: of the libraries that every verb imports; with LLVM, which aborts below; and what a failing verb leaves if
-memory was not the cause.
+LEAST, LEAST_TO_COMPILE, LEAST_TO_QUERY, SPARE = 400 * 2**20, 600 * 2**20, 1200 * 2**20, 2**26
+"""Bytes: of the libraries that every verb imports; with LLVM or with DuckDB, which abort below; and what a failing verb
+leaves if memory was not the cause.
 """
-WITHOUT_COMPILER = ("info", "recover", "import", "judge", "fit")
-"""Verbs that load no LLVM."""
+WITHOUT_COMPILER = ("info", "recover", "import", "judge", "fit", "export", "verify", "init")
+WITH_COMPILER = ("--osim", "--recompute", "parquet")
+"""Verbs that load no LLVM, and their arguments with which they load it, or Arrow, which needs as much."""
 BLAS_SIZE = 128
 """Rows of matrices for which OpenBLAS allocates the memory that it keeps."""
 SHORT_OF_MEMORY = "station: the memory of this computer, or its limit for this command, is not sufficient"
@@ -65,7 +66,8 @@ def _is_free(size: int) -> bool:
 def _allocate_first() -> None:
     """Let both copies of OpenBLAS allocate what they keep. Raises MemoryError where the limits leave too little."""
     verb = next(iter(sys.argv[1:]), "-")
-    if not _is_free(LEAST if verb.startswith("-") or verb in WITHOUT_COMPILER else LEAST_TO_COMPILE):
+    is_light = verb.startswith("-") or (verb in WITHOUT_COMPILER and not {*sys.argv} & {*WITH_COMPILER})
+    if not _is_free(LEAST_TO_QUERY if verb == "catalogue" else LEAST if is_light else LEAST_TO_COMPILE):
         raise MemoryError
     import numpy as np
     from scipy import linalg

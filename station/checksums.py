@@ -1,8 +1,9 @@
 """SHA256SUMS: the hash of every file in a session folder and its subfolders at the time the station wrote it.
 
-The format is that of sha256sum, so that `sha256sum -c SHA256SUMS` checks a folder without the station. Hidden files are
-not listed: no command reads them. Lines of JOURNALS contain the hash of the lines before them, so that these files may
-grow after their hash was recorded. Files are written atomically, and those of a session are entered into its list.
+The format is that of sha256sum, so that `sha256sum -c SHA256SUMS` checks a folder without the station. Locks, drafts
+and the address of a live process are not listed, because no result depends on them. Lines of JOURNALS contain the hash
+of the lines before them, so that these files may grow after their hash was recorded. Files are written atomically, and
+those of a session are entered into its list.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ LARGEST_JOURNAL = 16 * 2**20
 CHECKSUMS_FILE = "SHA256SUMS"
 JOURNALS = (JOURNAL_FILE, CHECKS_FILE)
 SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"
+PASSING = re.compile(r"\.(.*\.lock|live\.json|draft-.*|DS_Store)", re.DOTALL)
+"""Names of hidden files and folders that come and go while a session is used, the last of them by macOS."""
 LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)", re.DOTALL)
 LARGEST = 1 << 24
 """Bytes: a hundred thousand files."""
@@ -124,7 +127,7 @@ def is_below(name: str) -> bool:
 def files_below(folder: Path) -> Iterator[str]:
     """Names of all files of a folder and its subfolders that belong into its list."""
     for place, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".")]
+        folders[:] = [name for name in folders if not PASSING.fullmatch(name)]
         links = [name for name in folders if (Path(place) / name).is_symlink()]
         yield from filter(_is_listed, (name_in(folder, Path(place) / name) for name in (*files, *links)))
 
@@ -185,9 +188,8 @@ def _decoded(content: bytes) -> str:
 
 
 def _is_listed(name: str) -> bool:
-    """Neither hidden nor the list itself."""
-    is_hidden = any(part.startswith(".") for part in PurePosixPath(name).parts)
-    return not is_hidden and name not in (CHECKSUMS_FILE, SIGNATURE_FILE)
+    """Neither passing nor the list itself."""
+    return not any(map(PASSING.fullmatch, PurePosixPath(name).parts)) and name not in (CHECKSUMS_FILE, SIGNATURE_FILE)
 
 
 def _previous(line: bytes) -> str | None:

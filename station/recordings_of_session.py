@@ -13,7 +13,7 @@ from recordings.manifest import Manifest
 from recordings.reader import read_manifest
 
 RECORDINGS = "[!.]*.mcap"
-"""Hidden files are not in the list of hashes, so they are not read."""
+"""Hidden files are those of other programs, such as the `._` files of macOS."""
 
 
 def recordings_in(folder: Path) -> list[Path]:

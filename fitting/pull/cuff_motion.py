@@ -2,13 +2,10 @@
 
 The anchor is the rigid pose of a cluster of markers, frame by frame. Hidden, ghost and loose markers, moving skin and
 lean of the body are found.
-
-Trials of a donning in another direction than its first one are found; stiffness along one line must not pool them.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
@@ -35,8 +32,6 @@ OCCLUSION_NOTE = 0.2
 OCCLUSION_LIMIT = 0.5
 SKIN_CORRELATION = 0.3
 LEAN_NOTE = 5e-3
-TURN_NOTE = 0.5e-3
-"""Metres by which the cuff's markers move apart under the load, from which it is reported."""
 LOOSE = 0.5e-3
 """Metres rms relative to the other markers from which a marker is loose; skin and marker noise cause less."""
 LARGEST_RESIDUAL_RATIO = 0.75
@@ -148,12 +143,8 @@ def _best(candidates: Array, residual_of: ResidualOf, limit: float) -> tuple[Arr
     return candidates[best, frames], remaining[best, frames] <= limit
 
 
-def _with_labels_restored(reference: Array, points: Array) -> Array:
-    """Points (frames, markers, 3) of a cuff that moves by one displacement, exchanged labels as in the reference."""
-
-    def residual_of(points: Array) -> Array:
-        return _apart(points - reference)[1]
-
+def _with_labels_restored(points: Array, residual_of: ResidualOf) -> Array:
+    """Points (frames, markers, 3), exchanged labels as in the reference of residual_of."""
     residual = residual_of(points)
     if points.shape[1] < 2 or not np.isfinite(residual).any():
         return points
@@ -324,18 +315,6 @@ def marker_notes(found: MarkerQuality) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def turn_notes(turn: Array, force: Array) -> tuple[Note, ...]:
-    """A note if the cuff's markers move apart with the load, from their rms (frames,) [m] and force (frames,) [N]."""
-    seen = np.isfinite(turn)
-    if not seen.any() or np.ptp(force[seen]) == 0:
-        return ()
-    load = force[seen] - force[seen].mean()
-    apart = float(load @ turn[seen] / (load @ load)) * float(np.ptp(force[seen]))
-    if apart <= TURN_NOTE:
-        return ()
-    return (Note(TrialNoteCode.TURNS, {"apart_m": apart}),)
-
-
 def loose_marker(labels: tuple[str, ...], reference: Array, points: Array) -> tuple[str, float] | None:
     """The marker of (frames, markers, 3) that moves relative to the others, and its rms [m]; None if none does.
 
@@ -363,8 +342,6 @@ def _hidden(displacement: Array) -> float:
 
 LEAD_IN = 1.5
 """Seconds of the first trial whose mean is the reference posture."""
-APART = 10.0
-"""Degrees from which two pulls are different directions."""
 
 
 @dataclass(frozen=True)
@@ -415,9 +392,12 @@ def reference_posture(trial: Trial) -> Reference:
 def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     """The motion of a trial relative to the reference of its donning, without ghosts."""
     site = trial.cuff
-    anchor, of_anchor, pose = rigid_without_ghosts(reference.anchor, trial.positions(site.anchor_markers))
-    seen = pose.to_reference(trial.positions(site.cuff_markers))
-    cuff = _cuff_with_labels_restored(reference, pose, trial.positions(site.anchor_markers), anchor, seen)
+    of_trial = trial.positions(site.anchor_markers), trial.positions(site.cuff_markers)
+    labelled = _anchor_with_labels_restored(reference.anchor, *of_trial)
+    anchor, of_anchor, pose = rigid_without_ghosts(reference.anchor, labelled[0])
+    of_anchor = of_anchor + np.count_nonzero(_is_moved(of_trial[0], labelled[0]), axis=0)
+    seen = pose.to_reference(of_trial[1])
+    cuff = _cuff_with_labels_restored(reference, pose, labelled[0], anchor, pose.to_reference(labelled[1]))
     displaced, of_cuff = path_without_ghosts(cuff - reference.cuff)
     of_cuff = of_cuff + np.count_nonzero(_is_moved(seen, cuff), axis=0)
     displacement, turn = _apart(displaced)
@@ -431,6 +411,20 @@ def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     body = pose.to_laboratory(np.nanmean(reference.anchor, axis=0))
     loose = loose_marker(site.anchor_markers, reference.anchor, anchor)
     return CuffMotion(displacement, pose.residual, body, turn, rope, ghosts, _mean_posture(trial).anchor, loose)
+
+
+def _anchor_with_labels_restored(reference: Array, anchor: Array, cuff: Array) -> tuple[Array, Array]:
+    """Markers of the anchor and of the cuff (frames, markers, 3) with labels of both put back so that the anchor fits.
+
+    In frames without a hidden marker only: exchanged with a hidden one, a wrong label would be left out unseen.
+    """
+    both = np.concatenate((anchor, cuff), axis=1)
+    is_full = is_seen(both).all(axis=1)
+    if is_full.any():
+        both[is_full] = _with_labels_restored(
+            both[is_full], lambda points: fit_pose(reference, points[:, : len(reference)]).residual
+        )
+    return both[:, : anchor.shape[1]], both[:, anchor.shape[1] :]
 
 
 def _cuff_with_labels_restored(reference: Reference, pose: Pose, anchor: Array, kept: Array, cuff: Array) -> Array:
@@ -448,7 +442,7 @@ def _cuff_with_labels_restored(reference: Reference, pose: Pose, anchor: Array, 
         for label in range(cuff.shape[1]) if is_left_out.any() else ():
             is_there = is_left_out & (np.linalg.norm(cuff[:, label] - place, axis=1) <= limit)
             restored[is_there, label] = all_anchor[is_there, marker]
-    return _with_labels_restored(reference.cuff, restored)
+    return _with_labels_restored(restored, lambda points: _apart(points - reference.cuff)[1])
 
 
 def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> Array:
@@ -483,7 +477,7 @@ def _mean_posture(trial: Trial) -> Reference:
     best = _fullest_frame(anchor, cuff)
     lead_in = slice(best, best + int(np.searchsorted(trial.marker_time - trial.marker_time[0], LEAD_IN)) + 1)
     first = Reference(anchor[best], cuff[best])
-    anchor, cuff = anchor[lead_in], cuff[lead_in]
+    anchor, cuff = _anchor_with_labels_restored(first.anchor, anchor[lead_in], cuff[lead_in])
     kept, _, pose = rigid_without_ghosts(first.anchor, anchor)
     restored = _cuff_with_labels_restored(first, pose, anchor, kept, pose.to_reference(cuff))
     both = np.concatenate((pose.to_reference(kept), restored), axis=1)
@@ -496,99 +490,3 @@ def _mean_posture(trial: Trial) -> Reference:
 def _fullest_frame(anchor: Array, cuff: Array) -> int:
     visible = np.isfinite(anchor[..., 0]).sum(axis=1) + np.isfinite(cuff[..., 0]).any(axis=1)
     return int(np.argmax(visible))
-
-
-def find_other_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, Array]:
-    """File → unit vector (3,) of the rope, for the trials (in time order) that differ from the first of their test.
-
-    If all dynamic trials differ from the static ones, that is a fault, which D6 reports. Otherwise dynamic trials are
-    compared with the first static direction. Without rope markers the direction of a trial is unknown.
-    """
-    pairs = [(trial, motion) for trial, motion in zip(trials, motions, strict=True) if _shows_rope(motion)]
-    ropes = _trial_directions(pairs)
-    first = _first_directions(pairs, ropes)
-    held = first.get("static")
-    swung = [ropes[trial.file] for trial, _ in pairs if trial.test == "dynamic" and trial.file in ropes]
-    if held is not None and any(angle_between(held, rope) < APART for rope in swung):
-        first["dynamic"] = held
-    return {
-        trial.file: ropes[trial.file]
-        for trial, _ in pairs
-        if trial.file in ropes and angle_between(first[trial.test], ropes[trial.file]) >= APART
-    }
-
-
-def number_directions(directions: Mapping[str, Array], tests: Mapping[str, str]) -> dict[str, int]:
-    """File → number of its direction within its test, from 1, in the order of the files in directions."""
-    numbers: dict[str, int] = {}
-    kinds: dict[str, list[Array]] = {}
-    for file, direction in directions.items():
-        known = kinds.setdefault(tests[file], [])
-        near = [i for i, kind in enumerate(known, 1) if angle_between(kind, direction) < APART]
-        if not near:
-            known.append(direction)
-        numbers[file] = near[0] if near else len(known)
-    return numbers
-
-
-def pull_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, Array]:
-    """Test → unit vector (3,) of its pull, along the rope that exerts the force.
-
-    Dynamic trials without rope markers use the direction of the static ones, as a cuff may move obliquely to the pull.
-    Raises UnusableTrial if the cuff does not move with the force.
-    """
-    pairs = list(zip(trials, motions, strict=True))
-    static = [pair for pair in pairs if pair[0].test == "static"] or pairs
-    dynamic = [pair for pair in pairs if pair[0].test == "dynamic"]
-    dynamic = dynamic if any(_shows_rope(motion) for _, motion in dynamic) else static
-    both = {"static": static, "dynamic": dynamic}
-    return {
-        test: pull_direction([trial for trial, _ in of_test], [motion for _, motion in of_test])
-        for test, of_test in both.items()
-    }
-
-
-def turned_notes(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, tuple[Note, ...]]:
-    """File → note, for trials without rope markers in which the cuff moves in another direction than in the first."""
-    pairs = [(trial, motion) for trial, motion in zip(trials, motions, strict=True) if not _shows_rope(motion)]
-    directions = _trial_directions(pairs)
-    first = _first_directions(pairs, directions)
-    angles = {
-        trial.file: (angle_between(first[trial.test], directions[trial.file]), trial.test)
-        for trial, _ in pairs
-        if trial.file in directions
-    }
-    return {
-        file: (Note(TrialNoteCode.TURNED, {"angle_deg": angle, "test": test}),)
-        for file, (angle, test) in angles.items()
-        if angle >= APART
-    }
-
-
-def angle_between(one: Array, other: Array) -> float:
-    """Angle [degrees] between the lines along two unit vectors (3,)."""
-    return math.degrees(math.acos(min(1.0, abs(float(one @ other)))))
-
-
-def _shows_rope(motion: CuffMotion) -> bool:
-    return motion.rope is not None and bool(np.isfinite(motion.rope).any())
-
-
-def _trial_directions(pairs: Sequence[tuple[Trial, CuffMotion]]) -> dict[str, Array]:
-    """File → the trial's own direction of pull."""
-    directions = {}
-    for trial, motion in pairs:
-        try:
-            directions[trial.file] = pull_direction([trial], [motion])
-        except UnusableTrial:  # raised again when the trial is fitted
-            continue
-    return directions
-
-
-def _first_directions(pairs: Sequence[tuple[Trial, CuffMotion]], directions: Mapping[str, Array]) -> dict[str, Array]:
-    """Test → the direction of its first trial."""
-    first: dict[str, Array] = {}
-    for trial, _ in pairs:
-        if trial.file in directions:
-            first.setdefault(trial.test, directions[trial.file])
-    return first

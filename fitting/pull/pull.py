@@ -7,7 +7,7 @@ one clock. It has notes on stuck values, frozen markers, a wrong unit, a wrong s
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,16 +21,11 @@ from fitting.pull.cuff_motion import (
     CuffMotion,
     MarkerQuality,
     along,
-    angle_between,
     cuff_motion,
-    find_other_directions,
     marker_notes,
     marker_quality,
-    number_directions,
-    pull_directions,
+    pull_direction,
     reference_posture,
-    turn_notes,
-    turned_notes,
 )
 from fitting.pull.plateaus import Plateau, check_steps, find_plateaus
 from fitting.results.codes import RejectionCode, TrialNoteCode
@@ -54,6 +49,10 @@ MOST_CREEP = 0.2
 """Part of the range of displacement by which the cuff may creep or slip while the load is held."""
 QUIET_PERCENTILE, LEAST_PROBABILITY = 10, 1e-9
 """Percentile of the noise over the seconds of a record, and the probability below which a stuck value is reported."""
+TURN_NOTE = 0.5e-3
+"""Metres by which the cuff's markers move apart under the load, from which it is reported."""
+APART = 10.0
+"""Degrees from which two pulls are different directions."""
 MOST_DISPLACEMENT, LEAST_DISPLACEMENT = 1.0, 1e-6
 
 
@@ -344,3 +343,113 @@ def _spread(force: NDArray[np.float64]) -> float:
     """Newtons between the 0.5 and 99.5 percentiles."""
     low, high = np.percentile(force, [0.5, 99.5])
     return float(high - low)
+
+
+def turn_notes(turn: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[Note, ...]:
+    """A note if the cuff's markers move apart with the load, from their rms (frames,) [m] and force (frames,) [N]."""
+    seen = np.isfinite(turn)
+    if not seen.any() or np.ptp(force[seen]) == 0:
+        return ()
+    load = force[seen] - force[seen].mean()
+    apart = float(load @ turn[seen] / (load @ load)) * float(np.ptp(force[seen]))
+    if apart <= TURN_NOTE:
+        return ()
+    return (Note(TrialNoteCode.TURNS, {"apart_m": apart}),)
+
+
+def find_other_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, NDArray[np.float64]]:
+    """File → unit vector (3,) of the rope, for the trials (in time order) that differ from the first of their test.
+
+    If all dynamic trials differ from the static ones, that is a fault, which D6 reports. Otherwise dynamic trials are
+    compared with the first static direction. Without rope markers the direction of a trial is unknown.
+    """
+    pairs = [(trial, motion) for trial, motion in zip(trials, motions, strict=True) if _shows_rope(motion)]
+    ropes = _trial_directions(pairs)
+    first = _first_directions(pairs, ropes)
+    held = first.get("static")
+    swung = [ropes[trial.file] for trial, _ in pairs if trial.test == "dynamic" and trial.file in ropes]
+    if held is not None and any(angle_between(held, rope) < APART for rope in swung):
+        first["dynamic"] = held
+    return {
+        trial.file: ropes[trial.file]
+        for trial, _ in pairs
+        if trial.file in ropes and angle_between(first[trial.test], ropes[trial.file]) >= APART
+    }
+
+
+def number_directions(directions: Mapping[str, NDArray[np.float64]], tests: Mapping[str, str]) -> dict[str, int]:
+    """File → number of its direction within its test, from 1, in the order of the files in directions."""
+    numbers: dict[str, int] = {}
+    kinds: dict[str, list[NDArray[np.float64]]] = {}
+    for file, direction in directions.items():
+        known = kinds.setdefault(tests[file], [])
+        near = [i for i, kind in enumerate(known, 1) if angle_between(kind, direction) < APART]
+        if not near:
+            known.append(direction)
+        numbers[file] = near[0] if near else len(known)
+    return numbers
+
+
+def pull_directions(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, NDArray[np.float64]]:
+    """Test → unit vector (3,) of its pull, along the rope that exerts the force.
+
+    Dynamic trials without rope markers use the direction of the static ones, as a cuff may move obliquely to the pull.
+    Raises UnusableTrial if the cuff does not move with the force.
+    """
+    pairs = list(zip(trials, motions, strict=True))
+    static = [pair for pair in pairs if pair[0].test == "static"] or pairs
+    dynamic = [pair for pair in pairs if pair[0].test == "dynamic"]
+    dynamic = dynamic if any(_shows_rope(motion) for _, motion in dynamic) else static
+    both = {"static": static, "dynamic": dynamic}
+    return {
+        test: pull_direction([trial for trial, _ in of_test], [motion for _, motion in of_test])
+        for test, of_test in both.items()
+    }
+
+
+def turned_notes(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, tuple[Note, ...]]:
+    """File → note, for trials without rope markers in which the cuff moves in another direction than in the first."""
+    pairs = [(trial, motion) for trial, motion in zip(trials, motions, strict=True) if not _shows_rope(motion)]
+    directions = _trial_directions(pairs)
+    first = _first_directions(pairs, directions)
+    angles = {
+        trial.file: (angle_between(first[trial.test], directions[trial.file]), trial.test)
+        for trial, _ in pairs
+        if trial.file in directions
+    }
+    return {
+        file: (Note(TrialNoteCode.TURNED, {"angle_deg": angle, "test": test}),)
+        for file, (angle, test) in angles.items()
+        if angle >= APART
+    }
+
+
+def angle_between(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Angle [degrees] between the lines along two unit vectors (3,)."""
+    return math.degrees(math.acos(min(1.0, abs(float(one @ other)))))
+
+
+def _shows_rope(motion: CuffMotion) -> bool:
+    return motion.rope is not None and bool(np.isfinite(motion.rope).any())
+
+
+def _trial_directions(pairs: Sequence[tuple[Trial, CuffMotion]]) -> dict[str, NDArray[np.float64]]:
+    """File → the trial's own direction of pull."""
+    directions = {}
+    for trial, motion in pairs:
+        try:
+            directions[trial.file] = pull_direction([trial], [motion])
+        except UnusableTrial:  # raised again when the trial is fitted
+            continue
+    return directions
+
+
+def _first_directions(
+    pairs: Sequence[tuple[Trial, CuffMotion]], directions: Mapping[str, NDArray[np.float64]]
+) -> dict[str, NDArray[np.float64]]:
+    """Test → the direction of its first trial."""
+    first: dict[str, NDArray[np.float64]] = {}
+    for trial, _ in pairs:
+        if trial.file in directions:
+            first.setdefault(trial.test, directions[trial.file])
+    return first

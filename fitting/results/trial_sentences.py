@@ -203,12 +203,13 @@ TRIAL_NOTES: Templates = {
     ),
     TrialNoteCode.GHOSTS: "marker positions that jumped or were exchanged were left out: {markers}",
     TrialNoteCode.LOOSE_MARKER: (
-        "{marker} moves by {rms_m:mm .1f} mm rms relative to the other anchor markers: it is loose, or skin moves "
-        "under it; fix it, or remove it from anchor_markers"
+        "{marker} moves by {rms_m:mm .1f} mm rms relative to the other anchor markers: it is loose, skin moves under "
+        "it, or its label is exchanged with that of a cuff marker; fix it, or remove it from anchor_markers"
     ),
     TrialNoteCode.SKIN: (
         "the anchor markers move relative to each other with the load (rms {rms_m:mm .2f} mm, correlation "
-        "{correlation:.2f}): skin moves under a marker, and the stiffness may be biased"
+        "{correlation:.2f}): skin moves under a marker, or a label is exchanged with that of a cuff marker, and the "
+        "stiffness may be biased"
     ),
     TrialNoteCode.LEAN: (
         "the body leaned {lean_m:mm .1f} mm with the load; displacement is relative to the anchor, but stand still or "

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 
 from documents.results import EqualByFields
 from fitting.errors import CodedError, UnusableTrial
-from fitting.pull.cuff_motion import APART, angle_between
 from fitting.pull.plateaus import SAME_LOAD, Plateau
-from fitting.pull.pull import Pull, of_test
+from fitting.pull.pull import APART, Pull, angle_between, of_test
 from fitting.results.codes import NEGLIGIBLE, FitOutcome, TensorCode
 from fitting.results.sentences import Figures, Note
 from fitting.trial.bounce import Oscillation, find_oscillation

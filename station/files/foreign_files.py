@@ -43,7 +43,7 @@ NAMED_UNIT = re.compile(
 )
 """At the end of a column's title, in brackets or behind a blank or an underscore, or alone; also refused units."""
 SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
-SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 20_000.0
+SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 2_000.0
 NARROWEST_MM, WIDEST_MM = 10.0, 20_000.0
 """Plausible distances of markers on a body and on the rope; another unit is outside of this range."""
 

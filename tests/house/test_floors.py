@@ -32,7 +32,6 @@ LONGEST = {
     "drivers/simulators/daq_rpcs.py": 541,
     "drivers/simulators/qtm_server.py": 527,
     "fitting/diagnosis/causes.py": 576,
-    "fitting/pull/cuff_motion.py": 594,
     "fitting/study/cuff_study.py": 553,
     "solver/suit/scenarios.py": 568,
     "solver/tendons/fiber.py": 561,

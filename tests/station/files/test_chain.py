@@ -411,13 +411,20 @@ def test_added_missing_and_changed_files_of_subfolders_are_named(session: Path, 
     assert standings(station("verify", session, "--format", "json"))[f"tables/{name}"] == AS_RECORDED
     (session / "tables" / name).rename(session / "tables" / "other.csv")
     (session / "cuff-x_test-static_run-1.mcap").write_bytes(b"")
+    for hidden in (".hidden", "tables/.hidden", ".folder/notes"):
+        (session / hidden).parent.mkdir(exist_ok=True)
+        (session / hidden).write_text("added")
+    (session / ".draft-1").mkdir()
+    (session / ".draft-1" / "cuffs.json").write_text("half")
     if os.name != "nt":
         (session / "linked").symlink_to(session.parent)
     ran = station("verify", session, "--format", "json")
     found = standings(ran)
     assert found.get("linked", Standing.ADDED) == Standing.ADDED
     assert ran.code == 1 and found[f"tables/{name}"] == MISSING
-    assert found["tables/other.csv"] == found["cuff-x_test-static_run-1.mcap"] == Standing.ADDED
+    added = ("tables/other.csv", "cuff-x_test-static_run-1.mcap", ".hidden", "tables/.hidden", ".folder/notes")
+    assert {found.pop(name) for name in added} == {Standing.ADDED}
+    assert not any(".draft" in name or name.endswith(".lock") for name in found)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")
