@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,7 @@ from solver.osim.document import read_document
 from solver.osim.loads_document import data_file, read_external_loads
 from solver.osim.model_reader import read_osim, read_osim_model
 from solver.osim.suited import CORD, CUFFS_AT_ENDS, SuitedModel, read_suited
+from solver.suit.suit import Suit, read_suit
 from station.defaults import CUTOFF_HZ
 
 if TYPE_CHECKING:
@@ -129,3 +131,33 @@ def _bundled(actuators: Sequence[Path]) -> Model:
     if actuators:
         raise ModelError("the bundled model takes no files of actuators; give an .osim file", SolverCode.WRONG_OPTION)
     return bundled_model()
+
+
+def drawn_body(osim: str, suit_toml: str) -> tuple[Model, Suit | None]:
+    """Model and suit in the texts of their files, as a live process publishes them, for views that draw the body.
+
+    The suit is None if the model lacks one of its bodies. Raises SolverError for what cannot be read.
+    """
+    model, suit = read_model(osim), _suit(suit_toml)
+    bodies = {body.name for body in model.bodies}
+    return model, suit if bodies >= {part.body for part in suit.line} else None
+
+
+def read_model(osim: str) -> Model:
+    """The model in the text of an OpenSim file; the bundled one for an empty text. Raises ModelError."""
+    if not osim:
+        return bundled_model()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "body.osim"
+        file.write_text(osim, encoding="utf-8")
+        return read_osim(file, ignore_forces=True)
+
+
+def _suit(toml: str) -> Suit:
+    """The suit in the text of a suit.toml; the bundled one for an empty text. Raises SuitError."""
+    if not toml:
+        return read_suit()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "suit.toml"
+        file.write_text(toml, encoding="utf-8")
+        return read_suit(file)

@@ -22,9 +22,9 @@ from solver.errors import SolverError
 from solver.model import Model
 from solver.multibody.postures import points_in_ground, postures
 from solver.suit.suit import Suit
-from station.live.drawn_body import drawn_body
 from station.live.published import NAN, LiveScenario, LiveSetup, LiveUpdate, LiveValues
 from station.live.subscription import LiveAddress, LiveSubscription, LiveUnreachable, find_address
+from station.sources import drawn_body
 
 LOOK_INTERVAL_S = 1.0
 """Wall time between two looks for a live process."""
@@ -167,7 +167,7 @@ class LiveFeed:
 def _prepare(setup: LiveSetup) -> tuple[BodyDrawing | None, Suit | None]:
     """The drawing of the body, with its kernels loaded; None for a model that this station cannot read."""
     try:
-        model, suit = drawn_body(setup)
+        model, suit = drawn_body(setup.subject.model_osim, setup.suit_toml)
         drawing = BodyDrawing(model, suit)
         drawing.lines(model.default_coordinates.tolist())
     except SolverError:

@@ -32,10 +32,9 @@ from solver.model import Model
 from solver.motion import decimate, differentiate
 from solver.suit.suit import read_suit
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
-from station.live.drawn_body import drawn_body
 from station.live.published import LiveDelivery, LiveFinding, LiveSetup, LiveValues
 from station.live.subscription import LiveSubscription
-from station.sources import BUNDLED, named_hashes
+from station.sources import BUNDLED, drawn_body, named_hashes
 from station.viewer.viewer import (
     BODY_NAME,
     DISPLAY_HZ,
@@ -192,7 +191,7 @@ class LiveScene:
         self._extent: SceneExtent | None = None
 
     def begin(self, setup: LiveSetup) -> None:
-        model, suit = drawn_body(setup)
+        model, suit = drawn_body(setup.subject.model_osim, setup.suit_toml)
         self._setup, self._body = setup, BodyScene(self.stream, model, suit)
         names = [scenario.name for scenario in setup.scenarios]
         self._worn = names.index("worn") if "worn" in names else len(names) - 1

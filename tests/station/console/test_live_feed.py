@@ -17,8 +17,8 @@ from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_writer import osim_document
 from solver.suit.suit import read_suit
 from station.console.live_feed import COMMAND_TIMEOUT_S, BodyDrawing, LiveFeed
-from station.live.drawn_body import read_model
 from station.live.published import LiveSubject
+from station.sources import read_model
 from tests.station.console.live_source import LiveSource, live_setup
 from tests.timeout import scaled_timeout
 
