@@ -123,7 +123,7 @@ class _TimeLeftColumn(bars.ProgressColumn):
     def render(self, task: bars.Task) -> Text:
         if task.finished or not task.elapsed or task.total is None:
             return Text()
-        return Text(time_left(task.elapsed, task.completed, task.total))
+        return Text(time_left(task.description, task.elapsed, task.completed, task.total))
 
 
 @dataclass
@@ -141,9 +141,17 @@ class StageProgress:
         return self.done / self.total if self.total else 0.0
 
 
-def time_left(elapsed_s: float, done: float, total: float) -> str:
-    """Estimate of the time left, from the mean duration of the finished steps; empty before the first one."""
-    return f"about {_whole_seconds(elapsed_s * (total - done) / done)} left" if done else ""
+COMPILING = "compiling the solver"
+"""A stage beside the others, of kernels that take from 10 ms to 10 s."""
+
+
+def time_left(stage: str, elapsed_s: float, done: float, total: float) -> str:
+    """Estimate of the time left, from the mean duration of the finished steps; empty before the first one and where
+    steps differ too much.
+    """
+    if stage == COMPILING or not done:
+        return ""
+    return f"about {_whole_seconds(elapsed_s * (total - done) / done)} left"
 
 
 def _seconds(duration_s: float) -> str:

@@ -14,9 +14,8 @@ import typer
 
 from solver.compile_ahead import KERNELS, CompilationCount, is_first_use, shares
 from station.child import Child
-from station.progress import Progress
+from station.progress import COMPILING, Progress
 
-STAGE = "compiling the solver"
 FIRST_USE = "The solver is compiled, once on this machine; this takes 10 to 15 s on an idle machine."
 
 
@@ -93,7 +92,7 @@ class CompilationAhead:
             self._is_complete = ready == total
             is_shown = is_shown or not self._is_complete
             if is_shown:
-                progress(STAGE, ready, total)
+                progress(COMPILING, ready, total)
 
 
 @contextmanager
@@ -113,9 +112,9 @@ def compilation_shown(progress: Progress, beside: CompilationAhead) -> Iterator[
             print(FIRST_USE, file=sys.stderr, flush=True)
             beside.ensure_started()
         has_begun = True
-        progress(STAGE, min(ready, total - 1), total)
+        progress(COMPILING, min(ready, total - 1), total)
 
     with CompilationCount(report):
         yield
     if has_begun:
-        progress(STAGE, len(KERNELS), len(KERNELS))
+        progress(COMPILING, len(KERNELS), len(KERNELS))

@@ -74,7 +74,7 @@ def _show_progress(controller: SessionController) -> None:
                 ui.label(stage.name).classes("text-lg")
                 bar = ui.linear_progress(stage.part, show_value=False).props("size=14px rounded")
                 bar.props(f'aria-label="{stage.name}"')
-                left = time_left(time.perf_counter() - stage.begun_s, stage.done, stage.total)
+                left = time_left(stage.name, time.perf_counter() - stage.begun_s, stage.done, stage.total)
                 ui.label("done" if is_over else left or "begun").classes("text-lg quiet")
 
     ui.timer(PROGRESS_S, tick)

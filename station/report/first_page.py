@@ -100,16 +100,20 @@ def answer(assessment: Plain) -> Iterator[Shown]:
         yield "their savings differ by less than matters in practice: "
     else:
         yield f"Not decided between {listed(list(known))}; {leading[0]} has the least effort so far: "
-    for cuff in leading:
-        best = assessment["optimum"][cuff]["both"]
-        at = figure(best["rest_length_m"])
-        at = at if isinstance(at, str) else at.alone
-        if cuff == leading[0]:
-            yield from (saving_in_words(best["normalised_cost"]), " at a rest length of ", at, f"{UNBROKEN}m")
-            yield f" with {cuff}" if len(leading) > 1 else ""
-        else:
-            yield from (", ", at, f"{UNBROKEN}m with {cuff}")
+    yield saving_in_words(assessment["optimum"][leading[0]]["both"]["normalised_cost"])
+    yield " at a rest length of "
+    yield from _rest_lengths({cuff: figure(assessment["optimum"][cuff]["both"]["rest_length_m"]) for cuff in leading})
     yield "."
+
+
+def _rest_lengths(by_cuff: Mapping[str, Shown]) -> Iterator[Shown]:
+    """Those of several cuffs with their names, unless they are the same in the digits shown."""
+    shown = {cuff: at if isinstance(at, str) else at.alone for cuff, at in by_cuff.items()}
+    texts = {at if isinstance(at, str) else at.text for at in shown.values()}
+    for number, (cuff, at) in enumerate(shown.items()):
+        if number and len(texts) == 1:
+            return
+        yield from (", " if number else "", at, f"{UNBROKEN}m", f" with {cuff}" if len(texts) > 1 else "")
 
 
 def findings_of(assessment: Plain) -> list[str]:
@@ -132,11 +136,9 @@ def _basis(assessment: Plain) -> Iterator[Shown]:
     subject = assessment.get("subject")
     why = [text for code, text in _coded(assessment) if code in WEARER]
     if subject:
+        trials, noun = length(subject["trials"]), "trial" if len(subject["trials"]) == 1 else "trials"
         yield from ("Body and motion are the wearer's: ", fixed(subject["mass_kg"]), " kg, estimated from ")
-        yield from (
-            length(subject["trials"]),
-            f" trials; the motion was recorded {RECORDED_AS[subject['condition']]}. ",
-        )
+        yield from (trials, f" {noun}; the motion was recorded {RECORDED_AS[subject['condition']]}. ")
     elif why:
         yield from (why[0], " ")
     else:

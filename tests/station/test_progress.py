@@ -7,7 +7,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from station.progress import progress_bars
+from station.progress import COMPILING, progress_bars
 
 
 class Terminal(StringIO):
@@ -114,13 +114,14 @@ def test_a_terminal_shows_a_bar_with_the_time_left(clock: ManualClock) -> None:
     assert "about 2 min 00 s left" in shown
 
 
-def test_a_stage_that_is_done_has_no_time_left(clock: ManualClock) -> None:
+@pytest.mark.parametrize(("stage", "done"), [("fitting cuffs", 4), (COMPILING, 1)])
+def test_a_stage_that_is_done_or_of_uneven_steps_has_no_time_left(clock: ManualClock, stage: str, done: int) -> None:
     screen = Terminal()
     with progress_bars(_console(screen), clock) as progress:
-        progress("fitting cuffs", 0, 4)
+        progress(stage, 0, 4)
         clock.now = 2.0
-        progress("fitting cuffs", 4, 4)
-    assert "4/4" in screen.getvalue()
+        progress(stage, done, 4)
+    assert f"{done}/4" in screen.getvalue()
     assert "left" not in screen.getvalue()
 
 

@@ -16,7 +16,6 @@ from fitting.results.codes import NoteCode, TrialNoteCode
 from fitting.results.sentences import Note, sentence_of
 from solver.compile_ahead import COMPILER
 from station.assessment.assessment_inputs import InputError
-from station.assessment.compilation import STAGE
 from station.checksums import JOURNAL_FILE
 from station.config import StationConfig, parse_config
 from station.fit import SessionError, fit_session_folder
@@ -24,6 +23,7 @@ from station.journal import Assignment, Setup, write_assigned, write_setup, writ
 from station.messages.codes import AssessmentCode
 from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
+from station.progress import COMPILING
 from station.session.open_session import EarlierSessions, list_sessions
 from station.session.summary import NOT_ASSESSED, EndedSession, SummaryError, end_session, summarise
 from station.subject.subject_file import Cord, Subject, write_subject
@@ -162,7 +162,7 @@ def test_a_solver_that_is_compiled_at_the_end_of_a_session_is_a_stage(
     monkeypatch.setattr("solver.compiled.keeps_code", lambda: False)  # starts no other process
     with pytest.raises(SummaryError):
         summarise(tmp_path, lambda *stage: stages.append(stage))
-    assert {name for name, _, _ in stages} == {STAGE}
+    assert {name for name, _, _ in stages} == {COMPILING}
 
 
 CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
