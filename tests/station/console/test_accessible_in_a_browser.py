@@ -39,7 +39,10 @@ def test_no_state_of_a_session_has_a_serious_fault(browser: Browser, tmp_path: P
         page.add_style_tag(content=CHARTS_KEEP_A_FORMER_WIDTH)
         assert_usable(page, "set-up")
         begin(page)
-        page.evaluate("document.querySelector('.stage').textContent = 'motion, maximal contraction, repeat 12'")
+        page.evaluate(
+            "(name) => { const stage = document.querySelector('.stage'); stage.ariaLabel = stage.textContent = name; }",
+            "motion, maximal contraction, repeat 12",
+        )
         assert_usable(page, "next trial")
         page.get_by_role("button", name="dynamic 1, hand: to come").click()
         seen(page, "Record it next")
