@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from solver.redundancy.effort import Effort
 from solver.redundancy.problem import FrameOutcome, FrameSequence, Outcomes, determined
 
 Array = NDArray[np.float64]
@@ -62,16 +63,10 @@ class ConicProblem:
     cone_offset: Array
     cubed: int = 0
 
-    def effort(self, x: Array) -> float:
+    @property
+    def effort(self) -> Effort:
         """Σ w xᵖ."""
-        powers = np.where(np.arange(len(x)) < self.cubed, 3, 2)
-        return float((self.weights * x**powers).sum())
-
-    def slopes(self, x: Array) -> Array:
-        """Derivative (n,) of the effort."""
-        slopes: Array = 2 * self.weights * x
-        slopes[: self.cubed] *= 1.5 * x[: self.cubed]
-        return slopes
+        return Effort(self.weights, self.cubed, exponent=3)
 
 
 @dataclass(frozen=True)
@@ -328,9 +323,9 @@ def _violation(problem: ConicProblem, i: int, x: Array) -> float:
 
 
 def _optimality(problem: ConicProblem, matrix: Array, target: Array, x: Array, dual: Array) -> float:
-    slopes, cubed = problem.slopes(x), problem.cubed
+    slopes, cubed = problem.effort.gradient(x), problem.cubed
     errors = slopes + matrix.T @ dual
     errors[:cubed] = np.minimum(errors[:cubed], x[:cubed])  # the cones of a cube also hold x ≥ 0
     stationarity = float(np.abs(errors).max())
     gap = abs(float(x @ slopes) + float(target @ dual))  # x·∇ + b·z vanishes at the optimum
-    return max(stationarity, gap) / max(1.0, problem.effort(x))
+    return max(stationarity, gap) / max(1.0, float(problem.effort.terms(x).sum()))

@@ -88,6 +88,13 @@ class Effort:
             return weights * self.cost.slope(activations)
         return slope(self.exponent * weights, activations, self.exponent)
 
+    def gradient(self, x: Array) -> Array:
+        """Derivatives of the terms by x (…, controls)."""
+        muscles = x[..., : self.muscles]
+        return np.concatenate(
+            [self.slopes(muscles), 2 * self.weights[self.muscles :] * x[..., self.muscles :]], axis=-1
+        )
+
     def curvatures(self, activations: Array) -> Array:
         """Second derivatives of the terms of the muscles by their activations (…, muscles); positive with a cost."""
         weights = self.weights[: self.muscles]
