@@ -217,8 +217,7 @@ def _share_of_elevation() -> Array:
     half = REST + RAISE + HOLD / 2
     time = np.arange(round(2 * half * RATE) + 1) / RATE
     s = np.clip((half - REST - np.abs(time - half)) / RAISE, 0.0, 1.0)
-    share: Array = s**3 * (10 - 15 * s + 6 * s**2)
-    return share
+    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
 
 
 def _close_joint(model: Model, coordinates: Array, free: list[int]) -> None:

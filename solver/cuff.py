@@ -47,8 +47,7 @@ class CuffLaw(ABC):
         """
         is_vector = axis is not None
         distance = np.linalg.norm(displacement, axis=axis, keepdims=True) if is_vector else np.abs(displacement)
-        force: Array = self.secant(distance) * displacement + self.damping * velocity
-        return force
+        return np.asarray(self.secant(distance) * displacement + self.damping * velocity)
 
     def equilibrium(self, force: Number) -> Number:
         """Displacement [m] at rest under a constant force [N]; k q = T, (8). Raises SolverError if none is found."""

@@ -453,8 +453,7 @@ def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:
         sentence = f"the filter needs more than {padding} frames and the motion has {len(coordinates)}; turn it off"
         raise MotionError(sentence, SolverCode.NO_FRAMES)
     b, a = scipy.signal.butter(4, cutoff / (rate / 2))
-    smooth: Array = scipy.signal.filtfilt(b, a, coordinates, axis=0, padtype="odd", padlen=padding)
-    return smooth
+    return np.asarray(scipy.signal.filtfilt(b, a, coordinates, axis=0, padtype="odd", padlen=padding))
 
 
 def is_even(time: Array) -> bool:

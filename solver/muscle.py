@@ -176,5 +176,4 @@ def _cos_in_opensim(muscle: Muscle, lengths: Array) -> Array | None:
     height = muscle.optimal_fiber_length * np.sin(muscle.pennation_at_optimal)
     normalised = np.hypot(height, lengths - muscle.tendon_slack_length) / muscle.optimal_fiber_length
     angle = np.minimum(np.arcsin(np.minimum(height / np.maximum(normalised, 1e-16), 1.0)), muscle.maximum_pennation)
-    cosine: Array = np.cos(angle)
-    return cosine
+    return np.asarray(np.cos(angle))

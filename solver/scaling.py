@@ -248,8 +248,7 @@ def _default_lengths(model: Model) -> Array:
     """Of muscles, then of forces along paths [m], in the default posture, assembled."""
     paths = [*(muscle.path for muscle in model.muscles)]
     paths += [force.path for force in model.forces if isinstance(force, ALONG_PATH)]
-    lengths: Array = evaluate_paths(model, _in_default_posture(model), paths).lengths[0]
-    return lengths
+    return np.asarray(evaluate_paths(model, _in_default_posture(model), paths).lengths[0])
 
 
 def scaled_force(force: PassiveForce, factors: Factors, *, scales_points: bool) -> PassiveForce:

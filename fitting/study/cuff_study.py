@@ -305,8 +305,7 @@ def _adjust(model: MixedModel) -> _Adjusted:
 def _slopes(found: _Adjusted, weights: Array) -> Array:
     """∂ l'Φl / ∂θ_i (components,)."""
     reached = found.covariance @ weights
-    slopes: Array = -np.einsum("p,ipq,q->i", reached, found.first, reached)
-    return slopes
+    return np.asarray(-np.einsum("p,ipq,q->i", reached, found.first, reached))
 
 
 def _dof(variance: float, slopes: Array, model: MixedModel) -> float:

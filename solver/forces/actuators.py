@@ -126,5 +126,4 @@ def _direction(state: Postures, body: int, direction: Array, *, is_in_ground: bo
     """(frames, 3) in ground."""
     if is_in_ground:
         return np.broadcast_to(direction, (len(state.coordinates), 3))
-    turned: Array = state.rotation_to_ground[:, body] @ direction
-    return turned
+    return np.asarray(state.rotation_to_ground[:, body] @ direction)

@@ -88,14 +88,6 @@ def scaled(function: Function, factor: float) -> Function:
     return _pieces(function.breaks, function.origins, factor * function.coefficients)
 
 
-def times_linear(function: PiecewisePolynomial, slope: float, offset: float) -> PiecewisePolynomial:
-    """The function times slope · x + offset."""
-    coefficients = np.zeros((len(function.origins), function.coefficients.shape[1] + 1))
-    coefficients[:, :-1] = function.coefficients * (slope * function.origins + offset)[:, None]
-    coefficients[:, 1:] += slope * function.coefficients
-    return _pieces(function.breaks, function.origins, coefficients)
-
-
 def piecewise_linear(x: Array, y: Array) -> PiecewisePolynomial:
     """Straight lines through points (knots,), x increasing; the first and the last line are extended."""
     return _pieces(x[1:-1], x[:-1], np.column_stack([y[:-1], np.diff(y) / np.diff(x)]))
@@ -265,8 +257,7 @@ def _evaluated(node: ast.expr, scope: Mapping[str, Array]) -> Any:
 
 
 def _error_function(x: Array) -> Array:
-    value: Array = scipy.special.erf(x)
-    return value
+    return np.asarray(scipy.special.erf(x))
 
 
 _OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {

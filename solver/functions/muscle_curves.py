@@ -101,8 +101,7 @@ class ThelenCurves:
     is_idle_when_shortest: ClassVar[bool] = True
 
     def active_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
-        force: Array = np.exp(-((length - 1.0) ** 2) / self.active_shape)
-        return force
+        return np.asarray(np.exp(-((length - 1.0) ** 2) / self.active_shape))
 
     def force_velocity(self, speed: Array, _codes: Codes | None = None) -> Array:
         """Lengthening is positive; equations 6 and 7, solved for the force."""
@@ -115,13 +114,11 @@ class ThelenCurves:
         shortening = (1.0 + np.clip(speed, -1.0, 0.0)) / (1.0 - np.clip(speed, -1.0, 0.0) / a)
         lengthening = np.clip(speed, 0.0, last_speed) * gain
         curved = np.where(speed < 0.0, shortening, (1.0 + lengthening * strongest) / (1.0 + lengthening))
-        force: Array = np.where(speed > last_speed, straight, curved)
-        return force
+        return np.asarray(np.where(speed > last_speed, straight, curved))
 
     def passive_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
         stretch = np.maximum(length - 1.0, 0.0) / self.passive_strain
-        force: Array = np.expm1(self.passive_shape * stretch) / np.expm1(self.passive_shape)
-        return force
+        return np.asarray(np.expm1(self.passive_shape * stretch) / np.expm1(self.passive_shape))
 
 
 _DE_GROOTE_BELLS = (  # height, centre, width at zero, growth of the width
@@ -150,22 +147,19 @@ class DeGrooteFreglyCurves:
         """The sum of three bells of height, centre, and width that grows with the length."""
         x = (length - 1.0) / self.width + 1.0
         bells = [b1 * np.exp(-0.5 * ((x - b2) / (b3 + b4 * x)) ** 2) for b1, b2, b3, b4 in _DE_GROOTE_BELLS]
-        force: Array = np.sum(bells, axis=0)
-        return force
+        return np.asarray(np.sum(bells, axis=0))
 
     def force_velocity(self, speed: Array, _codes: Codes | None = None) -> Array:
         """Lengthening is positive; d₁ ln(y + √(y² + 1)) + d₄ at y = d₂ v + d₃, which is 1 at rest."""
         d1, d2, d3, d4 = _DE_GROOTE_SPEED
-        force: Array = d1 * np.arcsinh(d2 * speed + d3) + d4
-        return force
+        return np.asarray(d1 * np.arcsinh(d2 * speed + d3) + d4)
 
     def passive_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
         if not self.has_passive_force:
             return np.zeros_like(length)
         shape, strain = 4.0, self.passive_strain
         foot = np.exp(shape * (0.2 - 1.0) / strain)
-        force: Array = (np.exp(shape * (length - 1.0) / strain) - foot) / (np.exp(shape) - foot)
-        return force
+        return np.asarray((np.exp(shape * (length - 1.0) / strain) - foot) / (np.exp(shape) - foot))
 
 
 _SCHUTTE_ACTIVE = simm_spline(
@@ -197,21 +191,22 @@ class SchutteCurves:
     is_idle_when_shortest: ClassVar[bool] = True
 
     def active_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
-        force: Array = np.maximum(self.active.derivatives(length)[0], 0.0)
-        return force
+        return np.asarray(np.maximum(self.active.derivatives(length)[0], 0.0))
 
     def force_velocity(self, speed: Array, _codes: Codes | None = None) -> Array:
         """Lengthening is positive. The class solves these for the speed, with damping, which is left out."""
         shortening, lengthening = np.clip(speed, -1.0, 0.0), np.maximum(speed, 0.0)
         k, slope = 0.15, 0.13 * 0.15 / (0.15 + 1.0)
-        force: Array = np.where(
-            speed < 0.0, k * (1.0 + shortening) / (k - shortening), (slope + 1.4 * lengthening) / (slope + lengthening)
+        return np.asarray(
+            np.where(
+                speed < 0.0,
+                k * (1.0 + shortening) / (k - shortening),
+                (slope + 1.4 * lengthening) / (slope + lengthening),
+            )
         )
-        return force
 
     def passive_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
-        force: Array = np.exp(8.0 * length - 12.0) if self.passive is None else self.passive.derivatives(length)[0]
-        return force
+        return np.asarray(np.exp(8.0 * length - 12.0) if self.passive is None else self.passive.derivatives(length)[0])
 
 
 Curves = MillardCurves | ThelenCurves | DeGrooteFreglyCurves | SchutteCurves
@@ -302,8 +297,7 @@ class ThelenTendon:
         stretch = length - 1.0
         toe = np.expm1(self.toe_shape * np.clip(stretch, 0.0, self.toe_strain) / self.toe_strain)
         straight = self.stiffness * np.maximum(stretch - self.toe_strain, 0.0)
-        force: Array = self.toe_force * toe / expm1(self.toe_shape) + straight
-        return force
+        return np.asarray(self.toe_force * toe / expm1(self.toe_shape) + straight)
 
 
 @dataclass(frozen=True)
@@ -318,8 +312,7 @@ class DeGrooteFreglyTendon:
         return log(6.0) / self.strain
 
     def force(self, length: Array) -> Array:
-        force: Array = 0.2 * np.expm1(self.shape * (length - 1.0))
-        return force
+        return np.asarray(0.2 * np.expm1(self.shape * (length - 1.0)))
 
 
 TendonCurve = MillardTendon | ThelenTendon | DeGrooteFreglyTendon

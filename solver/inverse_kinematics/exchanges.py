@@ -68,13 +68,11 @@ class MarkerTracks:
     def expected(self, frame: int) -> Array:
         """(markers, 3), NaN before a marker was seen."""
         steps = np.where(self.is_extrapolated(frame), frame - self._frame, 0)[:, None]
-        expected: Array = self._last + steps * np.nan_to_num(self._last - self._before)
-        return expected
+        return np.asarray(self._last + steps * np.nan_to_num(self._last - self._before))
 
     def is_extrapolated(self, frame: int) -> NDArray[np.bool_]:
         """(markers,) whether the last two places are known and recent."""
-        is_near: NDArray[np.bool_] = (frame - self._frame <= LONGEST_EXTRAPOLATION) & np.isfinite(self._before[:, 0])
-        return is_near
+        return np.asarray((frame - self._frame <= LONGEST_EXTRAPOLATION) & np.isfinite(self._before[:, 0]))
 
     def exchange(self, one: int, other: int) -> None:
         self.label_of[[one, other]] = self.label_of[[other, one]]

@@ -106,8 +106,7 @@ def _upwards(model: Model, coordinates: Array) -> Array:
     body = next(joint.child for joint in model.joints if joint.parent == GROUND)
     state = postures(model, coordinates, np.zeros_like(coordinates))
     up = -model.gravity / np.linalg.norm(model.gravity)
-    directions: Array = up @ state.rotation_to_ground[:, body]
-    return directions
+    return np.asarray(up @ state.rotation_to_ground[:, body])
 
 
 def rotation_laboratory_to_ground(
@@ -136,8 +135,7 @@ def rotation_laboratory_to_ground(
     angle = np.arctan2(across, along)
     cosine, sine = np.cos(angle), np.sin(angle)
     about_vertical = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
-    rotation: Array = about_vertical @ TO_Y_UP[vertical]
-    return rotation
+    return np.asarray(about_vertical @ TO_Y_UP[vertical])
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,8 +96,7 @@ def _mixed(candidates: list[_Candidate], highest: float) -> Array:
     weights, means, spreads = (np.array(part) for part in zip(*states, strict=True))
     weights = weights[:, None, None] / sum(weights)
     mean = (weights * means).sum(axis=0)
-    deviation: Array = np.sqrt((weights * (spreads + (means - mean) ** 2)).sum(axis=0))
-    return deviation
+    return np.asarray(np.sqrt((weights * (spreads + (means - mean) ** 2)).sum(axis=0)))
 
 
 class _Candidate:
@@ -444,8 +443,7 @@ def _information(covariances: Array, known: NDArray[np.bool_]) -> Array:
     variances, directions = np.linalg.eigh(kept)
     is_open = variances > SINGULAR * variances[:, -1:]
     inverse = np.divide(1.0, variances, out=np.zeros_like(variances), where=is_open)
-    found: Array = (directions * inverse[:, None, :]) @ np.swapaxes(directions, 1, 2)
-    return found
+    return np.asarray((directions * inverse[:, None, :]) @ np.swapaxes(directions, 1, 2))
 
 
 def _smooth(information: Array, vector: Array, interval: float, prior: MotionPrior, first: Array) -> Array:

@@ -156,8 +156,7 @@ def assemble(model: Model, wanted: Array | None = None) -> Array:
             "remain; check its constraints and locked coordinates",
             SolverCode.CONSTRAINTS_NOT_MET,
         )
-    posture: Array = found.coordinates[0]
-    return posture
+    return np.asarray(found.coordinates[0])
 
 
 def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
@@ -436,8 +435,7 @@ def estimate_marker_noise(observed: Array, interval: float) -> Array:
         return np.full(observed.shape[1], np.nan)
     sixth = sum(weight * observed[k * step : k * step + count] for k, weight in enumerate(weights))
     noise = [_rms_without_jumps(values[np.isfinite(values)]) for values in np.moveaxis(np.asarray(sixth), 1, 0)]
-    found: Array = np.array(noise) / np.sqrt((weights**2).sum())
-    return found
+    return np.asarray(np.array(noise) / np.sqrt((weights**2).sum()))
 
 
 def _rms_without_jumps(differences: Array) -> float:

@@ -217,8 +217,7 @@ def _distance_row(model: Model, state: Postures, rod: ConstantDistanceConstraint
 
 def _columns(screws: Array, point: Array) -> Array:
     """(frames, coordinates, 3) velocity of the material point at `point` (frames, 3) per unit of each speed."""
-    columns: Array = screws[..., 3:] + cross(screws[..., :3], point[:, None])
-    return columns
+    return np.asarray(screws[..., 3:] + cross(screws[..., :3], point[:, None]))
 
 
 def _at_point(state: Postures, body: int, point: Array) -> tuple[Array, Array]:

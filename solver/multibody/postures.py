@@ -65,8 +65,7 @@ class Postures:
         return self._column("bias")
 
     def _column(self, name: str) -> Array:
-        column: Array = self.poses[name]
-        return column
+        return np.asarray(self.poses[name])
 
 
 def postures(model: Model, coordinates: Array, speeds: Array, time: Array | None = None) -> Postures:
@@ -102,8 +101,7 @@ def points_in_ground(state: Postures, body: int, location: Array) -> Array:
 def velocity_at(state: Postures, body: int, place: Array) -> Array:
     """(frames, 3) velocity of the material point of a body that is at `place` (frames, 3), all in ground."""
     lever = place - state.origin_in_ground[:, body]
-    velocity: Array = state.origin_velocity[:, body] + cross(state.angular_velocity[:, body], lever)
-    return velocity
+    return np.asarray(state.origin_velocity[:, body] + cross(state.angular_velocity[:, body], lever))
 
 
 def point_acceleration(alpha: Array, at_origin: Array, angular: Array, velocity: Array, point: Array) -> Array:

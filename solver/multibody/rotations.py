@@ -12,8 +12,7 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     """(…, 3, 3) rotation by `angle` (…) about the unit vector `axis` (3,): I + sin θ [a]× + (1 − cos θ) [a]×²."""
     skew = skew_matrix(np.asarray(axis, dtype=float))
     theta = np.asarray(angle, dtype=float)[..., None, None]
-    rotation: Array = np.eye(3) + np.sin(theta) * skew + (1.0 - np.cos(theta)) * (skew @ skew)
-    return rotation
+    return np.asarray(np.eye(3) + np.sin(theta) * skew + (1.0 - np.cos(theta)) * (skew @ skew))
 
 
 def rotation_body_fixed_xyz(angles: ArrayLike) -> Array:
@@ -66,8 +65,7 @@ def skew_matrix(vector: ArrayLike) -> Array:
 
 def rotate(rotation: Array, vector: Array) -> Array:
     """(…, 3) vectors turned by rotations (…, 3, 3); leading axes broadcast."""
-    turned: Array = np.einsum("...ij,...j->...i", rotation, vector)
-    return turned
+    return np.asarray(np.einsum("...ij,...j->...i", rotation, vector))
 
 
 def each_frame(matrix: Array, values: Array) -> Array:

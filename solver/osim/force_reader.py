@@ -456,8 +456,7 @@ def _unit(element: Element, tag: str, default: str) -> Array:
     length = np.linalg.norm(direction)
     if not length > 0.0:
         raise element.refusal(f"has a <{tag}> without length; give the direction of its load")
-    unit: Array = direction / length
-    return unit
+    return np.asarray(direction / length)
 
 
 _ACTUATORS: dict[str, Callable[[Element, Names, Sequence[WrapSurface]], list[Actuator]]] = {

@@ -116,8 +116,7 @@ class IkSetup:
             )
         scale = np.pi / 180 if header.in_degrees and coordinate.motion == "rotation" else 1.0
         spline = natural_spline(table[:, 0], scale * table[:, columns.index(name)], 2)
-        values: Array = spline.derivatives(time)[0]
-        return values
+        return np.asarray(spline.derivatives(time)[0])
 
 
 def read_ik_setup(path: Path) -> IkSetup:

@@ -53,8 +53,7 @@ class ForcePoint(NamedTuple):
     @property
     def force_at_rest(self) -> Array:
         """The linear force at no activation."""
-        rest: Array = self.force - self.gain * self.activations
-        return rest
+        return np.asarray(self.force - self.gain * self.activations)
 
 
 class FrameStep(NamedTuple):

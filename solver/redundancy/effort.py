@@ -138,8 +138,7 @@ def _integrals(function: Callable[[Array], Array], a: Array) -> Array:
     half = 0.5 * np.diff(a, axis=0)
     rule = zip(points, weights, strict=True)
     inside = [half * weight * function(a[:-1] + half * (1.0 + point)) for point, weight in rule]
-    total: Array = np.sum(inside, axis=0)
-    return total
+    return np.asarray(np.sum(inside, axis=0))
 
 
 def _wrong_cost(found: str) -> ModelError:

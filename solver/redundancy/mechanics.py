@@ -153,17 +153,8 @@ def contact_points(cone: GlenoidCone, rotation_to_ground: Array, force: Array) -
     return np.stack([scale * along, scale * across], axis=-1)
 
 
-def angle_to_axis(cone: GlenoidCone, rotation_to_ground: Array, force: Array) -> Array:
-    """Angle (frames,) [rad] between a reaction (frames, 3) in ground and the cone's axis."""
-    axis = rotation_to_ground @ cone.axis
-    across = np.linalg.norm(np.cross(axis, force), axis=-1)
-    angle: Array = np.arctan2(across, (axis * force).sum(axis=-1))
-    return angle
-
-
 def _unit(vector: Array) -> Array:
-    unit: Array = vector / np.linalg.norm(vector)
-    return unit
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 @dataclass(frozen=True)
@@ -198,8 +189,7 @@ def force_agreement(predicted: Array, reference: Array) -> ForceAgreement:
 def angle_between(first: Array, second: Array) -> Array:
     """Angle (frames,) [rad] between forces (frames, 3) in the same axes."""
     across = np.linalg.norm(np.cross(first, second), axis=-1)
-    angle: Array = np.arctan2(across, (first * second).sum(axis=-1))
-    return angle
+    return np.asarray(np.arctan2(across, (first * second).sum(axis=-1)))
 
 
 def glenoid_axes(axis: Array, edge: Array) -> Array:
@@ -276,8 +266,7 @@ class ResponseMaps:
         """(frames,) False in a posture in which the model cannot be evaluated."""
         parts = (getattr(self, field.name) for field in fields(self))
         sums = [part.reshape(len(part), -1).sum(axis=1) for part in parts]  # finite only if all their terms are
-        is_finite: NDArray[np.bool_] = np.isfinite(np.array(sums)).all(axis=0)
-        return is_finite
+        return np.asarray(np.isfinite(np.array(sums)).all(axis=0))
 
     def cleared(self, is_finite: NDArray[np.bool_]) -> ResponseMaps:
         """With NaN in the frames that are not finite: infinities would cause warnings in later products."""
@@ -383,5 +372,4 @@ def actuator_forces(model: Model, kinematics: Kinematics, forces: Array) -> Arra
 
 
 def _generalised(model: Model, state: Postures, wrenches: Array) -> Array:
-    forces: Array = np.einsum("fbi,fbij->fj", wrenches, jacobians(model, state))
-    return forces
+    return np.asarray(np.einsum("fbi,fbij->fj", wrenches, jacobians(model, state)))

@@ -235,8 +235,7 @@ class MotionSolution(EqualByFields):
 
     def frames_with(self, outcome: MuscleOutcome) -> NDArray[np.bool_]:
         """(frames,) whether the path or the force of any muscle ended so."""
-        is_ended_so: NDArray[np.bool_] = (self.muscle_outcomes == outcome).any(axis=1)
-        return is_ended_so
+        return np.asarray((self.muscle_outcomes == outcome).any(axis=1))
 
     def __repr__(self) -> str:
         has_effort = np.isfinite(self.effort)
@@ -389,8 +388,7 @@ def _is_outside(matrix: Array, mobility: Array) -> NDArray[np.bool_]:
     columns, wanted = _normalised(matrix), _normalised(mobility)
     left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
     basis = left[:, sizes > 1e-9 * sizes[:1]]
-    outside: NDArray[np.bool_] = np.linalg.norm(wanted - basis @ (basis.T @ wanted), axis=0) > OUTSIDE
-    return outside
+    return np.asarray(np.linalg.norm(wanted - basis @ (basis.T @ wanted), axis=0) > OUTSIDE)
 
 
 def _normalised(matrix: Array) -> Array:

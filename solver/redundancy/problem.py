@@ -129,8 +129,7 @@ class RedundancyProblem:
     def is_finite(self) -> NDArray[np.bool_]:
         """(frames,) False where the model has no finite accelerations, and nothing is solved."""
         known = np.concatenate([self.acceleration_target, self.reaction_at_rest], axis=-1)
-        is_finite: NDArray[np.bool_] = np.isfinite(known).all(axis=-1)
-        return is_finite
+        return np.asarray(np.isfinite(known).all(axis=-1))
 
 
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
@@ -355,17 +354,14 @@ def idle_controls(matrix: Array, reaction_matrix: Array) -> NDArray[np.bool_]:
 
     The actuator of a locked coordinate is one: the lock takes its force.
     """
-    is_idle: NDArray[np.bool_] = np.logical_and(*(_is_round_off(part) for part in (matrix, reaction_matrix)))
-    return is_idle
+    return np.asarray(np.logical_and(*(_is_round_off(part) for part in (matrix, reaction_matrix))))
 
 
 def _is_round_off(matrix: Array) -> NDArray[np.bool_]:
     squares = _squares(matrix)
-    is_short: NDArray[np.bool_] = squares <= ROUND_OFF**2 * squares.max(axis=1, keepdims=True, initial=0.0)
-    return is_short
+    return np.asarray(squares <= ROUND_OFF**2 * squares.max(axis=1, keepdims=True, initial=0.0))
 
 
 def _squares(matrix: Array) -> Array:
     """Squared lengths (frames, controls) of the columns, without an intermediate array."""
-    squares: Array = np.einsum("fij,fij->fj", matrix, matrix)
-    return squares
+    return np.asarray(np.einsum("fij,fij->fj", matrix, matrix))

@@ -328,11 +328,9 @@ def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
         products = np.swapaxes(matrix[part], 1, 2) @ residual[:, part].transpose(1, 2, 0)
         products *= shares[part, :, None]
         unmet[:, part] = np.abs(products, out=products).max(axis=1, initial=0.0).T
-    met: NDArray[np.bool_] = unmet <= UNMET_LIMIT * (1.0 + size)
-    return met
+    return np.asarray(unmet <= UNMET_LIMIT * (1.0 + size))
 
 
 def _squares(matrix: Array) -> Array:
     """Squared lengths (frames, controls) of the columns, without an intermediate array."""
-    squares: Array = np.einsum("fij,fij->fj", matrix, matrix)
-    return squares
+    return np.asarray(np.einsum("fij,fij->fj", matrix, matrix))

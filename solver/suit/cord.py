@@ -53,8 +53,7 @@ class CordLine:
     @cached_property
     def length(self) -> Array:
         """Length (frames,) [m] with the cuffs in place."""
-        length: Array = self.reach.sum(axis=1)
-        return length
+        return np.asarray(self.reach.sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +111,7 @@ def with_migration(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
 
 def direction_to_joint(point: SuitPoint) -> Array:
     """Direction (3,) of migration along the bone, in its body: towards the body's origin."""
-    direction: Array = -np.sign(point.location @ ALONG_THE_BONE) * ALONG_THE_BONE
-    return direction
+    return np.asarray(-np.sign(point.location @ ALONG_THE_BONE) * ALONG_THE_BONE)
 
 
 def ensure_possible(cuff: CuffParameters, least_damping: float = 0.0) -> None:
@@ -180,10 +178,9 @@ def _velocity(suit: Suit, line: CordLine, travel: Array, direction: Array, every
     after = chosen if suit.rate == "backward" else np.minimum(chosen + 1, len(line.shoulder) - 1)
 
     def in_body(frames: NDArray[np.int64]) -> Array:
-        found: Array = travel[:, frames, :, None] * rotate(
-            np.swapaxes(line.anchors_to_ground[frames], 2, 3), direction[frames]
+        return np.asarray(
+            travel[:, frames, :, None] * rotate(np.swapaxes(line.anchors_to_ground[frames], 2, 3), direction[frames])
         )
-        return found
 
     seconds = line.interval * np.maximum(after - before, 1)
     return rotate(line.anchors_to_ground[chosen], (in_body(after) - in_body(before)) / seconds[:, None, None])
@@ -229,8 +226,7 @@ def _series_tension(
 
 def _share(cord_stiffness: float, cuff_stiffness: Array) -> Array:
     """Stiffness of cord and cuffs (…, 2) in series [N/m]."""
-    share: Array = cord_stiffness / (1 + cord_stiffness * (1 / cuff_stiffness).sum(-1))
-    return share
+    return np.asarray(cord_stiffness / (1 + cord_stiffness * (1 / cuff_stiffness).sum(-1)))
 
 
 def _under(

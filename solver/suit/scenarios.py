@@ -174,8 +174,7 @@ class SuitedMotion:
         """(groups, muscles) 1 / number of muscles of a group, for each of them."""
         members = np.array([[name in group for name in self.model.muscle_names] for group in self.suit.groups.values()])
         members = members.reshape(len(self.suit.groups), len(self.model.muscles))
-        shares: Array = members / members.sum(axis=1, keepdims=True)
-        return shares
+        return np.asarray(members / members.sum(axis=1, keepdims=True))
 
     def with_suit(self, suit: Suit) -> SuitedMotion:
         """The same motion in a suit that differs in its cord only, not in its bodies or masses."""

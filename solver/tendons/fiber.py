@@ -345,10 +345,6 @@ class FiberHistory:
             self._before, self._is_second_order = self._last, is_free & self._was_free
         self._last, self._was_free = settled.length.copy(), is_free
 
-    def forget(self) -> None:
-        """The next frame is a first one."""
-        self._last, self._is_second_order = None, np.zeros(len(self._optimal), bool)
-
 
 class FiberTables(NamedTuple):
     """n muscles with elastic tendons.

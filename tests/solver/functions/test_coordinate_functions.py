@@ -18,7 +18,6 @@ from solver.functions.coordinate_functions import (
     scaled,
     simm_spline,
     smooth_step,
-    times_linear,
 )
 from tests.refusals import raises_refusal
 
@@ -34,7 +33,6 @@ FUNCTIONS = {
     "step down": smooth_step(0.9, -0.6, 0.1, -0.4),
     "sine": Sine(0.5, 1.7, 0.3, 0.1),
     "scaled sine": scaled(Sine(0.5, 1.7, 0.3, 0.1), -2.0),
-    "product": times_linear(smooth_step(-0.6, 0.9, 0.1, -0.4), 2.0, -0.7),
 }
 
 
@@ -76,12 +74,6 @@ def test_a_step_stays_at_its_ends() -> None:
         value, slope, curvature = smooth_step(start, end, 0.1, -0.4).derivatives(np.array([start, end, 2 * start]))
         assert np.allclose(value, [0.1, -0.4, 0.1], atol=1e-15)
         assert np.allclose([slope, curvature], 0.0, atol=1e-12)
-
-
-def test_a_product_with_a_line_is_one() -> None:
-    step = smooth_step(-0.6, 0.9, 0.1, -0.4)
-    product = step.derivatives(BETWEEN)[0] * (2.0 * BETWEEN - 0.7)
-    assert np.allclose(times_linear(step, 2.0, -0.7).derivatives(BETWEEN)[0], product, atol=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from solver.multibody.dynamics import ReactionRequest, response_to_loads
 from solver.multibody.loads import ExternalForce
 from solver.redundancy import motion_solution as motion_module
 from solver.redundancy.effort import RedundancyOptions, Reserve, with_reserves
-from solver.redundancy.mechanics import angle_to_axis, evaluate_motion, glenoid_cone
+from solver.redundancy.mechanics import angle_between, evaluate_motion, glenoid_cone
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_sequence_with_clarabel
@@ -163,7 +163,7 @@ def test_a_raised_arm_keeps_its_head_in_the_socket_and_its_equations():
     mechanics = evaluate_motion(MODEL, SLOW)
     result = solve_motion(MODEL, SLOW)
     cone = glenoid_cone(MODEL)
-    angle = angle_to_axis(cone, mechanics.state.rotation_to_ground[:, cone.body], result.reaction[:, 3:])
+    angle = angle_between(mechanics.state.rotation_to_ground[:, cone.body] @ cone.axis, result.reaction[:, 3:])
     assert result.unsolved == 0
     assert angle.max() <= cone.half_angle + 1e-6
     assert result.cone_slack.min() > -1e-2
