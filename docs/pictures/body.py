@@ -23,7 +23,7 @@ from solver.inverse_kinematics.solve import assemble
 from solver.model import GROUND, Model, PathPoint, PointConstraint, WrapSurface
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.osim.model_reader import read_osim
-from station.report.canvas import FORCE, LINE, MOTION, STYLE
+from station.report.plot import FORCE, LINE, MOTION, STYLE
 
 Array = NDArray[np.float64]
 

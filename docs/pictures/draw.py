@@ -28,8 +28,8 @@ from station.charts import svg
 from station.charts.marks import Chart
 from station.emg.comparison import ConditionFiles, compare_emg
 from station.emg.emg_json import write_emg
-from station.report.canvas import FORCE, LINE, MOTION, SHADES, STYLE
 from station.report.fit_figures import fit_figure
+from station.report.plot import FORCE, LINE, MOTION, SHADES, STYLE
 from station.report.wearer_section import shapes_figure
 
 HERE = Path(__file__).parent

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from docs.pictures.body import VIEWS, View, draw_bones, flattened, save_picture
 from solver.multibody.postures import points_in_ground, postures
 from station.kinematics.ik import IkInputs, SolvedPostures, solve_postures
-from station.report.canvas import FORCE, MOTION, STYLE
+from station.report.plot import FORCE, MOTION, STYLE
 
 MM = 1e3
 MARGIN = 4.0  # cm

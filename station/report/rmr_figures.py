@@ -24,7 +24,7 @@ from solver.redundancy.mechanics import glenoid_cone, is_shoulder
 from solver.redundancy.problem import FrameOutcome
 from station.assessment.rmr import SolvedMotion, reserve_unit
 from station.checksums import write_whole
-from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
+from station.report.plot import LINE, MARK, SHADES, STYLE, as_png
 from station.sources import without_hash
 
 WARM = "#c2571a"

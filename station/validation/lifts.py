@@ -52,7 +52,7 @@ from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 from station.messages.study_messages import ValidationCode
 from station.progress import Progress, silent
-from station.report.canvas import LINE, SHADES, STYLE, as_png
+from station.report.plot import LINE, SHADES, STYLE, as_png
 
 Array = NDArray[np.float64]
 

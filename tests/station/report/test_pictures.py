@@ -20,8 +20,8 @@ from station.charts.marks import Array, Line, Panel, chart
 from station.charts.svg import draw
 from station.progress import silent
 from station.report.assessment_section import ELEVATION, LESS, MORE, activation_changes, body_figure, change_colour
-from station.report.canvas import DPI, as_png
 from station.report.pictures import PlannedFigure, draw_all
+from station.report.plot import DPI, as_png
 
 
 def test_progress_counts_every_figure_of_all_sections() -> None:

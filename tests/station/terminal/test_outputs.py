@@ -14,7 +14,7 @@ from station.messages.codes import ReasonCode
 from station.messages.message import Message
 from station.session.judgement import Figure, Judgement, Row
 from station.terminal.events import Decided, SessionOpened, VerdictGiven, WarningRaised
-from station.terminal.outputs import KEYS_BETWEEN, KEYS_RECORDING, JsonOutput, SessionConsole, TextOutput
+from station.terminal.run import KEYS_BETWEEN, KEYS_RECORDING, JsonOutput, SessionConsole, TextOutput
 
 OPENED = SessionOpened("P01", "monday", "monday", 2, 0, 0, is_simulated=False)
 JUDGEMENT = Judgement(
