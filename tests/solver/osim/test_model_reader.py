@@ -464,7 +464,7 @@ UNREADABLE = [
     (
         "<PathActuator name='f'>" + PATH.replace(POINT, "", 1) + "</PathActuator>",
         SolverCode.WRONG_PATH,
-        "GeometryPath has 1 points, expected at least 2",
+        "GeometryPath has 1 point, expected at least 2",
     ),
     (
         "<PathActuator name='f'><FunctionBasedPath/></PathActuator>",
