@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from documents.interval import counted
 from documents.results import EqualByFields, labelled_dataset
 from solver.checks import ensure_at_least, ensure_known, ensure_type
-from solver.coded_findings import CodedFinding, describe_codes
-from solver.errors import MotionError, SolverCode
+from solver.errors import CodedFinding, MotionError, SolverCode, describe_codes
 from solver.model import Model
 from solver.time_series_table import FEWEST_SAMPLED, LONGEST_STEP_S, TableHeader, ensure_seconds, read_table
 

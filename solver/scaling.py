@@ -22,9 +22,8 @@ from typing import TypeVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solver.coded_findings import ScalingCode
 from solver.constraint import ConstantDistanceConstraint, PointOnLineConstraint, WeldConstraint
-from solver.errors import SolverCode
+from solver.errors import ScalingCode, SolverCode
 from solver.forces.actuators import PathActuator, PointActuator, PointToPointActuator, TorqueActuator
 from solver.forces.passive_forces import (
     BlankevoortLigament,

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.errors import SolverCode
-from solver.inverse_kinematics.exchanges import find_exchanges
+from solver.inverse_kinematics.marker_fit import find_exchanges
 from solver.inverse_kinematics.solve import (
     InverseKinematics,
     PostureOutcome,

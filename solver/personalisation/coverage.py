@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from solver.coded_findings import CoverageCode
+from solver.errors import CoverageCode
 from solver.model import Marker, Model
 
 HOLDING = 3

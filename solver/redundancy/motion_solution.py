@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from documents.interval import counted
 from documents.results import EqualByFields, curves_svg, labelled_dataset, result_html
-from solver.coded_findings import CodedFinding, describe_codes
-from solver.errors import SolverCode, SolverError
+from solver.errors import CodedFinding, SolverCode, SolverError, describe_codes
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.dynamics import EquationsOfMotion, JointReactions, ReactionRequest, is_bypassed, joint_reactions

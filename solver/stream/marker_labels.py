@@ -13,7 +13,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.exchanges import MarkerTracks, exchanged_pairs
+from solver.inverse_kinematics.marker_fit import MarkerTracks, exchanged_pairs
 
 Array = NDArray[np.float64]
 

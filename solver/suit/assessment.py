@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from documents.interval import bracketed, counted
 from documents.results import EqualByFields, curves_svg, labelled_dataset, result_html
-from solver.coded_findings import CodedFinding, describe_codes
 from solver.cuff import CuffParameters, by_site
-from solver.errors import SolverCode
+from solver.errors import CodedFinding, SolverCode, describe_codes
 from solver.muscle import MuscleOutcome
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.decision import Basis, CuffDecision, DecisionRule

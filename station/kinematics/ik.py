@@ -17,8 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import counted
 from recordings.exchange.sample_tables import MarkerTable
-from solver.coded_findings import CoverageCode
-from solver.errors import MotionError, SolverCode
+from solver.errors import CoverageCode, MotionError, SolverCode
 from solver.inverse_kinematics.marker_fit import Vertical, rotation_laboratory_to_ground
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, smooth_motion
 from solver.inverse_kinematics.solve import (

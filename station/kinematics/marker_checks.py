@@ -20,8 +20,7 @@ from recordings.exchange.qtm_tsv import read_qtm_tsv
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc
 from recordings.standard_gravity import g
-from solver.inverse_kinematics.exchanges import Exchange, find_exchanges
-from solver.inverse_kinematics.marker_fit import fit_markers
+from solver.inverse_kinematics.marker_fit import Exchange, find_exchanges, fit_markers
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, PostureUncertainty, TrackingTasks
 from solver.model import CoordinateLock, Marker, Model
 from solver.osim.tool_setups import IkSetup, ScaleSetup

@@ -19,8 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from documents.interval import counted
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.standard_gravity import g
-from solver.coded_findings import CoverageCode, ScalingCode
-from solver.errors import MotionError, SolverCode
+from solver.errors import CoverageCode, MotionError, ScalingCode, SolverCode
 from solver.inverse_kinematics.marker_fit import Vertical
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
 from solver.model import CoordinateLock, Marker, Model, ModelError

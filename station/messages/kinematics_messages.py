@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
-from solver.coded_findings import CoverageCode, ScalingCode
+from solver.errors import CoverageCode, ScalingCode
 from station.messages.codes import CommandCode, CueCode, KinematicsCode, ReasonCode
 
 KINEMATICS: Mapping[StrEnum, str] = {

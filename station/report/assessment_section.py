@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from solver.coded_findings import CoverageCode
+from solver.errors import CoverageCode
 from solver.suit.suit import PARTS
 from station.assessment.assessment_file import read_activations
 from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.coded_findings import describe_codes
-from solver.errors import SolverCode
+from solver.errors import SolverCode, describe_codes
 from solver.model import GROUND, Body, Marker, with_point_mass
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures

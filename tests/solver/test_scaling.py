@@ -10,9 +10,8 @@ import pytest
 
 from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
-from solver.coded_findings import ScalingCode
 from solver.constraint import ConstantDistanceConstraint, PointOnLineConstraint
-from solver.errors import SolverCode
+from solver.errors import ScalingCode, SolverCode
 from solver.forces.actuators import PointActuator
 from solver.forces.passive_forces import (
     Bushing,

@@ -12,8 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.inverse_kinematics.exchanges import Exchange, find_exchanges
-from solver.inverse_kinematics.marker_fit import TO_Y_UP, longest_whole_motion, rotation_laboratory_to_ground
+from solver.inverse_kinematics.marker_fit import (
+    TO_Y_UP,
+    Exchange,
+    find_exchanges,
+    longest_whole_motion,
+    rotation_laboratory_to_ground,
+)
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import tasks_of, with_markers

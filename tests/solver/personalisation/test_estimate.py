@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.coded_findings import ScalingCode
-from solver.errors import SolverCode
+from solver.errors import ScalingCode, SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import Marker
 from solver.multibody.postures import points_in_ground, postures

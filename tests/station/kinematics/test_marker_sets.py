@@ -14,7 +14,7 @@ import pytest
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
 from solver.bundled import bundled_model
-from solver.coded_findings import CoverageCode
+from solver.errors import CoverageCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_ik_setup

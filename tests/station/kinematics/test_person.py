@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from recordings.exchange.joint_force import read_joint_force
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc, write_trc
-from solver.coded_findings import CoverageCode
+from solver.errors import CoverageCode
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.motion import Motion, differentiate
 from solver.osim.model_reader import read_osim

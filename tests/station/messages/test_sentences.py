@@ -12,7 +12,7 @@ from string import Formatter
 import pytest
 
 from fitting.results.sentences import SENTENCES as FITTED
-from solver.coded_findings import ScalingCode
+from solver.errors import ScalingCode
 from solver.personalisation.coverage import CoverageCode
 from station import messages
 from station.messages.message import SENTENCES, Message
