@@ -139,10 +139,19 @@ def ik_setup_of(tool: Element) -> IkSetup:
     if not tasks:
         raise tool.refusal("has no task that is applied; add an IKTaskSet")
     first, last = tool.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
+    markers: dict[str, float] = {}
+    coordinates: dict[str, CoordinateTask] = {}
+    for task in tasks:
+        if task.tag == "IKMarkerTask":
+            markers.setdefault(task.name, task.number("weight", "0"))  # OpenSim uses the first of a name
+        elif task.name in coordinates:
+            raise task.refusal("has a task for this coordinate above; keep one of them")
+        else:
+            coordinates[task.name] = _coordinate_task(task)
     return IkSetup(
         (float(first), float(last)),
-        {task.name: task.number("weight", "0") for task in tasks if task.tag == "IKMarkerTask"},
-        {task.name: _coordinate_task(task) for task in tasks if task.tag == "IKCoordinateTask"},
+        markers,
+        coordinates,
         tool.named_file("model_file"),
         tool.named_file("marker_file"),
         tool.named_file("coordinate_file"),
@@ -431,15 +440,15 @@ def _measurement(element: Element) -> Measurement:
     pairs = []
     for pair in element.objects("MarkerPairSet"):
         names = pair.word("markers", "").split()
-        if len(names) != 2:
-            raise pair.refusal(f"should name two markers and names {len(names)}")
+        if len(set(names)) != 2 or len(names) != 2:
+            raise pair.refusal(f"should name two markers and names {' '.join(names) or 'none'}")
         pairs.append((names[0], names[1]))
-    axes = {}
+    axes: dict[str, tuple[int, ...]] = {}
     for body in element.objects("BodyScaleSet"):
-        axis_names = body.word("axes", "").split()
+        axis_names = body.word("axes", "").upper().split()
         if not axis_names or set(axis_names) - set(AXES):
             raise body.refusal(f"should name axes of X, Y and Z and names {' '.join(axis_names) or 'none'}")
-        axes[body.name] = tuple(AXES.index(axis) for axis in axis_names)
+        axes[body.name] = (*axes.get(body.name, ()), *(AXES.index(axis) for axis in axis_names))
     if not pairs:
         raise element.refusal("has no pair of markers")
     return Measurement(element.name, tuple(pairs), axes)

@@ -42,6 +42,12 @@ class Message(Generic[Code_co]):
         return {"code": self.code.value, "figures": dict(self.figures)}
 
     @property
+    def codes(self) -> tuple[str, ...]:
+        """The code, and that of its cause where there is one: the error of a device."""
+        cause = self.figures.get("code")
+        return (self.code.value, str(cause)) if cause else (self.code.value,)
+
+    @property
     def kind(self) -> str:
         """The code without its reason: the kind of the event in a recording."""
         return self.code.value.partition(".")[0]

@@ -182,7 +182,7 @@ class Telemetry(BackgroundView):
         return {
             "at": time.time(),
             "state": snapshot.state.value,
-            "codes": [message.code.value for message in snapshot.messages],
+            "codes": [code for message in snapshot.messages for code in message.codes],
             "sentence": snapshot.sentence,
             "problems": join_sentences(snapshot.messages[1:]),
             "sync_v": self._sync_v if snapshot.sync_level_v is None else snapshot.sync_level_v,

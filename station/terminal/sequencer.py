@@ -258,7 +258,7 @@ class SessionSequencer:
             self._reset_start()
             self._retry_s = FIRST_RETRY_S
             self._recorded.add(recorded.file)
-            codes = tuple(message.code.value for message in recorded.codes)
+            codes = tuple(code for message in recorded.codes for code in message.codes)
             outcome = recorded.file, recorded.accepted, recorded.lost_samples, recorded.sentence, codes
             self._output.show_event(TrialEnded(*outcome))
         if command is not None:

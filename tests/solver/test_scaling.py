@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -183,3 +184,26 @@ def test_a_published_body_comes_back_from_its_set_up() -> None:
     for one, other in zip(scaled.muscles, published.muscles, strict=True):
         assert one.optimal_fiber_length == pytest.approx(other.optimal_fiber_length, rel=5e-5)
         assert one.tendon_slack_length == pytest.approx(other.tendon_slack_length, rel=5e-5)
+
+
+SETUP = """<OpenSimDocument Version="40000"><ScaleTool name="s"><mass>-1</mass><ModelScaler><MeasurementSet><objects>
+<Measurement name="m"><MarkerPairSet><objects><MarkerPair><markers>A B</markers></MarkerPair></objects></MarkerPairSet>
+<BodyScaleSet><objects><BodyScale name="thigh"><axes>x Y</axes></BodyScale><BodyScale name="thigh"><axes>Z</axes>
+</BodyScale></objects></BodyScaleSet></Measurement></objects></MeasurementSet></ModelScaler><MarkerPlacer><IKTaskSet>
+<objects><IKMarkerTask name="A"><weight>100</weight></IKMarkerTask><IKMarkerTask name="A"><weight>1</weight>
+</IKMarkerTask></objects></IKTaskSet></MarkerPlacer></ScaleTool></OpenSimDocument>"""
+
+
+def test_what_a_set_up_has_twice_is_read_as_by_opensim(tmp_path: Path) -> None:
+    """OpenSim 4.6 scales by both, and weights a marker by its first task."""
+    path = tmp_path / "setup.xml"
+    path.write_text(SETUP)
+    setup = read_scale_setup(path)
+    assert setup.measurements[0].axes == {"thigh": (0, 1, 2)}
+    assert setup.placement is not None and setup.placement.markers == {"A": 100.0}
+    path.write_text(SETUP.replace("A B", "A A"))
+    with raises_refusal(SolverCode.MALFORMED, "A A"):
+        read_scale_setup(path)
+    path.write_text(SETUP.replace("IKMarkerTask", "IKCoordinateTask"))
+    with raises_refusal(SolverCode.MALFORMED, "above"):
+        read_scale_setup(path)

@@ -11,10 +11,12 @@ from string import Formatter
 
 import pytest
 
+from drivers.errors import DeviceCode
 from fitting.results.sentences import SENTENCES as FITTED
 from solver.errors import ScalingCode
 from solver.personalisation.coverage import CoverageCode
 from station import messages
+from station.messages.codes import TrialCode
 from station.messages.message import SENTENCES, Message
 
 MODULES = [
@@ -45,3 +47,8 @@ def test_every_sentence_is_rendered_from_its_figures(code: StrEnum) -> None:
 def test_no_sentence_counts_one_thing_in_the_plural() -> None:
     templates = [*SENTENCES.values(), *("".join(clauses) for clauses in FITTED.values())]
     assert [text for text in templates if re.search(r"\{(\w+s)(:\.0f)?\} ([\w-]+ )*\1\b", text)] == []
+
+
+def test_a_device_s_error_is_among_the_codes_of_its_message() -> None:
+    lost = Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent", "code": DeviceCode.LOST.value})
+    assert lost.codes == ("device_lost", DeviceCode.LOST) and Message(TrialCode.CANCELLED).codes == ("cancelled",)
