@@ -46,7 +46,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "fitting.static.held_loads": ("tests/fitting/static/test_held_loads.py",),
     "fitting.static.stiffness": ("tests/fitting/static/test_held_loads.py",),
     "fitting.study.power": (),
-    "fitting.study.variance_components": ("tests/fitting/study/test_variance_components.py",),
+    "fitting.study.variance_components": (),
     "fitting.trial.calibration": (),
     "fitting.trial.clocks": ("tests/fitting/trial/test_sync_line.py",),
     "fitting.trial.timeline": (),

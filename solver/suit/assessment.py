@@ -389,5 +389,7 @@ def _outcomes(efforts: Sequence[ScenarioEffort]) -> dict[FrameOutcome, int]:
 
 
 def _muscle_outcomes(suited: SuitedMotion) -> dict[MuscleOutcome, int]:
-    counts = {outcome: int((suited.muscle_outcomes == outcome).any(axis=1).sum()) for outcome in MuscleOutcome}
+    counts = {
+        outcome: int((suited.mechanics.muscle_outcomes == outcome).any(axis=1).sum()) for outcome in MuscleOutcome
+    }
     return {outcome: count for outcome, count in counts.items() if count and outcome is not MuscleOutcome.CONVERGED}

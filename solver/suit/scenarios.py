@@ -38,8 +38,7 @@ Array = NDArray[np.float64]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 CUFF_CONDITIONS: tuple[Condition, ...] = ("shift", "visco_elastic", "both")
 RANGE_TOLERANCE = 1e-6  # rad or m
-MIGRATION_STEP = 1e-3
-"""m of a central difference of the effort over migration."""
+MIGRATION_STEP = 1e-3  # m, of a central difference of the effort over migration
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +68,9 @@ class SuitScenario:
         cord = replace(self, rest_lengths=self.rest_lengths[-1:], with_slopes=False)
         found = []
         for step in (-MIGRATION_STEP, MIGRATION_STEP):
-            found += [replace(cord, waist=_moved(self.waist, step))] if self.waist else []
-            found += [replace(cord, arm=_moved(self.arm, step))] if self.arm else []
+            waist, arm = (cuff and replace(cuff, migration=cuff.migration + step) for cuff in self.cuffs)
+            found += [replace(cord, waist=waist)] if waist else []
+            found += [replace(cord, arm=arm)] if arm else []
         return found
 
     @property
@@ -155,11 +155,6 @@ class SuitedMotion:
         return build_redundancy(self.motion.model, self.bare_mechanics, self.motion.options)
 
     @property
-    def muscle_outcomes(self) -> NDArray[np.object_]:
-        """(solved frames, muscles) of MuscleOutcome."""
-        return self.mechanics.muscle_outcomes
-
-    @property
     def measured(self) -> tuple[str, ...]:
         """Names of what mean_activation is of: muscles, then the suit's groups of them."""
         return (*self.model.muscle_names, *self.suit.groups)
@@ -183,11 +178,9 @@ class SuitedMotion:
     def ensure_pulls(self) -> None:
         """Raises SuitError where the cord is slack in all frames, at the reference or at every rest length to try."""
         suit = self.suit
-        longest, shortest = float(self.line.length.max()), float(suit.rest_lengths.min())
-        for key, length in (
-            ("reference_rest_length_m", suit.reference_rest_length),
-            ("rest_lengths_m.first", shortest),
-        ):
+        longest = float(self.line.length.max())
+        lengths = suit.reference_rest_length, float(suit.rest_lengths.min())
+        for key, length in zip(("reference_rest_length_m", "rest_lengths_m.first"), lengths, strict=True):
             if length >= longest:
                 raise SuitError(
                     f"the suit's {key} should be below {longest:.4g} m, the longest that the cord's line becomes in "
@@ -288,10 +281,6 @@ def _slopes(scenario: SuitScenario, migrated: Sequence[ScenarioEffort]) -> Array
     return slopes
 
 
-def _moved(cuff: CuffParameters, step: float) -> CuffParameters:
-    return replace(cuff, migration=cuff.migration + step)
-
-
 def solve_without_suit(suited: SuitedMotion, slack: ScenarioEffort, workers: int | None = None) -> ScenarioEffort:
     """The effort of the body without the suit's masses, over that of the slack suit."""
     if suited.motion.options.tendons == "elastic":
@@ -384,11 +373,8 @@ Solved = tuple[SuitScenario, ScenarioEffort]
 LARGE_RESERVES = 0.1
 """Effort of the reserves, over that of the muscles with a slack cord, above which muscles do not explain a motion."""
 ROUND_OFF = 1e-9  # m
-IDLE = 1e-9
-"""Mean activation below which a muscle counts as inactive and has no reduction."""
-
-UNMIGRATED: dict[Condition, Condition] = {"shift": "rigid", "both": "visco_elastic"}
-"""Condition → the same cuffs without migration."""
+IDLE = 1e-9  # mean activation below which a muscle counts as inactive and has no reduction
+UNMIGRATED: dict[Condition, Condition] = {"shift": "rigid", "both": "visco_elastic"}  # the same cuffs before it
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,10 +434,8 @@ def read_off_curves(
 ) -> dict[Condition, CurveReadouts]:
     """One version of the curves of these conditions, from one set of cuffs in all conditions and rigid ones."""
     idle = suited.mean_activation(slack.activations[0])
-    return {
-        condition: _read(suited, slack, idle, solved[condition], _unmigrated(solved, condition))
-        for condition in conditions
-    }
+    unmigrated = {one: solved[before] for one, before in UNMIGRATED.items() if one in conditions}
+    return {one: _read(suited, slack, idle, solved[one], unmigrated.get(one)) for one in conditions}
 
 
 def stacked(readouts: Sequence[CurveReadouts]) -> CurveReadouts:
@@ -459,10 +443,6 @@ def stacked(readouts: Sequence[CurveReadouts]) -> CurveReadouts:
     return CurveReadouts(
         **{f.name: np.concatenate([getattr(part, f.name) for part in readouts]) for f in fields(CurveReadouts)}
     )
-
-
-def _unmigrated(solved: Mapping[Condition, Solved], condition: Condition) -> Solved | None:
-    return solved[UNMIGRATED[condition]] if condition in UNMIGRATED else None
 
 
 def _read(
@@ -527,7 +507,6 @@ def efforts_at(suited: SuitedMotion, solved: Solved) -> Array:
 
 
 KEPT_REDUCTION = 0.9  # of the best one, within the permissible error of the rest length
-NOWHERE = np.nan
 
 
 @dataclass(frozen=True)
@@ -548,7 +527,7 @@ def find_minimum(rest_lengths: Array, cost: Array) -> CurveMinimum:
     """The lowest point of a cubic spline through the cost (rest lengths,) at the lengths tried (rest lengths,) [m]."""
     edge = edge_of_minimum(cost)
     if edge or np.isnan(cost).any():
-        return CurveMinimum(NOWHERE, NOWHERE, NOWHERE, edge)
+        return CurveMinimum(np.nan, np.nan, np.nan, edge)
     spline = scipy.interpolate.CubicSpline(rest_lengths, cost)
     flat = spline.derivative().roots(extrapolate=False)
     length = float(flat[np.argmin(spline(flat))])
@@ -556,7 +535,7 @@ def find_minimum(rest_lengths: Array, cost: Array) -> CurveMinimum:
     edges = spline.solve(1 - KEPT_REDUCTION * (1 - lowest), extrapolate=False)
     before, after = edges[edges < length], edges[edges > length]
     is_kept = before.size and after.size and lowest < 1
-    return CurveMinimum(length, lowest, float(after.min() - before.max()) if is_kept else NOWHERE)
+    return CurveMinimum(length, lowest, float(after.min() - before.max()) if is_kept else np.nan)
 
 
 def edge_of_minimum(cost: Array) -> int:

@@ -8,20 +8,17 @@ Uchida, Seth, Delp, J. Biomech. Eng. 135(2):021005, 2013, equation 4):
 v is known from l: by a difference formula, rate (l − anchor), or in the first frame, where the tendon keeps its length,
 by the velocity of the path, drift cos φ. So one equation in l remains, which rises where it has its root.
 
-One implicit step of all fibres, and the lengths that it starts from.
-
-By the second-order backward differentiation formula (BDF2; Curtiss and Hirschfelder, Proc. Natl. Acad. Sci. 38:235,
-1952), l' = (3 l − 4 l₁ + l₂) / 2h of the two frames before, which damps the stiff modes of short tendons; by implicit
-Euler, l' = (l − l₁) / h, in the second frame and after a fibre was held at its least length. The balance of forces
-holds in every frame, so velocities of the path are only needed in the first one.
-
-Muscle forces with elastic tendons at given activations and path lengths: fibre lengths by implicit integration.
+The step is that of the second-order backward differentiation formula (BDF2; Curtiss and Hirschfelder, Proc. Natl. Acad.
+Sci. 38:235, 1952), l' = (3 l − 4 l₁ + l₂) / 2h of the two frames before, which damps the stiff modes of short tendons;
+by implicit Euler, l' = (l − l₁) / h, in the second frame and after a fibre was held at its least length. The balance of
+forces holds in every frame, so velocities of the path are only needed in the first one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from math import asinh, e, exp, expm1, inf, sqrt
 from typing import NamedTuple
 
@@ -64,6 +61,7 @@ SPEED = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
 """Constants of De Groote's curves (functions/muscle_curves.py)."""
 Codes = NDArray[np.int8]
 MILLARD, THELEN, DE_GROOTE = 0, 1, 2
+KINDS = {MillardCurves: MILLARD, ThelenCurves: THELEN, DeGrooteFreglyCurves: DE_GROOTE}
 ACTIVE, VELOCITY, PASSIVE, TENDON = 0, 1, 2, 3
 LEAST_LENGTH = 0.01  # of the optimal one, OpenSim's for a fibre without pennation
 LEAST_ACTIVATION = 0.01  # OpenSim's minimum_activation
@@ -173,12 +171,8 @@ def tendon_force(tables: FiberTables, i: int, path: float, length: float) -> tup
 @compiled
 def _upper_end(tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float) -> float:
     """A length with a balance that is not negative: the tendon is slack, and the fibre does not shorten."""
-    optimal, slack, height, shortest = (
-        tables.scales[i, 0],
-        tables.scales[i, 1],
-        tables.scales[i, 2],
-        tables.scales[i, 6],
-    )
+    scales = tables.scales[i]
+    optimal, slack, height, shortest = scales[0], scales[1], scales[2], scales[6]
     along = max(path - slack, 0.0)
     high = max(shortest, sqrt(along**2 + height**2) / optimal)
     if rate > 0.0:
@@ -392,46 +386,20 @@ def fiber_tables(model: Model) -> FiberTables:
             SolverCode.NO_TENDON,
         )
     muscles = [model.muscles[index] for index in indices]
-    stack = _ChainStack()
-    ranges = np.array([[stack.range_of(chain) for chain in _chains(muscle)] for muscle in muscles], dtype=np.int64)
+    used = [_chains(muscle) for muscle in muscles]  # muscles with the same curve share it
+    chains = {id(chain): chain for of_muscle in used for chain in of_muscle if chain is not None}
+    ends = np.cumsum([0, *(len(chain.corners) for chain in chains.values())])
+    ranges = dict(zip(chains, pairwise(ends.tolist()), strict=True))
     return FiberTables(
         muscle=indices,
-        kind=np.array([_kind(muscle) for muscle in muscles]),
+        kind=np.array([KINDS[type(muscle.curves)] for muscle in muscles]),
         scales=np.array([_scales(muscle) for muscle in muscles]),
         shapes=np.array([_shapes(muscle) for muscle in muscles]),
         least_activation=np.array([0.0 if muscle.fiber_damping else LEAST_ACTIVATION for muscle in muscles]),
-        corners=stack.joined("corners", (0, 2, 6)),
-        nodes=stack.joined("nodes", (0, INTERVALS + 1)),
-        corner_range=ranges,
+        corners=np.concatenate([np.zeros((0, 2, 6)), *(chain.corners for chain in chains.values())]),
+        nodes=np.concatenate([np.zeros((0, INTERVALS + 1)), *(chain.nodes for chain in chains.values())]),
+        corner_range=np.array([[ranges.get(id(chain), (0, 0)) for chain in of_muscle] for of_muscle in used]),
     )
-
-
-class _ChainStack:
-    """Chains one after another; muscles with the same curve share it."""
-
-    def __init__(self) -> None:
-        self._chains: list[BezierChain] = []
-        self._ranges: dict[int, tuple[int, int]] = {}
-        self._corners = 0
-
-    def range_of(self, chain: BezierChain | None) -> tuple[int, int]:
-        """Begin and end of its corners."""
-        if chain is None:
-            return 0, 0
-        if id(chain) not in self._ranges:
-            end = self._corners + len(chain.corners)
-            self._ranges[id(chain)] = self._corners, end
-            self._corners = end
-            self._chains.append(chain)
-        return self._ranges[id(chain)]
-
-    def joined(self, field: str, empty: tuple[int, ...]) -> Array:
-        return np.concatenate([np.zeros(empty), *(getattr(chain, field) for chain in self._chains)])
-
-
-def _kind(muscle: Muscle) -> int:
-    kinds = {MillardCurves: MILLARD, ThelenCurves: THELEN, DeGrooteFreglyCurves: DE_GROOTE}
-    return kinds[type(muscle.curves)]
 
 
 def _chains(muscle: Muscle) -> tuple[BezierChain | None, ...]:
