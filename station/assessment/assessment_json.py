@@ -47,6 +47,16 @@ MUSCLE_SENTENCES = {
     MuscleOutcome.FIBER_NOT_CONVERGED: "fibre and elastic tendon did not come into balance; the last point is used",
 }
 UNSOLVED, UNCONVERGED = tuple(FRAME_SENTENCES), tuple(MUSCLE_SENTENCES)
+Plain = dict[str, Any]
+ASSESSMENT_FILE, ACTIVATIONS_FILE = "assessment.json", "activations.csv"
+CURVE_KEYS = {
+    "to_slack": "optimum_to_slack_m",
+    "cord_force": "largest_cord_force_n",
+    "cord_force_lost": "cord_force_lost_to_migration",
+    "cost_per_arm_migration": "cost_per_arm_migration_per_m",
+    "cost_per_waist_migration": "cost_per_waist_migration_per_m",
+}
+"""Field of CurveReadouts → key, for the numbers other than the effort at the reference and the optimum."""
 
 
 class StrictEntry(BaseModel):
@@ -78,20 +88,6 @@ class MeasuredReductionEntry(StrictEntry):
     muscle: str
     reduction_percent: NumberEntry
     sd_percent: NumberEntry
-
-
-Plain = dict[str, Any]
-
-ASSESSMENT_FILE, ACTIVATIONS_FILE = "assessment.json", "activations.csv"
-
-CURVE_KEYS = {
-    "to_slack": "optimum_to_slack_m",
-    "cord_force": "largest_cord_force_n",
-    "cord_force_lost": "cord_force_lost_to_migration",
-    "cost_per_arm_migration": "cost_per_arm_migration_per_m",
-    "cost_per_waist_migration": "cost_per_waist_migration_per_m",
-}
-"""Field of CurveReadouts → key, for the numbers other than the effort at the reference and the optimum."""
 
 
 def plain_assessment(assessment: Assessment) -> Plain:

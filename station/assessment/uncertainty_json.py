@@ -30,6 +30,23 @@ from station.messages.codes import DecisionCode, InputCode
 from station.messages.message import Figures, Message
 from station.study.sessions import StudySession, measurements_of, read_session, read_sessions, refuse_mixed
 
+PEOPLE_FILE = "people.csv"
+UNITS = {
+    "at_reference": "effort_at_reference",
+    "rest_length": "best_rest_length_m",
+    "lowest_cost": "effort_at_best",
+    "permissible_error": "permissible_error_m",
+    "to_slack": "optimum_to_slack_m",
+    "cord_force": "largest_cord_force_n",
+    "cord_force_lost": "cord_force_lost_to_migration",
+    "cost_per_arm_migration": "cost_per_arm_migration_per_m",
+    "cost_per_waist_migration": "cost_per_waist_migration_per_m",
+}
+"""Field of CurveReadouts → column of people.csv."""
+Plain = dict[str, Any]
+CERTAIN = 0.995
+"""Above it the percentage is "> 99": draws do not resolve certainty."""
+
 
 class DonningEntry(StrictEntry):
     """Relative spread of a quantity between donnings: estimated from repeated donnings, or that of the budget."""
@@ -123,23 +140,6 @@ def _sessions(cuffs: Path, chosen: Sequence[Path]) -> list[StudySession]:
     return sessions
 
 
-PEOPLE_FILE = "people.csv"
-UNITS = {
-    "at_reference": "effort_at_reference",
-    "rest_length": "best_rest_length_m",
-    "lowest_cost": "effort_at_best",
-    "permissible_error": "permissible_error_m",
-    "to_slack": "optimum_to_slack_m",
-    "cord_force": "largest_cord_force_n",
-    "cord_force_lost": "cord_force_lost_to_migration",
-    "cost_per_arm_migration": "cost_per_arm_migration_per_m",
-    "cost_per_waist_migration": "cost_per_waist_migration_per_m",
-}
-"""Field of CurveReadouts → column of people.csv."""
-
-Plain = dict[str, Any]
-
-
 class GroupIndexEntry(StrictEntry):
     """Sobol indices of a group of sources: first order and total, each with its bootstrap interval."""
 
@@ -226,10 +226,6 @@ def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> Plain:
             for group, first, first_half, total, total_half in rows
         },
     }
-
-
-CERTAIN = 0.995
-"""Above it the percentage is "> 99": draws do not resolve certainty."""
 
 
 class PairEntry(StrictEntry):

@@ -34,6 +34,28 @@ EMG_FILE = "emg.json"
 FORMAT: Literal[1] = 1
 CURVE_HZ = 25.0
 """Sample rate of the shapes in the file, above twice the bandwidth of the smoothing."""
+OUTPUT_HZ = 100.0
+"""Sample rate of written envelopes: far above their bandwidth, and the rate of most motions."""
+CHANGE_FILE = "emg_change.csv"
+UNIT_TEXT = {"1": "fraction of the MVC", "V": "V", "": "unknown"}
+TableFormat = Literal["sto", "csv"]
+FINDING_TEXT = {
+    ChannelFinding.FLAT: "flat: no electrode, or the amplifier was off",
+    ChannelFinding.CLIPPED: "clipped by the converter's range; lower the gain, or remove an offset",
+    ChannelFinding.RECTIFIED: "rectified or smoothed already; give the raw signal",
+    ChannelFinding.GAP: "samples are missing for more than 10 ms",
+    ChannelFinding.HUM: "mains hum is more than half of the power; check electrodes and ground",
+    ChannelFinding.ABOVE_MVC: "above the MVC, which was not maximal",
+    ChannelFinding.NO_MVC: "no MVC is known; the shape is compared, and the level is unknown",
+}
+OUTCOME_TEXT = {
+    ShapeOutcome.COMPARED: "",
+    ShapeOutcome.LAG_NOT_IDENTIFIED: "lag not identified",
+    ShapeOutcome.MODEL_AT_REST: "the model's muscles are at rest",
+    ShapeOutcome.CONSTANT_EMG: "EMG does not change",
+    ShapeOutcome.TOO_SHORT: "the trial is too short",
+}
+"""Codes as text, for terminal and report."""
 
 
 class _Entry(BaseModel):
@@ -254,32 +276,6 @@ def _figure(value: float, ci95: tuple[float, float] | None) -> EmgFigure:
     if not np.isfinite(value):
         return EmgFigure(value=None)
     return EmgFigure(value=value, ci95=ci95)
-
-
-OUTPUT_HZ = 100.0
-"""Sample rate of written envelopes: far above their bandwidth, and the rate of most motions."""
-CHANGE_FILE = "emg_change.csv"
-UNIT_TEXT = {"1": "fraction of the MVC", "V": "V", "": "unknown"}
-
-TableFormat = Literal["sto", "csv"]
-
-FINDING_TEXT = {
-    ChannelFinding.FLAT: "flat: no electrode, or the amplifier was off",
-    ChannelFinding.CLIPPED: "clipped by the converter's range; lower the gain, or remove an offset",
-    ChannelFinding.RECTIFIED: "rectified or smoothed already; give the raw signal",
-    ChannelFinding.GAP: "samples are missing for more than 10 ms",
-    ChannelFinding.HUM: "mains hum is more than half of the power; check electrodes and ground",
-    ChannelFinding.ABOVE_MVC: "above the MVC, which was not maximal",
-    ChannelFinding.NO_MVC: "no MVC is known; the shape is compared, and the level is unknown",
-}
-OUTCOME_TEXT = {
-    ShapeOutcome.COMPARED: "",
-    ShapeOutcome.LAG_NOT_IDENTIFIED: "lag not identified",
-    ShapeOutcome.MODEL_AT_REST: "the model's muscles are at rest",
-    ShapeOutcome.CONSTANT_EMG: "EMG does not change",
-    ShapeOutcome.TOO_SHORT: "the trial is too short",
-}
-"""Codes as text, for terminal and report."""
 
 
 def result_files(folder: Path, trials: Sequence[Path], table_format: TableFormat) -> list[Path]:

@@ -42,6 +42,7 @@ from station.protocol import CONDITION_NAMES
 SHORTFALLS_LISTED = 4
 """Gaps and damages of a recording in its note; `station info` lists all."""
 AXES = ("x", "y", "z")
+LOADS = ("mot", "sto")
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,6 @@ def _foxglove(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
     return [path]
 
 
-LOADS = ("mot", "sto")
 WRITERS: dict[str, Callable[[SynchronisedRecording, Path], Iterable[Path]]] = {
     "csv": partial(_tables, ",", ".csv"),
     "tsv": partial(_tables, "\t", ".tsv"),

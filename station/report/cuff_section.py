@@ -54,6 +54,11 @@ CHECKS = (
     "Checks with 95 % intervals: single repeats; complex stiffness K* = k + i 2πf c over frequency; residual force, "
     "its autocorrelation and quantiles"
 )
+PLACES = {
+    NormativePlace.BELOW: "below the interval",
+    NormativePlace.WITHIN: "within the interval",
+    NormativePlace.ABOVE: "above the interval",
+}
 
 
 class TrueCuff(BaseModel):
@@ -194,13 +199,6 @@ def _true(known: LocatedObject, fit: Cuff | None, quantity: ShownQuantity) -> Nu
     estimate = getattr(fit, quantity.name, None)
     digits = digits_of(estimate.ci95 if estimate else None, quantity.scale)
     return fixed(known[quantity.key], quantity.scale, min(digits, quantity.most_digits))
-
-
-PLACES = {
-    NormativePlace.BELOW: "below the interval",
-    NormativePlace.WITHIN: "within the interval",
-    NormativePlace.ABOVE: "above the interval",
-}
 
 
 @dataclass(frozen=True)

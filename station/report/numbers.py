@@ -45,6 +45,9 @@ _SENTENCE = re.compile(r"(?=.*\d)(?=.*\s)", re.DOTALL)
 """A text with a number and a space; without a space it is a name or a hash."""
 _RUNNING = "recordings"
 """First part of the id of a count over recordings."""
+Plain = Mapping[str, Any]
+WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "reference_rest_length_m", "emg"})
+"""Keys of assessment.json whose numbers do not depend on the cuffs."""
 
 
 class LocatedObject(dict[str, Any]):
@@ -333,12 +336,6 @@ def _unit(source: Source) -> str:
             if key.endswith(f"_{suffix}"):
                 return UNITS[suffix]
     return ""
-
-
-Plain = Mapping[str, Any]
-
-WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "reference_rest_length_m", "emg"})
-"""Keys of assessment.json whose numbers do not depend on the cuffs."""
 
 
 @dataclass(frozen=True)

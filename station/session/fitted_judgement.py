@@ -52,6 +52,11 @@ QUANTITIES = {
 }
 """Symbol, scale, unit and decimals that the measurement bears at most."""
 SI_NAMES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
+POINT_S = 0.05
+MOST_HIDDEN = 0.1
+"""Part of the frames in which a marker may be hidden."""
+EMG_BLOCK_S = 0.05
+"""Seconds of one RMS of the EMG, as a running trial shows it."""
 
 
 def judge_recording(folder: Path, file: str) -> Judgement:
@@ -310,9 +315,6 @@ def _path(fitted: FittedPull | None) -> tuple[tuple[float, float], ...]:
     return tuple((round(1e3 * float(pull.displacement[i]), 3), round(float(force[i]), 3)) for i in chosen)
 
 
-POINT_S = 0.05
-
-
 def find_unfinished(path: Path) -> Message[ReasonCode] | None:
     """The step at which the recorded trial ended; None for a whole one. Raises RecordingError."""
     recording = open_recording(path)
@@ -358,10 +360,6 @@ def _force(recording: Recording) -> list[tuple[float, float]]:
     return [(float(seconds[at]), scale * float(track.values[at].flat[0])) for at in chosen]
 
 
-MOST_HIDDEN = 0.1
-"""Part of the frames in which a marker may be hidden."""
-
-
 @dataclass(frozen=True)
 class WearerFindings:
     """reasons to repeat the trial; quantities as text by name and unit; marks is the number of the operator's marks;
@@ -386,10 +384,6 @@ def examine_wearer_trial(path: Path) -> WearerFindings:
         trial.marks,
         motion_drawing(path, trial) if trial.manifest.test == "motion" else "",
     )
-
-
-EMG_BLOCK_S = 0.05
-"""Seconds of one RMS of the EMG, as a running trial shows it."""
 
 
 def largest_emg(path: Path) -> dict[str, float]:

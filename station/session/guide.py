@@ -39,6 +39,11 @@ EMPTY_HOLD_S = 4.0
 SWING_WINDOW_S = 4.0
 LEAST_SWING_N = 2.0
 LEAST_SWING_HZ = 0.3
+STILL_S = 1.0
+STILL_DEG = 4.0
+"""Range of the elevation over STILL_S in quiet standing: markers that move by 20 mm on an upper arm of 0.3 m."""
+TREND_S, TREND_DEG = 0.5, 4.0
+"""The arm rises or falls at more than 8 deg/s, beyond the movement of markers on the skin."""
 
 
 class RestState(StrEnum):
@@ -313,13 +318,6 @@ class BounceGuide(SwingGuide):
 
     stages = ("hang still", "bounce", "rest")
     still, start = CueCode.HANG_STILL, CueCode.BOUNCE
-
-
-STILL_S = 1.0
-STILL_DEG = 4.0
-"""Range of the elevation over STILL_S in quiet standing: markers that move by 20 mm on an upper arm of 0.3 m."""
-TREND_S, TREND_DEG = 0.5, 4.0
-"""The arm rises or falls at more than 8 deg/s, beyond the movement of markers on the skin."""
 
 
 def wearer_guide(condition: TrialCondition | None, body: BodySection, *, is_pose: bool) -> Guide:

@@ -35,6 +35,11 @@ from station.session.plan_status import PlanStatus
 KEPT_POINTS = 1600
 """Points of each live curve: half a minute."""
 TARE_S = 1.0
+RATE_SPAN_S = (0.05, 0.2)
+"""Distance in time of the two points that give a force rate."""
+END_TIMEOUT_S = 10.0
+"""Wall seconds for a recorder to end after it has closed its link."""
+_RECORDED = TypeAdapter(Recorded)
 
 
 def _opening() -> dict[str, Any]:
@@ -139,10 +144,6 @@ class LiveTrial:
         elif alarm is None and self.is_alarm_seen:
             self.alarm, self.is_alarm_seen = None, False
         return is_new
-
-
-RATE_SPAN_S = (0.05, 0.2)
-"""Distance in time of the two points that give a force rate."""
 
 
 @dataclass(frozen=True)
@@ -353,11 +354,6 @@ class SimulatedOperator:
             self._bench.request({"pause_s": self._pause_s})
         self._prepared, self._step = spec, 0
         self._bench.request({"trial": {"cuff": spec.cuff, "test": spec.test, "condition": spec.condition}})
-
-
-END_TIMEOUT_S = 10.0
-"""Wall seconds for a recorder to end after it has closed its link."""
-_RECORDED = TypeAdapter(Recorded)
 
 
 class TrialProcess:

@@ -25,6 +25,12 @@ from station.session.trial_runner import LiveTrial
 from station.standard_input import POLL_INTERVAL_S, READ_SIZE, read_lines
 from station.terminal.events import CommandAnswered, Event, PlanListed
 
+LONGEST_QUOTE = 40
+_TRIAL = re.compile(r"#(\d{1,4})(?:\s+|$)")
+KEY_TIMEOUT_S = 1.0
+"""On Windows, for the key that is being read at the end: kbhit() may announce one that getwch() waits for."""
+ENTER, ESCAPE, BACKSPACE = "\r\n", "\x1b", "\x7f\b"
+
 
 class Action(StrEnum):
     """The letters of keep, redo, redon, arm, mark, stop and silence are those of the console page."""
@@ -82,8 +88,6 @@ MEANINGS = {
 }
 TAKES_A_REASON = (Action.REDO, Action.REDON)
 TAKES_A_TRIAL = (*TAKES_A_REASON, Action.SKIP, Action.NEXT)
-LONGEST_QUOTE = 40
-_TRIAL = re.compile(r"#(\d{1,4})(?:\s+|$)")
 
 
 class UnknownCommand(StationError):
@@ -180,9 +184,6 @@ class CommandQueue:
 
 
 Post = Callable[[Command | UnknownCommand], None]
-KEY_TIMEOUT_S = 1.0
-"""On Windows, for the key that is being read at the end: kbhit() may announce one that getwch() waits for."""
-ENTER, ESCAPE, BACKSPACE = "\r\n", "\x1b", "\x7f\b"
 PROMPTS = {Action.REDO: "reason? ", Action.REDON: "reason? ", Action.NEXT: "number of the trial? #"}
 """After these keys, text is typed up to Enter."""
 

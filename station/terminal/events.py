@@ -19,6 +19,10 @@ from station.session.judgement import Figure, Grade, Judgement, Reason, Row
 from station.session.plan_status import PlanState, PlanStatus
 from station.session.trial_runner import LiveTrial
 
+WarningCode = Literal["alarm", "capture_running", "not_ready", "not_recorded", "not_armed", "not_summed_up"]
+STATUS_INTERVAL_S = 1.0
+"""Wall seconds."""
+
 
 @dataclass(frozen=True)
 class SessionOpened:
@@ -90,9 +94,6 @@ class Status:
     sync_v: float | None
     lost_samples: int
     disk_left_s: float | None
-
-
-WarningCode = Literal["alarm", "capture_running", "not_ready", "not_recorded", "not_armed", "not_summed_up"]
 
 
 @dataclass(frozen=True)
@@ -281,10 +282,6 @@ Event = (
     | SummaryFinished
     | SessionClosed
 )
-
-
-STATUS_INTERVAL_S = 1.0
-"""Wall seconds."""
 
 
 class TrialMonitor:

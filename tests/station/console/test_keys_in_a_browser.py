@@ -16,6 +16,14 @@ from tests.station.console.test_wearer_in_a_browser import WEARER
 
 pytestmark = pytest.mark.timeout(300)
 MASS, NUMBER = "Body mass [kg]", "Session"
+FOCUS_AFTER = """action => {
+    document.activeElement.blur();
+    action === "click"
+        ? document.querySelector(".mark-button").click()
+        : document.body.dispatchEvent(new KeyboardEvent("keydown", {...action, bubbles: true, cancelable: true}));
+    return document.activeElement.placeholder;
+}"""
+"""Within one task of the browser: the console cannot answer before it returns."""
 
 
 def test_a_letter_typed_in_a_field_is_text_and_no_button_shows_its_key(browser: Browser, tmp_path: Path) -> None:
@@ -105,16 +113,6 @@ def test_a_redrawn_view_keeps_the_focus_and_the_rest_of_a_word_is_no_command(bro
             expect(skip).to_be_focused(timeout=patience_ms())
         one.keyboard.press("n")
         seen(one, "next: hand, static, repeat 3")
-
-
-FOCUS_AFTER = """action => {
-    document.activeElement.blur();
-    action === "click"
-        ? document.querySelector(".mark-button").click()
-        : document.body.dispatchEvent(new KeyboardEvent("keydown", {...action, bubbles: true, cancelable: true}));
-    return document.activeElement.placeholder;
-}"""
-"""Within one task of the browser: the console cannot answer before it returns."""
 
 
 @pytest.mark.timeout(400)

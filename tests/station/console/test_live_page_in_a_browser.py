@@ -42,6 +42,8 @@ DRAWN_AT = """level => {
     drawBody("made", {bones, muscles: [[[0, 50, 100], [0, -50, -50], [0, -200, 60]]], levels: [level], cord: []});
     return document.querySelector("#made").toDataURL();
 }"""
+ENDLESS = WEARER.replace("cycles = 2", "cycles = 2\npose_s = 3600.0")
+"""A pose that the operator stops: on a busy machine the first live values take a minute."""
 
 
 @contextmanager
@@ -176,10 +178,6 @@ def served_live_page(folder: Path) -> Iterator[str]:
     finally:
         child.ensure_ended()
         child.process.stdout.close()
-
-
-ENDLESS = WEARER.replace("cycles = 2", "cycles = 2\npose_s = 3600.0")
-"""A pose that the operator stops: on a busy machine the first live values take a minute."""
 
 
 @pytest.mark.timeout(400)

@@ -50,6 +50,18 @@ PATIENCE_S = 120
 BLOCK = bytes(1 << 16)  # larger than the buffer of a pipe of Windows
 PENDING: list[object] = []  # a write of Windows that has not ended needs its memory
 NOT_FOR_RECORDING = {"scipy", "numba", "pandas", "rich", "nicegui"}
+PLANNED = MeasurementProtocol((1.5, 1.0), hold_s=4.0, swing_s=10.0)
+LEVEL_S = 8.0
+LEVELS = [0.0, 1.5, 2.5, 1.5, 0.0]
+"""Kilograms above the empty hook."""
+RECORDING = (Message(TrialCode.RECORDING),)
+ANCHOR = ("anchor_1", "anchor_2", "anchor_3")
+LABELS = (*ANCHOR, "cuff_1", "rope_1", "rope_2")
+CUFF = CuffSite("hand", "arm", ANCHOR, ("cuff_1",), ("rope_1", "rope_2"))
+CELL = LoadCell("daq", 100.0, -1)
+STREAMS = (Stream("/force", "V", ("force",), 1000.0, "NI"), Stream("/markers", "mm", LABELS, 100.0, "QTM"))
+AT_REST = np.array([[0, 0, 0], [100, 0, 0], [0, 100, 0], [50, 50, 50], [60, 50, 50], [160, 50, 50]], np.float64)
+RNG = np.random.default_rng(11)
 
 
 @pytest.fixture(scope="module")
@@ -264,12 +276,6 @@ def test_the_end_of_a_killed_recorder_is_stated_by_the_verdict_alone(
     controller.close()
 
 
-PLANNED = MeasurementProtocol((1.5, 1.0), hold_s=4.0, swing_s=10.0)
-LEVEL_S = 8.0
-LEVELS = [0.0, 1.5, 2.5, 1.5, 0.0]
-"""Kilograms above the empty hook."""
-
-
 def weights(t: float) -> float:
     return 4.0 + g * LEVELS[min(int(t / LEVEL_S), 4)]
 
@@ -333,17 +339,6 @@ def test_a_page_is_served_while_telemetry_arrives_faster_than_it_is_shown() -> N
     shown = asyncio.run(served_meanwhile())
     assert len(shown) == 200
     assert all(later > sooner for sooner, later in pairwise(shown)), "other work between two messages"
-
-
-RECORDING = (Message(TrialCode.RECORDING),)
-
-ANCHOR = ("anchor_1", "anchor_2", "anchor_3")
-LABELS = (*ANCHOR, "cuff_1", "rope_1", "rope_2")
-CUFF = CuffSite("hand", "arm", ANCHOR, ("cuff_1",), ("rope_1", "rope_2"))
-CELL = LoadCell("daq", 100.0, -1)
-STREAMS = (Stream("/force", "V", ("force",), 1000.0, "NI"), Stream("/markers", "mm", LABELS, 100.0, "QTM"))
-AT_REST = np.array([[0, 0, 0], [100, 0, 0], [0, 100, 0], [50, 50, 50], [60, 50, 50], [160, 50, 50]], np.float64)
-RNG = np.random.default_rng(11)
 
 
 def moved(frames: int, displacement_mm: float, rope: bool = True) -> np.ndarray:

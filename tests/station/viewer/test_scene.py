@@ -29,6 +29,16 @@ from tests.station.foreign import static_and_dynamic
 from tests.station.wearer import SPECS, WearerSession
 
 EDGE_NS = 1_750_000_000_000_000_000
+FRAMES = 50
+COMPONENTS = "scalars|strips|text|positions"
+UTC_NS = 1_750_000_000_000_000_000
+EDGE_DEVICE_NS = 3_500_000_000
+DELAY_NS = 5_000_000
+STREAMS = (
+    Stream("/force", "V", ("force",), 1000.0, "NI"),
+    Stream("/sync", "V", ("sync",), 1000.0, "NI"),
+    Stream("/markers", "mm", ("cuff_1", "rope_1"), 100.0, "QTM"),
+)
 
 
 def write_assessment(folder: Path, inputs: dict[str, str]) -> None:
@@ -85,10 +95,6 @@ def test_the_rms_of_white_noise_is_its_standard_deviation_in_windows_of_a_tenth_
     assert time[:2] == pytest.approx([0.0495, 0.1495]), "centres of the windows"
     assert rms.shape == (100, 2)
     assert np.sqrt(np.mean(rms**2, axis=0)) == pytest.approx([20e-6, 80e-6], rel=0.03)
-
-
-FRAMES = 50
-COMPONENTS = "scalars|strips|text|positions"
 
 
 def rows_in(file: Path) -> Counter[str]:
@@ -169,16 +175,6 @@ def test_what_is_shown_is_decimated(tmp_path: Path) -> None:
     assert 199 <= rows["force"] <= 202, "a hundred a second"
     assert 49 <= rows["markers"] <= 52, "twenty-five a second"
     assert 24 <= rows["rope"] <= 27, "while both ends are seen"
-
-
-UTC_NS = 1_750_000_000_000_000_000
-EDGE_DEVICE_NS = 3_500_000_000
-DELAY_NS = 5_000_000
-STREAMS = (
-    Stream("/force", "V", ("force",), 1000.0, "NI"),
-    Stream("/sync", "V", ("sync",), 1000.0, "NI"),
-    Stream("/markers", "mm", ("cuff_1", "rope_1"), 100.0, "QTM"),
-)
 
 
 def record(path: Path) -> RerunLog:
