@@ -20,6 +20,9 @@ DEEPEST = 100
 LONGEST_QUOTE = 200
 MOST_DOTS = 200
 """In a line of TOML, without the decimal points of lists."""
+_NUMBER_IN_A_LIST = re.compile(r"(?<![\w.])\d+\.\d+(?=\s*[,\]}])")
+_INT64_DIGITS = 20
+_TOO_DEEP = f"is nested more than {DEEPEST} deep"
 
 
 class PlainDataCode(StrEnum):
@@ -89,11 +92,6 @@ def shortened(found: object) -> str:
     """repr of a value of a file, cut to LONGEST_QUOTE characters."""
     text = repr(found)
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}…"
-
-
-_NUMBER_IN_A_LIST = re.compile(r"(?<![\w.])\d+\.\d+(?=\s*[,\]}])")
-_INT64_DIGITS = 20
-_TOO_DEEP = f"is nested more than {DEEPEST} deep"
 
 
 def _text(content: str | bytes) -> str:

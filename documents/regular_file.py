@@ -30,6 +30,8 @@ REPLACE_TIMEOUT_S, REPLACE_PAUSE_S = 3.0, 0.1
 
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # opening a pipe would wait for its writer
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+_own_drafts: set[Path] = set()
+"""A lock of this process is no obstacle to itself on some network drives."""
 
 
 def path_of(argument: str, value: object) -> Path:
@@ -114,10 +116,6 @@ def draft_folder(parent: Path) -> Iterator[Path]:
         _remove_if_left(left)
     with ExitStack() as stack:
         yield _held_folder(stack, parent)
-
-
-_own_drafts: set[Path] = set()
-"""A lock of this process is no obstacle to itself on some network drives."""
 
 
 def _held_folder(stack: ExitStack, parent: Path) -> Path:

@@ -17,6 +17,11 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import xarray as xr
 
+Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
+WIDTH, HEIGHT, MOST_POINTS = 260, 150, 200
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
+"""Of Okabe and Ito (2008), as in the report."""
+
 
 class EqualByFields:
     """Base of a dataclass with eq=False: equal if the types and all fields are, arrays element by element.
@@ -62,12 +67,6 @@ def labelled_dataset(
 
 def _attributes(unit: str) -> dict[str, str]:
     return {"units": unit} if unit else {}
-
-
-Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
-WIDTH, HEIGHT, MOST_POINTS = 260, 150, 200
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
-"""Of Okabe and Ito (2008), as in the report."""
 
 
 def result_html(

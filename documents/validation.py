@@ -15,6 +15,26 @@ Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Whole = StrictInt
 Vector = tuple[Number, Number, Number]
+_TYPES = {"str", "int", "float", "bool"}
+UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+"""Types of pydantic's error for a key that a model, or a dataclass, does not have."""
+_EXPECTED = {
+    "model_type": "a table",
+    "dataclass_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "a text",
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "a number of at least {ge:g}",
+    "less_than": "a number below {lt:g}",
+    "less_than_equal": "a number of at most {le:g}",
+    "too_short": "a list of {min_length} or more",
+    "too_long": "a list of at most {max_length}",
+}
+"""Type of pydantic's error → expectation in terms of TOML."""
 
 
 class Section(BaseModel):
@@ -64,28 +84,6 @@ def _place(error: Mapping[str, Any]) -> tuple[str | int, ...]:
     """The keys to the value, without the type that pydantic puts behind them if a value may have several."""
     place: tuple[str | int, ...] = error["loc"]
     return place[:-1] if error["type"].endswith("_type") and {*place[-1:]} & _TYPES else place
-
-
-_TYPES = {"str", "int", "float", "bool"}
-UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
-"""Types of pydantic's error for a key that a model, or a dataclass, does not have."""
-_EXPECTED = {
-    "model_type": "a table",
-    "dataclass_type": "a table",
-    "dict_type": "a table",
-    "tuple_type": "a list",
-    "list_type": "a list",
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "string_type": "a text",
-    "greater_than": "a number above {gt:g}",
-    "greater_than_equal": "a number of at least {ge:g}",
-    "less_than": "a number below {lt:g}",
-    "less_than_equal": "a number of at most {le:g}",
-    "too_short": "a list of {min_length} or more",
-    "too_long": "a list of at most {max_length}",
-}
-"""Type of pydantic's error → expectation in terms of TOML."""
 
 
 def _expected(error: Mapping[str, Any]) -> str:

@@ -39,6 +39,16 @@ RECORDS, BYTES_PER_RECORD = 20_000, 8
 """Records that the chunks may hold: a constant, plus one for every BYTES_PER_RECORD of the file."""
 SEARCHED_AGAIN = 4
 """Bytes that searches after damage may read again, as a multiple of the size of the file."""
+_PREFIX = struct.Struct("<BQ")
+_KNOWN = frozenset(int(opcode) for opcode in Opcode)
+_FIRST_PRIVATE_OPCODE = 0x80
+_PARSED = frozenset({Opcode.HEADER, Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the rest is the message's own
+_DECLARATIONS: dict[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
+_CHUNK_START = re.compile(rb"\x06(?=.{36}\x04\0\0\0zstd)", re.DOTALL)  # opcode, length, times, size, CRC, "zstd"
+_CHUNK_START_LENGTH = 45
+_CHUNK_HEAD = struct.Struct("<xQ36xQ")  # the record's length, and behind "zstd" that of the compressed bytes
+_SEARCH_WINDOW = 2**16
 
 
 @dataclass(frozen=True)
@@ -174,12 +184,6 @@ def _read_record(file: BinaryIO, offset: int, size: int, allowance: Allowance) -
         raise _BrokenError(f"the record here is damaged ({error})", read_up_to=end) from error
 
 
-_PREFIX = struct.Struct("<BQ")
-_KNOWN = frozenset(int(opcode) for opcode in Opcode)
-_FIRST_PRIVATE_OPCODE = 0x80
-_PARSED = frozenset({Opcode.HEADER, Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
-
-
 def _parse(opcode: int, body: bytes, allowance: Allowance) -> list[McapRecord]:
     stream = ReadDataStream(BytesIO(body))
     if opcode == Opcode.HEADER:
@@ -241,10 +245,6 @@ def _record(opcode: int, body: bytes) -> McapRecord | None:
     return None if declaration is None else declaration.read(ReadDataStream(BytesIO(body)))
 
 
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the rest is the message's own
-_DECLARATIONS: dict[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
-
-
 def _find_chunk(file: BinaryIO, start: int, size: int, allowance: Allowance) -> tuple[int, list[McapRecord], int]:
     """The next whole chunk as (offset, records, end); at the size of the file where there is none."""
     search_from = start
@@ -271,12 +271,6 @@ def _chunk_heads(file: BinaryIO, start: int, size: int) -> Iterator[int]:
                 if length == _CHUNK_HEAD.size - _PREFIX.size + of_data:
                     yield start + found.start()
         start += _SEARCH_WINDOW
-
-
-_CHUNK_START = re.compile(rb"\x06(?=.{36}\x04\0\0\0zstd)", re.DOTALL)  # opcode, length, times, size, CRC, "zstd"
-_CHUNK_START_LENGTH = 45
-_CHUNK_HEAD = struct.Struct("<xQ36xQ")  # the record's length, and behind "zstd" that of the compressed bytes
-_SEARCH_WINDOW = 2**16
 
 
 class Excess(RecordingError):

@@ -22,6 +22,7 @@ MOST_SAMPLES_WITHOUT_VALUES = 1_000
 MOST_LABELS = 4096
 LARGEST_MANIFEST = 4 * 2**20
 """Characters of its JSON."""
+_CLASSES = topics.wire_classes()
 
 
 def pack(message: Message) -> tuple[str, bytes]:
@@ -85,9 +86,6 @@ def values_type(topic: str) -> np.dtype[Any]:
 def no_values(topic: str, columns: int) -> NDArray[Any]:
     """The values of no sample at all, with the type and shape that the values of a topic have."""
     return np.zeros((0, columns, 4) if topic == topics.MARKERS else (0, columns), values_type(topic))
-
-
-_CLASSES = topics.wire_classes()
 
 
 def _fields_of_block(block: Samples) -> dict[str, Any]:

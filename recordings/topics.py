@@ -93,6 +93,7 @@ SCHEMAS = {
     "cuffstation.AnalogBlock": _CLOCKED + "repeated double values = 8;",
 }
 """The fields of every message, written as in a .proto file."""
+_FIXED_WIDTH = {"fixed64", "sfixed64", "double", "float"}
 
 
 def register_topics(
@@ -141,6 +142,3 @@ def _describe(name: str, declared: str, packed_numbers: Literal["repeated", "byt
             label=FieldDescriptorProto.Label.Value("LABEL_REPEATED" if repeated and not as_bytes else "LABEL_OPTIONAL"),
         )
     return file
-
-
-_FIXED_WIDTH = {"fixed64", "sfixed64", "double", "float"}

@@ -33,16 +33,17 @@ from recordings.manifest import Manifest, TrialOutcome
 from recordings.packing import Message, pack
 from recordings.samples import Item, Samples, Stream
 
-
-def in_a_thread(work: Callable[[], None]) -> None:
-    """A daemon thread: a disk that never answers does not keep the process from ending."""
-    threading.Thread(target=work, name="fsync", daemon=True).start()
-
-
 FLUSH_AFTER_S = 0.1
 """Wall seconds from the first message of a chunk to its closing. Polled every 0.1 s: no message waits over 0.2 s."""
 SYNC_AFTER_S = 0.8
 """Wall seconds from the first message since the last fsync to the next fsync. Polled as often: never over 1 s."""
+LONGEST_FINISH_S = 60.0
+"""Wall seconds that the end of a recording waits for its disk: far longer than a slow one takes."""
+
+
+def in_a_thread(work: Callable[[], None]) -> None:
+    """A daemon thread: a disk that never answers does not keep the process from ending."""
+    threading.Thread(target=work, name="fsync", daemon=True).start()
 
 
 @dataclass(frozen=True)
@@ -317,10 +318,6 @@ class RecordingWriter:
 
 class _ContentLost(OSError):
     """Data that were written and synced are no longer in the file."""
-
-
-LONGEST_FINISH_S = 60.0
-"""Wall seconds that the end of a recording waits for its disk: far longer than a slow one takes."""
 
 
 class BackgroundSync:

@@ -75,6 +75,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+CLOSED = {errno.EPIPE, errno.EINVAL} if sys.platform == "win32" else {errno.EPIPE}
+"""What a write to a pipe without a reader fails with."""
 
 
 class Verb(TyperCommand):
@@ -170,10 +172,6 @@ def _one_line(error: Exception) -> str:
         name = error.filename2 or error.filename
         return f"{os.fsdecode(name)} cannot be used: {error.strerror}" if name else error.strerror
     return re.sub(r"\[(Errno|WinError) -?\d+\] ", "", " ".join(str(error).split())) or type(error).__name__
-
-
-CLOSED = {errno.EPIPE, errno.EINVAL} if sys.platform == "win32" else {errno.EPIPE}
-"""What a write to a pipe without a reader fails with."""
 
 
 class ClosableOutput(io.FileIO):

@@ -41,6 +41,15 @@ from station.messages.message import Message
 from station.messages.setup_messages import ConfigCode
 from station.protocol import BODY_TESTS, TrialSpec, windows_name_fault
 
+DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
+INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": g * 1e-3}  # pounds-force and grams-force
+PUBLISHED_SITES: dict[str, Literal["arm", "waist"]] = {"waist": "waist", "hand": "arm", "tube": "arm", "elbow": "arm"}
+CEILING_PART_OF_CAPACITY = 0.8
+CUFF_NAME = re.compile(r"[^\W_][\w-]*")
+Positive = Annotated[float, Field(gt=0)]
+NAME_FIELDS = ("subject", "session", "test", "cuff", "run")
+NO_BODY = ("source", "markers")
+
 
 class LiveSection(BaseModel):
     """What is solved live in pose and motion trials, and where it goes besides the views."""
@@ -66,15 +75,6 @@ class LiveSection(BaseModel):
     def without_cuffs(self) -> LiveSection:
         """The same with rigid cuffs only."""
         return self.model_copy(update={"cuffs": None, "arm_cuff": "", "other_cuff": ""})
-
-
-DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
-INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": g * 1e-3}  # pounds-force and grams-force
-PUBLISHED_SITES: dict[str, Literal["arm", "waist"]] = {"waist": "waist", "hand": "arm", "tube": "arm", "elbow": "arm"}
-
-CEILING_PART_OF_CAPACITY = 0.8
-CUFF_NAME = re.compile(r"[^\W_][\w-]*")
-Positive = Annotated[float, Field(gt=0)]
 
 
 class ConfigError(StationError):
@@ -207,9 +207,6 @@ class SafetySection(_Section):
 
     force_ceiling_n: Positive = 150.0
     force_rate_ceiling_n_per_s: Positive = 500.0
-
-
-NAME_FIELDS = ("subject", "session", "test", "cuff", "run")
 
 
 class SessionSection(_Section):
@@ -430,9 +427,6 @@ def fields_of(section: type[Any]) -> dict[str, FieldInfo]:
         else FieldInfo.from_annotated_attribute(types[one.name], one.default)
         for one in fields(section)
     }
-
-
-NO_BODY = ("source", "markers")
 
 
 def preset_labels(name: str, prefix: str = "") -> tuple[str, ...]:

@@ -50,6 +50,8 @@ MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16}
 
 SUBJECT = "mass_kg = 75.0\n\n[cord]\nrest_length_m = 0.73\n"
 """subject.toml of the simulated person, whose cord is fixed to rigid cuffs."""
+STAGE = "recording trials"
+START_ERRORS = (DeviceError, RecordingError, TrialRefused, SimulationError)
 
 
 class DemoError(StationError):
@@ -168,10 +170,6 @@ def _free_folder() -> Path:
     while any((folder := Path(SIMULATED_FOLDER, "demo" if number == 1 else f"demo-{number}")).glob("*")):
         number += 1
     return folder
-
-
-STAGE = "recording trials"
-START_ERRORS = (DeviceError, RecordingError, TrialRefused, SimulationError)
 
 
 class Attempt(Protocol):

@@ -29,6 +29,7 @@ from station.recordings_of_session import pulls_in
 
 File = Path | str
 Window = tuple[float, float] | Mapping[str, tuple[float, float]]
+RECORDINGS = Path(__file__).with_name("sample_session")
 
 
 def read_recording(path: File) -> Recording:
@@ -94,9 +95,6 @@ def _windowed(
         for name, reading in readings.items()
         if isinstance(reading, Trial)  # a bounce calibrates as a whole
     }
-
-
-RECORDINGS = Path(__file__).with_name("sample_session")
 
 
 def sample_session() -> Path:

@@ -20,6 +20,8 @@ from rich.text import Text
 Progress = Callable[[str, int, int], None]
 """Called with stage, number of finished steps, and total. The call with 0 starts the clock of the stage."""
 Clock = Callable[[], float]
+COMPILING = "compiling the solver"
+"""A stage beside the others, of kernels that take from 10 ms to 10 s."""
 
 
 @contextmanager
@@ -139,10 +141,6 @@ class StageProgress:
     def part(self) -> float:
         """From 0 to 1."""
         return self.done / self.total if self.total else 0.0
-
-
-COMPILING = "compiling the solver"
-"""A stage beside the others, of kernels that take from 10 ms to 10 s."""
 
 
 def time_left(stage: str, elapsed_s: float, done: float, total: float) -> str:

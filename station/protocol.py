@@ -23,6 +23,12 @@ CONDITION_NAMES: dict[TrialCondition, str] = {
     "tight": "suit, cord tight",
     "mvc": "maximal contraction",
 }
+LONGEST_PATH = 259
+"""Characters, unless the administrator of the computer allows more."""
+SUFFIX_LENGTH = 16
+"""Characters that a recovery or a draft appends."""
+FORBIDDEN = '<>:"/\\|?*'
+RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{digit}" for port in ("COM", "LPT") for digit in "123456789")}
 
 
 @dataclass(frozen=True)
@@ -105,14 +111,6 @@ def published_plan(
             for test in CUFF_TESTS:
                 yield TrialSpec(cuff, test, repeat)
     yield from (TrialSpec(None, "motion", 1, condition=condition) for condition in conditions if condition in SUITED)
-
-
-LONGEST_PATH = 259
-"""Characters, unless the administrator of the computer allows more."""
-SUFFIX_LENGTH = 16
-"""Characters that a recovery or a draft appends."""
-FORBIDDEN = '<>:"/\\|?*'
-RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{digit}" for port in ("COM", "LPT") for digit in "123456789")}
 
 
 def windows_name_fault(name: str) -> str:

@@ -59,6 +59,7 @@ HIGHEST, LOWEST = 0x17DD, 0x17DE  # AI.Max, AI.Min
 
 TIMED_OUT = -200284
 EVENT_POLL_S = 0.1
+FROZEN_GLANCE_S = 0.002  # wall
 
 
 def rpc(method: Callable[[Service, Any], Any]) -> Callable[[Service, Any, grpc.ServicerContext], Any]:
@@ -536,6 +537,3 @@ class NiDaqSimulator:
 
 class _Service(TaskRpcs, ChannelRpcs, DeviceRpcs):
     """The imitated part of NiDAQmx."""
-
-
-FROZEN_GLANCE_S = 0.002  # wall

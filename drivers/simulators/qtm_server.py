@@ -40,6 +40,14 @@ MOST_CLIENTS = 10
 LONGEST_COMMAND_BYTES = 65_536
 GLANCE_S = 0.008  # wall
 MASTERS_COMMANDS = ("new", "close", "start", "stop", "save", "event")
+MOST_UNSENT_BYTES = 1_000_000  # a client that is further behind slows the world down
+QTM_VERSION = "2024.3 (build 17700), simulated"
+CAMERAS = 8
+DISCOVER = 7
+REQUEST = struct.Struct("<II")  # size and type; the response port follows, big endian
+PORT = struct.Struct(">H")
+LONGEST_REQUEST_BYTES = 64
+LOCAL, EVERYBODY = "127.0.0.1", "255.255.255.255"
 
 
 class QualisysSimulator:
@@ -401,9 +409,6 @@ class _Server:
         return FrameSubscription(arguments[1], max(divisor, 1))
 
 
-MOST_UNSENT_BYTES = 1_000_000  # a client that is further behind slows the world down
-
-
 @dataclass(frozen=True)
 class FrameSubscription:
     """Subscription of a client: every divisor-th frame of one component."""
@@ -456,15 +461,6 @@ def parameters_xml(wanted: Sequence[str], version: str, mocap: MocapSettings, la
     }
     chosen = "".join(block for name, block in blocks.items() if name in wanted or "all" in wanted)
     return f"<QTM_Parameters_Ver_{version}>{chosen}</QTM_Parameters_Ver_{version}>" if chosen else None
-
-
-QTM_VERSION = "2024.3 (build 17700), simulated"
-CAMERAS = 8
-DISCOVER = 7
-REQUEST = struct.Struct("<II")  # size and type; the response port follows, big endian
-PORT = struct.Struct(">H")
-LONGEST_REQUEST_BYTES = 64
-LOCAL, EVERYBODY = "127.0.0.1", "255.255.255.255"
 
 
 class QtmDiscovery:

@@ -58,6 +58,12 @@ REFUSALS = {
     "refuse": (-50103, "The specified resource is reserved. The operation could not be completed as specified."),
     "transfer_aborted": DEADLY["transfer_aborted"],
 }
+PAST_THE_END = (
+    -200278,
+    "Attempted to read a sample beyond the final sample acquired. The acquisition has stopped, therefore the sample "
+    "specified by the combination of position and offset will never be available.",
+)
+Mode = Literal["on_demand", "finite", "continuous"]
 
 
 class ElectricalWorld(Protocol):
@@ -226,14 +232,6 @@ class Usb6008:
     def is_streaming(self) -> bool:
         """Whether a task runs, or waits for its trigger."""
         return self._running is not None
-
-
-PAST_THE_END = (
-    -200278,
-    "Attempted to read a sample beyond the final sample acquired. The acquisition has stopped, therefore the sample "
-    "specified by the combination of position and offset will never be available.",
-)
-Mode = Literal["on_demand", "finite", "continuous"]
 
 
 class AcquisitionTask:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 RIGID = "rigid"
 FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""
+SHOWN: Literal["both"] = "both"
+"""The condition that is drawn for every arm cuff."""
 
 
 class AssessmentFileError(StationError):
@@ -168,8 +170,6 @@ _BY_CONDITION: dict[str, TypeAdapter[Any]] = {
     },
 }
 """Key → type of the entry for "rigid", and for every condition of every arm cuff."""
-SHOWN: Literal["both"] = "both"
-"""The condition that is drawn for every arm cuff."""
 
 
 def read_assessment(path: Path) -> dict[str, Any]:

@@ -60,6 +60,8 @@ from station.sources import kinematics_of, loads_of, model_of, named_hash, named
 
 RIGID = "rigid"
 HELD_MASS = 2.0  # kg in the hand, if both the assessed and the other motion are the bundled one
+Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+REDUCTION_COLUMNS = ("muscle", "reduction_percent", "sd")
 
 
 class InputError(StationError):
@@ -251,9 +253,6 @@ def _ensure_law(cuff: Cuff) -> None:
         raise InputError(Message(InputCode.RICHER_LAW, figures))
 
 
-Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-
-
 class EffortError(StationError):
     """The weights of the effort cannot be used."""
 
@@ -288,9 +287,6 @@ def read_effort(path: Path) -> EffortWeights:
     except ValidationError as error:
         reason = describe_error(error)
         raise EffortError(Message(InputCode.EFFORT, {"path": str(path), "reason": reason})) from error
-
-
-REDUCTION_COLUMNS = ("muscle", "reduction_percent", "sd")
 
 
 class EmgError(StationError):

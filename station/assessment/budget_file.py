@@ -29,13 +29,11 @@ from station.messages.message import Message
 
 BUNDLED_BUDGET = Path(__file__).with_name("uncertainty.toml")
 MOST_PEOPLE = 1_000_000
+Degrees = Annotated[NonNegative, Field(le=20.0)]
 
 
 class BudgetError(StationError):
     """An uncertainty.toml that cannot be used."""
-
-
-Degrees = Annotated[NonNegative, Field(le=20.0)]
 
 
 def _ensure_enough(people: int) -> int:

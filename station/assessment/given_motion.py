@@ -38,6 +38,51 @@ from station.messages.message import Message
 from station.sources import loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
 from station.versions import solving_versions
 
+Array = NDArray[np.float64]
+ANGLE_TOLERANCE = np.radians(1.0)
+"""Of data against a coupler, lock or prescription: above what rounding and a filter change, below what matters."""
+DISTANCE_TOLERANCE = 5e-3  # m
+FULL_TURN = 2 * np.pi
+RANGES_OUTSIDE, LEAST_OUTSIDE, MOST_OUTSIDE = 10.0, 1.0, 20.0
+"""A translation is beyond its range by more than 10 times its width, but at least 1 m and at most 20 m, the length of a
+large laboratory. Ranges without a limit, ±99999.9 in OpenSim's files, count as ±20 m."""
+LEAST_CUTOFF = 4.0
+"""Cut-off in mean frequencies of the angles. Walking, of about 1.2 Hz, is filtered at 6 Hz (Winter, Biomechanics and
+Motor Control of Human Movement), the arm lifts of the published study, of 0.2 to 0.6 Hz, at 3 Hz."""
+AT_REST = 0.1
+"""Of the greatest speed; a frame below it is at rest."""
+LARGEST_RADIANS = np.pi
+"""A motion in degrees without a larger number looks like one in radians."""
+FAR_FROM_BODY, SHARE_OF_FORCE = 1.0, 0.05
+"""A load is far from its body if its point is more than 1 m from the body's origin, longer than any segment, while its
+force is above 5 % of its greatest: a centre of pressure has no meaning without a force."""
+SIMILAR, MOST_NAMED = 0.7, 8
+"""Least similarity of a column to the name that is suggested for it, and the columns that a note names."""
+LARGEST_MOMENT = 100.0
+"""Of inertia, over the sum of the other two principal ones: at most 1 for any body. Published models have up to 33
+(WalkerModel of opensim-models; the bundled radius has 3.5), or a single moment where the motion is planar."""
+FINDINGS = {
+    "impossible_inertia": (AssessmentCode.IMPOSSIBLE_INERTIA, "bodies"),
+    "without_data": (AssessmentCode.WITHOUT_DATA, "coordinates"),
+    "unused_columns": (AssessmentCode.UNUSED_COLUMNS, "columns"),
+    "range_not_covered": (AssessmentCode.RANGE_NOT_COVERED, "range"),
+    "row_counts": (AssessmentCode.ROW_COUNTS, "rows"),
+    "repeated_rows": (AssessmentCode.REPEATED_ROWS, "count"),
+    "resampled_from_s": (AssessmentCode.RESAMPLED, "steps"),
+    "low_cutoff": (AssessmentCode.LOW_CUTOFF, "frequencies"),
+    "violates_constraint": (AssessmentCode.VIOLATES_CONSTRAINT, "coordinates"),
+    "beyond_range": (AssessmentCode.BEYOND_RANGE, "coordinates"),
+    "translation_beyond_range": (AssessmentCode.TRANSLATION_BEYOND_RANGE, "coordinates"),
+    "radians_as_degrees": (AssessmentCode.RADIANS_AS_DEGREES, "angle"),
+    "no_load_applied": (AssessmentCode.NO_LOAD_APPLIED, "file"),
+    "load_far_from_body": (AssessmentCode.LOAD_FAR_FROM_BODY, "loads"),
+    "load_on_ground": (AssessmentCode.LOAD_ON_GROUND, "loads"),
+    "loads_data_elsewhere": (AssessmentCode.LOADS_DATA_ELSEWHERE, "files"),
+    "loads_unused": (AssessmentCode.LOADS_UNUSED, "elements"),
+}
+"""Code of the finding of a note, and the figure that the note is in its sentence."""
+UNITS = {"rotation": "rad", "translation": "m", "coupled": "rad or m"}
+
 
 @dataclass(frozen=True)
 class MotionCut:
@@ -145,9 +190,6 @@ def _describe_suit(suited: SuitedModel) -> str:
     return f"cord {suit.stiffness:g} N/m, {length}, {', '.join(described)}"
 
 
-Array = NDArray[np.float64]
-
-
 @dataclass(frozen=True, eq=False)
 class GeneralisedForces:
     """Time (frames,) [s] and values (frames, columns) [N m, N]; `notes` reproduce them."""
@@ -187,51 +229,6 @@ def write_inverse_dynamics(path: Path, found: GeneralisedForces) -> None:
 def _column(coordinate: Coordinate) -> str:
     """Name in OpenSim's results: a coordinate that is not an angle has a force."""
     return f"{coordinate.name}_{'moment' if coordinate.motion == 'rotation' else 'force'}"
-
-
-ANGLE_TOLERANCE = np.radians(1.0)
-"""Of data against a coupler, lock or prescription: above what rounding and a filter change, below what matters."""
-DISTANCE_TOLERANCE = 5e-3  # m
-FULL_TURN = 2 * np.pi
-RANGES_OUTSIDE, LEAST_OUTSIDE, MOST_OUTSIDE = 10.0, 1.0, 20.0
-"""A translation is beyond its range by more than 10 times its width, but at least 1 m and at most 20 m, the length of a
-large laboratory. Ranges without a limit, ±99999.9 in OpenSim's files, count as ±20 m."""
-LEAST_CUTOFF = 4.0
-"""Cut-off in mean frequencies of the angles. Walking, of about 1.2 Hz, is filtered at 6 Hz (Winter, Biomechanics and
-Motor Control of Human Movement), the arm lifts of the published study, of 0.2 to 0.6 Hz, at 3 Hz."""
-AT_REST = 0.1
-"""Of the greatest speed; a frame below it is at rest."""
-LARGEST_RADIANS = np.pi
-"""A motion in degrees without a larger number looks like one in radians."""
-FAR_FROM_BODY, SHARE_OF_FORCE = 1.0, 0.05
-"""A load is far from its body if its point is more than 1 m from the body's origin, longer than any segment, while its
-force is above 5 % of its greatest: a centre of pressure has no meaning without a force."""
-SIMILAR, MOST_NAMED = 0.7, 8
-"""Least similarity of a column to the name that is suggested for it, and the columns that a note names."""
-LARGEST_MOMENT = 100.0
-"""Of inertia, over the sum of the other two principal ones: at most 1 for any body. Published models have up to 33
-(WalkerModel of opensim-models; the bundled radius has 3.5), or a single moment where the motion is planar."""
-FINDINGS = {
-    "impossible_inertia": (AssessmentCode.IMPOSSIBLE_INERTIA, "bodies"),
-    "without_data": (AssessmentCode.WITHOUT_DATA, "coordinates"),
-    "unused_columns": (AssessmentCode.UNUSED_COLUMNS, "columns"),
-    "range_not_covered": (AssessmentCode.RANGE_NOT_COVERED, "range"),
-    "row_counts": (AssessmentCode.ROW_COUNTS, "rows"),
-    "repeated_rows": (AssessmentCode.REPEATED_ROWS, "count"),
-    "resampled_from_s": (AssessmentCode.RESAMPLED, "steps"),
-    "low_cutoff": (AssessmentCode.LOW_CUTOFF, "frequencies"),
-    "violates_constraint": (AssessmentCode.VIOLATES_CONSTRAINT, "coordinates"),
-    "beyond_range": (AssessmentCode.BEYOND_RANGE, "coordinates"),
-    "translation_beyond_range": (AssessmentCode.TRANSLATION_BEYOND_RANGE, "coordinates"),
-    "radians_as_degrees": (AssessmentCode.RADIANS_AS_DEGREES, "angle"),
-    "no_load_applied": (AssessmentCode.NO_LOAD_APPLIED, "file"),
-    "load_far_from_body": (AssessmentCode.LOAD_FAR_FROM_BODY, "loads"),
-    "load_on_ground": (AssessmentCode.LOAD_ON_GROUND, "loads"),
-    "loads_data_elsewhere": (AssessmentCode.LOADS_DATA_ELSEWHERE, "files"),
-    "loads_unused": (AssessmentCode.LOADS_UNUSED, "elements"),
-}
-"""Code of the finding of a note, and the figure that the note is in its sentence."""
-UNITS = {"rotation": "rad", "translation": "m", "coupled": "rad or m"}
 
 
 def motion_checks(model: Model, kinematics: Kinematics) -> dict[str, str]:

@@ -37,6 +37,8 @@ LARGE, SMALL = 1e5, 1e-4
 PIECES = 220
 """Of a curve; the first, least, greatest and last value of every piece are kept, so that no peak is lost."""
 MOST_DOTS = 450
+HALF, THIRD, QUARTER, SIXTH = 500.0, 340.0, 250.0, 180.0
+"""Width [px] of a panel that takes this part of the page's width."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +123,6 @@ class Strip:
     label: str = ""
     is_upright: bool = False
 
-
-HALF, THIRD, QUARTER, SIXTH = 500.0, 340.0, 250.0, 180.0
-"""Width [px] of a panel that takes this part of the page's width."""
 
 Mark = Line | Cloud | Points | Intervals | Band | Rule | Strip
 

@@ -45,6 +45,7 @@ LARGEST = 1.6
 """Of a drawing on the screen, as a multiple of its own size."""
 MANY = 3
 """Columns; more are drawn smaller."""
+Ticks = list[tuple[float, str]]
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,6 @@ class Area:
     @property
     def bottom(self) -> float:
         return max(self.y.start, self.y.end)
-
-
-Ticks = list[tuple[float, str]]
 
 
 @dataclass(frozen=True)

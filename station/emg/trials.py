@@ -33,6 +33,12 @@ VOLTS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 SUFFIXES = (".exp", ".csv", ".tsv", ".txt", ".c3d", ".mcap")
 SPARSEST = 2.0
 """Largest ratio of sample numbers to received samples; above it, the times are not those of a sampled signal."""
+DEFAULT_SETUP = Path(__file__).with_name("setup.toml")
+_KEYS_OF_METHOD = {
+    "linear_envelope": {"band_hz", "low_pass_hz"},
+    "rms": {"band_hz", "window_s"},
+    "seth_2019": set[str](),
+}
 
 
 class EmgFileError(StationError):
@@ -113,15 +119,6 @@ def _on_grid(numbers: NDArray[np.int64], values: Array, file: str) -> Array:
     grid = np.full((length, values.shape[1]), np.nan)
     grid[numbers] = values
     return grid
-
-
-DEFAULT_SETUP = Path(__file__).with_name("setup.toml")
-
-_KEYS_OF_METHOD = {
-    "linear_envelope": {"band_hz", "low_pass_hz"},
-    "rms": {"band_hz", "window_s"},
-    "seth_2019": set[str](),
-}
 
 
 class FileSection(Section):

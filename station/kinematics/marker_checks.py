@@ -59,6 +59,20 @@ FAR = 0.25
 MOST_TILT = math.radians(60)
 LEAST_OF_A_PERSON = 3
 """Markers under one prefix that make another person, or the other side."""
+UNSOLVED = {
+    PostureOutcome.NOT_CONVERGED: KinematicsCode.NOT_CONVERGED,
+    PostureOutcome.GAP_OPEN: KinematicsCode.GAP_OPEN,
+    PostureOutcome.NO_MARKERS: KinematicsCode.NO_MARKERS,
+}
+MOST_DEVIATIONS = 3.5
+"""Of a marker's offset, over the three axes together, before it is a finding."""
+BEYOND_RANGE = np.radians(20.0)
+MOST_BODY_WEIGHTS = 5.0
+"""Of the force in the joint. Instrumented shoulders measured up to 2 (docs/validation.md), and models have shown up to
+2.1 times the measured peak (docs/motion.md).
+"""
+SWAYING, MOVING = 0.02, 0.10
+"""m, that a marker goes in a static pose: more than postural sway; and no pose."""
 
 
 def setup_findings(file: str, setup: IkSetup | ScaleSetup, unknown: Collection[str]) -> tuple[Finding, ...]:
@@ -185,13 +199,6 @@ def finding_lines(findings: Sequence[Finding]) -> list[str]:
     return [f"{finding} [{finding.code.value}]" for finding in findings]
 
 
-UNSOLVED = {
-    PostureOutcome.NOT_CONVERGED: KinematicsCode.NOT_CONVERGED,
-    PostureOutcome.GAP_OPEN: KinematicsCode.GAP_OPEN,
-    PostureOutcome.NO_MARKERS: KinematicsCode.NO_MARKERS,
-}
-
-
 def _by_count(names: Sequence[str], counts: Array) -> dict[int, list[str]]:
     """Number of frames → names, without 0."""
     found: dict[int, list[str]] = {}
@@ -254,17 +261,6 @@ def _groups(labels: Sequence[str], names: Collection[str]) -> dict[str, list[str
         if name is not None:
             groups.setdefault(label.removesuffix(name), []).append(label)
     return groups
-
-
-MOST_DEVIATIONS = 3.5
-"""Of a marker's offset, over the three axes together, before it is a finding."""
-BEYOND_RANGE = np.radians(20.0)
-MOST_BODY_WEIGHTS = 5.0
-"""Of the force in the joint. Instrumented shoulders measured up to 2 (docs/validation.md), and models have shown up to
-2.1 times the measured peak (docs/motion.md).
-"""
-SWAYING, MOVING = 0.02, 0.10
-"""m, that a marker goes in a static pose: more than postural sway; and no pose."""
 
 
 class PersonError(StationError):

@@ -273,6 +273,16 @@ DECISIONS: Mapping[StrEnum, str] = {
         "how much effort the cuffs save with both."
     ),
 }
+_REMEDY = "; make it again with `station assess`"
+_FOUND = "{path}: {where} is {found}, expected "
+SOURCE_TEXT = {
+    "fit": "the fit of the cuffs",
+    "donning": "their donning",
+    "body": "body",
+    "muscles": "muscles",
+    "motion": "motion",
+}
+"""Group of sources → what it is called in a list that begins with the cuffs."""
 
 
 class AssessmentFileCode(StrEnum):
@@ -295,9 +305,6 @@ class AssessmentFileCode(StrEnum):
     ACTIVATIONS_NOT_NUMBERS = "activations_file.not_numbers"
 
 
-_REMEDY = "; make it again with `station assess`"
-_FOUND = "{path}: {where} is {found}, expected "
-
 ASSESSMENT_FILE: Mapping[StrEnum, str] = {
     AssessmentFileCode.UNREADABLE: "{path} cannot be read: {reason}",
     AssessmentFileCode.NOT_JSON: "{path} {reason}" + _REMEDY,
@@ -316,16 +323,6 @@ ASSESSMENT_FILE: Mapping[StrEnum, str] = {
     ),
     AssessmentFileCode.ACTIVATIONS_NOT_NUMBERS: "{path}, column {column}, holds values that are not numbers" + _REMEDY,
 }
-
-
-SOURCE_TEXT = {
-    "fit": "the fit of the cuffs",
-    "donning": "their donning",
-    "body": "body",
-    "muscles": "muscles",
-    "motion": "motion",
-}
-"""Group of sources → what it is called in a list that begins with the cuffs."""
 
 
 def sources_text(sources: Sequence[str]) -> str:

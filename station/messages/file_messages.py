@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
+_SPANS = (
+    "force, with its lag, from {force_from_s:.2f} to {force_to_s:.2f} s, markers from {markers_from_s:.2f} to "
+    "{markers_to_s:.2f} s"
+)
+
 
 class ImportCode(StrEnum):
     """Reason why files are not imported or do not complete a recording, and notes on what was written."""
@@ -110,11 +115,6 @@ class ChainCode(StrEnum):
     NO_SSH_KEYGEN = "signature.no_ssh_keygen"
     SSH_KEYGEN_FAILED = "signature.ssh_keygen_failed"
 
-
-_SPANS = (
-    "force, with its lag, from {force_from_s:.2f} to {force_to_s:.2f} s, markers from {markers_from_s:.2f} to "
-    "{markers_to_s:.2f} s"
-)
 
 _IMPORT: Mapping[StrEnum, str] = {
     ImportCode.INCOMPLETE_COMMAND: (

@@ -99,6 +99,30 @@ KINEMATICS: Mapping[StrEnum, str] = {
     KinematicsCode.GAP_OPEN: "frames off the constraints of the model: {frames}, the first at {first_s:.2f} s",
     KinematicsCode.NO_MARKERS: "frames without markers: {frames}, the first at {first_s:.2f} s",
 }
+WEARER_SENTENCES: Mapping[StrEnum, str] = {
+    CommandCode.NO_BODY: (
+        "motions are planned, but the configuration names no markers of the wearer; add [body] with its markers"
+    ),
+    CueCode.HOLD_POSE: "stand upright with the arm hanging, and keep still",
+    CueCode.POSE_DONE: "pose held; end the capture",
+    CueCode.RAISE_ARM: "raise the arm: cycle {cycle:.0f} of {cycles:.0f}",
+    CueCode.LOWER_ARM: "lower the arm: cycle {cycle:.0f} of {cycles:.0f}",
+    CueCode.MOTION_DONE: "{cycles:cycle} counted: let the arm hang, then end the capture",
+    CueCode.MOVE_UNCOUNTED: (
+        "raise and lower the arm {cycles:time}, then end the capture; cycles are counted only with arm and trunk "
+        "under [body]"
+    ),
+    CueCode.CONTRACT: "contract as strongly as possible for 3 to 5 s, with rests between; then end the capture",
+    ReasonCode.MARKERS_HIDDEN: (
+        "hidden in more than {limit_percent:.0f} % of the frames: {markers}; turn the cameras or replace the markers"
+    ),
+    ReasonCode.POSE_MOVES: (
+        "marker {marker} moves by {range_mm:.0f} mm within the static pose, expected less than {highest_mm:.0f} mm"
+    ),
+    ReasonCode.CYCLES_MISSING: "{found:arm cycle} found, expected {planned:.0f}",
+    ReasonCode.EMG_UNUSABLE: "EMG {channel}: {text}",
+    ReasonCode.NO_EMG_CLOCK: "{text}",
+}
 
 
 class PersonCode(StrEnum):
@@ -193,32 +217,6 @@ PERSON_SENTENCES: Mapping[StrEnum, str] = {
     ScalingCode.FIBRE_LENGTH_IN_MOTION: "{muscle}: its fibre reaches {figure:.2f} of the optimal length in the motion",
     ScalingCode.PASSIVE_FORCE: "{muscle}: its passive force reaches {figure:.2f} of the maximum isometric force",
     ScalingCode.PATH_JUMP: "{muscle}: the length of its path jumps by {jump_mm:.0f} mm between two frames",
-}
-
-
-WEARER_SENTENCES: Mapping[StrEnum, str] = {
-    CommandCode.NO_BODY: (
-        "motions are planned, but the configuration names no markers of the wearer; add [body] with its markers"
-    ),
-    CueCode.HOLD_POSE: "stand upright with the arm hanging, and keep still",
-    CueCode.POSE_DONE: "pose held; end the capture",
-    CueCode.RAISE_ARM: "raise the arm: cycle {cycle:.0f} of {cycles:.0f}",
-    CueCode.LOWER_ARM: "lower the arm: cycle {cycle:.0f} of {cycles:.0f}",
-    CueCode.MOTION_DONE: "{cycles:cycle} counted: let the arm hang, then end the capture",
-    CueCode.MOVE_UNCOUNTED: (
-        "raise and lower the arm {cycles:time}, then end the capture; cycles are counted only with arm and trunk "
-        "under [body]"
-    ),
-    CueCode.CONTRACT: "contract as strongly as possible for 3 to 5 s, with rests between; then end the capture",
-    ReasonCode.MARKERS_HIDDEN: (
-        "hidden in more than {limit_percent:.0f} % of the frames: {markers}; turn the cameras or replace the markers"
-    ),
-    ReasonCode.POSE_MOVES: (
-        "marker {marker} moves by {range_mm:.0f} mm within the static pose, expected less than {highest_mm:.0f} mm"
-    ),
-    ReasonCode.CYCLES_MISSING: "{found:arm cycle} found, expected {planned:.0f}",
-    ReasonCode.EMG_UNUSABLE: "EMG {channel}: {text}",
-    ReasonCode.NO_EMG_CLOCK: "{text}",
 }
 
 

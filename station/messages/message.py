@@ -25,6 +25,24 @@ from station.messages.study_messages import STUDY, SWEEPS, VALIDATION
 Code_co = TypeVar("Code_co", bound=StrEnum, covariant=True)
 Figures = Mapping[str, float | str]
 """Name, with the unit at its end, → number or name that the sentence shows."""
+SENTENCES: Mapping[StrEnum, str] = {
+    **SESSION,
+    **KINEMATICS,
+    **PERSON_SENTENCES,
+    **ASSESSMENT,
+    **ASSESSMENT_FILE,
+    **DECISIONS,
+    **EMG,
+    **FILES,
+    **LIVE,
+    **SETUP,
+    **STUDY,
+    **SUBJECT,
+    **SWEEPS,
+    **VALIDATION,
+    **WEARER_SENTENCES,
+}
+"""Code → template, filled with the figures of the message."""
 
 
 @dataclass(frozen=True)
@@ -67,23 +85,3 @@ _FORMATTER = _WithMinusSigns()
 def join_sentences(messages: Iterable[Message[StrEnum]]) -> str:
     """The sentences of several messages as one text."""
     return "; ".join(map(str, messages))
-
-
-SENTENCES: Mapping[StrEnum, str] = {
-    **SESSION,
-    **KINEMATICS,
-    **PERSON_SENTENCES,
-    **ASSESSMENT,
-    **ASSESSMENT_FILE,
-    **DECISIONS,
-    **EMG,
-    **FILES,
-    **LIVE,
-    **SETUP,
-    **STUDY,
-    **SUBJECT,
-    **SWEEPS,
-    **VALIDATION,
-    **WEARER_SENTENCES,
-}
-"""Code → template, filled with the figures of the message."""

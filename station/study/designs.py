@@ -44,6 +44,15 @@ from station.study.study_document import SHOWN
 
 Several = Annotated[tuple[Annotated[Whole, Field(ge=1, le=100)], ...], Field(min_length=1)]
 Part = Annotated[Number, Field(gt=0, lt=1)]
+PLAN_FILE, CONFIG_FILE = "plan.json", "station.toml"
+FORMAT: Literal[1] = 1
+SECTION = re.compile(r"^\[protocol\][^\n]*\n(?:(?!\[).*\n?)*?(?=^(?:# )?\[|\Z)", re.M)
+SHOWN_DESIGNS = 8
+CUFFS = 2
+FEWEST_VOLUNTEERS = 3
+MOST_DESIGNS = 2000
+REST_OF_SWING_S = 8.0
+"""Seconds of a dynamic trial before and after the oscillation."""
 
 
 class ExpectedSection(Section):
@@ -126,17 +135,6 @@ def read_study_plan(path: Path) -> StudyPlan:
     except ValidationError as error:
         figures = {"path": str(path), "reason": describe_error(error)}
         raise StudyError(Message(PlanCode.WRONG_TABLE, figures)) from error
-
-
-PLAN_FILE, CONFIG_FILE = "plan.json", "station.toml"
-FORMAT: Literal[1] = 1
-SECTION = re.compile(r"^\[protocol\][^\n]*\n(?:(?!\[).*\n?)*?(?=^(?:# )?\[|\Z)", re.M)
-SHOWN_DESIGNS = 8
-CUFFS = 2
-FEWEST_VOLUNTEERS = 3
-MOST_DESIGNS = 2000
-REST_OF_SWING_S = 8.0
-"""Seconds of a dynamic trial before and after the oscillation."""
 
 
 class _Entry(BaseModel):

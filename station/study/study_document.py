@@ -50,6 +50,12 @@ FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""
 QuantityName = Literal["stiffness", "damping", "migration"]
 """In N/m, N s/m and m."""
+SHOWN = {"stiffness": (1.0, "N/m"), "damping": (1.0, "N s/m"), "migration": (1e3, "mm")}
+"""Quantity → factor from SI, unit."""
+OPEN = "not estimated"
+STUDY_FILE = "study.json"
+NORMATIVE_FILE = "normative.json"
+NORMATIVE_FORMAT: Literal[1] = 1
 
 
 class _Entry(BaseModel):
@@ -149,11 +155,6 @@ class StudyDocument(_Entry):
     versions: dict[str, str]
 
 
-SHOWN = {"stiffness": (1.0, "N/m"), "damping": (1.0, "N s/m"), "migration": (1e3, "mm")}
-"""Quantity → factor from SI, unit."""
-OPEN = "not estimated"
-
-
 def shown_effect(effect: FixedEffect | None, quantity: str) -> str:
     """Value and 95 % interval in the shown unit."""
     return OPEN if effect is None else bracketed(effect.value, effect.ci95, SHOWN[quantity][0])
@@ -174,9 +175,6 @@ def shown_figure(figure: StudyFigure, scale: float, digits: int = 0) -> str:
 def shown_range(ends: tuple[float, float], quantity: str) -> str:
     """Both ends with as many digits as two figures of half their distance."""
     return between(ends, SHOWN[quantity][0])
-
-
-STUDY_FILE = "study.json"
 
 
 def study_document(study: Study) -> StudyDocument:
@@ -323,10 +321,6 @@ def _compare_all(by_cuff: Mapping[str, list[Observation]]) -> tuple[CuffComparis
     return tuple(
         compare([*by_cuff[first], *by_cuff[second]], first, second) for first, second in combinations(by_cuff, 2)
     )
-
-
-NORMATIVE_FILE = "normative.json"
-NORMATIVE_FORMAT: Literal[1] = 1
 
 
 class NormativePlace(StrEnum):

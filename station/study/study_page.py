@@ -40,6 +40,7 @@ ROW = 18.0
 """Height [px] of a volunteer in a forest plot."""
 FRAME = 70.0
 """Height [px] of the axis and its name."""
+COMPONENTS = ("volunteer", "donning", "repeat", "operator")
 
 
 def write_study_page(folder: Path, document: StudyDocument) -> Path:
@@ -142,9 +143,6 @@ def _limit(figure: StudyFigure, scale: float, label: str) -> list[Mark]:
         return []
     low, high = (scale * (end or 0.0) for end in figure.ci95)
     return [Strip(low, high, "c2"), Rule(scale * figure.value, "c2", label, "dashed")]
-
-
-COMPONENTS = ("volunteer", "donning", "repeat", "operator")
 
 
 def print_study(document: StudyDocument, console: Console) -> None:

@@ -60,6 +60,27 @@ Solve = Callable[[Iterable["Task"]], Iterator[tuple[dict[str, Outcome], bool]]]
 TABLE_FILE, PROVENANCE_FILE, PARTS_FOLDER = "sweep.parquet", "sweep.json", "parts"
 NAMES = ("model", "motion", "external_loads", "suit", "cuffs", "cuff", "condition")
 COUNTS = ("case", "frames", "unsolved")
+FRAMES_PER_TASK = 100_000
+"""Frames of all scenarios of a task: some seconds of work, which is lost if a worker is killed."""
+MOTIONS_IN_MEMORY = 32
+"""Of a plan with more, motions are read for their remarks and again for their cases."""
+LoadedKinematics = tuple[Kinematics, tuple[ExternalForce, ...]]
+GEOMETRY = ("model", "motion", "external_loads", "hand_mass_kg", "suit")
+"""Axes whose values cases of one task have in common: the same postures and masses."""
+RESULTS = (
+    "normalised_cost",
+    "reserve_cost",
+    "largest_cord_force_n",
+    "slack_rest_length_m",
+    "optimum_rest_length_m",
+    "optimum_normalised_cost",
+    "permissible_error_m",
+    "bare_body_cost",
+    "frames",
+    "unsolved",
+)
+ERRORS = ("error", "error_code")
+"""The reason of a case that failed as a sentence, and as a stable code."""
 
 
 @dataclass(frozen=True)
@@ -173,18 +194,6 @@ def _design(case: Case) -> dict[str, Any]:
         cord |= {f"{part}_{axis}_m": float(value) for axis, value in zip("xyz", location, strict=True)}
     axes = {axis: case.point[axis] for axis in AXES if axis in (*NAMES, "hand_mass_kg")}
     return {"case": case.number, **axes, **cord}
-
-
-FRAMES_PER_TASK = 100_000
-"""Frames of all scenarios of a task: some seconds of work, which is lost if a worker is killed."""
-
-MOTIONS_IN_MEMORY = 32
-"""Of a plan with more, motions are read for their remarks and again for their cases."""
-
-LoadedKinematics = tuple[Kinematics, tuple[ExternalForce, ...]]
-
-GEOMETRY = ("model", "motion", "external_loads", "hand_mass_kg", "suit")
-"""Axes whose values cases of one task have in common: the same postures and masses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,22 +340,6 @@ def _with_mass_in_hand(model: Model, mass: float) -> Model:
     if not mass:
         return model
     return with_point_mass(model, "hand", mass, model.bodies[model.body_index("hand")].mass_center)
-
-
-RESULTS = (
-    "normalised_cost",
-    "reserve_cost",
-    "largest_cord_force_n",
-    "slack_rest_length_m",
-    "optimum_rest_length_m",
-    "optimum_normalised_cost",
-    "permissible_error_m",
-    "bare_body_cost",
-    "frames",
-    "unsolved",
-)
-ERRORS = ("error", "error_code")
-"""The reason of a case that failed as a sentence, and as a stable code."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,27 @@ Point = dict[str, Value]
 
 NONE = "none"
 MOST_POINTS = 1_000_000
+NAME: TypeAdapter[Any] = TypeAdapter(Annotated[str, Field(min_length=1)])
+CONDITION: TypeAdapter[Any] = TypeAdapter(Condition)
+MASS: TypeAdapter[Any] = TypeAdapter(NonNegative)
+POSITIVE: TypeAdapter[Any] = TypeAdapter(Positive)
+POINT: TypeAdapter[Any] = TypeAdapter(Vector)
+AXES: dict[str, TypeAdapter[Any]] = {
+    "model": NAME,
+    "motion": NAME,
+    "external_loads": NAME,
+    "hand_mass_kg": MASS,
+    "suit": NAME,
+    "rest_length_m": POSITIVE,
+    "stiffness_n_per_m": POSITIVE,
+    "waist_point_m": POINT,
+    "shoulder_point_m": POINT,
+    "arm_point_m": POINT,
+    "cuffs": NAME,
+    "cuff": NAME,
+    "condition": CONDITION,
+}
+"""Axes: files, names, a mass, and parameters of the suit."""
 
 
 class PlanError(StationError):
@@ -153,30 +174,6 @@ def _value(kind: TypeAdapter[Any], given: Any, where: str) -> Value:
     except ValidationError as error:
         raise PlanError(Message(SweepCode.WRONG_VALUE, {"reason": describe_error(error, context=where)})) from error
     return value
-
-
-NAME: TypeAdapter[Any] = TypeAdapter(Annotated[str, Field(min_length=1)])
-CONDITION: TypeAdapter[Any] = TypeAdapter(Condition)
-MASS: TypeAdapter[Any] = TypeAdapter(NonNegative)
-POSITIVE: TypeAdapter[Any] = TypeAdapter(Positive)
-POINT: TypeAdapter[Any] = TypeAdapter(Vector)
-
-AXES: dict[str, TypeAdapter[Any]] = {
-    "model": NAME,
-    "motion": NAME,
-    "external_loads": NAME,
-    "hand_mass_kg": MASS,
-    "suit": NAME,
-    "rest_length_m": POSITIVE,
-    "stiffness_n_per_m": POSITIVE,
-    "waist_point_m": POINT,
-    "shoulder_point_m": POINT,
-    "arm_point_m": POINT,
-    "cuffs": NAME,
-    "cuff": NAME,
-    "condition": CONDITION,
-}
-"""Axes: files, names, a mass, and parameters of the suit."""
 
 
 class _VaryTable(Section):

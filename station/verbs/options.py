@@ -60,6 +60,14 @@ Tendons = Annotated[
 ]
 SIMULATED_DATA = "simulated data: the devices report that they are simulated"
 Seed = Annotated[int, typer.Option(help="Seed of all random numbers of the simulated bench.")]
+BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled arm raise.")]
+BundledOrOsim = Annotated[str, typer.Option(help='An .osim file, or "bundled".')]
+IgnoreForces = Annotated[
+    bool, typer.Option("--ignore-forces", help="Leave out forces and controllers that the solver does not have.")
+]
+CutoffHz = Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")]
+EffortFile = Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")]
+ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads (.xml).")]
 
 
 class Freedom(StrEnum):
@@ -147,13 +155,3 @@ def ensure_effective(
         raise typer.BadParameter("--glenoid-aspect has no effect without the glenoid; leave it out")
     asking = [name for name in ("glenoid", "glenoid_aspect") if name in given and has_glenoid_cone]
     return tuple(f"--{name.replace('_', '-')}" for name in asking)
-
-
-BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled arm raise.")]
-BundledOrOsim = Annotated[str, typer.Option(help='An .osim file, or "bundled".')]
-IgnoreForces = Annotated[
-    bool, typer.Option("--ignore-forces", help="Leave out forces and controllers that the solver does not have.")
-]
-CutoffHz = Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")]
-EffortFile = Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")]
-ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads (.xml).")]

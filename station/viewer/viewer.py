@@ -36,6 +36,33 @@ from station.messages.message import Message
 from station.messages.study_messages import SweepCode
 
 WAIT_S = 20.0
+TIMELINE = "time"
+DISTANCE = 1.6
+"""Distance of the eye from the scene in diameters of the scene, which shows all of it with a margin."""
+ELEVATION, EMG = "wearer/elevation_deg", "wearer/emg_uv"
+BODY_NAME = "Muscles from idle (blue) to full activation (red); suit (green)"
+Array = NDArray[np.float64]
+DISPLAY_HZ = 25
+LineStyle = tuple[tuple[int, int, int], float]
+"""Colour and width of a curve."""
+IDLE, ACTIVE = np.array([60, 90, 160]), np.array([215, 40, 30])
+"""Colours (RGB) of a muscle at rest and at full activation."""
+THIN, THICK = 0.002, 0.006
+"""Radii [m] of a muscle at rest and at full activation, for users who cannot distinguish the colours."""
+BONE, CORD = (200, 200, 190), (30, 140, 60)
+BONE_RADII = {"shaft": 0.006, "plate": 0.002, "cage": 0.0007}
+REFRESH_S = 0.5
+BACKLOG = 5000
+CURVE_RATE_HZ, MARKER_RATE_HZ = 100.0, 25.0
+"""Rates of the display. The cost of Rerun depends on the number of calls: one per refresh and stream
+(docs/reliability.md)."""
+STREAMS = ("/force", "/sync", "/markers")
+METRES_PER_MM = 1e-3
+"""The body that a replay draws is in metres."""
+Columns = list[tuple[NDArray[np.int64], NDArray[np.floating]]]
+"""Host times [ns], and values at them."""
+LATEST_NS = 1_000_000_000
+"""Largest delay of a frame; frame numbers with a larger one are not those of this capture."""
 
 
 class ViewerError(StationError):
@@ -62,17 +89,6 @@ def start_viewer() -> str:
                 return f"rerun+http://127.0.0.1:{port}/proxy"
         time.sleep(0.1)
     raise ViewerError(Message(SweepCode.NO_VIEWER))
-
-
-TIMELINE = "time"
-DISTANCE = 1.6
-"""Distance of the eye from the scene in diameters of the scene, which shows all of it with a margin."""
-ELEVATION, EMG = "wearer/elevation_deg", "wearer/emg_uv"
-BODY_NAME = "Muscles from idle (blue) to full activation (red); suit (green)"
-Array = NDArray[np.float64]
-DISPLAY_HZ = 25
-LineStyle = tuple[tuple[int, int, int], float]
-"""Colour and width of a curve."""
 
 
 @dataclass(frozen=True)
@@ -163,14 +179,6 @@ def open_stream(name: str, sink: Path | str) -> rr.RecordingStream:
     return stream
 
 
-IDLE, ACTIVE = np.array([60, 90, 160]), np.array([215, 40, 30])
-"""Colours (RGB) of a muscle at rest and at full activation."""
-THIN, THICK = 0.002, 0.006
-"""Radii [m] of a muscle at rest and at full activation, for users who cannot distinguish the colours."""
-BONE, CORD = (200, 200, 190), (30, 140, 60)
-BONE_RADII = {"shaft": 0.006, "plate": 0.002, "cage": 0.0007}
-
-
 class BodyScene:
     """Logs a model below `body` in a stream; suit is None without one."""
 
@@ -210,20 +218,6 @@ class BodyScene:
         self._stream.log("body/cord", rr.LineStrips3D([points], colors=CORD, radii=0.004))
         cuffs = rr.Points3D(points[[0, 2]], colors=CORD, radii=0.02, labels=["waist", "arm"])
         self._stream.log("body/cuffs", cuffs)
-
-
-REFRESH_S = 0.5
-BACKLOG = 5000
-CURVE_RATE_HZ, MARKER_RATE_HZ = 100.0, 25.0
-"""Rates of the display. The cost of Rerun depends on the number of calls: one per refresh and stream
-(docs/reliability.md)."""
-
-STREAMS = ("/force", "/sync", "/markers")
-METRES_PER_MM = 1e-3
-"""The body that a replay draws is in metres."""
-
-Columns = list[tuple[NDArray[np.int64], NDArray[np.floating]]]
-"""Host times [ns], and values at them."""
 
 
 def open_rerun(
@@ -366,7 +360,3 @@ class DeviceTimes:
         if abs(at_edge_ns - self._offsets["/markers"]) < LATEST_NS:
             self._offsets["/markers"] = at_edge_ns
             self._settled.add("/markers")
-
-
-LATEST_NS = 1_000_000_000
-"""Largest delay of a frame; frame numbers with a larger one are not those of this capture."""

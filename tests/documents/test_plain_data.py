@@ -13,6 +13,9 @@ from pydantic import Field, ValidationError, model_validator
 from documents.plain_data import DEEPEST, MOST_DOTS, PlainDataCode, PlainDataError, parse_json, parse_toml
 from documents.validation import NonNegative, Number, Positive, Section, Vector, Whole, describe_error
 
+ROOT = Path(__file__).parents[2]
+FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents")
+
 
 @pytest.mark.parametrize(
     ("parse", "content", "code"),
@@ -55,10 +58,6 @@ def test_a_text_at_the_limits_is_read() -> None:
 
 
 # The sentence of a document that breaks its schema, and that no reader writes its own.
-
-
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents")
 
 
 class Part(Section):

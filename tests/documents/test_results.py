@@ -7,14 +7,13 @@ import pytest
 
 from documents.results import EqualByFields
 
+GAP = np.array([1.0, np.nan])
+
 
 @dataclass(frozen=True, eq=False)
 class Result(EqualByFields):
     values: object
     name: str = "a"
-
-
-GAP = np.array([1.0, np.nan])
 
 
 @pytest.mark.parametrize(

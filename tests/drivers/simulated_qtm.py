@@ -18,6 +18,10 @@ from drivers.simulators.world import World
 from recordings.samples import Event, Item
 from tests.drivers.contract import blocks, read_until
 
+FORCE, SYNC = AnalogInput("/force", "force", "ai0"), AnalogInput("/sync", "sync", "ai1")
+WIRING: dict[str, Any] = {"device": "Dev1", "inputs": (FORCE, SYNC), "sample_rate_hz": 1000.0}
+EXACT_CLOCK = DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0)
+
 
 def driver(port: int, **options: Any) -> Qualisys:
     return Qualisys(host="127.0.0.1", port=port, host_clock=time.time_ns, **options)
@@ -78,11 +82,6 @@ def is_event(item: Item, kind: str) -> bool:
 
 
 # The driver of a DAQ that is wired as the simulated one: force on ai0, sync line on ai1.
-
-
-FORCE, SYNC = AnalogInput("/force", "force", "ai0"), AnalogInput("/sync", "sync", "ai1")
-WIRING: dict[str, Any] = {"device": "Dev1", "inputs": (FORCE, SYNC), "sample_rate_hz": 1000.0}
-EXACT_CLOCK = DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0)
 
 
 def daq(port: int, host_clock: Callable[[], int], **options: Any) -> NiDaq:

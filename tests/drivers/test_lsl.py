@@ -18,6 +18,9 @@ from recordings.samples import Event, Loss
 from tests.drivers.contract import blocks, raises_refusal
 from tests.drivers.pytest_on_loopback import passed_on_loopback
 
+ROOT = Path(__file__).parents[2]
+ON_LOOPBACK = "tests/drivers/lsl_on_loopback.py"
+
 
 class _Description:
     def child(self, _name: str) -> _Description:
@@ -116,10 +119,6 @@ class _FakeInlet:
         if isinstance(chunk, RuntimeError):
             raise chunk
         return chunk
-
-
-ROOT = Path(__file__).parents[2]
-ON_LOOPBACK = "tests/drivers/lsl_on_loopback.py"
 
 
 def test_the_driver_agrees_with_another_process_s_outlet(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBenc
 from tests.timeout import scaled_timeout
 
 Step = Sequence[Item] | Exception
+GONE = DeviceLost("the device is gone; plug it in")
 
 
 class Scripted:
@@ -74,9 +75,6 @@ def opened(device: Scripted, timeout_s: float = 10.0) -> Reconnecting:
 
 def delivered(device: Reconnecting, reads: int) -> list[Item]:
     return [item for _ in range(reads) for item in device.read(10.0)]
-
-
-GONE = DeviceLost("the device is gone; plug it in")
 
 
 def test_a_loss_is_reported_at_once_and_the_return_too_with_one_gap_between_them() -> None:

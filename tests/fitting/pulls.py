@@ -16,6 +16,10 @@ from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import ANCHOR, CUFF, PULL
 
+STIFFNESS, DAMPING, MASS = 5500.0, 120.0, 0.2
+LABELS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4")
+STEP = 0.01
+
 
 def pull_of(trial: Trial, displacement: NDArray[np.float64]) -> Pull:
     """displacement (frames,) [m] along x."""
@@ -45,9 +49,6 @@ def pull_of(trial: Trial, displacement: NDArray[np.float64]) -> Pull:
 
 
 # Records of a swing whose truth is written out: F = k x + c ẋ + m ẍ + offset, with noise of any colour.
-
-
-STIFFNESS, DAMPING, MASS = 5500.0, 120.0, 0.2
 
 
 def swing(
@@ -97,10 +98,6 @@ def swing(
 # Static trials of a cuff that holds, creeps, stiffens or slips: weights on a rope, seen by a load cell and by
 # cameras. Imports nothing of solver, drivers or what is fitted with: cuff displacement is integrated from its own
 # laws here. A standard linear solid creeps, an exponential spring stiffens, friction with a growing limit slips.
-
-
-LABELS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4")
-STEP = 0.01
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,10 @@ from fitting.uncertainty import Estimate, Repeat, combine
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import Session, Truth, published
 
+USUAL = (NoteCode.NOT_CALIBRATED, NoteCode.NO_ROPE)
+"""Notes of every session of the experiment, which has neither a bounce nor markers on the rope."""
+RUBBING = {NoteCode.FRICTION_OR_CREEP, NoteCode.FRICTION_OR_MOVED, NoteCode.SLIP_OR_FRICTION}
+
 
 @pytest.mark.parametrize(("apart", "is_said"), [(2.0, False), (60.0, True)])
 def test_two_repeats_whose_interval_holds_zero_are_not_passed_over(apart: float, is_said: bool) -> None:
@@ -91,10 +95,6 @@ def test_a_migration_whose_interval_is_wider_than_its_value_is_said_unless_there
     assert [note.code for note in notes] == [NoteCode.MIGRATION_INTERVAL] * is_said
 
 
-USUAL = (NoteCode.NOT_CALIBRATED, NoteCode.NO_ROPE)
-"""Notes of every session of the experiment, which has neither a bounce nor markers on the rope."""
-
-
 def _codes(law: Law, seed: int, unloads_at_once: bool = False) -> list[NoteCode]:
     """Of the notes on the law of two static trials of a donning."""
     truth = Truth(friction=1e9, migration=0.0, hold=6.0, unloads_at_once=unloads_at_once)
@@ -149,6 +149,3 @@ def test_the_note_names_only_the_law_of_the_held_loads(unloads_at_once: bool, se
     assert not {NoteCode.SLIPS_AGAIN, NoteCode.SLIP_OR_FRICTION} & set(
         _codes(Law(slip_from=45.0), seed, unloads_at_once)
     )
-
-
-RUBBING = {NoteCode.FRICTION_OR_CREEP, NoteCode.FRICTION_OR_MOVED, NoteCode.SLIP_OR_FRICTION}

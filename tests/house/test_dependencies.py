@@ -18,6 +18,7 @@ from station.extras import EXTRAS_OF_VERB, PACKAGES
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+ONE_OF_EACH_EXTRA = ("check", "serve", "sweep")
 
 
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None:
@@ -56,9 +57,6 @@ def test_the_verbs_of_an_analyst_run_without_an_extra(session: Path) -> None:
         "info", recording, "+", "replay", recording, "--speed", "50", "+", "fit", session, "+", "report", session
     )
     assert ran.returncode == 0, ran.stderr
-
-
-ONE_OF_EACH_EXTRA = ("check", "serve", "sweep")
 
 
 @pytest.mark.parametrize(

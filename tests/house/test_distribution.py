@@ -25,6 +25,21 @@ from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
 BUILD = "import sys; from setuptools import build_meta as b; to = sys.argv[1]; b.build_sdist(to); b.build_wheel(to)"
+MOST_BEYOND_WARM_S = 2.0
+USE = """
+import sys, time
+from pathlib import Path
+import cuffstation as cs
+import solver
+assert Path(solver.__file__).is_relative_to(sys.prefix), solver.__file__
+model = cs.load_model()
+times = []
+for _ in range(2):
+    began = time.process_time()
+    cs.assess(cs.read_cuffs(sys.argv[1]), model, cs.load_motion(model, every=200), people=0)
+    times.append(time.process_time() - began)
+print(times[0] - times[1])
+"""
 
 
 def copied_checkout(folder: Path) -> Path:
@@ -80,23 +95,6 @@ def test_an_editable_install_is_a_path_that_type_checkers_follow(tmp_path: Path)
     with zipfile.ZipFile(wheel) as installed:
         (path,) = (name for name in installed.namelist() if name.startswith("__editable__"))
         assert path.endswith(".pth") and Path(installed.read(path).decode().strip()) == tree
-
-
-MOST_BEYOND_WARM_S = 2.0
-USE = """
-import sys, time
-from pathlib import Path
-import cuffstation as cs
-import solver
-assert Path(solver.__file__).is_relative_to(sys.prefix), solver.__file__
-model = cs.load_model()
-times = []
-for _ in range(2):
-    began = time.process_time()
-    cs.assess(cs.read_cuffs(sys.argv[1]), model, cs.load_motion(model, every=200), people=0)
-    times.append(time.process_time() - began)
-print(times[0] - times[1])
-"""
 
 
 @pytest.mark.slow

@@ -85,6 +85,11 @@ PAGE_PHRASES = {
 
 EMPTY_NOUNS = {"each", "words", "said", "way", "ways"}
 """Names that do not describe a value."""
+ROWS = [
+    [cell.strip() for cell in line.strip().strip("|").split("|")]
+    for line in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8").splitlines()
+    if line.startswith("| ") and not line.startswith("| term")
+]
 
 
 @cache
@@ -133,13 +138,6 @@ def test_no_value_is_named_by_an_empty_noun(folder: str) -> None:
 
 def _is_a_value(old: str, path: Path) -> bool:
     return re.search(rf"[\"']{old}[\"']", text_of(path)) is not None
-
-
-ROWS = [
-    [cell.strip() for cell in line.strip().strip("|").split("|")]
-    for line in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8").splitlines()
-    if line.startswith("| ") and not line.startswith("| term")
-]
 
 
 def test_there_are_at_least_forty_terms_and_none_twice() -> None:

@@ -28,6 +28,11 @@ from tests.recordings.trials import MANIFEST, STREAMS, frames, record, scalars, 
 
 Change = tuple[str, int, bytes]
 """What is done to the bytes: "put", "insert", "delete" or "cut"; where, modulo the length; and with what."""
+_numbers = st.one_of(st.integers(0, 2**16), st.integers(0, 2**64))
+changes_to_a_file = st.lists(
+    st.tuples(st.sampled_from(["put", "insert", "delete", "cut"]), _numbers, st.binary(max_size=40)), max_size=6
+)
+_topic = st.sampled_from(list(topics.SCHEMA_OF_TOPIC))
 
 
 @cache
@@ -71,11 +76,6 @@ def forged_file(messages: list[tuple[str, bytes]], folder: Path) -> Path:
     return path
 
 
-_numbers = st.one_of(st.integers(0, 2**16), st.integers(0, 2**64))
-changes_to_a_file = st.lists(
-    st.tuples(st.sampled_from(["put", "insert", "delete", "cut"]), _numbers, st.binary(max_size=40)), max_size=6
-)
-_topic = st.sampled_from(list(topics.SCHEMA_OF_TOPIC))
 forged_messages = st.one_of(
     st.tuples(_topic, st.binary(max_size=80)),
     st.builds(

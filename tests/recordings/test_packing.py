@@ -26,6 +26,7 @@ from tests.refusals import raises_refusal
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
 UINT64 = st.integers(0, 2**64 - 1)
+FIELD = re.compile(r"((?:repeated )?\w+ \w+ = \d+);")
 
 
 @st.composite
@@ -170,9 +171,6 @@ def test_what_cannot_be_kept_as_it_is_is_refused_in_a_sentence(message: Event | 
 
 
 # The schemas in the code, in the file and on the page are the same.
-
-
-FIELD = re.compile(r"((?:repeated )?\w+ \w+ = \d+);")
 
 
 def test_the_page_states_the_fields_that_the_code_writes() -> None:

@@ -22,6 +22,9 @@ from recordings.recovery import RecoveryReport, recover, recovered_path
 from tests.recordings.trials import chunk_ends, chunk_starts, items_of, record, trial
 from tests.refusals import raises_refusal
 
+Message = tuple[str, int, bytes]
+"""Topic, time and bytes, as the mcap package reads them."""
+
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -211,10 +214,6 @@ def _cut(whole: Path, folder: Path, size: int) -> Path:
     path = folder / "cut.mcap"
     path.write_bytes(whole.read_bytes()[:size])
     return path
-
-
-Message = tuple[str, int, bytes]
-"""Topic, time and bytes, as the mcap package reads them."""
 
 
 def whole_file(folder: Path, seconds: float) -> Path:

@@ -30,6 +30,7 @@ from tests.solver.references import NO_WEIGHT, SHARED, certified, golden, greate
 
 Array = NDArray[np.float64]
 RANDOM_STATES = 60
+_ORACLE, _SHARED = pytest.mark.oracle, pytest.mark.shared
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,6 @@ class Comparison:
     def force_per_tension(self) -> Array:
         wrench, columns = self.paths.wrench_per_tension, jacobians(self.model, self.state)
         return np.einsum("fmbi,fbij->fmj", wrench, columns) + self.paths.mobility_per_tension
-
-
-_ORACLE, _SHARED = pytest.mark.oracle, pytest.mark.shared
 
 
 @pytest.fixture(

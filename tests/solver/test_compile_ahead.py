@@ -62,6 +62,18 @@ CUFFS = {
     }
     for name, k, c in (("waist", 2140.0, 124.0), ("hand", 8520.0, 210.0))
 }
+COMPILED_BY_A_SHARE = """
+import sys
+from solver.compile_ahead import SHARES
+SHARES[sys.argv[1]]()
+from numba.core.dispatcher import Dispatcher
+for name, module in list(sys.modules.items()):
+    if name.startswith("solver."):
+        for value in vars(module).values():
+            if isinstance(value, Dispatcher) and value.signatures and value.py_func.__module__ == name:
+                print(f"{name}.{value.py_func.__name__}", len(value.signatures))
+"""
+DYNAMICS = (mass_matrix_and_bias, fill_responses, evaluate_chain)
 
 
 @pytest.fixture(scope="module")
@@ -83,20 +95,6 @@ def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str
     assert counts[-1] == {"ready": 12, "kernels": 12}
     assert [count["ready"] for count in counts] == sorted(count["ready"] for count in counts)
     assert ran.stderr == ""
-
-
-COMPILED_BY_A_SHARE = """
-import sys
-from solver.compile_ahead import SHARES
-SHARES[sys.argv[1]]()
-from numba.core.dispatcher import Dispatcher
-for name, module in list(sys.modules.items()):
-    if name.startswith("solver."):
-        for value in vars(module).values():
-            if isinstance(value, Dispatcher) and value.signatures and value.py_func.__module__ == name:
-                print(f"{name}.{value.py_func.__name__}", len(value.signatures))
-"""
-DYNAMICS = (mass_matrix_and_bias, fill_responses, evaluate_chain)
 
 
 @pytest.mark.parametrize(

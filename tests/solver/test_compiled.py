@@ -45,6 +45,18 @@ def scaled(x):
 def kernel(x):
     return scaled(x)
 """
+KEYS_OF_KERNELS = """
+from hashlib import sha256
+from importlib import import_module
+from solver.compile_ahead import KERNELS
+from solver.compiled import _parts
+
+for module, name in KERNELS:
+    kernel = getattr(import_module(module), name)
+    print(name, sha256(repr(list(_parts(kernel.py_func, set()))).encode()).hexdigest())
+"""
+MODEL = bundled_model()
+MOTION = differentiate(simulate_arm_raise(MODEL))
 
 
 @pytest.fixture(autouse=True)
@@ -212,18 +224,6 @@ def test_without_a_writable_folder_it_is_compiled_and_reported_once(
     assert sum(record.name == compiled.__name__ for record in caplog.records) == 2
 
 
-KEYS_OF_KERNELS = """
-from hashlib import sha256
-from importlib import import_module
-from solver.compile_ahead import KERNELS
-from solver.compiled import _parts
-
-for module, name in KERNELS:
-    kernel = getattr(import_module(module), name)
-    print(name, sha256(repr(list(_parts(kernel.py_func, set()))).encode()).hexdigest())
-"""
-
-
 def test_another_process_looks_for_a_kernel_under_the_same_key() -> None:
     """Else it compiles the kernel again. The order of a set, for one, depends on the process."""
     first, second = (
@@ -238,10 +238,6 @@ def test_another_process_looks_for_a_kernel_under_the_same_key() -> None:
     )
     assert first.count("\n") == 12
     assert first == second
-
-
-MODEL = bundled_model()
-MOTION = differentiate(simulate_arm_raise(MODEL))
 
 
 @pytest.fixture(autouse=True)

@@ -26,6 +26,24 @@ from tests.solver.published import (
 )
 
 pytestmark = pytest.mark.shared
+PUBLISHED_COSTS = {
+    "hand": (0.829, 0.798, 0.858),
+    "tube": (0.829, 0.803, 0.854),
+    "elbow": (0.869, 0.818, 0.877),
+}
+PUBLISHED_OPTIMA = {
+    ("rigid", None): (0.74, 0.79, 3.9),
+    ("shift", "hand"): (0.71, 0.79, 4.1),
+    ("shift", "tube"): (0.72, 0.79, 3.9),
+    ("shift", "elbow"): (0.71, 0.78, 3.7),
+    ("visco_elastic", "hand"): (0.72, 0.79, 5.2),
+    ("visco_elastic", "tube"): (0.72, 0.79, 5.4),
+    ("visco_elastic", "elbow"): (0.70, 0.79, 6.0),
+    ("both", "hand"): (0.70, 0.79, 5.3),
+    ("both", "tube"): (0.70, 0.79, 5.4),
+    ("both", "elbow"): (0.68, 0.79, 5.8),
+}
+EVERY = 4  # frames; docs/assessment.md has the table of all of them
 
 
 @pytest.fixture(scope="module", params=[(*trial, cone) for trial in TRIALS for cone in (True, False)], ids=str)
@@ -93,25 +111,7 @@ def test_our_solver_finds_clarabels_optimum_in_every_frame(name, weight, free):
 
 
 # at a rest length of 0.74 m: shift, visco-elastic, both
-PUBLISHED_COSTS = {
-    "hand": (0.829, 0.798, 0.858),
-    "tube": (0.829, 0.803, 0.854),
-    "elbow": (0.869, 0.818, 0.877),
-}
 # best rest length [m], cost there, permissible error [cm]
-PUBLISHED_OPTIMA = {
-    ("rigid", None): (0.74, 0.79, 3.9),
-    ("shift", "hand"): (0.71, 0.79, 4.1),
-    ("shift", "tube"): (0.72, 0.79, 3.9),
-    ("shift", "elbow"): (0.71, 0.78, 3.7),
-    ("visco_elastic", "hand"): (0.72, 0.79, 5.2),
-    ("visco_elastic", "tube"): (0.72, 0.79, 5.4),
-    ("visco_elastic", "elbow"): (0.70, 0.79, 6.0),
-    ("both", "hand"): (0.70, 0.79, 5.3),
-    ("both", "tube"): (0.70, 0.79, 5.4),
-    ("both", "elbow"): (0.68, 0.79, 5.8),
-}
-EVERY = 4  # frames; docs/assessment.md has the table of all of them
 
 
 @pytest.fixture(scope="module")

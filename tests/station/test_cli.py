@@ -24,6 +24,7 @@ from tests.station.command import assert_one_sentence, assert_refused
 
 EXAMPLE = Path(__file__).parents[2] / "station.toml"
 CONFIG = str(EXAMPLE)
+RECORD = ("record", "--session", "s", "--cuff", "hand", "--test", "static", "--repeat", "1")
 
 
 def trial_file(folder: Path) -> Path:
@@ -32,9 +33,6 @@ def trial_file(folder: Path) -> Path:
     path = Rig().recorder().record(folder, TrialSpec("hand", "static", 1)).path
     assert path is not None
     return path
-
-
-RECORD = ("record", "--session", "s", "--cuff", "hand", "--test", "static", "--repeat", "1")
 
 
 def test_help_lists_the_verbs_in_the_order_of_their_use(station) -> None:

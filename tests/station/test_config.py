@@ -15,6 +15,8 @@ from station.protocol import TrialSpec, published_plan
 from tests.refusals import raises_refusal
 
 HAND = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
+TABLE = Path(__file__).parents[2] / "station" / "marker_presets.toml"
+BODIES = ["left_arm", "right_arm", "left_forearm", "right_forearm", "torso", "pelvis"]
 
 
 def test_an_empty_configuration_is_the_published_bench() -> None:
@@ -163,10 +165,6 @@ def test_the_example_s_sections_for_the_wearer_load_once_they_are_uncommented() 
         *published_shoulder().cord,
     }
     assert list(config.emg.channels) == ["anterior_deltoid", "upper_trapezius"]
-
-
-TABLE = Path(__file__).parents[2] / "station" / "marker_presets.toml"
-BODIES = ["left_arm", "right_arm", "left_forearm", "right_forearm", "torso", "pelvis"]
 
 
 def test_every_body_is_made_of_markers_that_qualisys_lists() -> None:

@@ -26,6 +26,9 @@ from station.progress import silent
 from station.protocol import TrialSpec, published_plan
 from tests.fitting.experiment import Session, published
 
+GOOD = ""
+SILENT = (Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent", "code": "device_lost.silent"}),)
+
 
 @pytest.fixture(scope="module")
 def fitted() -> SessionFit:
@@ -63,10 +66,6 @@ def test_the_report_is_written_without_the_missing_part(
 
 
 # An unusable trial is recorded a second time, and a missing one is named. The bench is a fake.
-
-
-GOOD = ""
-SILENT = (Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent", "code": "device_lost.silent"}),)
 
 
 @dataclass

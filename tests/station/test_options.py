@@ -22,6 +22,16 @@ from station.messages.codes import InputCode
 from tests.station.command import Ran, assert_one_sentence, help_of
 from tests.station.test_cli import CONFIG, trial_file
 
+FLOATS = [
+    (verb, option.opts[0])
+    for verb, command in typer.main.get_command(app).commands.items()
+    for option in command.params
+    if "float" in str(get_type_hints(command.callback)[option.name])
+]
+OTHER_FORMS = [("scale", "--body-mass", "nan"), ("ik", "--from", "-inf"), ("id", "--cutoff-hz", "1e999")]
+Station = Callable[..., Ran]
+LEG = Path(__file__).parents[2] / "examples" / "leg"
+
 
 def test_the_version_is_shown(station) -> None:
     ran = station("--version")
@@ -44,15 +54,6 @@ def test_a_complete_file_is_its_own_recovery(station, tmp_path: Path) -> None:
     report = json.loads(station("recover", path, "--format", "json").out)
     assert (report["output"], report["lossless"], report["missing"]) == (str(path), True, [])
     assert [file.name for file in tmp_path.glob("*.mcap")] == [path.name]
-
-
-FLOATS = [
-    (verb, option.opts[0])
-    for verb, command in typer.main.get_command(app).commands.items()
-    for option in command.params
-    if "float" in str(get_type_hints(command.callback)[option.name])
-]
-OTHER_FORMS = [("scale", "--body-mass", "nan"), ("ik", "--from", "-inf"), ("id", "--cutoff-hz", "1e999")]
 
 
 @pytest.mark.parametrize(("verb", "option", "value"), [(*option, "inf") for option in FLOATS] + OTHER_FORMS)
@@ -163,10 +164,6 @@ def _help_texts(verb: str) -> list[str]:
 def _compact(text: str) -> str:
     """Without white space and the frame of a table, so that lines may break anywhere."""
     return "".join(text.replace("│", " ").split())
-
-
-Station = Callable[..., Ran]
-LEG = Path(__file__).parents[2] / "examples" / "leg"
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from tests.refusals import raises_refusal
 
 BENCH = Settings()
 HOOK_KG = BENCH.rig.hook_n / g
+TEST = BounceTest(mass_kg=2.0, frequency_hz=1.2, damping_ratio=0.01)
 
 
 def rng(seed: int = 1) -> np.random.Generator:
@@ -100,9 +101,6 @@ def test_it_holds_its_last_point_until_the_next_one_and_keeps_earlier_ones(kept_
 
 
 # The weight that bounces under the simulated load cell, against the laws it must keep.
-
-
-TEST = BounceTest(mass_kg=2.0, frequency_hz=1.2, damping_ratio=0.01)
 
 
 def _bounced() -> tuple[BouncingMass, float]:

@@ -10,6 +10,8 @@ from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.world import World
 
 T = np.arange(0.0, 60.0, 0.05)
+LONG_T = np.linspace(0.0, 400.0, 80_001)
+WANDER = random_wander(np.random.default_rng(5), np.array([2.0, 0.0, 0.3]), 0.05, 0.8)
 
 
 def cloud(bench: Settings | None = None, seed: int = 3) -> MarkerCloud:
@@ -98,10 +100,6 @@ def test_a_capture_has_no_frame_at_its_end_however_the_end_is_rounded(start: flo
         camera = Camera(bench, start)
         exposed = camera.frames_before(start + frames / 100.0)
         assert exposed is not None and int(exposed.numbers[-1]) == frames
-
-
-LONG_T = np.linspace(0.0, 400.0, 80_001)
-WANDER = random_wander(np.random.default_rng(5), np.array([2.0, 0.0, 0.3]), 0.05, 0.8)
 
 
 def test_it_has_the_standard_deviation_asked_for() -> None:

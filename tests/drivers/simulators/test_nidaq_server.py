@@ -20,6 +20,8 @@ from drivers.simulators.daq_rpcs import NiDaqSimulator
 from tests.drivers.stand_in_world import StandInWorld
 from tests.timeout import scaled_timeout
 
+NAME = "our_task"
+
 
 @pytest.fixture
 def world() -> Iterator[StandInWorld]:
@@ -203,9 +205,6 @@ def test_a_port_that_is_taken_is_one_sentence(server: NiDaqSimulator, world: Sta
 
 
 # Sessions of the simulated device server, by unmodified nidaqmx, as in ni/grpc-device's session_repository.cpp.
-
-
-NAME = "our_task"
 
 
 @contextlib.contextmanager

@@ -14,6 +14,20 @@ from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.world import World
 from tests.refusals import raises_refusal
 
+PLAN = """
+[[faults]]
+device = "ni"
+fault = "unplug"
+at_s = 3
+for_s = 2.5
+
+[[faults]]
+device = "qtm"
+fault = "drop_labels"
+capture = 0
+labels = ["cuff_1"]
+"""
+
 
 def test_by_default_the_cuffs_are_the_published_ones() -> None:
     truth = settings_from_dict({}).cuffs
@@ -58,21 +72,6 @@ def test_settings_cannot_be_changed_afterwards() -> None:
 
 
 # The plan of what goes wrong, and what becomes of the sync line; faults on the wires stand in tests/drivers.
-
-
-PLAN = """
-[[faults]]
-device = "ni"
-fault = "unplug"
-at_s = 3
-for_s = 2.5
-
-[[faults]]
-device = "qtm"
-fault = "drop_labels"
-capture = 0
-labels = ["cuff_1"]
-"""
 
 
 def plan_file(folder: Path, text: str | bytes) -> Path:

@@ -22,6 +22,12 @@ from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
 SHORT = {"repeats": 1, "static": {"hold_s": 3.0, "lead_in_s": 1.0}, "dynamic": {"swing_s": 6.0}}
+LED = {
+    "operator": {"capture": "remote", "hands": "led"},
+    "protocol": {"static": {"step_masses_kg": [2.0, 2.0]}, "dynamic": {"swing_s": 4.0}},
+}
+WEIGHT_N = 2.0 * 9.80665
+PATIENCE_S = 30.0  # wall; a bound on failing tests, not an expectation
 
 
 def world(**settings: Any) -> World:
@@ -236,13 +242,6 @@ def test_devices_in_many_threads_see_one_world() -> None:
 # Hands that follow a page: a weight hangs when it was asked for, and no sooner.
 
 
-LED = {
-    "operator": {"capture": "remote", "hands": "led"},
-    "protocol": {"static": {"step_masses_kg": [2.0, 2.0]}, "dynamic": {"swing_s": 4.0}},
-}
-WEIGHT_N = 2.0 * 9.80665
-
-
 def world_of(**changes: object) -> World:
     return World(settings_from_dict({**LED, **changes}), speed=None)
 
@@ -292,9 +291,6 @@ def test_hands_by_the_script_take_no_steps() -> None:
     capture = world.start_capture()
     world.follow(3)
     assert world.capture == capture and math.isfinite(capture.end)
-
-
-PATIENCE_S = 30.0  # wall; a bound on failing tests, not an expectation
 
 
 class Device:

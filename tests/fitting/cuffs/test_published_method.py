@@ -19,6 +19,17 @@ from fitting.uncertainty import normal_estimate
 from tests.fitting.experiment import Session, published
 from tests.refusals import raises_refusal
 
+FIT = CuffFit(
+    name="hand",
+    site="arm",
+    donning="1",
+    stiffness=normal_estimate(8520.5, 10.0),
+    damping=normal_estimate(210.25, 6.0),
+    migration=normal_estimate(0.012, 1e-5),
+    verdicts=(Verdict.IDENTIFIED,),
+    covariance=np.zeros((3, 3)),
+)
+
 
 @cache
 def _fitted(cuff: str, noise: float) -> tuple[SessionFit, PublishedFit]:
@@ -108,18 +119,6 @@ def test_a_first_repeat_is_compared_with_nothing() -> None:
 def test_a_cuff_that_migrates_further_than_any_published_one_has_slipped() -> None:
     assert not has_slipped(_trial(1000.0, migration=0.022))
     assert has_slipped(_trial(1000.0, migration=0.026))
-
-
-FIT = CuffFit(
-    name="hand",
-    site="arm",
-    donning="1",
-    stiffness=normal_estimate(8520.5, 10.0),
-    damping=normal_estimate(210.25, 6.0),
-    migration=normal_estimate(0.012, 1e-5),
-    verdicts=(Verdict.IDENTIFIED,),
-    covariance=np.zeros((3, 3)),
-)
 
 
 def test_its_translational_terms_are_the_cuffs_figures() -> None:

@@ -25,6 +25,9 @@ from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published
 from tests.fitting.pulls import DAMPING, MASS, STIFFNESS, swing
 
+TRUE_K, TRUE_C, MOVED_MASS = 5500.0, 120.0, 0.2
+W = 2 * np.pi * 1.1
+
 
 def _checked(record: Swing) -> tuple[Solution, Checks]:
     solution = estimate(record)
@@ -159,10 +162,6 @@ def test_a_hole_in_the_markers_splits_the_record() -> None:
 
 def test_a_motion_within_the_noise_has_no_lines() -> None:
     assert fit_lines(tapered_lines(swing(5, marker_noise=5e-3), 5e-3), MASS) is None
-
-
-TRUE_K, TRUE_C, MOVED_MASS = 5500.0, 120.0, 0.2
-W = 2 * np.pi * 1.1
 
 
 def _record(seed: int, *, lag: float = 0.0, lag_sd: float = 0.5e-3, noise: float = 1.0, seconds: float = 10.0) -> Swing:

@@ -25,6 +25,11 @@ from tests.fitting.pulls import MASS, pull_of, swing
 from tests.refusals import figures_by_code, raises_refusal
 
 K, C = 2140.0, 124.0
+SPREAD = 0.025 / np.sqrt(3)
+"""Seconds: a lag anywhere within half a sample at 20 Hz."""
+SLIPPING_K = 8000.0
+SWING = Oscillation(2.0, 14.0, 1.0, 16.0)
+time = np.arange(2.0, 14.0, 0.01)
 
 
 def _pull(
@@ -147,10 +152,6 @@ def test_the_energy_of_a_cycle_is_the_loops_area() -> None:
     )
 
 
-SPREAD = 0.025 / np.sqrt(3)
-"""Seconds: a lag anywhere within half a sample at 20 Hz."""
-
-
 def _posterior(seed: int, k: float, c: float, lag: float) -> tuple[LagPosterior, float]:
     """What is found, and c at the lag that was found; the stiffness is known to 0.5 %, and drawn so."""
     record = swing(seed, k=k, c=c, rate=100.0, seconds=15.0, lag_error=lag)
@@ -188,11 +189,6 @@ def test_a_lag_that_would_leave_a_negative_damping_does_not_count() -> None:
     posterior, damping = _posterior(2, 5530.0, 38.0, -0.025)
     assert damping > 0
     assert posterior.lag < 0
-
-
-SLIPPING_K = 8000.0
-SWING = Oscillation(2.0, 14.0, 1.0, 16.0)
-time = np.arange(2.0, 14.0, 0.01)
 
 
 def _find(offset: np.ndarray) -> Slip:

@@ -31,6 +31,12 @@ from tests.refusals import raises_refusal
 
 TIME = np.arange(6000) / RATE
 SOUND = raw_emg(activation(TIME), np.random.default_rng(1))[:, 0]
+LEVEL = np.where(TIME < 3, 0.2, 0.4)
+RAW = np.column_stack((raw_emg(LEVEL, np.random.default_rng(1), 2), np.zeros(6000)))
+TRIAL = EmgTrial("trial", ("a", "b", "off"), 2.0, RATE, RAW, "V")
+ENVELOPES = envelopes_of(TRIAL)
+LONG_TIME = np.arange(8000) / RATE
+INNER = slice(2000, 6000)
 
 
 def faults(channel: np.ndarray) -> tuple[ChannelFinding, ...]:
@@ -131,12 +137,6 @@ def test_the_public_channels_have_no_finding_with_an_offset_and_one_when_they_ar
     assert all(ChannelFinding.RECTIFIED in found for found in find_faults(rectified, 1000.0))
 
 
-LEVEL = np.where(TIME < 3, 0.2, 0.4)
-RAW = np.column_stack((raw_emg(LEVEL, np.random.default_rng(1), 2), np.zeros(6000)))
-TRIAL = EmgTrial("trial", ("a", "b", "off"), 2.0, RATE, RAW, "V")
-ENVELOPES = envelopes_of(TRIAL)
-
-
 def test_a_channel_that_cannot_be_used_has_no_numbers_and_the_others_have() -> None:
     assert ENVELOPES.usable == ("a", "b")
     assert np.isnan(ENVELOPES.of("off")).all()
@@ -179,10 +179,6 @@ def test_at_another_rate_the_curve_stays_the_same() -> None:
 
 
 # Envelopes against what is known of a sine, and against filters that are written down here from their formulas.
-
-
-LONG_TIME = np.arange(8000) / RATE
-INNER = slice(2000, 6000)
 
 
 def biquad(values: np.ndarray, cutoff: float, quality: float, *, is_high_pass: bool) -> np.ndarray:

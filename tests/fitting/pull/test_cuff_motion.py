@@ -34,6 +34,13 @@ ROPE = np.array([[0.10, 0.20, 0.30], [0.16, 0.28, 0.30]])
 PULL = np.array([0.6, 0.8, 0.0])
 TIME = np.arange(1000) / 100
 WAY = np.where(TIME > 2, 0.01 * np.sin(TIME - 2), 0.0)
+PART, MOST, LEAD_IN, COMES_AND_GOES = slice(400, 700), slice(150, None), slice(50, 120), slice(400, None, 2)
+FROZEN_TIME = np.arange(2000) / 100
+FORCE = 25 + 12 * np.sin(FROZEN_TIME)
+PLACES = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22], [0.06, 0.0, 0.05]])
+NAMES = tuple(f"anchor_{i}" for i in range(1, 6))
+LOADS = np.array([2.0, 17, 32, 47, 62, 77, 62, 47, 32, 17, 2])
+STIFFNESS, NOISE = 8520.0, 0.15e-3
 
 
 def _turning(angle: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -146,9 +153,6 @@ def test_ghosts_are_left_out(label: str) -> None:
     seen = np.isfinite(x)
     assert np.count_nonzero(~seen) < 15
     assert np.abs(x - WAY)[seen].max() < 1.5e-3
-
-
-PART, MOST, LEAD_IN, COMES_AND_GOES = slice(400, 700), slice(150, None), slice(50, 120), slice(400, None, 2)
 
 
 @pytest.mark.parametrize(
@@ -267,10 +271,6 @@ def test_a_cuff_that_does_not_follow_the_force_has_no_direction() -> None:
         _displacement(trial)
 
 
-FROZEN_TIME = np.arange(2000) / 100
-FORCE = 25 + 12 * np.sin(FROZEN_TIME)
-
-
 def _markers(still: slice, hidden: bool = False) -> np.ndarray:
     markers = np.random.default_rng(3).standard_normal((len(FROZEN_TIME), 5, 3))
     markers[still] = markers[still][:1]
@@ -306,10 +306,6 @@ def test_a_stretch_without_any_marker_is_no_standing_still() -> None:
     markers = _markers(slice(0, 0))
     markers[500:900] = np.nan
     assert not _is_refused(markers)
-
-
-PLACES = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22], [0.06, 0.0, 0.05]])
-NAMES = tuple(f"anchor_{i}" for i in range(1, 6))
 
 
 def _seen(seed: int, count: int, loose: int | None, way: float) -> np.ndarray:
@@ -359,10 +355,6 @@ def _with_loose(trial: Trial) -> Trial:
     slow = np.random.default_rng(2).standard_normal((len(markers) // 30 + 1, 3)).repeat(30, axis=0)[: len(markers)]
     markers[:, trial.labels.index("anchor_3")] += 1e-3 / np.sqrt(3) * slow
     return replace(trial, markers=markers)
-
-
-LOADS = np.array([2.0, 17, 32, 47, 62, 77, 62, 47, 32, 17, 2])
-STIFFNESS, NOISE = 8520.0, 0.15e-3
 
 
 def _coloured(seed: int, count: int, memory: float) -> np.ndarray:

@@ -17,6 +17,16 @@ from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
 from tests.refusals import figures_by_code
 
+LEVELS = (2.0, 12.0, 22.0, 32.0, 12.0, 2.0)
+MASSES = (1.5, 1.5, 1.0)
+WEIGHT = 9.80665
+MISTAKES = {
+    1 / 4.448: (GainMistake.POUNDS_FOR_NEWTONS,),
+    0.5: (GainMistake.CAPACITY_HALVED,),
+    0.1: (GainMistake.CAPACITY_TENTH, GainMistake.KILOGRAMS_FOR_NEWTONS),
+}
+SETS = [(1.5,) * 5, (0.5,) * 8, (0.3,) * 4, (2.0, 1.0, 0.5), (2.0,) * 3]
+
 
 @cache
 def _static(cuff: str, hold: float, force_rate: float) -> Trial:
@@ -60,9 +70,6 @@ def test_frames_in_a_long_gap_of_the_force_are_left_out(gap_s: float, is_used: b
 
 
 # Held loads in a trial's force.
-
-
-LEVELS = (2.0, 12.0, 22.0, 32.0, 12.0, 2.0)
 
 
 def _staircase(rate: float, seed: int, transfer: float = 0.3, hold: float = 6.0) -> tuple[np.ndarray, np.ndarray]:
@@ -176,10 +183,6 @@ def test_a_stretch_with_a_step_that_was_not_found_is_no_plateau() -> None:
 # Weights that were not what the protocol says, and load cells that were not what the configuration says.
 
 
-MASSES = (1.5, 1.5, 1.0)
-WEIGHT = 9.80665
-
-
 def _held(
     weights: tuple[int, ...] = (0, 1, 2, 3, 2, 1, 0), *, scale: float = 1.0, friction: float = 0.0, off: float = 0.0
 ) -> list[Plateau]:
@@ -236,14 +239,6 @@ def test_friction_of_a_pulley_is_named_and_is_no_wrong_scale() -> None:
     (note,) = check_steps(_held(friction=0.06), MASSES)
     assert note.code is TrialNoteCode.PULLEY
     assert note.figures["friction"] == pytest.approx(0.06, abs=2e-3)
-
-
-MISTAKES = {
-    1 / 4.448: (GainMistake.POUNDS_FOR_NEWTONS,),
-    0.5: (GainMistake.CAPACITY_HALVED,),
-    0.1: (GainMistake.CAPACITY_TENTH, GainMistake.KILOGRAMS_FOR_NEWTONS),
-}
-SETS = [(1.5,) * 5, (0.5,) * 8, (0.3,) * 4, (2.0, 1.0, 0.5), (2.0,) * 3]
 
 
 def _loads(masses: tuple[float, ...], seed: int, scale: float, friction: float, noise: float = 0.05) -> list[Plateau]:

@@ -42,6 +42,17 @@ SOME = pytest.mark.parametrize("count", [8, pytest.param(20, marks=pytest.mark.s
 """Seeds of a test; those of the slow ones hold the others, which were fitted by then."""
 CREEPING = Held(creep=0.15, unloads=True)
 SLIPPING = Held(first_slip=25.0, hardening=4000.0, unloads=True)
+CREEP = Creep(
+    fraction=normal_estimate(0.1, 0.04),
+    time_constant=10.0,
+    compliance=2e-4,
+    stiffness_at_rest=normal_estimate(4545.0, 10.0),
+    significance=5.0,
+    in_holds=3.0,
+    chi_square=8.0,
+    dof=10,
+    remaining_force=(-40.0, -50.0, -60.0),
+)
 
 
 @cache
@@ -274,19 +285,6 @@ def test_one_held_load_or_none_determines_no_migration() -> None:
     assert fit_migration([_trial((2.0, 0.0))]) is None
     assert fit_migration([[]]) is None
     assert fit_migration([]) is None
-
-
-CREEP = Creep(
-    fraction=normal_estimate(0.1, 0.04),
-    time_constant=10.0,
-    compliance=2e-4,
-    stiffness_at_rest=normal_estimate(4545.0, 10.0),
-    significance=5.0,
-    in_holds=3.0,
-    chi_square=8.0,
-    dof=10,
-    remaining_force=(-40.0, -50.0, -60.0),
-)
 
 
 FIRST = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))

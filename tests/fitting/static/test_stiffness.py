@@ -22,6 +22,8 @@ from tests.refusals import raises_refusal
 K = 8000.0
 NOISE = 2e-5
 UP, DOWN = (2.0, 17.0, 32.0, 47.0, 62.0, 77.0), (62.0, 47.0, 32.0, 17.0, 2.0)
+STEEP = Estimate(8000.0, 100.0, (7800.0, 8200.0), {"noise": 100.0})
+FLAT = Estimate(7000.0, 50.0, (6900.0, 7100.0), {"noise": 50.0})
 
 
 def _held(loads: Sequence[float], slips: NDArray[np.float64] | None = None, seed: int | None = None) -> list[Plateau]:
@@ -305,10 +307,6 @@ def test_progressive_slip_counts_from_three_standard_errors_on(more: float, foun
     slipped, again = (_held(UP + DOWN, _slipping(UP + DOWN) + shift) for shift in (0.0, more))
     fit = fit_stiffness([slipped, again], 0.0)
     assert fit.slips_again and fit.progressive_slip == pytest.approx(found)
-
-
-STEEP = Estimate(8000.0, 100.0, (7800.0, 8200.0), {"noise": 100.0})
-FLAT = Estimate(7000.0, 50.0, (6900.0, 7100.0), {"noise": 50.0})
 
 
 @pytest.mark.parametrize(

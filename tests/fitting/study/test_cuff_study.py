@@ -19,6 +19,9 @@ from fitting.study.cuff_study import (
 from fitting.study.variance_components import Factor, MixedModel, fit_components
 from tests.fitting.study.published import PEAK_FLOW, PENICILLIN, SHROUT_FLEISS
 
+SD = {"volunteer": 800.0, "volunteer_by_cuff": 300.0, "donning": 300.0, "repeat": 60.0, "operator": 250.0}
+MEAN, DIFFERENCE, NOISE = 5000.0, -1500.0, 25.0
+
 
 def _targets_and_judges(table: np.ndarray) -> MixedModel:
     target, judge = np.indices(table.shape).reshape(2, -1)
@@ -102,10 +105,6 @@ def test_two_pairs_have_no_limits_of_agreement() -> None:
 
 
 # Intervals hold the true value as often as they say, over studies that are drawn without the code of the fit.
-
-
-SD = {"volunteer": 800.0, "volunteer_by_cuff": 300.0, "donning": 300.0, "repeat": 60.0, "operator": 250.0}
-MEAN, DIFFERENCE, NOISE = 5000.0, -1500.0, 25.0
 
 
 def test_twelve_studies_are_mostly_in_their_intervals() -> None:

@@ -25,6 +25,8 @@ from fitting.study.power import (
 )
 from tests.fitting.pulls import DAMPING, MASS, STIFFNESS, Held, static_trial, swing
 
+NOISE = 5.0
+
 
 @pytest.mark.parametrize("frequency", [0.7, 1.5])
 def test_the_information_of_an_oscillation_agrees_with_the_fit_s_own_standard_error(frequency: float) -> None:
@@ -157,9 +159,6 @@ def test_the_power_is_the_part_of_studies_in_which_the_interval_of_the_study_lea
         found += effect is not None and not effect.ci95[0] <= 0.0 <= effect.ci95[1]
     error = difference_error(spread, NOISE / np.sqrt(2), 8, 2, 2)
     assert found / count == pytest.approx(paired_power(difference, error, 8, 0.05), abs=0.07)
-
-
-NOISE = 5.0
 
 
 def _drawn(rng: np.random.Generator, spread: ExpectedSpread, difference: float) -> Iterator[Observation]:

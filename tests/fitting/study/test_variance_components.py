@@ -31,6 +31,7 @@ RNG = np.random.default_rng(7)
 GROUPS = np.repeat(np.eye(3), 4, axis=0)  # 3 groups of 4
 VALUES = np.repeat([0.0, 3.0, 4.0], 4) + np.tile([1.0, -1.0, 2.0, -2.0], 3)
 ONES = np.ones((12, 1))
+SPREAD, WITHIN = 0.15, 0.02
 
 
 def one_way(values: Array = VALUES, noise: float = 0.0) -> ErrorContrasts:
@@ -314,9 +315,6 @@ def test_factors_that_leave_the_covariance_singular_are_refused() -> None:
 
 
 # Relative spread between donnings: against analysis of variance, in coverage, and where it cannot be estimated.
-
-
-SPREAD, WITHIN = 0.15, 0.02
 
 
 def measured(

@@ -19,6 +19,8 @@ from tests.fitting.bouncing import Bounce, recorded
 from tests.refusals import raises_refusal
 
 CODE = 20 / 4096
+COUNT = 30
+ODD = Bounce(lag=0.004, gain=1.01)
 
 
 def test_newtons_carry_the_declared_polarity() -> None:
@@ -123,10 +125,6 @@ def test_the_bias_covers_what_a_converter_does_to_levels_and_not_much_more() -> 
         found = np.sqrt(np.mean((read.mean(axis=1) - levels) ** 2))
         said = np.mean([level_bias(1.0, float(np.std(row))) for row in read])
         assert 0.9 * found < said < 2.5 * found
-
-
-COUNT = 30
-ODD = Bounce(lag=0.004, gain=1.01)
 
 
 def _trial(truth: Bounce, seed: int = 1, run: int = 1) -> BounceTrial:

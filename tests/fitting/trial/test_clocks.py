@@ -31,6 +31,17 @@ from tests.refusals import raises_refusal
 
 time = np.arange(4000) / 1000
 END_OF_FRAME = stop_window(Timing(stop_edge="end_of_frame"), 0.01)
+Stop = Literal["end_of_frame", "end_of_exposure", "anywhere"]
+STOPS: tuple[Stop, ...] = ("end_of_frame", "end_of_exposure", "anywhere")
+EXPOSURE = 4e-4
+SAMPLE_RATE = 1000.0
+FRAME_RATES = (85.0, 100.0, 120.0, 179.0, 200.0)
+"""QTM takes any whole number; most of these do not divide the DAQ's samples evenly."""
+TEMPERATURE_SD = 3e-6
+"""Seconds a second by which a quartz changes from one trial to the next."""
+TRIALS = 100
+DRIFTS_PPM = ((0, 0), (50, 0), (0, 50), (300, 0), (0, 300))
+"""Of the DAQ's clock and of the camera's."""
 
 
 def _line(*pulses: tuple[float, float]) -> np.ndarray:
@@ -178,19 +189,6 @@ def test_drift_counts_from_where_the_lag_was_calibrated() -> None:
 def test_an_edge_before_the_first_frame_takes_two_witnesses(falling: float | None, late: float, early: float) -> None:
     edges = SyncEdges(0.0, 3e-4, falling, 3e-4)
     assert early_edge(edges, 10.0, 0.01, late) == pytest.approx(early)
-
-
-Stop = Literal["end_of_frame", "end_of_exposure", "anywhere"]
-STOPS: tuple[Stop, ...] = ("end_of_frame", "end_of_exposure", "anywhere")
-EXPOSURE = 4e-4
-SAMPLE_RATE = 1000.0
-FRAME_RATES = (85.0, 100.0, 120.0, 179.0, 200.0)
-"""QTM takes any whole number; most of these do not divide the DAQ's samples evenly."""
-TEMPERATURE_SD = 3e-6
-"""Seconds a second by which a quartz changes from one trial to the next."""
-TRIALS = 100
-DRIFTS_PPM = ((0, 0), (50, 0), (0, 50), (300, 0), (0, 300))
-"""Of the DAQ's clock and of the camera's."""
 
 
 @dataclass(frozen=True)

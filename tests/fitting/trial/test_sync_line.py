@@ -26,6 +26,11 @@ from tests.refusals import figures_by_code, raises_refusal
 Line = tuple[NDArray[np.float64], NDArray[np.float64], float]
 CAPTURE = (2500, 6000)
 STEP_SD = 1e-3 / np.sqrt(12)  # of a time known to lie between two samples of 1 kHz
+TIME = np.arange(3) / 1000
+LABELS = ("a1", "a2", "a3", "cuff")
+SECONDS_PER_VOLT = 20.0
+LATENESS = 5e-3
+"""Mean of the exponential delay of a block [s]."""
 
 
 def line(*pulses: tuple[int, int], low: tuple[tuple[int, int], ...] = (), start: int = 0, end: int = 8000) -> Line:
@@ -113,9 +118,6 @@ def test_a_trigger_pulse_gives_a_start_and_no_stop() -> None:
     assert (edges.rising, edges.falling) == (pytest.approx(2.4995), None)
     assert edges.findings[0].code is TrialNoteCode.SYNC_SHORT
     assert edges.findings[0].figures["duration_s"] == pytest.approx(0.01)
-
-
-TIME = np.arange(3) / 1000
 
 
 @pytest.mark.parametrize(
@@ -211,12 +213,6 @@ def test_whatever_the_line_does_two_edges_in_order_come_out_or_one_sentence(
     else:
         assert edges.falling is None or edges.rising < edges.falling
         assert all(str(note) for note in edges.findings)
-
-
-LABELS = ("a1", "a2", "a3", "cuff")
-SECONDS_PER_VOLT = 20.0
-LATENESS = 5e-3
-"""Mean of the exponential delay of a block [s]."""
 
 
 @cache

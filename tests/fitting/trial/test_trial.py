@@ -34,6 +34,13 @@ from tests.fitting.experiment import Session, published
 from tests.refusals import figures_by_code, raises_refusal
 
 Tracks = dict[str, Track]
+FATES = {"used", "unusable", *RejectionCode}
+KINDS = ("lost", "only", "nan", "zero", "huge", "stuck", "renumbered", "late", "stamps")
+fractions = st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted)
+damages = st.lists(
+    st.tuples(st.integers(0, 1), st.sampled_from(["/force", "/sync", "/markers"]), st.sampled_from(KINDS), fractions),
+    max_size=3,
+)
 
 
 @cache
@@ -406,9 +413,6 @@ def test_sample_numbers_that_go_back_are_refused() -> None:
         build_trial(_recorded()[0], _changed("/force", sample_numbers=numbers), "a.mcap", "hash")
 
 
-FATES = {"used", "unusable", *RejectionCode}
-
-
 @cache
 def _recorded_tracks() -> tuple[tuple[Manifest, Tracks], ...]:
     """A short static and a short dynamic trial, force at 100 Hz."""
@@ -446,14 +450,6 @@ def _damage(track: Track, kind: str, first: float, last: float) -> Track:
     elif kind == "stamps":
         changed["device_time_ns"][part] = 0
     return replace(track, **changed)
-
-
-KINDS = ("lost", "only", "nan", "zero", "huge", "stuck", "renumbered", "late", "stamps")
-fractions = st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted)
-damages = st.lists(
-    st.tuples(st.integers(0, 1), st.sampled_from(["/force", "/sync", "/markers"]), st.sampled_from(KINDS), fractions),
-    max_size=3,
-)
 
 
 def _found(*damages: tuple[int, str, str, list[float]]) -> Any:

@@ -16,6 +16,9 @@ from recordings.manifest import BodyMarkers, EmgAmplifier
 from tests.fitting.trial.test_analog_signals import LABELS, MANIFEST, recorded
 from tests.refusals import raises_refusal
 
+TIME = np.arange(0.0, 20.0, 0.01)
+DEGREE = np.pi / 180
+
 
 def test_markers_are_metres_and_emg_is_beside_them() -> None:
     tracks = recorded()
@@ -55,10 +58,6 @@ def test_what_is_no_wearer_or_lacks_his_markers_is_refused(
 
 
 # Elevation of the arm, and cycles of it, against curves whose cycles are known.
-
-
-TIME = np.arange(0.0, 20.0, 0.01)
-DEGREE = np.pi / 180
 
 
 def raised(starts: list[float], heights: list[float], length: float = 3.0) -> np.ndarray:

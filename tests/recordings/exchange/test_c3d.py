@@ -26,6 +26,8 @@ POINTS, RAW_FRAMES, CHANNELS, PER_FRAME, SCALE = 3, 60, 2, 4, 0.1
 POSITIONS = np.arange(RAW_FRAMES * POINTS * 3).reshape(RAW_FRAMES, POINTS, 3) + 10
 INTEL, DEC, MIPS = 84, 85, 86
 CHARACTER, INTEGER, REAL = -1, 2, 4
+FORCE = np.sin(np.arange(10 * FRAMES) / 7)
+PROCESSORS = pytest.mark.parametrize("processor", [INTEL, DEC, MIPS], ids=["intel", "dec", "mips"])
 
 
 def write_raw_c3d(
@@ -106,9 +108,6 @@ class _Numbers:
 
 def _record(numbers: _Numbers, group: int, name: str, body: bytes) -> bytes:
     return struct.pack("<bb", len(name), group) + name.encode() + numbers.integers(2 + len(body)) + body
-
-
-FORCE = np.sin(np.arange(10 * FRAMES) / 7)
 
 
 @pytest.fixture
@@ -248,9 +247,6 @@ def test_a_file_that_lost_its_end_is_cut(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes()[:-10])
     with raises_refusal(RecordingCode.FOREIGN_CUT, "59"):
         read_c3d_markers(file)
-
-
-PROCESSORS = pytest.mark.parametrize("processor", [INTEL, DEC, MIPS], ids=["intel", "dec", "mips"])
 
 
 @PROCESSORS

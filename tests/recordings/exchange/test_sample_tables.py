@@ -23,6 +23,29 @@ from recordings.exchange.signal_csv import read_signals, write_columns
 from tests.conftest import SHARED
 from tests.refusals import raises_refusal
 
+DELSYS = (
+    "Label: EMG1 Sampling frequency: 1000 Unit: mV Domain: Time\n\n"
+    'X[s],"EMG1",X[s],"EMG 2, left [V]",X[s],"ACC 1"\n'
+    "0.000,0.1,0.000,0.2,0.000,1\n0.001,0.3,0.001,0.4,0.007,1\n0.002,0.5,0.002,0.6,,\n"
+)
+QTM = (
+    "FILE_VERSION\t2.0.0\nTOT_NO_OF_CHAN\t2\nTIME_STAMP\t2025-01-01, 10:00:00\t12.5\nDATA_INCLUDED\tANALOG\n"
+    "CHANNEL_NAMES\tAD\tMD\nCHANNEL_GAIN\t1\t1\nCHANNEL_FREQUENCIES\t{rates}\n{titles}"
+)
+TEXT = """  \t// User name
+29-11-2018\t// Evaluation date
+AFLX01\t13-1-2010\t18:34:34:250\t// Source file name and timestamp
+1000.000\t// Measurement rate
+0.003\t// Data capture period
+BUTTERWORTH FILTER\t// Smoothing function
+SET BAD DATA TO ZERO\t// Data repair function
+
+Frame #\tAD\tMD\t
+0\t-0.787048\t-0.261841\t
+1\t-0.797424\t-0.261536\t
+2\t0.5\t0.25\t
+"""
+
 
 @pytest.mark.parametrize(
     ("times", "code", "naming"),
@@ -207,17 +230,6 @@ def test_numbers_come_back_to_the_last_bit(tmp_path: Path) -> None:
     assert np.array_equal(read.time_s, np.arange(200) / 3)
 
 
-DELSYS = (
-    "Label: EMG1 Sampling frequency: 1000 Unit: mV Domain: Time\n\n"
-    'X[s],"EMG1",X[s],"EMG 2, left [V]",X[s],"ACC 1"\n'
-    "0.000,0.1,0.000,0.2,0.000,1\n0.001,0.3,0.001,0.4,0.007,1\n0.002,0.5,0.002,0.6,,\n"
-)
-QTM = (
-    "FILE_VERSION\t2.0.0\nTOT_NO_OF_CHAN\t2\nTIME_STAMP\t2025-01-01, 10:00:00\t12.5\nDATA_INCLUDED\tANALOG\n"
-    "CHANNEL_NAMES\tAD\tMD\nCHANNEL_GAIN\t1\t1\nCHANNEL_FREQUENCIES\t{rates}\n{titles}"
-)
-
-
 def read(folder: Path, text: str, rate: float | None = None, labels: tuple[str, ...] = ()) -> SignalTable:
     path = folder / "emg.csv"
     path.write_text(text, encoding="utf-8")
@@ -294,21 +306,6 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(
 ) -> None:
     with raises_refusal(code, naming):
         read(tmp_path, text)
-
-
-TEXT = """  \t// User name
-29-11-2018\t// Evaluation date
-AFLX01\t13-1-2010\t18:34:34:250\t// Source file name and timestamp
-1000.000\t// Measurement rate
-0.003\t// Data capture period
-BUTTERWORTH FILTER\t// Smoothing function
-SET BAD DATA TO ZERO\t// Data repair function
-
-Frame #\tAD\tMD\t
-0\t-0.787048\t-0.261841\t
-1\t-0.797424\t-0.261536\t
-2\t0.5\t0.25\t
-"""
 
 
 def written(folder: Path, text: str) -> Path:

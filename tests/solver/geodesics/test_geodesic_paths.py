@@ -30,6 +30,15 @@ Array = NDArray[np.float64]
 MODEL = bundled_model()
 RANDOM = np.random.default_rng(3)
 STEP = 1e-6
+RADIUS = 0.04
+RADII = np.array([0.03, 0.05, 0.04])
+POINTS_RANDOM = np.random.default_rng(8)
+NEAR_CENTRE = [  # semi-axes, start, end: heights over the line mislead
+    ((0.07244, 0.07625, 0.0507), (0.03401, -0.07531, -0.14828), (-0.01564, 0.03491, 0.0564)),
+    ((0.04174, 0.03639, 0.0784), (0.00396, -0.01951, -0.07595), (-0.0052, 0.03639, 0.09891)),
+    ((0.03958, 0.05508, 0.07851), (-0.1061, -0.03239, 0.20249), (0.02458, 0.0083, -0.06795)),
+    ((0.07614, 0.03894, 0.05254), (-0.09749, 0.12885, 0.05673), (0.06286, -0.0379, -0.01399)),
+]
 
 
 def _lengths(model: Model, coordinates: Array, paths: list[Path] | None = None) -> Array:
@@ -164,11 +173,6 @@ def _without_surfaces(model: Model) -> list[Path]:
 
 
 # Paths pulled taut over one surface or two, against what geometry says of them.
-
-
-RADIUS = 0.04
-RADII = np.array([0.03, 0.05, 0.04])
-POINTS_RANDOM = np.random.default_rng(8)
 
 
 def _length(surfaces: list[WrapSurface], *line: Array) -> float:
@@ -322,14 +326,6 @@ def test_it_lifts_off_without_a_jump_or_a_bend(surface: WrapSurface) -> None:
     assert np.array_equal(detour[:2], [0.0, 0.0])
     assert 0.0 <= detour[2] < 1e-10
     assert 2**1.9 < detour[4] / detour[3] < 2**2.1
-
-
-NEAR_CENTRE = [  # semi-axes, start, end: heights over the line mislead
-    ((0.07244, 0.07625, 0.0507), (0.03401, -0.07531, -0.14828), (-0.01564, 0.03491, 0.0564)),
-    ((0.04174, 0.03639, 0.0784), (0.00396, -0.01951, -0.07595), (-0.0052, 0.03639, 0.09891)),
-    ((0.03958, 0.05508, 0.07851), (-0.1061, -0.03239, 0.20249), (0.02458, 0.0083, -0.06795)),
-    ((0.07614, 0.03894, 0.05254), (-0.09749, 0.12885, 0.05673), (0.06286, -0.0379, -0.01399)),
-]
 
 
 def test_no_plane_section_is_shorter() -> None:

@@ -14,6 +14,8 @@ from solver.model import GROUND, Marker, Model, PointConstraint
 from solver.multibody.postures import points_in_ground, postures
 
 Array = NDArray[np.float64]
+Draw = Callable[[np.random.Generator], Array]
+INTERVAL, FRAMES = 0.01, 400  # s
 
 
 def with_markers(model: Model, each: int = 3, seed: int = 1) -> Model:
@@ -75,11 +77,8 @@ def cost_of(model: Model, tasks: TrackingTasks, observed: Array, coordinates: Ar
 # Every coordinate moves by its own amount, and the joint of the shoulder girdle is closed in every frame.
 
 
-Draw = Callable[[np.random.Generator], Array]
-
 MODEL = with_markers(bundled_model())
 TASKS = TrackingTasks(MODEL.markers, np.ones(len(MODEL.markers)))
-INTERVAL, FRAMES = 0.01, 400  # s
 RAISED = MODEL.default_coordinates + 0.6 * (np.array(MODEL.coordinate_names) == "shoulder_elv")
 
 

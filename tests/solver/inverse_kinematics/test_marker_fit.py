@@ -29,6 +29,8 @@ MARKERS = tasks_of(MODEL).markers
 BUNDLED = bundled_model()
 TIME = np.arange(400) / 100.0
 TRUTH = np.sin(TIME)[:, None] * np.ones(len(BUNDLED.coordinates))
+Array = NDArray[np.float64]
+RATE = 100.0
 
 
 @pytest.mark.parametrize("vertical", ["x", "y", "z"])
@@ -84,10 +86,6 @@ def test_a_trial_with_hardly_any_posture_is_refused() -> None:
 
 
 # Exchanged labels are found from trajectories alone, whichever they are and whatever is hidden.
-
-
-Array = NDArray[np.float64]
-RATE = 100.0
 
 
 def moving(frames: int = 200, markers: int = 8, seed: int = 1) -> Array:

@@ -27,6 +27,19 @@ from tests.solver.oracle.two_bodies import (
     vec3,
 )
 
+DAMPING = (vec3(2, 3, 4), vec3(0.2, 0.3, 0.1))
+FORMULAS = [
+    "-q^2^0.5 + 2--q*3/4-1e-1 + .5*5.",
+    "sqrt(abs(q))+log(2+abs(qdot))+exp(-q)",
+    "sin(q)*cos(q)+tan(q)-sec(q)/csc(q)+cot(1+abs(q))",
+    "asin(q/9)+acos(q/9)+atan(q)*sinh(q)-cosh(q)*tanh(q)",
+    "erf(q)-erfc(qdot)",
+    "step(q)+delta(q)*3+square(q)-cube(qdot)+recip(2+q*q)",
+    "min(q,qdot)*max(q,0.1)-abs(q)",
+    "a*q+b; a=b*2; b=qdot",
+    "-(q-1)^2/-2*3",
+]
+
 
 def test_a_bushing_holds_two_frames_together(tmp_path: Path) -> None:
     model = model_with(opensim.UniversalJoint)
@@ -173,9 +186,6 @@ def counted(model: Any, folder: Path) -> Difference:
     return difference_to(model, ours)
 
 
-DAMPING = (vec3(2, 3, 4), vec3(0.2, 0.3, 0.1))
-
-
 def constants(*values: float) -> list[Any]:
     return [opensim.Constant(float(value)) for value in values]
 
@@ -302,19 +312,6 @@ def test_a_constant_force_without_a_point_acts_at_the_origin(tmp_path: Path) -> 
     force.setForceFunctions(*constants(3, -20, 5))
     model.addForce(given(force))
     assert counted(model, tmp_path).is_nought()
-
-
-FORMULAS = [
-    "-q^2^0.5 + 2--q*3/4-1e-1 + .5*5.",
-    "sqrt(abs(q))+log(2+abs(qdot))+exp(-q)",
-    "sin(q)*cos(q)+tan(q)-sec(q)/csc(q)+cot(1+abs(q))",
-    "asin(q/9)+acos(q/9)+atan(q)*sinh(q)-cosh(q)*tanh(q)",
-    "erf(q)-erfc(qdot)",
-    "step(q)+delta(q)*3+square(q)-cube(qdot)+recip(2+q*q)",
-    "min(q,qdot)*max(q,0.1)-abs(q)",
-    "a*q+b; a=b*2; b=qdot",
-    "-(q-1)^2/-2*3",
-]
 
 
 def test_formulas_are_lepton_s(tmp_path: Path) -> None:

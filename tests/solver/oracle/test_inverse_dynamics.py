@@ -31,6 +31,19 @@ from tests.solver.oracle.test_force_elements import lay
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference
 
+Array = NDArray[np.float64]
+START, END, EVERY = 0.1, 0.7, 6
+OPTIONS = static_optimisation(RedundancyOptions(joint="thigh_joint"))
+certify: Any = pytest.importorskip("tests.solver.certify")
+COLUMNS = [f"{part}_{axis}" for part in ("pull", "grip", "twist") for axis in "xyz"]
+KINDS = {
+    "a force at the body's origin": ("pull", "", "", "lower", "ground", ""),
+    "a force at a point of the ground": ("pull", "grip", "", "lower", "ground", "ground"),
+    "a force in the body's axes at a point of it": ("pull", "grip", "", "lower", "lower", "lower"),
+    "a torque": ("", "", "twist", "upper", "ground", ""),
+    "all in other bodies' axes": ("pull", "grip", "twist", "upper", "lower", "lower"),
+}
+
 
 @pytest.mark.parametrize(
     ("joint", "mass"),
@@ -117,11 +130,6 @@ def opensims(step: Step, cutoff: float | None) -> dict[str, Any]:
     assert tool.run()
     columns, table, _ = read_table(step.model.parent / "opensim_id.sto")
     return dict(zip(columns[1:], table.T[1:], strict=True))
-
-
-Array = NDArray[np.float64]
-START, END, EVERY = 0.1, 0.7, 6
-OPTIONS = static_optimisation(RedundancyOptions(joint="thigh_joint"))
 
 
 @dataclass(frozen=True)
@@ -227,18 +235,7 @@ def optimised_by_opensim(step: Step, solved: SolvedMotion) -> Controls:
     return Controls(picked(solved.solution.muscles), picked([one.name for one in solved.model.actuators]))
 
 
-certify: Any = pytest.importorskip("tests.solver.certify")
-
-
-COLUMNS = [f"{part}_{axis}" for part in ("pull", "grip", "twist") for axis in "xyz"]
 # of what: force, point and torque columns, body, axes, origin
-KINDS = {
-    "a force at the body's origin": ("pull", "", "", "lower", "ground", ""),
-    "a force at a point of the ground": ("pull", "grip", "", "lower", "ground", "ground"),
-    "a force in the body's axes at a point of it": ("pull", "grip", "", "lower", "lower", "lower"),
-    "a torque": ("", "", "twist", "upper", "ground", ""),
-    "all in other bodies' axes": ("pull", "grip", "twist", "upper", "lower", "lower"),
-}
 
 
 @pytest.mark.parametrize("rows", [2, 3, 4, 50])

@@ -33,6 +33,9 @@ pytestmark = [pytest.mark.oracle, pytest.mark.shared]
 ACCURACY = 1e-9
 BARRIER = 1e-10
 """m²; what OpenSim's interior point leaves of the cost for each coordinate at its bound."""
+Array = NDArray[np.float64]
+MARKERS, SUBJECT = SHARED / "markers", SHARED / "subject"
+FRAMES = 12
 
 
 @pytest.mark.parametrize("name", ["FLX01", "SHRUG01", "S8R side", "S8R back"])
@@ -66,11 +69,6 @@ def test_the_optimum_of_a_varied_trial_is_not_above_opensims(seed: int, tmp_path
     away = np.where(is_held, np.abs(found.coordinates - theirs), 0.0).max(axis=1)
     assert away[at_bound == 0].max(initial=0.0) < 2e-5
     assert away.max() < 1e-3
-
-
-Array = NDArray[np.float64]
-MARKERS, SUBJECT = SHARED / "markers", SHARED / "subject"
-FRAMES = 12
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,13 @@ MILLARD = {
     "another passive curve": {"passive": (0.1, 0.5, 0.3, 6.0, 0.4)},
     "a passive curve by its strains": {"passive": (0.05, 0.6)},
 }
+RIGHT_ANGLE = float(np.pi / 2)
+ANGLES = (-0.1, 0.0, 1.5, RIGHT_ANGLE - 1e-12, RIGHT_ANGLE, 1.571, 3.2)
+KINDS = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle", "DeGrooteFregly2016Muscle")
+STRENGTH, DURATION = 900.0, 0.8
+SETTLING = 0.1  # s, after which the transient of the first frames has decayed
+TENDON_FIBERS = {"long tendon": (0.06, 0.3, 0.35), "short tendon": (0.12, 0.06, 0.0)}
+"""Optimal fibre length and tendon slack length [m], pennation [rad]."""
 
 
 @pytest.mark.parametrize("name", MILLARD)
@@ -268,11 +275,6 @@ def test_without_activation_dynamics_an_activation_is_the_excitation_at_once(kin
         assert theirs.getMuscles().get("delayed").getActivation(state) != pytest.approx(0.37)
 
 
-RIGHT_ANGLE = float(np.pi / 2)
-ANGLES = (-0.1, 0.0, 1.5, RIGHT_ANGLE - 1e-12, RIGHT_ANGLE, 1.571, 3.2)
-KINDS = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle", "DeGrooteFregly2016Muscle")
-
-
 def written(folder: Path, kind: str, tag: str, angle: float) -> Path:
     """A model with a muscle "calf" that has this angle."""
     model, file = model_with(opensim.UniversalJoint), folder / "calf.osim"
@@ -304,12 +306,6 @@ def test_a_pennation_is_refused_where_opensim_refuses_it(kind: str, tag: str, an
             read_osim(file)
     else:
         assert read_osim(file).muscles[-1].name == "calf"
-
-
-STRENGTH, DURATION = 900.0, 0.8
-SETTLING = 0.1  # s, after which the transient of the first frames has decayed
-TENDON_FIBERS = {"long tendon": (0.06, 0.3, 0.35), "short tendon": (0.12, 0.06, 0.0)}
-"""Optimal fibre length and tendon slack length [m], pennation [rad]."""
 
 
 @dataclass(frozen=True)

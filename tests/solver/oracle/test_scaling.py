@@ -40,6 +40,14 @@ from tests.solver.oracle.test_force_elements import between_tilted_frames, lay
 from tests.solver.oracle.test_joints import coupler
 from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, read_back, vec3
 
+MODEL = bundled_model()
+NAMES = [marker.name for marker in MODEL.markers]
+FACTORS = {
+    "ground": np.array([1.1, 0.95, 1.2]),
+    "upper": np.array([1.2, 0.9, 1.1]),
+    "lower": np.array([0.8, 1.3, 1.05]),
+}
+
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("mass", [None, 35.0])
@@ -173,10 +181,6 @@ def scaled_by_opensim(folder: Path, factors: dict[str, np.ndarray], mass: float 
     return read_osim(folder / "scaled.osim")
 
 
-MODEL = bundled_model()
-NAMES = [marker.name for marker in MODEL.markers]
-
-
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
     """A folder with generic.osim and trial.trc, whose markers are displaced by centimetres."""
@@ -279,13 +283,6 @@ def test_opensim_takes_over_our_marker_set_and_reads_it_as_we_do(files: Path) ->
         assert [(each.name, each.body, each.location.tolist(), each.is_fixed) for each in back] == [
             (each.name, each.body, each.location.tolist(), each.is_fixed) for each in added
         ]
-
-
-FACTORS = {
-    "ground": np.array([1.1, 0.95, 1.2]),
-    "upper": np.array([1.2, 0.9, 1.1]),
-    "lower": np.array([0.8, 1.3, 1.05]),
-}
 
 
 def blankevoort() -> Any:

@@ -39,6 +39,18 @@ ARM = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0
 WAIST = CuffParameters("waist", "waist", stiffness=2140.0, damping=124.0, migration=0.02)
 SUIT = replace(read_suit(), migration_direction="bone")  # a rest that OpenSim can hold still in its body
 REST_LENGTH, INTERVAL = 0.6, 0.1
+MODEL = bundled_model()
+EXPORTED_SUIT = read_suit()
+EXPORTED_WAIST = CuffParameters("waist", "waist", 2140.0, 124.0, 0.012)
+EXPORTED_ARM = CuffParameters("elbow", "arm", 2530.0, 139.0, 0.022)
+LENGTH = np.array([0.55])  # taut in every posture
+HEEL, THIGH = SuitPoint("foot", np.array([-0.07, -0.04, 0.01])), SuitPoint("thigh", np.array([-0.09, -0.2, -0.02]))
+NOTHING = SuitMass("foot", 0.0, HEEL.location, np.zeros(3))
+BAND = SuitMass("thigh", 0.3, np.array([0.0, -0.2, 0.0]), np.array([7e-4, 6e-4, 8e-4]))
+LENGTHS = np.array([0.45])
+STRAIGHT_SUIT = Suit(HEEL, HEEL, THIGH, 900.0, 0.0, (NOTHING, NOTHING, BAND), LENGTHS, 0.45, is_straight=True)
+NAMES = {"waist": "heel", "shoulder": "shoulder", "arm": "left thigh"}
+CUFF = CuffParameters("thigh", "arm", 2530.0, 139.0, 0.022)
 
 
 def test_cord_and_cuffs_pull_as_path_spring_and_bushing_forces_do() -> None:
@@ -146,13 +158,6 @@ def _wrenches(model: Model, state: Postures, worn: SuitForces) -> Array:
     return wrenches[:, 1:]
 
 
-MODEL = bundled_model()
-EXPORTED_SUIT = read_suit()
-EXPORTED_WAIST = CuffParameters("waist", "waist", 2140.0, 124.0, 0.012)
-EXPORTED_ARM = CuffParameters("elbow", "arm", 2530.0, 139.0, 0.022)
-LENGTH = np.array([0.55])  # taut in every posture
-
-
 class Loaded:
     """The written file in OpenSim, put into one posture after the other."""
 
@@ -249,15 +254,6 @@ def test_the_written_model_is_in_opensim_what_its_own_interface_builds(
     ):
         expected = np.array(built[quantity])
         np.testing.assert_allclose(written[quantity], expected, atol=1e-10 * np.abs(expected).max(), err_msg=quantity)
-
-
-HEEL, THIGH = SuitPoint("foot", np.array([-0.07, -0.04, 0.01])), SuitPoint("thigh", np.array([-0.09, -0.2, -0.02]))
-NOTHING = SuitMass("foot", 0.0, HEEL.location, np.zeros(3))
-BAND = SuitMass("thigh", 0.3, np.array([0.0, -0.2, 0.0]), np.array([7e-4, 6e-4, 8e-4]))
-LENGTHS = np.array([0.45])
-STRAIGHT_SUIT = Suit(HEEL, HEEL, THIGH, 900.0, 0.0, (NOTHING, NOTHING, BAND), LENGTHS, 0.45, is_straight=True)
-NAMES = {"waist": "heel", "shoulder": "shoulder", "arm": "left thigh"}
-CUFF = CuffParameters("thigh", "arm", 2530.0, 139.0, 0.022)
 
 
 def suited_file(folder: Path, suit: Suit, condition: Condition) -> tuple[Model, Path]:

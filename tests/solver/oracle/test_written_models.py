@@ -31,6 +31,56 @@ from tests.solver.oracle.two_bodies import difference_to, frame_of, given, model
 from tests.solver.osim.test_earlier_versions import opensim_3_document
 from tests.solver.osim.test_model_writer import assert_same
 
+PLACES = (0, 2, np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.1, 0.0]))
+CONSTRAINTS = {
+    "distance": ConstantDistanceConstraint("held", *PLACES, 0.4),
+    "line": PointOnLineConstraint("held", *PLACES, np.array([0.6, 0.0, 0.8])),
+    "coupler": CoordinateCoupler("held", 1, (0,), (polynomial([0.1, 2.0, 0.3]),)),
+    "coupler of two": CoordinateCoupler("held", 1, (0, 3), (polynomial([0.1, 2.0]), polynomial([0.0, 3.0]))),
+}
+ACTIVE = "<ActiveForceLengthCurve name='c'>{}</ActiveForceLengthCurve>"
+MUSCLE = "<Millard2012EquilibriumMuscle name='default'>{}</Millard2012EquilibriumMuscle>"
+SHORTEST = "<min_norm_active_fiber_length>0.33</min_norm_active_fiber_length>"
+LONGEST = "<max_norm_active_fiber_length>1.62</max_norm_active_fiber_length>"
+SLOPE = "<shallow_ascending_slope>0.7</shallow_ascending_slope>"
+STRAIN = (
+    "<FiberForceLengthCurve name='p'><strain_at_one_norm_force>0.5</strain_at_one_norm_force></FiberForceLengthCurve>"
+)
+SPEED = (
+    "<ForceVelocityCurve name='v'>"
+    "<max_eccentric_velocity_force_multiplier>1.7</max_eccentric_velocity_force_multiplier>"
+    "<concentric_slope_at_vmax>0.2</concentric_slope_at_vmax></ForceVelocityCurve>"
+)
+STRENGTH = "<max_isometric_force>321</max_isometric_force><max_contraction_velocity>7</max_contraction_velocity>"
+UNDAMPED = "<fiber_damping>0</fiber_damping>"
+RIGID = "<ignore_tendon_compliance>true</ignore_tendon_compliance>"
+CASES = {
+    "nothing at all": ("", ""),
+    "a muscle's numbers": (MUSCLE.format(STRENGTH), ""),
+    "a muscle's curve": (MUSCLE.format(ACTIVE.format(SHORTEST + LONGEST) + STRAIN + SPEED), ""),
+    "the muscle has a curve of its own": (MUSCLE.format(ACTIVE.format(SHORTEST)), ACTIVE.format(LONGEST)),
+    "the muscle has an empty curve": (MUSCLE.format(ACTIVE.format(SHORTEST)), ACTIVE.format("")),
+    "a curve's class, before the muscle": (ACTIVE.format(SLOPE) + MUSCLE.format(ACTIVE.format(SHORTEST)), ""),
+    "a curve's class, behind the muscle": (MUSCLE.format(ACTIVE.format(SHORTEST)) + ACTIVE.format(SLOPE), ""),
+    "a curve's class and a curve": (ACTIVE.format(SLOPE), ACTIVE.format(LONGEST)),
+    "a class twice": (ACTIVE.format(SLOPE) + ACTIVE.format(SHORTEST), ACTIVE.format(LONGEST)),
+    "another class of muscles": (MUSCLE.format(STRENGTH).replace("Millard2012Equilibrium", "Thelen2003"), ""),
+    "no fibre damping": (MUSCLE.format(UNDAMPED), ""),
+    "no fibre damping, a curve at speed": (
+        MUSCLE.format(UNDAMPED + SPEED),
+        ACTIVE.format("<minimum_value>0.2</minimum_value>"),
+    ),
+    "no fibre damping, a rigid tendon": (MUSCLE.format(UNDAMPED + RIGID), ""),
+}
+LEFT = (
+    "optimal_fiber_length",
+    "tendon_slack_length",
+    "pennation_angle_at_optimal",
+    "GeometryPath",
+    "maximum_pennation_angle",
+)
+"""Elements of the muscle that stay in its file."""
+
 
 def springs_of_coordinates(model: Any) -> None:
     spring = opensim.SpringGeneralizedForce("first_coord_0")
@@ -147,15 +197,6 @@ def test_opensim_opens_the_muscles_that_are_written(curves: Any, tmp_path: Path)
     assert_opensim_opens(replace(read, muscles=(muscle,)), tmp_path)
 
 
-PLACES = (0, 2, np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.1, 0.0]))
-CONSTRAINTS = {
-    "distance": ConstantDistanceConstraint("held", *PLACES, 0.4),
-    "line": PointOnLineConstraint("held", *PLACES, np.array([0.6, 0.0, 0.8])),
-    "coupler": CoordinateCoupler("held", 1, (0,), (polynomial([0.1, 2.0, 0.3]),)),
-    "coupler of two": CoordinateCoupler("held", 1, (0, 3), (polynomial([0.1, 2.0]), polynomial([0.0, 3.0]))),
-}
-
-
 @pytest.mark.parametrize("kind", CONSTRAINTS)
 def test_opensim_opens_the_constraints_that_are_written(kind: str, tmp_path: Path) -> None:
     read = read_back(model_with(opensim.PlanarJoint), tmp_path)
@@ -168,50 +209,7 @@ def assert_opensim_opens(model: Any, folder: Path) -> None:
     assert difference_to(opensim.Model(str(file)), read_osim(file)).is_nought()
 
 
-ACTIVE = "<ActiveForceLengthCurve name='c'>{}</ActiveForceLengthCurve>"
-MUSCLE = "<Millard2012EquilibriumMuscle name='default'>{}</Millard2012EquilibriumMuscle>"
-SHORTEST = "<min_norm_active_fiber_length>0.33</min_norm_active_fiber_length>"
-LONGEST = "<max_norm_active_fiber_length>1.62</max_norm_active_fiber_length>"
-SLOPE = "<shallow_ascending_slope>0.7</shallow_ascending_slope>"
-STRAIN = (
-    "<FiberForceLengthCurve name='p'><strain_at_one_norm_force>0.5</strain_at_one_norm_force></FiberForceLengthCurve>"
-)
-SPEED = (
-    "<ForceVelocityCurve name='v'>"
-    "<max_eccentric_velocity_force_multiplier>1.7</max_eccentric_velocity_force_multiplier>"
-    "<concentric_slope_at_vmax>0.2</concentric_slope_at_vmax></ForceVelocityCurve>"
-)
-STRENGTH = "<max_isometric_force>321</max_isometric_force><max_contraction_velocity>7</max_contraction_velocity>"
-UNDAMPED = "<fiber_damping>0</fiber_damping>"
-RIGID = "<ignore_tendon_compliance>true</ignore_tendon_compliance>"
-
 # what stands in <defaults>, and what of the curves stands in the muscle itself
-CASES = {
-    "nothing at all": ("", ""),
-    "a muscle's numbers": (MUSCLE.format(STRENGTH), ""),
-    "a muscle's curve": (MUSCLE.format(ACTIVE.format(SHORTEST + LONGEST) + STRAIN + SPEED), ""),
-    "the muscle has a curve of its own": (MUSCLE.format(ACTIVE.format(SHORTEST)), ACTIVE.format(LONGEST)),
-    "the muscle has an empty curve": (MUSCLE.format(ACTIVE.format(SHORTEST)), ACTIVE.format("")),
-    "a curve's class, before the muscle": (ACTIVE.format(SLOPE) + MUSCLE.format(ACTIVE.format(SHORTEST)), ""),
-    "a curve's class, behind the muscle": (MUSCLE.format(ACTIVE.format(SHORTEST)) + ACTIVE.format(SLOPE), ""),
-    "a curve's class and a curve": (ACTIVE.format(SLOPE), ACTIVE.format(LONGEST)),
-    "a class twice": (ACTIVE.format(SLOPE) + ACTIVE.format(SHORTEST), ACTIVE.format(LONGEST)),
-    "another class of muscles": (MUSCLE.format(STRENGTH).replace("Millard2012Equilibrium", "Thelen2003"), ""),
-    "no fibre damping": (MUSCLE.format(UNDAMPED), ""),
-    "no fibre damping, a curve at speed": (
-        MUSCLE.format(UNDAMPED + SPEED),
-        ACTIVE.format("<minimum_value>0.2</minimum_value>"),
-    ),
-    "no fibre damping, a rigid tendon": (MUSCLE.format(UNDAMPED + RIGID), ""),
-}
-LEFT = (
-    "optimal_fiber_length",
-    "tendon_slack_length",
-    "pennation_angle_at_optimal",
-    "GeometryPath",
-    "maximum_pennation_angle",
-)
-"""Elements of the muscle that stay in its file."""
 
 
 @pytest.fixture(autouse=True)

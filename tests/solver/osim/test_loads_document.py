@@ -29,6 +29,9 @@ XML = """<OpenSimDocument Version="40000"><ExternalLoads name="loads"><objects>
 </objects><datafile>handle.mot</datafile></ExternalLoads></OpenSimDocument>"""
 
 FORCE = "<force_identifier>handle_v</force_identifier>"
+DISABLED = "<isDisabled>true</isDisabled>"  # OpenSim 3
+OTHER_CASE = pytest.param("Handle.MOT", marks=pytest.mark.skipif(sys.platform == "win32", reason="the same name there"))
+MOVED = XML.replace(">handle.mot<", ">{}<")
 
 
 @pytest.fixture
@@ -76,9 +79,6 @@ def test_components_in_another_order_are_refused(files: Path) -> None:
     data.write_text(text.replace("handle_vx\thandle_vy", "handle_vy\thandle_vx"))
     with raises_refusal(SolverCode.MALFORMED, naming="handle_vy, handle_vx, handle_vz"):
         read_external_loads(files, MODEL, TIME)
-
-
-DISABLED = "<isDisabled>true</isDisabled>"  # OpenSim 3
 
 
 def test_a_body_that_is_not_named_is_the_ground(files: Path) -> None:
@@ -170,10 +170,6 @@ def test_a_column_that_no_load_uses_and_times_since_1970_may_be_as_large_as_they
     write_table(data, [*names[1:], "emg"], since_1970, np.column_stack([table[:, 1:], spike]))
     (load,) = read_external_loads(files, MODEL, since_1970)
     np.testing.assert_allclose(load.force[:, 0], TIME, atol=1e-6)
-
-
-OTHER_CASE = pytest.param("Handle.MOT", marks=pytest.mark.skipif(sys.platform == "win32", reason="the same name there"))
-MOVED = XML.replace(">handle.mot<", ">{}<")
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from tests.refusals import raises_refusal
 MODEL = bundled_model()
 ELBOW = MODEL.coordinate_index("elbow_flexion")
 MOTION = decimate(differentiate(simulate_arm_raise(MODEL)), 60)
+COARSE = decimate(differentiate(simulate_arm_raise(MODEL)), 100)
 
 
 def with_elbow_torque() -> Model:
@@ -73,9 +74,6 @@ def test_a_reserve_replaces_the_actuator_of_its_coordinate_only() -> None:
 def test_a_weight_is_by_the_actuator_s_own_name() -> None:
     with raises_refusal(SolverCode.UNKNOWN_NAME, naming="elbow_flexion"):
         solve_motion(with_elbow_torque(), MOTION, RedundancyOptions(weights={"elbow_flexion": 1.0}))
-
-
-COARSE = decimate(differentiate(simulate_arm_raise(MODEL)), 100)
 
 
 @pytest.mark.parametrize("joint", ["GlenoHumeral", "elbow", "radioulnar", "rc"])

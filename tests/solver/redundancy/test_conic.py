@@ -21,6 +21,10 @@ from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_s
 from tests.solver.redundancy.test_interior_point import random_sequence, silent, violation
 from tests.solver.redundancy.test_motion_solution import CONE_ALONG_Y, two_muscles
 
+MODEL = bundled_model()
+SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 25)
+CUBES = RedundancyOptions(exponent=3)
+
 
 def problem(target, upper=(1.0, 1.0, 1.0), cone_matrix=None, cone_offset=None):
     """Three unknowns in [0, upper] that sum to each of the targets."""
@@ -119,11 +123,6 @@ def test_the_least_violation_of_a_distant_target_is_that_of_bounded_least_square
         violation, least = (np.linalg.norm(rows @ point - target) for point in (x, expected))
         assert violation == pytest.approx(least, rel=1e-8)
         assert x.min() > -1e-6 and x.max() < 1 + 1e-6
-
-
-MODEL = bundled_model()
-SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 25)
-CUBES = RedundancyOptions(exponent=3)
 
 
 def cubes(sequence, controls):

@@ -27,14 +27,12 @@ from tests.solver.stream.streams import TASKS
 MODEL = bundled_model()
 SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 25)
 MUSCLES = len(MODEL.muscles)
+EXPONENTIAL = ActivationCost(lambda a: np.exp(5 * a), lambda a: 5 * np.exp(5 * a), lambda a: 25 * np.exp(5 * a))
+LINEAR = ActivationCost(lambda a: 1.0 * a, np.ones_like, np.zeros_like)
 
 
 def power(p) -> ActivationCost:
     return ActivationCost(lambda a: a**p, lambda a: p * a ** (p - 1), lambda a: p * (p - 1) * a ** (p - 2))
-
-
-EXPONENTIAL = ActivationCost(lambda a: np.exp(5 * a), lambda a: 5 * np.exp(5 * a), lambda a: 25 * np.exp(5 * a))
-LINEAR = ActivationCost(lambda a: 1.0 * a, np.ones_like, np.zeros_like)
 
 
 @pytest.mark.parametrize("p", [2, 3])

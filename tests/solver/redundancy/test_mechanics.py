@@ -39,6 +39,7 @@ BAND = PathSpring("band", BARE.muscles[0].path, 0.05, 500.0, 0.1)
 STOP = CoordinateSpring("stop", BARE.coordinate_index("shoulder_elv"), 20.0, 0.1, 0.5)
 MODEL = replace(BARE, forces=(BAND,), coordinate_forces=(STOP,))
 MOTION = decimate(differentiate(simulate_arm_raise(BARE)), 40)
+CONE = glenoid_cone(BARE)
 
 
 def test_a_force_is_what_it_takes_off_the_bias_force() -> None:
@@ -95,9 +96,6 @@ def test_forces_of_actuators_on_bodies_have_the_power_of_their_loads(tmp_path: P
     power = 30.0 * (ahead - behind) / 2e-5 @ force - 4.0 * (turning[:, foot] - turning[:, turn.body_b]) @ axis
     assert np.abs(power).max() > 1.0
     np.testing.assert_allclose((forces * u).sum(axis=1), power, atol=1e-6)
-
-
-CONE = glenoid_cone(BARE)
 
 
 def test_the_cone_is_that_of_the_published_markers():

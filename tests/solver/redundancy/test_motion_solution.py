@@ -43,6 +43,8 @@ LOAD = ExternalForce(
 )
 
 Solve = Callable[[], MotionSolution]
+CONE_ALONG_X = np.array([[0.5, 0, 0], [0, 1, 0], [0, 0, 1]])  # muscle 2 at most half of muscle 1
+CONE_ALONG_Y = np.array([[0, 0.1, 0], [1, 0, 0], [0, 0, 1]])  # muscle 1 at most a tenth of muscle 2
 
 
 def two_muscles(target, interval=1.0, cone=None):
@@ -86,10 +88,6 @@ def test_activation_changes_no_faster_than_the_muscle_can():
     solution = solve_redundancy(two_muscles([[3.0, 3.0], [0.0, 0.0]], interval=0.01))
     before, after = solution.controls[0, :, :2]
     np.testing.assert_allclose(after, before - before * (0.5 + 1.5 * before) * 0.01 / 0.04, atol=1e-6)
-
-
-CONE_ALONG_X = np.array([[0.5, 0, 0], [0, 1, 0], [0, 0, 1]])  # muscle 2 at most half of muscle 1
-CONE_ALONG_Y = np.array([[0, 0.1, 0], [1, 0, 0], [0, 0, 1]])  # muscle 1 at most a tenth of muscle 2
 
 
 def test_the_cone_makes_muscles_share_otherwise():

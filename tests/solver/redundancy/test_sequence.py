@@ -22,6 +22,7 @@ MODEL = bundled_model()
 EVERY = 10
 MUSCLES = len(MODEL.muscles)
 KINDS = ("activation", "deactivation")
+NARROW = np.repeat([[0.02], [0.3]], MUSCLES, axis=1)
 
 
 @cache
@@ -52,9 +53,6 @@ def loads_of(frame: int) -> LoadResponse:
 def frame_by_frame(whole: RedundancyProblem, frames: range) -> list[ScenarioSolutions]:
     running = FrameByFrame(2, MUSCLES)
     return [running.solve(frame_of(whole, k), loads_of(k)) for k in frames]
-
-
-NARROW = np.repeat([[0.02], [0.3]], MUSCLES, axis=1)
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,9 @@ MOTION = differentiate(simulate_arm_raise(MODEL))
 SUIT = replace(read_suit(), rest_lengths=np.linspace(0.63, 0.87, 9), reference_rest_length=0.75)
 WAIST = CuffParameters("waist", "waist", 2140.0, 124.0, 0.015)
 HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.015, np.diag([100.0, 10.0, 0.002]) ** 2)
+LENGTHS = np.linspace(0.6, 0.9, 16)
+DRAWN = 0.7 + 0.05 * np.random.default_rng(1).standard_normal(2001)
+DRAWN[0] = 0.7
 
 
 def coarse(*cuffs, suit=SUIT, motion=MOTION):
@@ -235,9 +238,6 @@ def value(curve, name):
     return curve.figures[name].value
 
 
-LENGTHS = np.linspace(0.6, 0.9, 16)
-
-
 def parabola(lowest, cost, curvature):
     return cost + curvature * (LENGTHS - lowest) ** 2
 
@@ -270,10 +270,6 @@ def test_a_curve_with_a_gap_has_no_optimum():
     cost = parabola(0.733, 0.8, 10.0)
     cost[3] = np.nan
     assert np.isnan(find_minimum(LENGTHS, cost).rest_length)
-
-
-DRAWN = 0.7 + 0.05 * np.random.default_rng(1).standard_normal(2001)
-DRAWN[0] = 0.7
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,8 @@ ARM = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0
 WAIST = CuffParameters("waist", "waist", stiffness=2140.0, damping=124.0, migration=0.012)
 CUFFS = (WAIST, ARM)
 REST_LENGTHS = np.array([0.60, 0.70, 0.95])
+LENGTHS = np.array([0.5, 0.53125, 0.625, 0.5])  # m, exact in binary
+STRAIGHT = replace(SUIT, stiffness=1000.0, is_straight=True)
 
 
 @pytest.fixture
@@ -214,10 +216,6 @@ def test_a_measured_tension_differs_from_the_predicted_one_by_an_offset_and_a_sp
     assert np.isnan(check_cord(suit, MODEL, motion, np.full(10, 5.0), cuffs).correlation)
     slack = check_cord(replace(SUIT, reference_rest_length=2.0), MODEL, motion, measured, cuffs)
     assert np.isnan(slack.correlation) and slack.offset == pytest.approx(measured.mean())
-
-
-LENGTHS = np.array([0.5, 0.53125, 0.625, 0.5])  # m, exact in binary
-STRAIGHT = replace(SUIT, stiffness=1000.0, is_straight=True)
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from tests.refusals import raises_refusal
 
 MODEL = bundled_model()
 SUIT = read_suit()
+POSTURES = simulate_arm_raise(MODEL).coordinates[::100]
 
 
 def test_the_bundled_suit_is_the_published_one_where_it_was_published():
@@ -154,9 +155,6 @@ def test_a_written_suit_is_read_back_to_the_last_digit(tmp_path):
     np.testing.assert_array_equal(back.arm.location, changed.arm.location)
     np.testing.assert_array_equal(back.rest_lengths, SUIT.rest_lengths)
     assert [worn.inertia.tolist() for worn in back.masses] == [worn.inertia.tolist() for worn in SUIT.masses]
-
-
-POSTURES = simulate_arm_raise(MODEL).coordinates[::100]
 
 
 def seen(suit):

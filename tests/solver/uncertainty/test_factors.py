@@ -34,6 +34,12 @@ MODEL = bundled_model()
 GIVEN = CuffParameters("given", "arm", 100.0, 1.0, 0.01)
 HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.012, np.diag([100.0, 10.0, 0.001]) ** 2)
 FACTORS = random_factors(UncertaintySources(), MODEL, [GIVEN, HAND])
+INDEXED = (
+    RandomFactor("x", "fit", 2),
+    RandomFactor("y", "donning", 1),
+    RandomFactor("z", "body", 1),
+    RandomFactor("w", "muscles", 3),
+)
 
 
 def test_every_group_has_factors_and_a_cuff_without_a_covariance_has_no_doubt_of_its_fit():
@@ -78,14 +84,6 @@ def test_columns_and_scores_belong_to_their_factors():
     np.testing.assert_array_equal(
         row[columns_of(FACTORS, ("size", "duration"))], [*by_name["size"], by_name["duration"][0]]
     )
-
-
-INDEXED = (
-    RandomFactor("x", "fit", 2),
-    RandomFactor("y", "donning", 1),
-    RandomFactor("z", "body", 1),
-    RandomFactor("w", "muscles", 3),
-)
 
 
 def test_indices_of_a_linear_function_with_an_interaction_are_its_shares_of_variance():

@@ -40,13 +40,13 @@ CASE = PeopleCase(
 )
 SCORES = normal_scores(unit_sample(CASE.factors, 3, "latin_hypercube", seed=1))
 CUFF_COLUMNS = columns_of(CASE.factors, ("fit.hand", "donning.hand", "donning.waist", "cord_stiffness"))
+LIMITS = {"min_control": -0.1, "max_control": 0.1}
 
 
 def of_muscles(model, name):
     return np.array([getattr(muscle, name) for muscle in model.muscles])
 
 
-LIMITS = {"min_control": -0.1, "max_control": 0.1}
 FIBERS = of_muscles(MODEL, "optimal_fiber_length")
 
 

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 RADIUS, LENGTH = 0.04, 0.4
 OUT_OF_THE_WAY = sphere(0.001, centre=(0.0, 0.0, 5.0))
 SPHERE_RADIUS = 0.05
+TUBE, RING = 0.02, 0.1
+ANGLES = [0.0, 0.7, 2.5, 4.0]
 
 
 def _shortest(start: Array, end: Array, opening: float) -> float:
@@ -156,10 +158,6 @@ def test_of_several_pieces_the_one_with_the_shortest_detour_is_wrapped() -> None
 
 
 # A path over a torus against plane geometry: in a plane through its axis the tube is a circle.
-
-
-TUBE, RING = 0.02, 0.1
-ANGLES = [0.0, 0.7, 2.5, 4.0]
 
 
 def torus(quadrant: str = "all") -> WrapSurface:

@@ -13,6 +13,12 @@ from solver.model import WrapSurface
 from tests.solver.wrapping.laid import Method, cylinder, ellipsoid, lengths_over, sphere, straight_lengths
 
 LINE = np.array([[[-0.3, 0.001, 0.0], [0.3, 0.001, 0.0]]])
+opensim: Any = pytest.importorskip("opensim", reason="needs OpenSim: pip install cuffstation[oracle]")
+Array = NDArray[np.float64]
+METHODS: tuple[Method, ...] = ("hybrid", "midpoint", "axial")
+QUADRANTS = ("all", "+x", "-x", "+y", "-y", "+z", "-z")
+PATHS_IN_A_MODEL = 12
+SMALL, ROUND = sphere(0.05, centre=(0.04, 0.03, 0.02)), ellipsoid((0.05, 0.06, 0.07), centre=(0.04, 0.03, 0.02))
 
 
 def test_two_spheres_far_apart_add_their_detours_to_a_millimetre() -> None:
@@ -44,16 +50,6 @@ def test_a_second_surface_around_an_end_swaps_the_order_and_leaves_the_path_stra
 def test_a_path_point_between_surfaces_bends_the_path() -> None:
     via = np.array([[[-0.3, 0.001, 0.0], [0.0, 0.08, 0.0], [0.3, 0.001, 0.0]]])
     assert lengths_over([sphere(0.05)], via)[0] == straight_lengths(via)[0]
-
-
-opensim: Any = pytest.importorskip("opensim", reason="needs OpenSim: pip install cuffstation[oracle]")
-
-Array = NDArray[np.float64]
-
-METHODS: tuple[Method, ...] = ("hybrid", "midpoint", "axial")
-QUADRANTS = ("all", "+x", "-x", "+y", "-y", "+z", "-z")
-PATHS_IN_A_MODEL = 12
-SMALL, ROUND = sphere(0.05, centre=(0.04, 0.03, 0.02)), ellipsoid((0.05, 0.06, 0.07), centre=(0.04, 0.03, 0.02))
 
 
 @pytest.fixture(autouse=True)

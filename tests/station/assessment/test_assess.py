@@ -42,17 +42,26 @@ from tests.refusals import raises_refusal
 from tests.station.loads import write_weight
 from tests.station.reported import few_people, unmarked_numbers
 
-
-def fitted(value: float, error: float) -> dict[str, float]:
-    return {"value": value, "standard_error": error}
-
-
 CUFFS = {
     "waist": (2140.0, 124.0, 0.012),
     "hand": (8520.0, 210.0, 0.012),
     "elbow": (2530.0, 139.0, 0.022),
 }
 KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
+RULE = DecisionRule()
+SPREAD = np.linspace(-0.02, 0.02, 1001)
+LOW = np.full(1001, 0.8)
+SHARES = np.array([0.2, 0.7])
+INDICES = {
+    (f"difference_{basis}", ("hand", "tube")): SobolIndices(
+        ("fit", "donning"), SHARES, SHARES / 2, SHARES, SHARES, 1.0, 64
+    )
+    for basis in ("at_reference", "at_best")
+}
+
+
+def fitted(value: float, error: float) -> dict[str, float]:
+    return {"value": value, "standard_error": error}
 
 
 def write_cuffs(path: Path, **more: Any) -> Path:
@@ -349,18 +358,6 @@ def test_a_malformed_emg_file_is_refused(tmp_path: Path, text: str, code: InputC
 def test_an_emg_file_that_is_not_there_gives_one_sentence(tmp_path: Path) -> None:
     with raises_refusal(InputCode.EMG_UNREADABLE, kind=EmgError):
         read_emg(tmp_path / "none.csv", ())
-
-
-RULE = DecisionRule()
-SPREAD = np.linspace(-0.02, 0.02, 1001)
-LOW = np.full(1001, 0.8)
-SHARES = np.array([0.2, 0.7])
-INDICES = {
-    (f"difference_{basis}", ("hand", "tube")): SobolIndices(
-        ("fit", "donning"), SHARES, SHARES / 2, SHARES, SHARES, 1.0, 64
-    )
-    for basis in ("at_reference", "at_best")
-}
 
 
 def summary(decisions: Mapping[Basis, CuffDecision]) -> UncertaintySummary:

@@ -25,6 +25,8 @@ from tests.solver.uncertainty.test_people import CASE, HAND, MODEL
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.study.synthetic_sessions import MIGRATION, STIFFNESS, write_sessions
 
+DECLARED = DonningSpread(0.5, 0.6, 0.7)
+
 
 def written(folder: Path, text: str) -> Path:
     path = folder / "uncertainty.toml"
@@ -75,9 +77,6 @@ def test_a_file_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path, text: 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with raises_refusal(InputCode.BUDGET, kind=BudgetError):
         read_budget(tmp_path / "none.toml")
-
-
-DECLARED = DonningSpread(0.5, 0.6, 0.7)
 
 
 @pytest.fixture(scope="module")

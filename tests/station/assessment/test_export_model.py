@@ -26,6 +26,8 @@ from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.command import assert_one_sentence
 
+PARTS = ("waist", "arm")
+
 
 def written(worn: SuitToExport, folder: Path) -> Xml.Element:
     write_suited_model(worn, folder / "out" / "suited.osim")
@@ -55,9 +57,6 @@ def test_a_model_with_the_suit_is_refused_where_another_would_be_added(tmp_path:
     written(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="elbow"), tmp_path)
     with raises_refusal(SolverCode.UNSUPPORTED, "without the suit"):
         model_of(str(tmp_path / "out" / "suited.osim"))
-
-
-PARTS = ("waist", "arm")
 
 
 def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:

@@ -18,6 +18,15 @@ from station.assessment.assessment_json import plain_assessment
 from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
 from station.messages.codes import AssessmentCode
 
+DRAWN = {
+    "people": 200,
+    "solved": 198,
+    "every": 20,
+    "sources": "the fit of the cuffs and motion",
+    "least_percent": 92.0,
+    "most_percent": 98.0,
+}
+
 
 def curve(cuff: str | None, cost: float | None, condition: str = "both") -> EffortCurve:
     names = [field.name for field in fields(CurveReadouts)]
@@ -163,16 +172,6 @@ def test_a_dash_that_is_no_failure_is_explained() -> None:
 def test_the_effort_of_reserves_near_the_reference_is_given(reserve: float, code: AssessmentCode) -> None:
     cuff = replace(curve("hand", 0.85), reserve_cost=np.array([4.0, reserve]))
     assert one(findings(assessment(cuff)), code).figures == {"effort": reserve, "at_m": 0.75}
-
-
-DRAWN = {
-    "people": 200,
-    "solved": 198,
-    "every": 20,
-    "sources": "the fit of the cuffs and motion",
-    "least_percent": 92.0,
-    "most_percent": 98.0,
-}
 
 
 def test_what_unsolved_frames_leave_unknown_is_never_a_number() -> None:

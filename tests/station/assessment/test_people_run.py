@@ -47,6 +47,8 @@ from tests.station.assessment.test_assess import numbers_in, write_cuffs
 from tests.station.reported import few_people, unmarked_numbers
 
 BUDGET = "[sample]\npeople = 40\nframes = 8\n[donning]\nmigration = 0.3\n"
+MODEL, SUIT = bundled_model(), read_suit()
+MOTION = differentiate(simulate_arm_raise(MODEL))
 
 
 @pytest.fixture(scope="module")
@@ -235,10 +237,6 @@ def test_people_are_drawn_by_default_and_kept_where_they_are_asked_for(tmp_path:
     for options in (PeopleOptions(people=0, workers=2), PeopleOptions(people=0, index_blocks=8)):
         with raises_refusal(InputCode.NO_PEOPLE, kind=UnusedOption), people_run(tmp_path, options):
             pass
-
-
-MODEL, SUIT = bundled_model(), read_suit()
-MOTION = differentiate(simulate_arm_raise(MODEL))
 
 
 @pytest.fixture(scope="module")

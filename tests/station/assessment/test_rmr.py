@@ -33,6 +33,8 @@ from tests.station.command import Ran, assert_one_sentence, assert_refused
 
 MODEL = bundled_model()
 CUT = MotionCut(every=50)
+FIFTH = MotionCut(6.0, 0.2, 0.6, 5, "splines")
+OPTIONS = static_optimisation(RedundancyOptions(joint="thigh_joint"))
 
 
 @pytest.fixture(scope="module")
@@ -368,10 +370,6 @@ def test_bad_input_is_one_sentence(station, motion: Path, tmp_path: Path) -> Non
     ran = station(*words, out, "--external-loads", tmp_path / "none.xml")
     assert ran.code == 1 and "none.xml" in ran.err and "Traceback" not in ran.err
     assert not out.exists()
-
-
-FIFTH = MotionCut(6.0, 0.2, 0.6, 5, "splines")
-OPTIONS = static_optimisation(RedundancyOptions(joint="thigh_joint"))
 
 
 @pytest.fixture(scope="module")

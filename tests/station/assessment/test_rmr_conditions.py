@@ -32,6 +32,9 @@ from tests.solver.legs import Step, step_in
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 
 Station = Callable[..., Ran]
+MODEL = bundled_model()
+CUT = MotionCut(every=60)
+RAISE = decimate(differentiate(simulate_arm_raise(MODEL)), 60)
 
 
 @pytest.fixture
@@ -175,10 +178,6 @@ def test_an_output_that_is_a_folder_without_a_name_is_named(station: Station) ->
 # `station rmr` without some forces of its model: the results and a sentence have what that changes.
 
 
-MODEL = bundled_model()
-CUT = MotionCut(every=60)
-
-
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The bundled model with a spring, and with contact that the solver does not have."""
@@ -234,9 +233,6 @@ def test_an_unknown_force_to_leave_out_is_refused_with_those_there(file: Path, s
 
 
 # Muscles whose tendon is longer than their path throughout a motion are named, in the results and as a finding.
-
-
-RAISE = decimate(differentiate(simulate_arm_raise(MODEL)), 60)
 
 
 @pytest.fixture

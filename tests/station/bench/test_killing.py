@@ -38,6 +38,24 @@ from tests.station.console.served import write_config
 from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 from tests.timeout import scaled_timeout
 
+SPEED = 12.0
+LOSS_BOUND_S = 0.5
+DAEMONS = 7  # at once: QTM takes ten clients, and one that reconnects counts twice for a moment
+PATIENCE_S = 60.0  # wall; a bound on failing runs, not an expectation
+ARMED_S = 2.5  # wall, so that the whole pre-roll is there before the edge
+RECORD = "from station.cli import main; main()"
+CONFIG = """
+[daq]
+grpc_target = "127.0.0.1:{ni}"
+[mocap]
+port = {qtm}
+[sync]
+timeout_s = 600
+[cuffs.hand]
+anchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
+cuff_markers = ["cuff_1"]
+"""
+
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
@@ -150,9 +168,6 @@ def test_a_capture_of_another_session_is_reported_and_not_stopped(tmp_path: Path
 # A simulated bench stays for the trial that is recorded when its console ends, as a real one does.
 
 
-SPEED = 12.0
-
-
 def kill(bench: SimulatedBench) -> None:
     """What remains of the console: the end of its pipe."""
     assert bench._child is not None
@@ -182,25 +197,6 @@ def test_a_trial_is_recorded_to_its_end_when_the_console_ends(
             result = recorder.end()
         assert result["result"]["accepted"], result
     assert process.wait(scaled_timeout(60.0)) == 0, "alone, the bench ends"
-
-
-LOSS_BOUND_S = 0.5
-DAEMONS = 7  # at once: QTM takes ten clients, and one that reconnects counts twice for a moment
-PATIENCE_S = 60.0  # wall; a bound on failing runs, not an expectation
-ARMED_S = 2.5  # wall, so that the whole pre-roll is there before the edge
-RECORD = "from station.cli import main; main()"
-
-CONFIG = """
-[daq]
-grpc_target = "127.0.0.1:{ni}"
-[mocap]
-port = {qtm}
-[sync]
-timeout_s = 600
-[cuffs.hand]
-anchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
-cuff_markers = ["cuff_1"]
-"""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from tests.station.fake_devices import FakeCapture, FakeDaq
 
 CONFIG = parse_config({"load_cell": {"capacity_kg": 50, "gain_relative_sd": 0.001}}, "t")
 NEWTONS_PER_VOLT = 50 * 9.80665 / 5
+CERTIFICATE = {"serial_number": "L7", "calibrated_on": date(2026, 3, 1), "sensitivity_mv_per_v": 2.0}
 
 
 class _Loaded(FakeDaq):
@@ -126,9 +127,6 @@ def test_the_fit_of_a_folder_uses_its_readings(tmp_path: Path, monkeypatch: pyte
     assert fit.stiffness is not None
     assert silent.stiffness is not None
     assert fit.stiffness.standard_error > 1.5 * silent.stiffness.standard_error
-
-
-CERTIFICATE = {"serial_number": "L7", "calibrated_on": date(2026, 3, 1), "sensitivity_mv_per_v": 2.0}
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,7 @@ from tests.station.wearer import BODY, SPECS, WearerSession
 
 SPEED = 5.0
 HELD = 9.80665 * 3.0 + 2.0  # N, the weight and the hook
+POSE, FREE, TIGHT = SPECS
 
 
 @pytest.fixture
@@ -117,9 +118,6 @@ def test_a_trial_of_it_is_in_newtons_and_its_clocks_are_certified(
     assert trial.sync.errors.time == pytest.approx(0.05, rel=0.01), "lines are stamped when they arrive"
     assert trial.sync.errors.force == pytest.approx(0.05 * trial.sync.force_rate, rel=0.01)
     assert trial.sync.force_rate > 20.0
-
-
-POSE, FREE, TIGHT = SPECS
 
 
 def test_every_trial_is_complete_accepted_and_named_after_its_condition(wearer: WearerSession) -> None:

@@ -38,6 +38,10 @@ from tests.station.session.benched import Recorder, simulated_bench
 
 Station = Callable[..., Ran]
 GOLDEN = Path(__file__).parents[2] / "recordings" / "golden" / "format_1.mcap"
+FORCE = Stream("/force", "V", ("force",), 1000.0, "NI Dev1")
+MARKERS = Stream("/markers", "mm", tuple("abcde"), 100.0, "QTM")
+CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"], "site": "arm"}
+TWO_CUFFS = parse_config({"cuffs": {"one": CUFF, "two": CUFF}, "protocol": {"repeats": 3}}, "test")
 
 
 @pytest.fixture(scope="module")
@@ -138,12 +142,6 @@ def test_one_simulated_device_makes_a_simulated_trial() -> None:
 def test_a_recording_of_an_older_station_opens_with_an_unknown_origin(station: Station) -> None:
     assert read_manifest(GOLDEN).origin is DataOrigin.UNKNOWN
     assert "measured or simulated: not recorded" in station("info", GOLDEN).out
-
-
-FORCE = Stream("/force", "V", ("force",), 1000.0, "NI Dev1")
-MARKERS = Stream("/markers", "mm", tuple("abcde"), 100.0, "QTM")
-CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"], "site": "arm"}
-TWO_CUFFS = parse_config({"cuffs": {"one": CUFF, "two": CUFF}, "protocol": {"repeats": 3}}, "test")
 
 
 def recording(folder: Path) -> Path:

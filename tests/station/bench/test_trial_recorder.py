@@ -46,6 +46,7 @@ CONFIG = parse_config(
     },
     "test",
 )
+ENDINGS = [signal.SIGINT, signal.SIGTERM] + ([] if sys.platform == "win32" else [signal.SIGHUP])
 
 
 class Rig:
@@ -382,9 +383,6 @@ def test_a_trial_whose_folder_is_renamed_is_not_accepted_and_its_samples_are_kep
     assert TrialCode.RECORDING_MOVED in codes(result)
     outcome = open_recording(renamed / SPEC.file_name(1)).outcome
     assert outcome is not None and not outcome.accepted
-
-
-ENDINGS = [signal.SIGINT, signal.SIGTERM] + ([] if sys.platform == "win32" else [signal.SIGHUP])
 
 
 class _CountsStops:

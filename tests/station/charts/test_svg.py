@@ -42,6 +42,7 @@ MARKS: tuple[Mark, ...] = (
     Rule(1.0, label="slack", word="slack cord"),
     Strip(0.2, 0.4, label="fitted", is_upright=True),
 )
+STEPS = [1, 2, 2.5, 5, 10]
 
 
 def test_a_chart_is_well_formed_and_its_texts_are_text() -> None:
@@ -101,9 +102,6 @@ def test_dots_on_the_same_pixel_are_drawn_once() -> None:
 
 
 # Axes: round ticks inside the limits, with as many decimals as they need.
-
-
-STEPS = [1, 2, 2.5, 5, 10]
 
 
 @example(1.0, 31.0, 3)

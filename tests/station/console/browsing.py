@@ -17,6 +17,47 @@ from tests.timeout import scaled_timeout
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE_S = 120.0
+AXE = Path.home() / ".cache" / "cuffstation" / "axe" / "node_modules" / "axe-core" / "axe.min.js"
+needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed here; .ci/run installs it with npm")
+SERIOUS = """
+async () => (await axe.run(document, { resultTypes: ["violations"] })).violations
+    .filter(({ impact }) => ["serious", "critical"].includes(impact))
+    .flatMap(({ id, nodes }) => nodes.map(({ target, failureSummary }) => `${id}: ${target} ${failureSummary}`))
+"""
+UNREADABLE = """
+() => {
+    const parts = colour => (colour.match(/[\\d.]+/g) || []).map(Number);
+    const over = (top, below) => {
+        const alpha = top.length > 3 ? top[3] : 1;
+        return [0, 1, 2].map(i => alpha * top[i] + (1 - alpha) * below[i]);
+    };
+    const luminance = rgb => {
+        const [r, g, b] = rgb.map(v => v / 255).map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+    };
+    const ancestors = element => element ? [...ancestors(element.parentElement), element] : [];
+    const found = [];
+    const words = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    while (words.nextNode()) {
+        const text = words.currentNode.textContent.trim(), element = words.currentNode.parentElement;
+        const box = element.getBoundingClientRect();
+        if (!text || !element.checkVisibility({visibilityProperty: true}) || box.width < 2 || box.height < 2) continue;
+        if (element.closest("script, style, [disabled], .q-icon, .q-tooltip")) continue;
+        let back = [255, 255, 255], opacity = 1;
+        for (const each of ancestors(element)) {
+            back = over(parts(getComputedStyle(each).backgroundColor), back);
+            opacity *= Number(getComputedStyle(each).opacity);
+        }
+        const style = getComputedStyle(element), ink = parts(style.color);
+        const shown = over([...ink.slice(0, 3), (ink[3] ?? 1) * opacity], back);
+        const [dark, light] = [luminance(shown), luminance(back)].sort((a, b) => a - b);
+        const contrast = (light + 0.05) / (dark + 0.05), size = parseFloat(style.fontSize);
+        const isLarge = size >= 24 || (size >= 18.66 && Number(style.fontWeight) >= 700);
+        if (contrast < (isLarge ? 3 : 4.5)) found.push(`${text}: ${contrast.toFixed(1)} at ${size} px`);
+    }
+    return found;
+}
+"""
 
 
 def patience_ms(seconds: float = PATIENCE_S) -> float:
@@ -132,16 +173,6 @@ def until(page: Page, is_met: Callable[[], bool]) -> None:
 # Faults of a page that keep people from using it, as axe-core finds them (Deque's rules for WCAG).
 
 
-AXE = Path.home() / ".cache" / "cuffstation" / "axe" / "node_modules" / "axe-core" / "axe.min.js"
-needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed here; .ci/run installs it with npm")
-
-SERIOUS = """
-async () => (await axe.run(document, { resultTypes: ["violations"] })).violations
-    .filter(({ impact }) => ["serious", "critical"].includes(impact))
-    .flatMap(({ id, nodes }) => nodes.map(({ target, failureSummary }) => `${id}: ${target} ${failureSummary}`))
-"""
-
-
 def serious_faults(page: Page) -> list[str]:
     """Serious and critical violations on the page as it is now."""
     if not page.evaluate("'axe' in window"):
@@ -150,42 +181,6 @@ def serious_faults(page: Page) -> list[str]:
 
 
 # Whether every word on a page can be read: its contrast, as the W3C's guidelines define it (WCAG 2.2, 1.4.3).
-
-
-UNREADABLE = """
-() => {
-    const parts = colour => (colour.match(/[\\d.]+/g) || []).map(Number);
-    const over = (top, below) => {
-        const alpha = top.length > 3 ? top[3] : 1;
-        return [0, 1, 2].map(i => alpha * top[i] + (1 - alpha) * below[i]);
-    };
-    const luminance = rgb => {
-        const [r, g, b] = rgb.map(v => v / 255).map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
-        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-    };
-    const ancestors = element => element ? [...ancestors(element.parentElement), element] : [];
-    const found = [];
-    const words = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-    while (words.nextNode()) {
-        const text = words.currentNode.textContent.trim(), element = words.currentNode.parentElement;
-        const box = element.getBoundingClientRect();
-        if (!text || !element.checkVisibility({visibilityProperty: true}) || box.width < 2 || box.height < 2) continue;
-        if (element.closest("script, style, [disabled], .q-icon, .q-tooltip")) continue;
-        let back = [255, 255, 255], opacity = 1;
-        for (const each of ancestors(element)) {
-            back = over(parts(getComputedStyle(each).backgroundColor), back);
-            opacity *= Number(getComputedStyle(each).opacity);
-        }
-        const style = getComputedStyle(element), ink = parts(style.color);
-        const shown = over([...ink.slice(0, 3), (ink[3] ?? 1) * opacity], back);
-        const [dark, light] = [luminance(shown), luminance(back)].sort((a, b) => a - b);
-        const contrast = (light + 0.05) / (dark + 0.05), size = parseFloat(style.fontSize);
-        const isLarge = size >= 24 || (size >= 18.66 && Number(style.fontWeight) >= 700);
-        if (contrast < (isLarge ? 3 : 4.5)) found.push(`${text}: ${contrast.toFixed(1)} at ${size} px`);
-    }
-    return found;
-}
-"""
 
 
 def unreadable(page: Page) -> list[str]:

@@ -22,6 +22,8 @@ from station.sources import read_model
 from tests.station.console.live_source import LiveSource, live_setup
 from tests.timeout import scaled_timeout
 
+FEEDS: list[LiveFeed] = []
+
 
 class ManualClock:
     def __init__(self) -> None:
@@ -36,9 +38,6 @@ async def polled(feed: LiveFeed, is_met: Callable[[], bool]) -> None:
         while not is_met():
             await feed.poll()
             await asyncio.sleep(0.005)
-
-
-FEEDS: list[LiveFeed] = []
 
 
 def opened(folder: Callable[[], Path | None], *clock: Callable[[], float]) -> LiveFeed:

@@ -26,6 +26,10 @@ from station.session.open_session import CommandRefused
 from tests.refusals import raises_refusal
 from tests.station.console.live_source import live_setup
 
+CHARTS = pytest.mark.parametrize(
+    "chart", [force_over_motion([]), _over_time(), _over_time(ELEVATION_AXIS)], ids=["path", "over time", "wearer"]
+)
+
 
 @pytest.mark.parametrize("is_deleted_first", [True, False])
 def test_an_action_that_deletes_its_button_still_reaches_the_page(monkeypatch, is_deleted_first: bool) -> None:
@@ -73,11 +77,6 @@ def test_a_press_without_a_time_and_one_of_long_ago_are_not_executed(pressed_ms:
     with raises_refusal(code, kind=CommandRefused):
         _unless_late("Begin", pressed_ms, lambda: pressed.append("Begin"))
     assert not pressed
-
-
-CHARTS = pytest.mark.parametrize(
-    "chart", [force_over_motion([]), _over_time(), _over_time(ELEVATION_AXIS)], ids=["path", "over time", "wearer"]
-)
 
 
 @CHARTS

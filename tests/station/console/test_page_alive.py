@@ -23,6 +23,18 @@ from tests.station.console.browsing import (
 from tests.station.console.served import ServedConsole, write_config
 
 pytestmark = pytest.mark.timeout(600)
+CHART = "getElement(Number(document.querySelector('.charts .nicegui-echart').id.slice(1))).chart.getOption()"
+LAST_POINT = f"() => {CHART}.series[0].data.at(-1)[0]"
+ZOOMED = f"axis => {{ const {{ start, end }} = {CHART}.dataZoom[axis]; return end - start < 100; }}"
+MARKS = f"() => {CHART}.series[0].markLine.data.map((mark) => mark.name)"
+FOCUS_AFTER = """action => {
+    document.activeElement.blur();
+    action === "click"
+        ? document.querySelector(".mark-button").click()
+        : document.body.dispatchEvent(new KeyboardEvent("keydown", {...action, bubbles: true, cancelable: true}));
+    return document.activeElement.placeholder;
+}"""
+"""Within one task of the browser: the console cannot answer before it returns."""
 
 
 @pytest.mark.parametrize("death", ["killed", "frozen"])
@@ -109,12 +121,6 @@ def test_a_page_that_does_not_draw_receives_no_further_updates(browser: Browser,
     until(other, lambda: len(sent) > before + 8)
 
 
-CHART = "getElement(Number(document.querySelector('.charts .nicegui-echart').id.slice(1))).chart.getOption()"
-LAST_POINT = f"() => {CHART}.series[0].data.at(-1)[0]"
-ZOOMED = f"axis => {{ const {{ start, end }} = {CHART}.dataZoom[axis]; return end - start < 100; }}"
-MARKS = f"() => {CHART}.series[0].markLine.data.map((mark) => mark.name)"
-
-
 def test_charts_show_marks_pause_zoom_and_scale(browser: Browser, trial: ServedConsole) -> None:
     page = open_page(browser, trial.address)
     updates = picture_updates(page)
@@ -140,16 +146,6 @@ def test_charts_show_marks_pause_zoom_and_scale(browser: Browser, trial: ServedC
     page.wait_for_function(f"() => ![0, 1].some({ZOOMED})")
     page.keyboard.press("p")
     until(page, lambda: page.evaluate(LAST_POINT) > seen_s)
-
-
-FOCUS_AFTER = """action => {
-    document.activeElement.blur();
-    action === "click"
-        ? document.querySelector(".mark-button").click()
-        : document.body.dispatchEvent(new KeyboardEvent("keydown", {...action, bubbles: true, cancelable: true}));
-    return document.activeElement.placeholder;
-}"""
-"""Within one task of the browser: the console cannot answer before it returns."""
 
 
 def test_the_name_of_a_mark_has_the_focus_before_the_console_answers(browser: Browser, trial: ServedConsole) -> None:

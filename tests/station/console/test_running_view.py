@@ -26,6 +26,7 @@ from station.session.trial_runner import LiveTrial, force_limits
 from tests.station.wearer import wearer_config
 
 BOUNCE = TrialSpec(None, "bounce", 1)
+Run = Callable[[Callable[[], Awaitable[None]]], None]
 
 
 @pytest.mark.parametrize(
@@ -96,9 +97,6 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
 
 
 # Flow control towards a browser: a fake one draws when the test says so.
-
-
-Run = Callable[[Callable[[], Awaitable[None]]], None]
 
 
 class FakeBrowser:

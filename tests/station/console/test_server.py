@@ -23,6 +23,7 @@ from tests.station.console.served import ServedConsole, write_config
 from tests.timeout import scaled_timeout
 
 TOKEN = "right-token"  # noqa: S105  (of the tests)
+SCOPE: Scope = {"type": "http", "method": "GET", "path": "/", "headers": [(b"accept-encoding", b"gzip")]}
 
 
 def _request(
@@ -175,9 +176,6 @@ def test_a_host_that_is_unknown_or_not_this_computer_is_refused(host: str) -> No
 
 
 # A browser that leaves before its answer, behind NiceGUI's middlewares; the messages are those of uvicorn.
-
-
-SCOPE: Scope = {"type": "http", "method": "GET", "path": "/", "headers": [(b"accept-encoding", b"gzip")]}
 
 
 def request(app: ASGIApp, *received: str) -> list[Message]:

@@ -35,6 +35,16 @@ from tests.station.emg.measured import (
 from tests.station.reported import unmarked_numbers
 
 Station = Callable[..., Ran]
+pytestmark = pytest.mark.shared
+PUBLISHED_MAXIMA = {"MD": 0.706, "SA": 1.862}
+"""By which the authors divide their EMG, in its unknown unit."""
+SETUP = '[envelope]\nmethod = "seth_2019"\n[channels]\n' + "".join(
+    f"{label} = {{ muscles = {muscles}, maximum = {PUBLISHED_MAXIMA[label]} }}\n"
+    for label, muscles in (
+        ("MD", ["DeltoideusScapula_M"]),
+        ("SA", ["SerratusAnterior_I", "SerratusAnterior_M", "SerratusAnterior_S"]),
+    )
+)
 
 
 @pytest.fixture(scope="module")
@@ -312,19 +322,6 @@ def test_an_output_that_is_a_file_or_within_one_is_wrong_usage(station: Station,
     before = files(lab_folder)
     assert_refused(station("emg", "lift.csv", "--output", output), WRONG_USAGE, InputCode.OUTPUT_IS_FILE)
     assert files(lab_folder) == before
-
-
-pytestmark = pytest.mark.shared
-
-PUBLISHED_MAXIMA = {"MD": 0.706, "SA": 1.862}
-"""By which the authors divide their EMG, in its unknown unit."""
-SETUP = '[envelope]\nmethod = "seth_2019"\n[channels]\n' + "".join(
-    f"{label} = {{ muscles = {muscles}, maximum = {PUBLISHED_MAXIMA[label]} }}\n"
-    for label, muscles in (
-        ("MD", ["DeltoideusScapula_M"]),
-        ("SA", ["SerratusAnterior_I", "SerratusAnterior_M", "SerratusAnterior_S"]),
-    )
-)
 
 
 def test_level_and_correlation_are_those_of_the_published_processing(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from tests.station.command import Ran, assert_refused
 from tests.station.emg.measured import levels, write_activations, write_emg, write_setup
 
 SETUP = read_emg_setup(None)
+Station = Callable[..., Ran]
 
 
 def written(folder: Path, text: str, name: str = "trial.csv") -> Path:
@@ -148,9 +149,6 @@ def test_an_unknown_name_is_refused_with_similar_names() -> None:
         setup.require_muscles(["AD"], ["TRIlong", "DeltoideusClavicle_B"], "act.sto")
     figures = caught.value.cause.figures
     assert figures["name"] == "DeltoideusClavicle_A" and "DeltoideusClavicle_B" in figures["known"]
-
-
-Station = Callable[..., Ran]
 
 
 @pytest.fixture

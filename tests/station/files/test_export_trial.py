@@ -34,6 +34,8 @@ from tests.station.command import assert_refused
 from tests.station.foreign import Truth, config, static_and_dynamic
 from tests.station.wearer import BODY, GAIN, SPECS, WearerSession
 
+POSE, FREE, TIGHT = SPECS
+
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -368,9 +370,6 @@ def test_files_for_foxglove_are_in_a_separate_folder(station, static: Path, tria
 
 
 # A wearer's trials as files of other programs: markers, cord, EMG and cycles; info and replay of a motion.
-
-
-POSE, FREE, TIGHT = SPECS
 
 
 @pytest.fixture(scope="module")

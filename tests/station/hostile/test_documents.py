@@ -30,6 +30,19 @@ LONG = "7" * 400
 """An integer beyond the range of a double and of a clock."""
 needs_pipes = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows keeps its named pipes in no folder")
 GOOD = {"stiffness_n_per_m": 8000, "damping_n_s_per_m": 200, "migration_m": 0.01}
+VALID = [("waist_cuff", None), ("waist_cuff", "x"), ("findings", []), ("emg", [])]
+EXCESSIVE = ("events", "empty records", "zeros")
+"""Correct to the last CRC and too large, so that they are refused as a whole."""
+REFUSALS = [
+    pytest.param(name, verb, marks=[] if verb == "info" or name == "zeros" else [pytest.mark.slow])
+    for name in EXCESSIVE
+    for verb in ("info", "recover", "fit", "export")
+]
+"""By default every bomb is opened once, and every verb opens one."""
+MOST_PROCESSOR_S = 10
+MOST_MEMORY = 10**9
+"""Bytes of its resident set."""
+ROOT = Path(__file__).parents[3]
 
 
 def last_sentence(ran: Ran) -> str:
@@ -191,9 +204,6 @@ def test_the_smallest_assessment_is_reported(station: Station, tmp_path: Path) -
     assert ran.code == 0, ran.err
 
 
-VALID = [("waist_cuff", None), ("waist_cuff", "x"), ("findings", []), ("emg", [])]
-
-
 @pytest.mark.parametrize(
     ("key", "wrong"),
     [
@@ -237,16 +247,6 @@ def test_a_malformed_assessment_is_refused(
     assert_refused(station("report", tmp_path), 1, code)
 
 
-EXCESSIVE = ("events", "empty records", "zeros")
-"""Correct to the last CRC and too large, so that they are refused as a whole."""
-REFUSALS = [
-    pytest.param(name, verb, marks=[] if verb == "info" or name == "zeros" else [pytest.mark.slow])
-    for name in EXCESSIVE
-    for verb in ("info", "recover", "fit", "export")
-]
-"""By default every bomb is opened once, and every verb opens one."""
-
-
 @pytest.fixture(scope="module")
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A session's folder for each bomb."""
@@ -274,12 +274,6 @@ def test_a_bomb_is_refused_by_every_verb(sessions: dict[str, Path], name: str, v
 def test_the_content_before_a_bomb_is_shown(sessions: dict[str, Path], name: str, tmp_path: Path) -> None:
     ran = assert_ends_within_limits("info", sessions[name] / "a.mcap", folder=tmp_path, codes=(1, 3))
     assert ran.out or "1000000 samples" in ran.err
-
-
-MOST_PROCESSOR_S = 10
-MOST_MEMORY = 10**9
-"""Bytes of its resident set."""
-ROOT = Path(__file__).parents[3]
 
 
 @dataclass(frozen=True)

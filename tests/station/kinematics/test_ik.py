@@ -31,6 +31,8 @@ SETUP = """<?xml version="1.0"?>
 <IKTaskSet><objects>{tasks}</objects></IKTaskSet>
 </InverseKinematicsTool></OpenSimDocument>"""
 TASK = '<IKMarkerTask name="{name}"><apply>true</apply><weight>{weight}</weight></IKMarkerTask>'
+POSE, FREE, TIGHT = SPECS
+MOST_RMS_DEG = 3.0  # of axial rotation, which upper-arm markers alone hold worst; the others reach 1.3
 
 
 def trial(folder: Path, frames: int = 30, hidden: int | None = None) -> np.ndarray:
@@ -225,10 +227,6 @@ def test_another_tool_in_the_document_is_named(tmp_path: Path) -> None:
     (tmp_path / "setup.xml").write_text(text.replace("</OpenSimDocument>", other))
     (found,) = read_ik_setup(tmp_path / "setup.xml").unused
     assert found.startswith("<AnalyzeTool> second")
-
-
-POSE, FREE, TIGHT = SPECS
-MOST_RMS_DEG = 3.0  # of axial rotation, which upper-arm markers alone hold worst; the others reach 1.3
 
 
 @pytest.mark.parametrize("spec", [POSE, TIGHT], ids=["pose", "motion"])

@@ -38,6 +38,11 @@ ELBL = { body = "humerus", same_as = ["EpL"] }
 KNEE = { body = "humerus" }
 HEEL = { body = "calcn" }
 """
+BODIES = [("ac", "RShoulderTop", "scapula"), ("EpL", "RElbowOut", "humerus"), ("EpM", "RElbowIn", "humerus")]
+Change = Callable[[MarkerTable], MarkerTable]
+NAMES = [marker.name for marker in bundled_model().markers]
+UNSEEN = [m.name for m in bundled_model().markers if m.body == bundled_model().body_index("scapula")][2:]
+"""So that two markers of the scapula are left."""
 
 
 @pytest.mark.parametrize("name", ["isb", "thoracoscapular", "qualisys_sports"])
@@ -133,9 +138,6 @@ def test_one_marker_on_the_scapula_is_a_finding(tmp_path: Path) -> None:
     assert CoverageCode.NO_SCAPULA_MARKERS in {finding.code for finding in solved.findings}
 
 
-BODIES = [("ac", "RShoulderTop", "scapula"), ("EpL", "RElbowOut", "humerus"), ("EpM", "RElbowIn", "humerus")]
-
-
 def test_what_was_solved_is_written_as_a_set_up_that_solves_the_same(tmp_path: Path, capsys, monkeypatch) -> None:
     trial(tmp_path, frames=6)
     words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.csv")
@@ -147,13 +149,6 @@ def test_what_was_solved_is_written_as_a_set_up_that_solves_the_same(tmp_path: P
     assert set(setup.markers) == {marker.name for marker in MODEL.markers}
     again = solve_postures(IkInputs("bundled", None, tmp_path / "ik.xml"))
     assert len(again.time) == 5
-
-
-Change = Callable[[MarkerTable], MarkerTable]
-NAMES = [marker.name for marker in bundled_model().markers]
-
-UNSEEN = [m.name for m in bundled_model().markers if m.body == bundled_model().body_index("scapula")][2:]
-"""So that two markers of the scapula are left."""
 
 
 def mirrored(table: MarkerTable) -> MarkerTable:

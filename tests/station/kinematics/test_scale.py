@@ -37,6 +37,9 @@ SETUP = """<?xml version="1.0"?>
 <marker_file>trial.trc</marker_file><time_range>{range}</time_range>
 </ModelScaler></ScaleTool></OpenSimDocument>"""
 PAIR = "<MarkerPair><markers>{one} {other}</markers></MarkerPair>"
+PLACER = """<MarkerPlacer><apply>true</apply><IKTaskSet><objects>{tasks}</objects></IKTaskSet>
+<marker_file>{file}</marker_file><time_range>{range}</time_range>{more}</MarkerPlacer></ScaleTool>"""
+TASKS = "".join(f'<IKMarkerTask name="{marker.name}"><weight>1</weight></IKMarkerTask>' for marker in MODEL.markers)
 
 
 def on_humerus() -> list[str]:
@@ -136,11 +139,6 @@ def test_a_load_is_the_likely_reason_of_a_heavy_hand_alone(body: str, codes: lis
     found = mass_findings(replace(MODEL, bodies=bodies))
     assert [finding.code for finding in found] == codes
     assert ["load in the hand" in str(finding) for finding in found] == [code is PersonCode.HAND_MASS for code in codes]
-
-
-PLACER = """<MarkerPlacer><apply>true</apply><IKTaskSet><objects>{tasks}</objects></IKTaskSet>
-<marker_file>{file}</marker_file><time_range>{range}</time_range>{more}</MarkerPlacer></ScaleTool>"""
-TASKS = "".join(f'<IKMarkerTask name="{marker.name}"><weight>1</weight></IKMarkerTask>' for marker in MODEL.markers)
 
 
 def placed(folder: Path, span: str, file: str = "trial.trc", more: str = "") -> ScaledBody:

@@ -19,6 +19,8 @@ from tests.station.wearer import WearerSession
 
 FRAMES = 100
 Values = NDArray[np.float32]
+LENGTHS = {"0.66 m": 0.66, "0.69 m": 0.69, "worn": 0.72, "0.75 m": 0.75}
+PERIOD_S, RATE_HZ = 4.0, 50.0
 
 
 @pytest.fixture(scope="module")
@@ -127,10 +129,6 @@ def _is_frame(block: Samples) -> bool:
 
 
 # Effort per cycle and the best rest length, on curves whose answers are known.
-
-
-LENGTHS = {"0.66 m": 0.66, "0.69 m": 0.69, "worn": 0.72, "0.75 m": 0.75}
-PERIOD_S, RATE_HZ = 4.0, 50.0
 
 
 def run(best_of_cycle: list[float], *, with_gap: bool = False) -> CycleEffort:

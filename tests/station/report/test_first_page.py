@@ -17,6 +17,12 @@ from station.report.muscle_figures import cuffs_figure
 from station.report.numbers import figure, located, saving, saving_in_words
 from station.report.report_file import Source
 
+CHOSEN = {"code": DecisionCode.CHOOSE, "leading": ["hand"], "text": "choose hand", "pairs": []}
+EQUIVALENT = {"code": DecisionCode.EQUIVALENT, "leading": ["hand", "tube"], "text": "equivalent", "pairs": []}
+UNDECIDED = {"code": DecisionCode.UNDECIDED, "leading": ["tube"], "text": "undecided", "pairs": []}
+FIT_ONLY = {"code": DecisionCode.FIT_ONLY, "text": "run `station assess --people 1000`"}
+SAVED = "13.5 % less effort than with a slack cord at a rest length of 0.650 m"
+
 
 def _optimum(effort: float | None) -> dict[str, Any]:
     return {"rest_length_m": _number(0.65), "normalised_cost": _number(effort), "permissible_error_m": _number(0.05)}
@@ -82,13 +88,6 @@ def test_an_effort_is_stated_as_what_is_saved_and_a_bound_is_no_figure(
 ) -> None:
     entry = located(number, Source.of("assessment.json"))
     assert (str(saving(entry)), str(saving_in_words(entry))) == (text, words)
-
-
-CHOSEN = {"code": DecisionCode.CHOOSE, "leading": ["hand"], "text": "choose hand", "pairs": []}
-EQUIVALENT = {"code": DecisionCode.EQUIVALENT, "leading": ["hand", "tube"], "text": "equivalent", "pairs": []}
-UNDECIDED = {"code": DecisionCode.UNDECIDED, "leading": ["tube"], "text": "undecided", "pairs": []}
-FIT_ONLY = {"code": DecisionCode.FIT_ONLY, "text": "run `station assess --people 1000`"}
-SAVED = "13.5 % less effort than with a slack cord at a rest length of 0.650 m"
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,20 @@ from station.report.assessment_section import ELEVATION, LESS, MORE, activation_
 from station.report.pictures import PlannedFigure, draw_all
 from station.report.plot import DPI, as_png
 
+ACTIVATIONS = pd.DataFrame(
+    {
+        "condition": ["slack", "slack", "both", "both", "both", "both"],
+        "cuff": ["", "", "hand", "hand", "tube", "tube"],
+        "time_s": [0.0, 1.0, 0.0, 1.0, 0.0, 1.0],
+        "deltoid": [0.4, 0.5, 0.3, 0.3, 0.9, 0.9],
+        "serratus": [0.0, 0.0, 0.0, 0.2, 0.9, 0.9],
+    }
+)
+DEUTERANOPIA = np.array(
+    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+)
+"""Machado, Oliveira and Fernandes (2009), IEEE Trans. Vis. Comput. Graph. 15:1291, severity 1, of linear RGB."""
+
 
 def test_progress_counts_every_figure_of_all_sections() -> None:
     told: list[tuple[str, int, int]] = []
@@ -72,21 +86,6 @@ def _example() -> Figure:
 
 
 # The picture of the body: colours by change, the nearest muscle in front, true proportions, clear to all eyes.
-
-
-ACTIVATIONS = pd.DataFrame(
-    {
-        "condition": ["slack", "slack", "both", "both", "both", "both"],
-        "cuff": ["", "", "hand", "hand", "tube", "tube"],
-        "time_s": [0.0, 1.0, 0.0, 1.0, 0.0, 1.0],
-        "deltoid": [0.4, 0.5, 0.3, 0.3, 0.9, 0.9],
-        "serratus": [0.0, 0.0, 0.0, 0.2, 0.9, 0.9],
-    }
-)
-DEUTERANOPIA = np.array(
-    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
-)
-"""Machado, Oliveira and Fernandes (2009), IEEE Trans. Vis. Comput. Graph. 15:1291, severity 1, of linear RGB."""
 
 
 def _line(*points: tuple[float, float, float]) -> dict[str, Any]:

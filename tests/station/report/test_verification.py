@@ -20,6 +20,11 @@ from tests.station.reported import DYNAMIC, STATIC, report_session, unmarked_num
 
 STIFFNESS = "cuffs.hand.stiffness_n_per_m"
 EFFORT = "assessment.at_rigid_optimum.hand.both"
+NUMBER = "report.json", "numbers", STIFFNESS
+ASSESSED = "report.json", "numbers", EFFORT
+FITTED = "cuffs.json", "cuffs", "hand", "stiffness_n_per_m"
+SOLVED = "assessment.json", "at_rigid_optimum", "hand", "both"
+TRUE = "simulated_truth.hand.migration_m"
 
 
 @pytest.fixture(scope="module")
@@ -91,13 +96,6 @@ def test_a_number_is_as_in_its_source_and_names_what_it_rests_on(made: Path) -> 
     assert stiffness["recordings"] == effort["recordings"] == [STATIC, DYNAMIC]
     assert stiffness["source"] == {"file": "cuffs.json", "pointer": "/cuffs/hand/stiffness_n_per_m"}
     assert (effort["draws"], effort["seed"]) == (2, 1) and "draws" not in stiffness
-
-
-NUMBER = "report.json", "numbers", STIFFNESS
-ASSESSED = "report.json", "numbers", EFFORT
-FITTED = "cuffs.json", "cuffs", "hand", "stiffness_n_per_m"
-SOLVED = "assessment.json", "at_rigid_optimum", "hand", "both"
-TRUE = "simulated_truth.hand.migration_m"
 
 
 @pytest.mark.parametrize(

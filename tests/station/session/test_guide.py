@@ -38,6 +38,10 @@ from tests.station.wearer import CYCLES, SPECS, WearerSession
 RNG = np.random.default_rng(7)
 MASSES = (1.5, 1.5, 1.5)
 WEIGHT_N = 1.5 * 9.80665
+BODY = BodySection(markers=("a", "b", "c", "d"), arm=("a", "b"), trunk=("c", "d"), pose_s=5.0, cycles=3)
+WITHOUT_ARM = BodySection(markers=("a", "b", "c"), cycles=4)
+PERIOD_S, HIGHEST_DEG = 4.0, 110.0
+POSE, UNSUITED, TIGHT = SPECS
 
 
 def cues_of(guide: Guide, until_s: float, force: Callable[[float], float], start_s: float = 0.0) -> list[Cue]:
@@ -216,11 +220,6 @@ def test_below_the_limits_there_is_no_alarm() -> None:
     assert ForceLimits(150.0, 500.0).check([(0.0, 0.0), (0.1, 40.0), (0.2, 80.0)]) is None
 
 
-BODY = BodySection(markers=("a", "b", "c", "d"), arm=("a", "b"), trunk=("c", "d"), pose_s=5.0, cycles=3)
-WITHOUT_ARM = BodySection(markers=("a", "b", "c"), cycles=4)
-PERIOD_S, HIGHEST_DEG = 4.0, 110.0
-
-
 def raising(time: float) -> float:
     """Elevation [deg] of an arm that is raised and lowered three times, every PERIOD_S."""
     return float(10.0 + (HIGHEST_DEG - 10.0) * np.sin(np.pi * min(time, 3 * PERIOD_S) / PERIOD_S) ** 2)
@@ -292,9 +291,6 @@ def test_a_motion_without_counted_cycles_has_one_instruction(guide: Guide, code:
     cue = guide.cue()
     assert (cue.message.code, cue.rest, cue.step, cue.is_done) == (code, RestState.NO_ELEVATION, 0, False)
     assert cues_at(guide, raising, 1.0)[-1].message.code is code
-
-
-POSE, UNSUITED, TIGHT = SPECS
 
 
 @pytest.fixture(scope="module")

@@ -33,6 +33,10 @@ SETUP = Setup("P01", "ab", ("hand", "elbow"), 2, has_bounce=False)
 ONE_CUFF = replace(SETUP, cuffs=("hand",))
 WEARER = replace(SETUP, cuffs=("hand",), repeats=1, conditions=("unsuited", "slack", "tight", "mvc"))
 ACCEPT, REDO = Decision("accept", ""), Decision("redo", "slipped")
+PACED = parse_config({"protocol": {"step_masses_kg": [1, 1], "hold_s": 7, "swing_s": 20, "pause_s": 60}}, "test")
+CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
+TWO_CUFFS = parse_config({"cuffs": {"hand": CUFF, "waist": CUFF}}, "test")
+WITH_BODY = parse_config({"cuffs": {"hand": CUFF}, "body": {"markers": ["a", "b", "c"], "cycles": 30}}, "test")
 
 
 def recorded(cuff: str | None, test: str, repeat: int = 1, donning: str = "1", run: int = 1) -> Recorded:
@@ -151,9 +155,6 @@ def test_a_cuff_to_which_the_rope_returns_is_worn_as_before(session) -> None:
     plan = session((one, ACCEPT), (other, ACCEPT), chosen=(again,))
     assert plan.spec == again and plan.is_back and not plan.is_new_cuff
     assert preparation(plan, StationConfig()) == "Rope to the hand cuff, worn as before, and slack"
-
-
-PACED = parse_config({"protocol": {"step_masses_kg": [1, 1], "hold_s": 7, "swing_s": 20, "pause_s": 60}}, "test")
 
 
 def test_the_time_left_is_that_of_the_protocol(session) -> None:
@@ -287,11 +288,6 @@ def test_a_code_is_not_a_name(word: str) -> None:
 )
 def test_a_code_is_of_ascii_letters_and_digits_that_a_file_name_can_have(word: str, is_code: bool) -> None:
     assert is_subject_code(word) is is_code
-
-
-CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-TWO_CUFFS = parse_config({"cuffs": {"hand": CUFF, "waist": CUFF}}, "test")
-WITH_BODY = parse_config({"cuffs": {"hand": CUFF}, "body": {"markers": ["a", "b", "c"], "cycles": 30}}, "test")
 
 
 @pytest.mark.parametrize(

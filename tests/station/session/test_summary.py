@@ -34,6 +34,8 @@ from tests.station.wearer import SPECS, WearerSession
 POSE, FREE, TIGHT = (spec.file_name(1) for spec in SPECS)
 SHORT = {"most_frames": 45, "most_rest_lengths": 4, "people": None}
 """EMG is compared with activations that are at most half a second apart."""
+CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
+BODY = {"markers": ["ij", "px", "c7"], "conditions": ["unsuited", "tight"]}
 
 
 def record_hand(folder: Path) -> None:
@@ -163,10 +165,6 @@ def test_a_solver_that_is_compiled_at_the_end_of_a_session_is_a_stage(
     with pytest.raises(SummaryError):
         summarise(tmp_path, lambda *stage: stages.append(stage))
     assert {name for name, _, _ in stages} == {COMPILING}
-
-
-CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-BODY = {"markers": ["ij", "px", "c7"], "conditions": ["unsuited", "tight"]}
 
 
 def config_of(*cuffs: str) -> StationConfig:

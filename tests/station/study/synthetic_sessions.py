@@ -15,6 +15,8 @@ import numpy as np
 
 from station.journal import Setup, write_setup
 
+CUFF_FACTORS = {"hand": 1.6, "tube": 1.0}
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -31,7 +33,6 @@ class Spread:
 STIFFNESS = Spread(5000.0, 800.0, 150.0, 300.0, 60.0, 25.0)
 DAMPING = Spread(120.0, 25.0, 4.0, 12.0, 3.0, 5.0)
 MIGRATION = Spread(0.012, 0.003, 0.0005, 0.002, 0.0, 0.00002)
-CUFF_FACTORS = {"hand": 1.6, "tube": 1.0}
 
 
 def write_sessions(

@@ -31,6 +31,10 @@ from station.study.study_page import forest_chart
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import CUFF_FACTORS, STIFFNESS, write_sessions
 
+ROOT = Path(__file__).parents[3]
+CONFIG = ROOT / "station.toml"
+EXAMPLE = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "study.md").read_text(encoding="utf-8"), re.M | re.S)[0]
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -199,11 +203,6 @@ def test_two_volunteers_have_an_interval_with_one_degree_of_freedom(tmp_path: Pa
     for found in study_document(make_study(read_sessions([tmp_path]))).cuffs["tube"].values():
         assert found.mean is not None and found.prediction is not None
         assert (found.mean.dof, found.prediction.dof) == (1.0, 1.0)
-
-
-ROOT = Path(__file__).parents[3]
-CONFIG = ROOT / "station.toml"
-EXAMPLE = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "study.md").read_text(encoding="utf-8"), re.M | re.S)[0]
 
 
 @pytest.fixture

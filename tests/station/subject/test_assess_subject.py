@@ -38,6 +38,10 @@ GENERIC = bundled_model()
 POSE, FREE, TIGHT = SPECS
 MIDDLE = ("ij", "px", "EpL", "EpM")
 CORD = PersonSettings().cord_rest_length_m
+MARKED = Subject(mass_kg=61.5, vertical="y", markers={"acro mion": "aa", 'Él\u007f\t"': "ij"})
+CORDED = Subject(
+    mass_kg=75, hand_load_kg=2.0, marker_set=r"C:\sets\own.toml", cord=Cord(rest_length_m=0.73, cuff="hand")
+)
 
 
 @pytest.fixture(scope="module")
@@ -199,12 +203,6 @@ def test_the_document_is_json_without_nan_or_infinity(folder: Path, plain: dict[
     constants: list[str] = []
     json.loads((folder / "assessment.json").read_text(encoding="utf-8"), parse_constant=constants.append)
     assert constants == []
-
-
-MARKED = Subject(mass_kg=61.5, vertical="y", markers={"acro mion": "aa", 'Él\u007f\t"': "ij"})
-CORDED = Subject(
-    mass_kg=75, hand_load_kg=2.0, marker_set=r"C:\sets\own.toml", cord=Cord(rest_length_m=0.73, cuff="hand")
-)
 
 
 @pytest.mark.parametrize(

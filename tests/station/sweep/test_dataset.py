@@ -30,6 +30,14 @@ from tests.refusals import raises_refusal
 from tests.station.command import assert_refused
 from tests.station.loads import write_weight
 
+CUFFS = {
+    "waist": (2140.0, 124.0, 0.012),
+    "hand": (8520.0, 210.0, 0.012),
+    "elbow": (2530.0, 139.0, 0.022),
+}
+KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
+CUFF = 'cuff = ["hand", "elbow"]\n'
+
 
 def here(tasks: Iterable[Task]) -> Iterator[tuple[dict[str, Outcome], bool]]:
     """In this process, one task after the other."""
@@ -356,15 +364,6 @@ def test_a_wrong_plan_ends_the_verb(station, tmp_path: Path) -> None:
 
 
 # Small plans for tests: a few frames of the bundled motion, published cuffs.
-
-
-CUFFS = {
-    "waist": (2140.0, 124.0, 0.012),
-    "hand": (8520.0, 210.0, 0.012),
-    "elbow": (2530.0, 139.0, 0.022),
-}
-KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
-CUFF = 'cuff = ["hand", "elbow"]\n'
 
 
 def write_plan(folder: Path, vary: str = "", head: str = "every = 60\n") -> Path:

@@ -37,6 +37,8 @@ PRACTICE = ("--config", "station.toml", "--session", "monday", "--simulated", "-
 
 SHOWN = 80 * 9001  # characters of the largest buffer of a console with 80 columns
 CREATE_NO_WINDOW = 0x0800_0000  # a console of its own, which no window shows
+SPEED = 30.0
+SETUP = Setup("P01", "ab", (), 1, has_bounce=False, conditions=("unsuited",))
 
 
 @pytest.fixture
@@ -269,9 +271,6 @@ def test_an_option_of_one_trial_needs_a_test(
 # Console and terminal run the same session in turn, and each resumes it where the other was killed.
 
 
-SPEED = 30.0
-
-
 @pytest.mark.slow
 def test_terminal_and_console_resume_each_other_s_session_during_a_trial_and_before_a_decision(tmp_path: Path) -> None:
     """The terminal is killed while it records; its recorder goes on, and the console keeps that trial and records the
@@ -326,9 +325,6 @@ async def _go_on_at_the_console(path: Path, folder: Path, bench: object) -> None
 
 
 # Trials of the simulated wearer, guided, judged and kept without a page.
-
-
-SETUP = Setup("P01", "ab", (), 1, has_bounce=False, conditions=("unsuited",))
 
 
 def wearer_practice() -> StationConfig:
