@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from documents.interval import counted
 from solver.errors import ModelError
 
 Array = NDArray[np.float64]
@@ -234,7 +235,7 @@ def _ensure_known(node: ast.expr, variables: tuple[str, ...], depth: int = 0) ->
     elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         arguments, _ = _FUNCTIONS.get(node.func.id, (0, np.negative))
         if arguments != len(node.args):
-            raise ExpressionError(f"has the unknown function {node.func.id} of {len(node.args)} arguments")
+            raise ExpressionError(f"has the unknown function {node.func.id} of {counted(len(node.args), 'argument')}")
         parts = node.args
     else:
         raise ExpressionError(f"has '{ast.unparse(node)[:80]}', which is not arithmetic")

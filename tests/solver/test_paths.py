@@ -124,7 +124,7 @@ def test_a_path_that_does_not_fit_the_model_is_refused() -> None:
     beginning, nowhere = point(GROUND, (0.0, 0.0, 0.0)), point(99, (0.0, 0.0, 0.0))
     stranger = _mover(GROUND, 99, (0.0, 1.0))
     for path, naming in (
-        (Path((beginning,), ()), "1 points"),
+        (Path((beginning,), ()), "1 point"),
         (Path((beginning, nowhere), ()), "body 99"),
         (Path((beginning, stranger), ()), "coordinate 99"),
         (Path((beginning, beginning), (PathWrap(99, "hybrid"),)), "surface 99"),

@@ -551,7 +551,7 @@ UNREADABLE = [
             ("2*", "has '2*', which is not arithmetic"),
             ("q**2", "has 'q**2', which is not arithmetic"),
             ("__import__('os').system('ls')", "has '__import__('os').system('ls')', which is not arithmetic"),
-            ("floor(q)", "has the unknown function floor of 1 arguments"),
+            ("floor(q)", "has the unknown function floor of 1 argument"),
             ("sin(q,q)", "has the unknown function sin of 2 arguments"),
             ("q if q else 1", "has"),
             ("a*q; a", "has the definition 'a', expected name=formula"),
