@@ -204,8 +204,8 @@ class BodyScene:
             self._log_muscles(muscles[frame], np.nan_to_num(activations[frame]))
             strips = [line[frame] for line in bones]
             self._stream.log("body/bones", rr.LineStrips3D(strips, colors=BONE, radii=self._radii))
-            if cord is not None:
-                self._log_cord(cord[frame])
+            if suit is not None and cord is not None:
+                self._log_cord(cord[frame], suit)
         return SceneExtent.around(np.concatenate([line.reshape(-1, 3) for line in bones]))
 
     def _log_muscles(self, lines: list[Array], activations: Array) -> None:
@@ -214,9 +214,10 @@ class BodyScene:
         radii = THIN + share[:, 0] * (THICK - THIN)
         self._stream.log("body/muscles", rr.LineStrips3D(lines, colors=colours, radii=radii))
 
-    def _log_cord(self, points: Array) -> None:
+    def _log_cord(self, points: Array, suit: Suit) -> None:
         self._stream.log("body/cord", rr.LineStrips3D([points], colors=CORD, radii=0.004))
-        cuffs = rr.Points3D(points[[0, 2]], colors=CORD, radii=0.02, labels=["waist", "arm"])
+        ends = [suit.names[part] for part in ("waist", "arm")]
+        cuffs = rr.Points3D(points[[0, -1]], colors=CORD, radii=0.02, labels=ends)
         self._stream.log("body/cuffs", cuffs)
 
 

@@ -7,8 +7,10 @@ import re
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +19,14 @@ import rerun as rr
 from fitting.trial.analog_signals import AnalogSignals
 from recordings.samples import Event, Samples, Stream
 from solver.bundled import bundled_model
+from solver.suit.suit import read_suit
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.bench.view import Snapshot, TrialState
 from station.live.published import LiveFinding
 from station.live.subscription import LiveSubscription, find_address
 from station.sources import BUNDLED, named_hashes
 from station.viewer.scene import LiveScene, emg_rms, log_scene, show_live
-from station.viewer.viewer import DISTANCE, TIMELINE, RerunLog, SceneExtent
+from station.viewer.viewer import DISTANCE, TIMELINE, BodyScene, RerunLog, SceneExtent
 from tests.station.console.live_source import LiveSource
 from tests.station.foreign import static_and_dynamic
 from tests.station.wearer import SPECS, WearerSession
@@ -68,6 +71,31 @@ def test_fit_plateaus_body_and_suit_are_in_the_scene(tmp_path: Path) -> None:
         of_test = b"/fit/plateaus" if test == "static" else b"/fit/predicted"
         for name in (of_test, b"/fit/displacement", b"/body/muscles", b"/body/cord", b"/body/cuffs", b"Force [N]"):
             assert name in content
+
+
+class Logged:
+    """The last value of each entity, in place of a recording of Rerun."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {}
+
+    def set_time(self, *_: object, **__: object) -> None: ...
+
+    def log(self, entity: str, value: Any, **_: object) -> None:
+        self.values[entity] = value
+
+
+@pytest.mark.parametrize("is_straight", [False, True])
+def test_cuffs_are_at_the_ends_of_any_cord_and_have_the_names_of_the_suit(is_straight: bool) -> None:
+    suit = replace(read_suit(), is_straight=is_straight, names={"waist": "heel", "shoulder": "knee", "arm": "shank"})
+    logged, model = Logged(), bundled_model()
+    coordinates = model.default_coordinates[None]
+    BodyScene(logged, model, suit).log(np.zeros(1, np.int64), coordinates, np.zeros((1, len(model.muscles))))
+    cord, cuffs = logged.values["body/cord"], logged.values["body/cuffs"]
+    line = cord.strips.as_arrow_array().to_pylist()[0]
+    assert len(line) == len(suit.parts)
+    assert cuffs.positions.as_arrow_array().to_pylist() == [line[0], line[-1]]
+    assert cuffs.labels.as_arrow_array().to_pylist() == ["heel", "shank"]
 
 
 @pytest.mark.parametrize("role", ["model", "motion"])
