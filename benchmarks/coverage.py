@@ -35,6 +35,9 @@ SHOWN = 0.05
 LAG_SD = 2e-3
 HOOK = 2.0
 """N that hang on the cuff without weights."""
+OBLIQUE = math.radians(25.0)
+USUAL = {"note.not_calibrated", "note.direction_of_pull_unknown", "note.published_damping", "sync.certificate"}
+Found = tuple[Estimate, float]
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,6 @@ class Condition:
     lag_sd: float | None = None
 
 
-OBLIQUE = math.radians(25.0)
 CONDITIONS = {
     "clean": Condition(),
     "20 Hz": Condition(truth={"force_rate": 20.0}),
@@ -169,11 +171,6 @@ def codes_of(fit: CuffFit) -> set[str]:
     notes = {note.code.value for note in fit.notes} | {note.code.value for trial in fit.trials for note in trial.notes}
     causes = {cause.code.value for cause in fit.diagnosis.causes} if fit.diagnosis else set()
     return causes | notes - USUAL
-
-
-USUAL = {"note.not_calibrated", "note.direction_of_pull_unknown", "note.published_damping", "sync.certificate"}
-
-Found = tuple[Estimate, float]
 
 
 def _quantities(sessions: Sequence[Session]) -> dict[str, list[Found | None]]:

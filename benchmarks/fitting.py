@@ -49,6 +49,7 @@ from tests.fitting.pulls import swing
 LAG_SD = 0.5e-3
 Row = tuple[float, ...]
 """Of one run: k, its standard error and bound, c, its standard error and bound, all over the true value."""
+NO_DEFECT = "no defect: no cause reported"
 
 
 def main() -> None:
@@ -216,7 +217,6 @@ def _moments(values: np.ndarray, a_minute: float, random: np.random.Generator) -
     return [(i, int(frame)) for i, count in enumerate(counts) for frame in random.integers(0, frames, count)]
 
 
-NO_DEFECT = "no defect: no cause reported"
 SIGHTS = {"whole": lambda values, _: values, "hidden (T10)": _hidden, "ghosts (T11)": _ghosts}
 
 

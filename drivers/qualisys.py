@@ -40,6 +40,16 @@ from drivers.qualisys_wire import (
 )
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
+CONNECT_TIMEOUT_S = 2.5
+COMMAND_TIMEOUT_S = 2.0
+CAMERAS_TIMEOUT_S = 8.0  # a new measurement has to connect to the cameras
+LEAVE_TIMEOUT_S = 1.5
+OPENED_TIMEOUT_S = 2 * (CONNECT_TIMEOUT_S + CAMERAS_TIMEOUT_S)  # for a step that ignores its own time-out
+QUIET_S = 0.5  # wall; after this silence QTM is polled
+LONGEST_QUEUE = 60_000  # unread frames: ten minutes at 100 Hz
+CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this name, and adds a number
+_PASSING = ("camera_settings_changed", "capture_saved", "trigger")  # events that do not report a state
+
 
 class Qualisys:
     """Streams /markers in mm; sample numbers are QTM's frame numbers, device time is its time stamp.
@@ -130,16 +140,6 @@ class Qualisys:
         if connection is None:
             raise DeviceLost(f"{self.name} was asked to {what} and is closed; open it first", DeviceCode.CLOSED)
         return connection
-
-
-CONNECT_TIMEOUT_S = 2.5
-COMMAND_TIMEOUT_S = 2.0
-CAMERAS_TIMEOUT_S = 8.0  # a new measurement has to connect to the cameras
-LEAVE_TIMEOUT_S = 1.5
-OPENED_TIMEOUT_S = 2 * (CONNECT_TIMEOUT_S + CAMERAS_TIMEOUT_S)  # for a step that ignores its own time-out
-QUIET_S = 0.5  # wall; after this silence QTM is polled
-LONGEST_QUEUE = 60_000  # unread frames: ten minutes at 100 Hz
-CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this name, and adds a number
 
 
 class QtmConnection:
@@ -479,9 +479,6 @@ class QtmConnection:
         why = f" ({error})" if error else ""
         sentence = f"{self._name} closed the connection{why}; check that QTM runs and its cable is plugged in"
         self.inbox.end(sentence, DeviceCode.DISCONNECTED)
-
-
-_PASSING = ("camera_settings_changed", "capture_saved", "trigger")  # events that do not report a state
 
 
 class Inbox:

@@ -45,6 +45,10 @@ _ADVICE = {
     "frames": "open a measurement in QTM",
 }
 """Step of opening a connection → what to do if QTM refuses it."""
+LEAST_STEP = 0.9
+"""Least ratio of the frames by time stamps to those by frame numbers; below it, the numbers have begun anew."""
+STAMP_TOLERANCE = 1.5
+"""Frames by which the steps of time stamps and frame numbers may differ within a capture, as in the fit."""
 
 
 @dataclass(frozen=True)
@@ -174,12 +178,6 @@ class PacketGuard(asyncio.Protocol):
         else:
             self._was_readable = True
             self._receiver.data_received(HEADER.pack(HEADER.size + len(body), kind) + body)
-
-
-LEAST_STEP = 0.9
-"""Least ratio of the frames by time stamps to those by frame numbers; below it, the numbers have begun anew."""
-STAMP_TOLERANCE = 1.5
-"""Frames by which the steps of time stamps and frame numbers may differ within a capture, as in the fit."""
 
 
 class MarkerBlocks:

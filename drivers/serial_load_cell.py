@@ -29,6 +29,7 @@ QUIET_S = 0.5  # five lines; of wall time and by the host's clock, which stops w
 
 USB220_LINE = re.compile(rb"([+-]\d{1,9}\.\d{1,9})\s+lbs\r?\n")  # 18 bytes, the value in the first 13
 USB520_LINE = re.compile(rb"\s*([+-]?\d{1,9}\.\d{1,9})\s*g\s*\r?\n")
+SHOWN = 40  # bytes of a line in a message
 
 
 def decode_usb220(line: bytes) -> float | None:
@@ -48,7 +49,6 @@ FORMATS: dict[LineFormat, tuple[str, str, str, Callable[[bytes], float | None]]]
     "usb520": ("FUTEK USB520", "g", "12.345 g", decode_usb520),
 }
 """Product, unit of its stream, an example of a line, and its decoder."""
-SHOWN = 40  # bytes of a line in a message
 
 
 class SerialLoadCell:

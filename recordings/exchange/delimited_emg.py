@@ -47,6 +47,8 @@ _COUNTER = re.compile(r"(?:frame|sample|index|no)s?(?:[\s_]*(?:#|no\.?|number))?
 _BRACKETED = re.compile(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _SUFFIXED = re.compile(r"(.+?)\s*[,_]\s*([muµμ]?v)", re.IGNORECASE)
 _DELSYS_LABEL = re.compile(r"Label:\s*(.+?)\s+Sampling frequency:.*?\bUnit:\s*(\S+)")
+FRAME = "Frame #"
+_REMARK = re.compile(r"\s*([^\t]*?)\s*\t\s*//\s*(.*?)\s*$")
 
 
 def read_delimited_emg(path: Path, rate_hz: float | None = None, labels: Sequence[str] = ()) -> SignalTable:
@@ -195,10 +197,6 @@ def _require_channels(names: tuple[str, ...], path: Path) -> None:
             RecordingCode.FOREIGN_NO_CHANNEL,
         )
     require_single_channels(names, str(path))
-
-
-FRAME = "Frame #"
-_REMARK = re.compile(r"\s*([^\t]*?)\s*\t\s*//\s*(.*?)\s*$")
 
 
 def read_exp(path: Path, rate_hz: float | None = None, labels: Sequence[str] = ()) -> SignalTable:

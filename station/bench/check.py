@@ -46,6 +46,7 @@ OPEN_S = 15.0
 """Wall seconds for all devices to open: longer than a driver waits for a device that is off. Loading NI's library alone
 took 3 s under Wine on a busy computer."""
 LISTEN_S = 1.5
+LISTEN_TO_MASS_S = 3.0
 
 
 @dataclass(frozen=True)
@@ -306,9 +307,6 @@ def _check_disk(folder: Path, needed: float) -> CheckResult:
     figures: Figures = {"free_gb": free / 1e9, "folder": str(shown), "needed_gb": needed / 1e9}
     code = CheckCode.DISK if free >= needed else CheckCode.DISK_LOW
     return CheckResult("disk", Message(code, figures), is_good=free >= needed)
-
-
-LISTEN_TO_MASS_S = 3.0
 
 
 def check_known_mass(

@@ -24,6 +24,14 @@ READ_TIMEOUT_S = 0.1
 POLL_S = 0.02
 MOST_WAITING = 2000
 """Messages that may wait for the recorder: half a minute at twenty per second from each of three devices."""
+ROUND_TIMEOUT_S = 60.0
+"""Wall seconds after which time advances without a device that has not finished its round."""
+PENDING_INTERVAL_S = 0.05
+"""Wall seconds between two queries whether a device has a pending reply, which arrives only as time advances."""
+OPENING_INTERVAL_S = 0.005
+POLL_INTERVAL_S = 0.0005
+"""Wall seconds between two reads of a connection with more data to come."""
+Sent = Mapping[int, int | None]
 
 
 @dataclass(frozen=True)
@@ -179,17 +187,6 @@ def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[
     while not all(feed.has_ended(POLL_S) for feed in feeds) and time.perf_counter() < deadline:
         meanwhile()
     return [feed.device.name for feed in feeds if not feed.has_ended(0.0)]
-
-
-ROUND_TIMEOUT_S = 60.0
-"""Wall seconds after which time advances without a device that has not finished its round."""
-PENDING_INTERVAL_S = 0.05
-"""Wall seconds between two queries whether a device has a pending reply, which arrives only as time advances."""
-OPENING_INTERVAL_S = 0.005
-POLL_INTERVAL_S = 0.0005
-"""Wall seconds between two reads of a connection with more data to come."""
-
-Sent = Mapping[int, int | None]
 
 
 class SteppedFeed(DeviceFeed):

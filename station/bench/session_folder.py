@@ -25,6 +25,12 @@ from station.protocol import published_plan
 
 SIMULATED_FOLDER = "simulated"
 """Sessions of simulated data are recorded below a folder of this name."""
+RESERVE_BYTES = 50e6
+"""Below this a trial is closed while its end still fits: 15 s of a hundred markers at 1 kHz, and the index."""
+USUAL_TRIAL_S = 120.0
+"""Station seconds assumed for a trial without a given duration."""
+POLL_INTERVAL_S = 1.0
+"""Wall seconds between two checks."""
 
 
 def check_folder(folder: Path, devices: Sequence[DeviceIdentity]) -> Message[RefusalCode] | None:
@@ -71,14 +77,6 @@ def origin_of(path: Path) -> DataOrigin:
     with suppress(RecordingError, OSError):
         return read_manifest(path).origin
     return DataOrigin.UNKNOWN
-
-
-RESERVE_BYTES = 50e6
-"""Below this a trial is closed while its end still fits: 15 s of a hundred markers at 1 kHz, and the index."""
-USUAL_TRIAL_S = 120.0
-"""Station seconds assumed for a trial without a given duration."""
-POLL_INTERVAL_S = 1.0
-"""Wall seconds between two checks."""
 
 
 def bytes_needed(streams: Iterable[Stream], config: StationConfig, folder: Path, duration_s: float | None) -> float:

@@ -19,6 +19,12 @@ SILENCE_TIMEOUT_S = 3.0
 STALL_THRESHOLD_S = 1.0
 """Station seconds between two polls. The station polls every 20 ms, or once a step of the simulated bench; a longer gap
 means that the station itself was suspended."""
+SHORT_S = 0.1
+"""Station seconds by which the DAQ's last sample may precede the end of the capture, whose message also takes time."""
+OVERWRITTEN = ("overrun", "queue_overflow")
+"""Causes of a Loss that only a late reader produces."""
+LATE_S = 1.0
+"""Station seconds from the arrival of a sample at the driver to its recording; usually 0.02."""
 
 
 @dataclass(frozen=True)
@@ -93,10 +99,6 @@ class StreamWatchdog:
         return None
 
 
-SHORT_S = 0.1
-"""Station seconds by which the DAQ's last sample may precede the end of the capture, whose message also takes time."""
-
-
 class Shortfall:
     """Tracks the last sample of the DAQ's and the load cell's streams; frames end with the capture.
 
@@ -166,12 +168,6 @@ class StreamClock:
     def host_ns(self) -> int:
         """UTC [ns] of the last sample; 0 before the first."""
         return 0 if self._least_delay_ns is None else self._last_device_ns + self._least_delay_ns
-
-
-OVERWRITTEN = ("overrun", "queue_overflow")
-"""Causes of a Loss that only a late reader produces."""
-LATE_S = 1.0
-"""Station seconds from the arrival of a sample at the driver to its recording; usually 0.02."""
 
 
 class OverloadMonitor:

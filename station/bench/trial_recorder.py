@@ -48,6 +48,13 @@ libraries from its disk for the first time. A driver that hangs must not block t
 CLOSE_TIMEOUT_S = 2.0
 LOCK = ".recording.lock"
 """File in the session's folder, from its first trial on."""
+CheckFolder = Callable[[Path, Sequence[DeviceIdentity]], Message[RefusalCode] | None]
+"""Session's folder and identities of the devices → reason why they may not be recorded into it, or None."""
+MakeDevices = Callable[[StationConfig, TrialSubject | None, Clock, Path], list[Device]]
+AHEAD_S = 1.0
+"""Wall seconds by which the time of a file may be ahead of the clock: file systems round."""
+READ_ONE_BY_ONE = ("mark", "capture", "connection", "sync_edge")
+"""Beginnings of the kinds of events whose times a reader of the recording uses."""
 
 
 class TrialRefused(StationError):
@@ -85,11 +92,6 @@ class TrialResult:
             "codes": [asdict(message) for message in self.messages],
             "origin": self.origin.value,
         }
-
-
-CheckFolder = Callable[[Path, Sequence[DeviceIdentity]], Message[RefusalCode] | None]
-"""Session's folder and identities of the devices → reason why they may not be recorded into it, or None."""
-MakeDevices = Callable[[StationConfig, TrialSubject | None, Clock, Path], list[Device]]
 
 
 class TrialRecorder:
@@ -322,10 +324,6 @@ def _one_trial_at_a_time(folder: Path) -> Iterator[None]:
         yield
 
 
-AHEAD_S = 1.0
-"""Wall seconds by which the time of a file may be ahead of the clock: file systems round."""
-
-
 def start_time_after_all(folder: Path, start_utc_ns: int) -> tuple[int, Message[TrialCode] | None]:
     """UTC [ns] for a trial that starts now, later than every trial in the folder; a message if the clock was set back.
 
@@ -349,10 +347,6 @@ def _start_utc_ns(path: Path) -> int:
 
 def _utc(seconds: float) -> str:
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
-
-
-READ_ONE_BY_ONE = ("mark", "capture", "connection", "sync_edge")
-"""Beginnings of the kinds of events whose times a reader of the recording uses."""
 
 
 class RepeatedEvents:

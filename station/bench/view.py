@@ -22,6 +22,10 @@ from recordings.samples import Item, Samples, Stream
 from station.messages.codes import TrialCode
 from station.messages.message import Message, join_sentences
 
+OPENING = (Message(TrialCode.OPENING),)
+JOIN_TIMEOUT_S = 5.0
+"""Wall seconds to wait at the end for a view that is stuck."""
+
 
 class TrialState(Enum):
     IDLE = "idle"
@@ -30,9 +34,6 @@ class TrialState(Enum):
     CLOSING = "closing"
     CLOSED = "closed"
     FAILED = "failed"
-
-
-OPENING = (Message(TrialCode.OPENING),)
 
 
 @dataclass(frozen=True)
@@ -60,10 +61,6 @@ class Snapshot:
     @property
     def sentence(self) -> str:
         return join_sentences(self.messages)
-
-
-JOIN_TIMEOUT_S = 5.0
-"""Wall seconds to wait at the end for a view that is stuck."""
 
 
 class BackgroundView(ABC):

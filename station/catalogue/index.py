@@ -90,6 +90,10 @@ TABLES: dict[str, dict[str, str]] = {
     },
 }
 """Table → column → SQL type. participants has the columns of participants.tsv, all text."""
+PARTICIPANTS_FILE = "participants.tsv"
+KEY, PREFIX, MISSING = "participant_id", "sub-", "n/a"
+Participants = dict[str, dict[str, str | None]]
+"""participant_id → column → value, None where it is not known."""
 
 
 @dataclass(frozen=True)
@@ -373,13 +377,6 @@ def creation() -> str:
     ]
     statements += ["CREATE TABLE participants (participant_id VARCHAR)", "CREATE TABLE catalogue (format INTEGER)"]
     return "; ".join([*statements, f"INSERT INTO catalogue VALUES ({FORMAT})"])  # noqa: S608
-
-
-PARTICIPANTS_FILE = "participants.tsv"
-KEY, PREFIX, MISSING = "participant_id", "sub-", "n/a"
-
-Participants = dict[str, dict[str, str | None]]
-"""participant_id → column → value, None where it is not known."""
 
 
 def read_participants(path: Path) -> Participants:

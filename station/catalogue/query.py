@@ -28,6 +28,10 @@ FROM sessions LEFT JOIN cuffs USING (session)
 TABLE_FUNCTION = re.compile(r'"type":"TABLE_FUNCTION".*?"function_name":"([^"]*)"')
 READING = {"range", "generate_series", "unnest", "duckdb_tables", "duckdb_columns"}
 """Functions in place of a table; others change settings, or write logs."""
+READ_ONLY: dict[str, str | bool | int | float | list[str]] = {
+    "enable_external_access": "false",
+    "python_enable_replacements": "false",
+}
 
 
 @dataclass(frozen=True)
@@ -86,12 +90,6 @@ def known_participants(path: Path) -> tuple[list[str], dict[str, dict[str, str |
         names = [column[0] for column in rows.description or ()]
         known = [dict(zip(names, row, strict=True)) for row in rows.fetchall()]
     return [subject for (subject,) in found], {row[KEY]: row for row in known}
-
-
-READ_ONLY: dict[str, str | bool | int | float | list[str]] = {
-    "enable_external_access": "false",
-    "python_enable_replacements": "false",
-}
 
 
 @contextmanager

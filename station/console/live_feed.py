@@ -35,6 +35,8 @@ WORN, RIGID, SLACK = "both", "rigid", "slack"
 SHOWN_S = 20.0
 KEPT_POINTS = 600
 """Points of each curve: SHOWN_S at the rate of the live process, and some more."""
+Array = NDArray[np.float64]
+MM = 1e3
 
 
 @dataclass(frozen=True)
@@ -179,10 +181,6 @@ def _point(values: LiveValues, worn: int | None) -> LivePoint:
     cord_force_n = NAN if worn is None else values.scenarios[worn].cord_force_n
     efforts = tuple(scenario.effort for scenario in values.scenarios)
     return LivePoint(values.time_s, efforts, cord_force_n, values.cord_force_measured_n, values.emg_rms_uv)
-
-
-Array = NDArray[np.float64]
-MM = 1e3
 
 
 class BodyDrawing:

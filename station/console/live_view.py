@@ -44,6 +44,11 @@ LINES: dict[str, tuple[str, str]] = {
 MAIN, FURTHER = ("slack", "worn", "rigid"), ("#8a94a3", "solid")
 """Scenarios with a curve in the colour of their condition; further rest lengths and cuffs are grey."""
 EMG_LINES = ((FORCE, "solid"), (DISPLACEMENT, "dashed"), ("#00715a", "dotted"), ("#7a3e9d", "solid"))
+MUSCLES_NAMED = 4
+NO_VALUES = (
+    "No live values: they are computed while a motion of the wearer is recorded with enabled = true under [live] in "
+    "the configuration. This page shows them as soon as they arrive."
+)
 
 
 def show_live_page(feed: LiveFeed) -> None:
@@ -297,13 +302,6 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_nan(one) for key, one in value.items()}
     return [_without_nan(one) for one in value] if isinstance(value, list | tuple) else value
-
-
-MUSCLES_NAMED = 4
-NO_VALUES = (
-    "No live values: they are computed while a motion of the wearer is recorded with enabled = true under [live] in "
-    "the configuration. This page shows them as soon as they arrive."
-)
 
 
 def body_text(setup: LiveSetup) -> str:

@@ -32,6 +32,24 @@ SCRIPTS = "".join(
     f"<script>{(HERE / name).read_text(encoding='utf-8')}</script>"
     for name in ("freshness.js", "keys.js", "view3d.js", "markers.js")
 )
+STEP, ALARM = [880], [1760, 1320, 1760, 1320]
+"""Frequencies [Hz] of consecutive tones."""
+ALARM_INTERVAL_S = 1.5
+SOUND = """
+(() => {
+    const audio = window.stationAudio ??= new AudioContext();
+    audio.resume();
+    %(tones)s.forEach((hertz, number) => {
+        const tone = new OscillatorNode(audio, {type: "square", frequency: hertz});
+        const from = audio.currentTime + 0.18 * number;
+        tone.connect(new GainNode(audio, {gain: 0.2})).connect(audio.destination);
+        tone.start(from);
+        tone.stop(from + 0.15);
+    });
+    speechSynthesis.cancel();
+    speechSynthesis.speak(Object.assign(new SpeechSynthesisUtterance(%(text)s), {lang: "en-US"}));
+})()
+"""
 
 
 def show_page(controller: SessionController) -> None:
@@ -216,26 +234,6 @@ def titles_of(controller: SessionController) -> tuple[str, str]:
     number = 1 + next((n for n, trial in enumerate(plan.trials) if trial.title == spec.title), 0)
     repeats = f" of {setup.repeats}" if spec.cuff is not None else ""
     return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {session}"
-
-
-STEP, ALARM = [880], [1760, 1320, 1760, 1320]
-"""Frequencies [Hz] of consecutive tones."""
-ALARM_INTERVAL_S = 1.5
-SOUND = """
-(() => {
-    const audio = window.stationAudio ??= new AudioContext();
-    audio.resume();
-    %(tones)s.forEach((hertz, number) => {
-        const tone = new OscillatorNode(audio, {type: "square", frequency: hertz});
-        const from = audio.currentTime + 0.18 * number;
-        tone.connect(new GainNode(audio, {gain: 0.2})).connect(audio.destination);
-        tone.start(from);
-        tone.stop(from + 0.15);
-    });
-    speechSynthesis.cancel();
-    speechSynthesis.speak(Object.assign(new SpeechSynthesisUtterance(%(text)s), {lang: "en-US"}));
-})()
-"""
 
 
 class AudioAlerts:

@@ -51,6 +51,8 @@ COLOURS = {
     RestState.STEADY: "positive",
     RestState.SWINGING: "positive",
 }
+UNDRAWN_UPDATES = 2
+"""Updates sent to a browser and not drawn yet; more are sent only when one is drawn."""
 
 
 def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Callable[[], None]:
@@ -402,10 +404,6 @@ class MarkReceipt:
         name = self._live.mark_names.get(number, "")
         stored = "in the recording" if is_recorded else "sent to the recorder"
         self._text.text = f"mark {number} at {marks[number]:.1f} s is {stored}" + (f": {name}" if name else "")
-
-
-UNDRAWN_UPDATES = 2
-"""Updates sent to a browser and not drawn yet; more are sent only when one is drawn."""
 
 
 class UpdateSender:

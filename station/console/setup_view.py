@@ -28,6 +28,9 @@ from station.session.judgement import Grade
 from station.session.open_session import CommandRefused, EarlierSessions, ListedSession, list_sessions
 from station.session.plan_status import is_subject_code, looks_like_a_name
 
+ICONS = {"good": "check_circle", "doubtful": "help_outline", "bad": "cancel"}
+POLL_S = 0.2
+
 
 def show(controller: SessionController, actions: Actions) -> None:
     listed = list_sessions(controller.session.config.session.folder)
@@ -213,10 +216,6 @@ def _session(controller: SessionController, actions: Actions, session: ListedSes
             ui.linear_progress(session.done / max(1, session.trials), show_value=False).classes("w-28").props(
                 f'size=10px rounded aria-label="{progress}"'
             )
-
-
-ICONS = {"good": "check_circle", "doubtful": "help_outline", "bad": "cancel"}
-POLL_S = 0.2
 
 
 def show_bench(checker: BenchChecker, actions: Actions) -> None:

@@ -46,6 +46,8 @@ SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
 SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 2_000.0
 NARROWEST_MM, WIDEST_MM = 10.0, 20_000.0
 """Plausible distances of markers on a body and on the rope; another unit is outside of this range."""
+LARGEST_FORCE, FARTHEST_MM = 1e6, 1e6
+"""Beyond any load cell, in V, N or lbs, and any laboratory: the mark of a missing value, or damage."""
 
 
 class ImportRefused(StationError):
@@ -56,10 +58,6 @@ class WrongImport(ImportRefused):
     """The command line is wrong."""
 
     exit_code = WRONG_USAGE
-
-
-LARGEST_FORCE, FARTHEST_MM = 1e6, 1e6
-"""Beyond any load cell, in V, N or lbs, and any laboratory: the mark of a missing value, or damage."""
 
 
 @dataclass(frozen=True)

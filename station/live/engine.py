@@ -44,6 +44,26 @@ IDLE_S = 0.5
 """Seconds without values after which the views get an update without values, with the reason."""
 RATE_WINDOW = 50
 """Frames over which the rate of solved frames is counted."""
+Publish = Callable[[LiveUpdate], None]
+MOST_LATENCY_S = 0.025
+"""From the arrival of a frame to the start of its solution; above it the muscles are solved in fewer frames."""
+DROP_LATENCY_S = 0.1
+"""Above it frames are dropped until the newest one."""
+LARGEST_EVERY = 16
+SLOW_DOWN_S, SPEED_UP_S = 0.3, 3.0
+"""Least time between two changes of pace: the effect of a change must show before the next."""
+SHOWN_S = 1.0
+LEFT_S = 0.5
+"""Without any marker, until the wearer counts as outside the volume."""
+LEAST_UNSOLVED = 0.1
+"""Of the frames of the last second."""
+UNSOLVED = (StreamOutcome.NOT_CONVERGED, StreamOutcome.GAP_OPEN)
+UNSOLVED_MUSCLES = (
+    StreamSuitOutcome.INFEASIBLE,
+    StreamSuitOutcome.NOT_CONVERGED,
+    StreamSuitOutcome.NOT_FINITE,
+    StreamSuitOutcome.CUFF_NOT_AT_REST,
+)
 
 
 class LiveSink(Protocol):
@@ -56,9 +76,6 @@ class LiveSink(Protocol):
     def write(self, values: LiveValues, delivery: LiveDelivery) -> None: ...
 
     def note(self, kind: str, text: str) -> None: ...
-
-
-Publish = Callable[[LiveUpdate], None]
 
 
 class LiveEngine:
@@ -223,15 +240,6 @@ def _lacks_muscles(values: LiveValues) -> bool:
     return math.isfinite(values.coordinates[0]) and any(one.outcome == NOT_SOLVED for one in values.scenarios)
 
 
-MOST_LATENCY_S = 0.025
-"""From the arrival of a frame to the start of its solution; above it the muscles are solved in fewer frames."""
-DROP_LATENCY_S = 0.1
-"""Above it frames are dropped until the newest one."""
-LARGEST_EVERY = 16
-SLOW_DOWN_S, SPEED_UP_S = 0.3, 3.0
-"""Least time between two changes of pace: the effect of a change must show before the next."""
-
-
 class Pace:
     """Muscles are solved in one of every `every` frames. All times are seconds of one clock, which the caller reads."""
 
@@ -262,20 +270,6 @@ class Pace:
             self.every, self._changed_s = self.every // 2, now_s
         self._frames += 1
         return self._frames % self.every == 0
-
-
-SHOWN_S = 1.0
-LEFT_S = 0.5
-"""Without any marker, until the wearer counts as outside the volume."""
-LEAST_UNSOLVED = 0.1
-"""Of the frames of the last second."""
-UNSOLVED = (StreamOutcome.NOT_CONVERGED, StreamOutcome.GAP_OPEN)
-UNSOLVED_MUSCLES = (
-    StreamSuitOutcome.INFEASIBLE,
-    StreamSuitOutcome.NOT_CONVERGED,
-    StreamSuitOutcome.NOT_FINITE,
-    StreamSuitOutcome.CUFF_NOT_AT_REST,
-)
 
 
 class LiveFindings:

@@ -47,6 +47,10 @@ ListenAddress = {address}
 [log]
 level = -2
 """
+AXES = "xyz"
+FOLDER = "live"
+"""Of the session: beside the recordings, and not among them."""
+SUFFIX = ".live.csv"
 
 
 class OutletRefused(StationError):
@@ -151,9 +155,6 @@ def _bind_to_device(number: int, device: str) -> None:
                 one.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device.encode() + b"\0")
 
 
-AXES = "xyz"
-
-
 @dataclass(frozen=True)
 class LiveColumn:
     """name as in the file and the outlet; unit "" for a ratio; kind is the type of an XDF channel."""
@@ -192,11 +193,6 @@ def live_row(setup: LiveSetup, values: LiveValues) -> list[float]:
     has_emg = len(values.emg_rms_uv) == len(setup.emg_channels)
     emg: Iterable[float] = values.emg_rms_uv if has_emg else (NAN,) * len(setup.emg_channels)
     return [*row, values.cord_force_measured_n, *emg]
-
-
-FOLDER = "live"
-"""Of the session: beside the recordings, and not among them."""
-SUFFIX = ".live.csv"
 
 
 def live_path(recording: Path, folder: Path | None = None) -> Path:

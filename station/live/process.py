@@ -37,6 +37,7 @@ from station.messages.message import Message
 
 NICENESS = 5
 """The recorder has priority."""
+FRAMES, INTERVAL_S = 40, 0.01
 
 
 def main(recorder: ProcessLink) -> None:
@@ -148,9 +149,6 @@ def run(engine: LiveEngine, inbox: FedMessages) -> bool:
                 engine.dropped_before = count
     engine.finish()
     return has_ended
-
-
-FRAMES, INTERVAL_S = 40, 0.01
 
 
 def warm_up(plan: LivePlan) -> None:

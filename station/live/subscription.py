@@ -48,6 +48,11 @@ SEND_BUFFER = 65_536
 """Bytes: updates of a view that does not read wait in its backlog, where they are counted, and not in the system."""
 
 Command = Callable[[dict[str, Any]], None]
+CONNECT_TIMEOUT_S = 5.0
+BACKLOG = 250
+"""Updates that may wait for take() before the oldest is dropped: ten seconds."""
+ADDRESS_FILE = ".live.json"
+LARGEST = 4096  # bytes
 
 
 def serve_views(stack: ExitStack, setup: LiveSetup, folder: Path, on_command: Command) -> Callable[[LiveUpdate], None]:
@@ -217,11 +222,6 @@ class _View:
                 self._connection.sendall(update_line(replace(update, delivery=delivery)))
 
 
-CONNECT_TIMEOUT_S = 5.0
-BACKLOG = 250
-"""Updates that may wait for take() before the oldest is dropped: ten seconds."""
-
-
 class LiveUnreachable(StationError):
     """No live process answers at the address."""
 
@@ -298,10 +298,6 @@ class LiveSubscription:
             return
         finally:
             self.is_over = True
-
-
-ADDRESS_FILE = ".live.json"
-LARGEST = 4096  # bytes
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from station.live.published import LiveDelivery, LiveScenario, LiveSetup, LiveUp
 from station.live.subscription import LiveSubscription
 
 REFRESH_S = 0.1
+Array = NDArray[np.float64]
 
 
 def watch(subscription: LiveSubscription, console: Console) -> None:
@@ -100,9 +101,6 @@ def best_sentence(values: LiveValues) -> str:
 
 def _figure(value: float, form: str) -> str:
     return form.format(value) if math.isfinite(value) else "–"
-
-
-Array = NDArray[np.float64]
 
 
 class LiveSummary:

@@ -39,6 +39,23 @@ Plain = Mapping[str, Any]
 
 FOREARM = ("elbow_flexion", "pro_sup")
 """Coordinates of the finding that there is no marker on the forearm."""
+STEPS = (0.01, 0.03, 0.1)
+"""Of the change of activation, between colours; below the first a muscle is drawn as unchanged."""
+LESS: tuple[Colour, ...] = ("less1", "less2", "less3")
+MORE: tuple[Colour, ...] = ("more1", "more2", "more3")
+ELEVATION = 12.0
+"""Of the viewer above the horizontal [deg]: rings are seen as rings."""
+MUSCLE, UNCHANGED, CORD, BONE = 2.4, 0.7, 1.6, {"shaft": 4.5, "plate": 1.6, "cage": 0.7}
+"""Widths of lines [px]."""
+WIDTH, TITLE = SIXTH, 17.0
+"""Of a panel and of its title's line [px]."""
+MARGIN = 0.06
+"""Around muscles and suit, of both sides together [m]."""
+POSTURES = {
+    "elevation": "lowest, middle and highest elevation of the arm",
+    "cord_length": "shortest, middle and longest cord",
+}
+"""Figure by which the postures were chosen → what they are."""
 
 
 @dataclass(frozen=True)
@@ -166,25 +183,6 @@ def _rows(assessment: Plain) -> list[dict[str, Any]]:
             arm = "" if cuff == "rigid" else cuff
             rows.append({"key": condition, "condition": CONDITIONS.get(condition, condition), "cuff": arm, **numbers})
     return rows
-
-
-STEPS = (0.01, 0.03, 0.1)
-"""Of the change of activation, between colours; below the first a muscle is drawn as unchanged."""
-LESS: tuple[Colour, ...] = ("less1", "less2", "less3")
-MORE: tuple[Colour, ...] = ("more1", "more2", "more3")
-ELEVATION = 12.0
-"""Of the viewer above the horizontal [deg]: rings are seen as rings."""
-MUSCLE, UNCHANGED, CORD, BONE = 2.4, 0.7, 1.6, {"shaft": 4.5, "plate": 1.6, "cage": 0.7}
-"""Widths of lines [px]."""
-WIDTH, TITLE = SIXTH, 17.0
-"""Of a panel and of its title's line [px]."""
-MARGIN = 0.06
-"""Around muscles and suit, of both sides together [m]."""
-POSTURES = {
-    "elevation": "lowest, middle and highest elevation of the arm",
-    "cord_length": "shortest, middle and longest cord",
-}
-"""Figure by which the postures were chosen → what they are."""
 
 
 @dataclass(frozen=True)

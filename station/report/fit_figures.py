@@ -37,6 +37,13 @@ HEIGHT = 128.0
 """Of a panel [px]."""
 MOST_LAG = 1.0
 """Longest lag [s] of the autocorrelation of residuals."""
+FORCE: Colour = "c1"
+MOTION: Colour = "c2"
+MM = 1e3
+CURVE_HEIGHT = 165.0
+"""Of a panel [px]."""
+DOT, RING = 3.0, 2.4
+"""Radius [px] of a dot, and distance [px] between the rings around it."""
 
 
 def checks_figure(fit: CuffFit, dynamic: Sequence[FittedPull], true: Mapping[str, float]) -> Chart:
@@ -131,15 +138,6 @@ def _autocorrelation(residual: Array, most: int) -> Array:
     power = np.abs(np.fft.rfft(centred, 2 * len(residual))) ** 2
     correlation = np.fft.irfft(power)[: most + 1]
     return np.asarray(correlation[1:] / correlation[0])
-
-
-FORCE: Colour = "c1"
-MOTION: Colour = "c2"
-MM = 1e3
-CURVE_HEIGHT = 165.0
-"""Of a panel [px]."""
-DOT, RING = 3.0, 2.4
-"""Radius [px] of a dot, and distance [px] between the rings around it."""
 
 
 def fit_figure(fit: CuffFit, static: Sequence[FittedPull], dynamic: Sequence[FittedPull]) -> Chart:

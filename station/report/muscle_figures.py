@@ -52,6 +52,14 @@ NAMED_MUSCLES = (
 """Those that the published study shows."""
 NOT_MUSCLES = ("condition", "cuff", "time_s")
 """Columns of the table of activations that are not muscles."""
+CONDITIONS = {
+    "slack": "slack cord",
+    "rigid": "rigid cuffs",
+    "shift": "migration",
+    "visco_elastic": "compliance",
+    "both": "migration and compliance",
+}
+LIMIT = "rigid cuffs"
 
 
 @dataclass(frozen=True)
@@ -260,13 +268,3 @@ def _conditions(activations: pd.DataFrame, cuff: str) -> Iterator[tuple[str, pd.
     colours: tuple[Colour, ...] = ("quiet", "ink", *COLOURS)
     for (condition, part), colour in zip(worn.groupby("condition", sort=False), colours, strict=False):
         yield str(condition), part, colour
-
-
-CONDITIONS = {
-    "slack": "slack cord",
-    "rigid": "rigid cuffs",
-    "shift": "migration",
-    "visco_elastic": "compliance",
-    "both": "migration and compliance",
-}
-LIMIT = "rigid cuffs"

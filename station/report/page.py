@@ -78,6 +78,7 @@ PDF_FILE = "report.pdf"
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "microsoft-edge")
 """On Linux by name; elsewhere Playwright finds the programs of CHANNELS."""
 CHANNELS = ("chrome", "msedge")
+_TRUTH, _MISSING = TypeAdapter(dict[str, TrueCuff]), TypeAdapter(list[str])
 
 
 class ReportError(StationError):
@@ -265,9 +266,6 @@ def _contradictions(cuffs: Mapping[str, Cuff], assessment: Mapping[str, Any] | N
                 f"{value:.6g} {UNITS[quantity]}{by_hand}, and the table has {shown.value:.6g}"
             )
     return sentences
-
-
-_TRUTH, _MISSING = TypeAdapter(dict[str, TrueCuff]), TypeAdapter(list[str])
 
 
 def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:

@@ -40,6 +40,7 @@ COMPRESSION = 3
 """Level of zlib: 6, the usual one, takes almost twice the time for 2 % fewer bytes."""
 BUSIEST = 8
 """Muscles that a picture of a motion names."""
+Place = TypeVar("Place", bound=Axes | Sequence[Axes] | NDArray[Any])
 
 
 def as_png(figure: Figure) -> bytes:
@@ -51,9 +52,6 @@ def as_png(figure: Figure) -> bytes:
     opaque = Image.frombytes("RGBA", figure.canvas.get_width_height(), pixels.getvalue()).convert("RGB")
     opaque.save(png, "png", compress_level=COMPRESSION, dpi=(DPI, DPI))
     return png.getvalue()
-
-
-Place = TypeVar("Place", bound=Axes | Sequence[Axes] | NDArray[Any])
 
 
 class NotebookFigure(Figure):

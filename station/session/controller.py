@@ -27,6 +27,10 @@ from station.session.open_session import OpenSession, list_sessions
 from station.session.reviewer import Reviewer, is_being_recorded
 from station.session.trial_runner import TrialRunner
 
+VALID_S = 1800.0
+"""Wall seconds after which the bench is checked again."""
+_UNREAD = CheckResult("known mass", Message(CheckCode.MASS_UNREAD), is_good=True, is_doubtful=True)
+
 
 class SessionController:
     def __init__(
@@ -70,11 +74,6 @@ class SessionController:
         """End the console; a running trial continues to its end."""
         self.runner.close()
         self.reviewer.close()
-
-
-VALID_S = 1800.0
-"""Wall seconds after which the bench is checked again."""
-_UNREAD = CheckResult("known mass", Message(CheckCode.MASS_UNREAD), is_good=True, is_doubtful=True)
 
 
 class BenchChecker:

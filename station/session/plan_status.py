@@ -35,6 +35,8 @@ PREPARATIONS: dict[TrialCondition, str] = {
     "tight": "Tighten the cord of the suit",
     "mvc": "Fix the arm for a maximal voluntary contraction",
 }
+SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
+NAME = re.compile(r"\D*[^\W\d_]{3}\D*")
 
 
 @dataclass(frozen=True)
@@ -202,10 +204,6 @@ def is_donned_without_trial(recorded: Recorded, journal: Journal) -> bool:
     donned = journal.donnings.get(recorded.cuff, 0)
     later = [trial for trial in journal.recorded if (trial.cuff, trial.donning) == (recorded.cuff, str(1 + donned))]
     return recorded.donning == str(donned) and not later
-
-
-SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
-NAME = re.compile(r"\D*[^\W\d_]{3}\D*")
 
 
 def looks_like_a_name(subject: str) -> bool:

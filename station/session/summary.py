@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from station.assessment.assess import AssessedSuit
 
 Options = Mapping[str, Any]
+NOT_ASSESSED = "The effect on the muscles is not known, because no cuff could be assessed."
+"""In the place of the answer; the other findings have the reasons."""
 
 
 class SummaryError(StationError):
@@ -38,10 +40,6 @@ class Summary:
 
     rows: tuple[dict[str, str], ...]
     findings: tuple[str, ...]
-
-
-NOT_ASSESSED = "The effect on the muscles is not known, because no cuff could be assessed."
-"""In the place of the answer; the other findings have the reasons."""
 
 
 @dataclass(frozen=True)
