@@ -11,7 +11,7 @@ stiffness and rest length. A lab has the wearers of one sample, the next wearer 
 True cuffs are uniform in the logarithms of stiffness and migration, wider than what a lab may have measured, so that
 all that was measured is equally likely. The last table draws them from the published range alone: first as a lab that
 does not know this range, then as one that does. Prints for each statement how often it was made, its mean claimed
-probability, and how often it was true, with 95 % intervals (Wilson).
+probability, how often it was true, with 95 % intervals (Wilson), and the difference with its standard error.
 """
 
 from __future__ import annotations
@@ -302,8 +302,10 @@ def print_table(labs: Sequence[Lab]) -> None:
 def print_row(name: str, claimed: Sequence[float] | Array, is_true: Sequence[bool] | Array) -> None:
     interval = scipy.stats.binomtest(int(np.sum(is_true)), len(is_true)).proportion_ci(method="wilson")
     difference = 100 * (np.mean(is_true) - np.mean(claimed))
+    error = 100 * np.std(np.array(is_true, dtype=float) - claimed) / np.sqrt(len(is_true))
     true = f"{100 * np.mean(is_true):.1f} % ({100 * interval.low:.1f} to {100 * interval.high:.1f})"
-    print(f"| {name} | {len(is_true)} | {100 * np.mean(claimed):.1f} % | {true} | {difference:+.1f} points |")
+    off = f"{difference:+.1f} ± {error:.1f} points"
+    print(f"| {name} | {len(is_true)} | {100 * np.mean(claimed):.1f} % | {true} | {off} |")
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 
@@ -73,9 +74,10 @@ def main() -> None:
     arguments.add_argument("--folder", type=Path)
     arguments.add_argument("--persons", type=int, default=0)
     arguments.add_argument("--first", type=int, default=0, help="seed of the first person")
+    arguments.add_argument("--live", action="store_true", help="the live angles of the persons alone")
     chosen = arguments.parse_args()
     if chosen.persons:
-        print_coverage(range(chosen.first, chosen.first + chosen.persons))
+        print_coverage(range(chosen.first, chosen.first + chosen.persons), is_live=chosen.live)
         return
     model, suit = bundled_model(), read_suit()
     kinematics = differentiate(motion_of(chosen.motion, model))
@@ -196,11 +198,11 @@ class Covered:
     infeasible: float
 
 
-def print_coverage(seeds: Sequence[int]) -> None:
+def print_coverage(seeds: Sequence[int], *, is_live: bool) -> None:
     found = []
     for seed in seeds:
-        found.append(cover_person(seed))
-        if len(found) % 10 == 0 or len(found) == len(seeds):
+        found.append(cover_live(seed) if is_live else cover_person(seed))
+        if len(found) % 50 == 0 or len(found) == len(seeds):
             print_covered(found)
 
 
@@ -210,11 +212,14 @@ def print_covered(found: Sequence[Covered]) -> None:
     for name in found[0].held:
         held = np.array([one.held[name] for one in found])
         held = held[np.isfinite(held)]
+        if not len(held):
+            continue
         error = np.std(held) / np.sqrt(len(held))
         squares = (np.square([getattr(one, part)[name] for one in found]) for part in ("deviation", "error"))
         sizes = [f"{np.sqrt(np.nanmean(part)):.3g}" for part in squares]
         print(f"| {name} | {100 * held.mean():.1f} ± {100 * error:.1f} % ({len(held)}) | {' | '.join(sizes)} |")
-    print(f"infeasible draws: {100 * np.mean([one.infeasible for one in found]):.1f} %", flush=True)
+    if np.isfinite(found[0].infeasible):
+        print(f"infeasible draws: {100 * np.mean([one.infeasible for one in found]):.1f} %", flush=True)
 
 
 def cover_person(seed: int) -> Covered:
@@ -238,10 +243,6 @@ def cover_person(seed: int) -> Covered:
         error[name] = float(np.sqrt(np.mean((samples.mean(axis=0) - truth) ** 2)))
     held = {"all angles": float(np.mean(list(held.values()))), **held}
     deviation, error = {"all angles": np.nan, **deviation}, {"all angles": np.nan, **error}
-    for name, (live, stated, truth) in live_angles(person, markers).items():
-        held[name] = float(np.mean(np.abs(live - truth) < NORMAL_95 * stated))
-        deviation[name] = float(np.sqrt(np.mean(stated**2)))
-        error[name] = float(np.sqrt(np.mean((live - truth) ** 2)))
     efforts = assess_person(person, scale_model(body.model, smoothed.scaling), smoothed.coordinates, drawn)
     for name, (true, samples) in efforts.items():
         known = samples[np.isfinite(samples)]
@@ -249,17 +250,33 @@ def cover_person(seed: int) -> Covered:
         least, most = order_statistics(known) if is_enough else (np.nan, np.nan)
         held[name] = float(least < true < most) if is_enough else np.nan
         deviation[name], error[name] = float(np.std(known)), float(known.mean() - true)
-    return Covered(held, deviation, error, float(np.mean(~np.isfinite(efforts["effort"][1]))))
+    live = cover_live(seed)
+    parts = (held | live.held, deviation | live.deviation, error | live.error)
+    return Covered(*parts, float(np.mean(~np.isfinite(efforts["effort"][1]))))
+
+
+def cover_live(seed: int) -> Covered:
+    person = measure_person(seed)
+    held, deviation, error = {}, {}, {}
+    for name, figures in live_angles(person, tuple(bundled_model().marker(name) for name in MARKERS)).items():
+        live, stated, truth = figures
+        held[name] = float(np.mean(np.abs(live - truth) < NORMAL_95 * stated)) if len(live) else np.nan
+        deviation[name] = float(np.sqrt(np.mean(stated**2))) if len(live) else np.nan
+        error[name] = float(np.sqrt(np.mean((live - truth) ** 2))) if len(live) else np.nan
+    return Covered(held, deviation, error, np.nan)
 
 
 def live_angles(person: MeasuredPerson, markers: Sequence[Marker]) -> dict[str, tuple[Array, Array, Array]]:
     """Angle, standard deviation and truth (frames,) [deg] of the raise that is assessed, by name.
 
-    Of the elevation also in the lower and the upper half.
+    Also by the elevation.
     """
     *earlier, raised = person.trials
     body = estimate_body(bundled_model(), markers, earlier)
-    stream = StreamSolver(body.model, body.tasks, {})
+    model, tasks = within_ranges(body.model, body.tasks)
+    solved = [(observed, solve_inverse_kinematics(model, observed, tasks)) for observed in earlier]
+    wearer = smooth_wearer(bundled_model(), markers, body, solved, solved[-1][1].coordinates)
+    stream = StreamSolver(wearer.skeleton, wearer.tasks, {}, errors=wearer.errors)
     frames = [frame for k, seen in enumerate(raised) for frame in stream.push(k / RATE, seen)] + stream.finish()
     found = np.degrees([(frame.coordinates, frame.standard_deviations[0]) for frame in frames])
     angles: dict[str, tuple[Array, Array, Array]] = {
@@ -269,10 +286,12 @@ def live_angles(person: MeasuredPerson, markers: Sequence[Marker]) -> dict[str, 
         )
         for name in ("plane_elv", "shoulder_elv", "axial_rot")
     }
-    live, stated, truth = angles["live, shoulder_elv"]
-    is_upper = truth > np.median(truth)
-    for half, is_meant in (("lower", ~is_upper), ("upper", is_upper)):
-        angles[f"live, shoulder_elv, {half} half"] = live[is_meant], stated[is_meant], truth[is_meant]
+    elevation = angles["live, shoulder_elv"][2]
+    for name, figures in tuple(angles.items()):
+        for low, high in pairwise(ELEVATIONS):
+            is_meant = (elevation >= low) & (elevation < high)
+            live, stated, truth = (figure[is_meant] for figure in figures)
+            angles[f"{name} from {low} to {high} degrees"] = live, stated, truth
     return angles
 
 
@@ -321,6 +340,8 @@ def order_statistics(samples: Array) -> tuple[Array, Array]:
     return low, high
 
 
+ELEVATIONS = (0, 30, 55, 80, 120)
+"""Degrees of elevation between which the live angles are judged apart."""
 PERSON_DRAWS, EVERY, MASS = 59, 5, 75.0  # kg
 OF_PERSON = replace(UncertaintySources().of_fit, body=BodySpread(0.0, 0.0, 0.01, 0.0))
 """Points of the cord; the rest is drawn with the motion."""

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled, compiled_with_allocation
 from solver.inverse_kinematics.linearise import (
     ConstraintTable,
+    CoordinatePull,
     LeastSquares,
     Targets,
     TrackedMarkers,
@@ -64,15 +65,15 @@ FREE, LOCKED, AT_LOWEST, AT_HIGHEST = 0, 1, 2, 3
 
 
 class Problem(NamedTuple):
-    """Constants of all frames. pull (coordinates,) w_k of the coordinates' own targets [m²/rad²]; is_angle
-    (coordinates,) whose steps are limited.
+    """Constants of all frames. pull of the coordinates to their targets; is_angle (coordinates,) whose
+    steps are limited.
     """
 
     skeleton: Skeleton
     markers: TrackedMarkers
     constraints: ConstraintTable
     bounds: Bounds
-    pull: Array
+    pull: CoordinatePull
     is_angle: NDArray[np.bool_]
 
 
@@ -132,7 +133,7 @@ def share_weights(problem: Problem, seen: Array, share: Array) -> bool:
         total += share[m]
     for m in range(len(share)):
         share[m] = share[m] / total if total > 0.0 else 0.0
-    return total > 0.0 or (len(share) == 0 and problem.pull.max() > 0.0)
+    return total > 0.0 or (len(share) == 0 and problem.pull.weight.max() > 0.0)
 
 
 @compiled

@@ -1,6 +1,6 @@
 """Cost, gradient and Hessian of the least squares of markers, and rows of the constraints; one frame, compiled.
 
-    f(q) = ½ Σ w_m |p_m(q) − x_m|² + ½ Σ w_k (q_k − v_k)²,   g(q) = 0,   L = f + λ·g
+    f(q) = ½ Σ w_m |p_m(q) − x_m|² + ½ Σ w_k (q_k − v_k − s_k q_l)²,   g(q) = 0,   L = f + λ·g
 
 with w_m divided by the sum over the markers that are visible. Σ w JᵀJ is the mass matrix of point masses w at the
 markers, so it comes from composite bodies (Featherstone 2008, ch. 6.2); what it lacks of the Hessian of L is
@@ -45,17 +45,25 @@ class TrackedMarkers(NamedTuple):
     weight: Array
 
 
+class CoordinatePull(NamedTuple):
+    """weight (coordinates,) w_k [m²/rad²];  slope (coordinates,) s_k, 0 for a target of its own, and for leader, l."""
+
+    weight: Array
+    slope: Array
+    leader: int
+
+
 class Targets(NamedTuple):
     """What the postures of a frame should come close to.
 
     seen   (markers, 3) x;  share (markers,) w_m over their sum, 0 for a marker that is hidden
-    value  (coordinates,) v_k;  pull (coordinates,) w_k
+    value  (coordinates,) v_k;  pull of the coordinates to it
     """
 
     seen: Array
     share: Array
     value: Array
-    pull: Array
+    pull: CoordinatePull
 
 
 class ConstraintTable(NamedTuple):
@@ -75,7 +83,7 @@ class LeastSquares(NamedTuple):
     """What `linearise` fills.
 
     points       (markers, 3) in ground [m]
-    hessian      (coordinates, coordinates): Gauss–Newton's part, Σ w JᵀJ + diag(w_k)
+    hessian      (coordinates, coordinates): Gauss–Newton's part, Σ w JᵀJ + Σ w_k c cᵀ, c = ∂(q_k − s_k q_l)/∂q
     gradient     (coordinates,) of f
     gap          (rows,) g(q);  rows (rows, coordinates) its derivatives
     mass, first, second   (bodies,) Σ w, (bodies, 3) Σ w p, (bodies, 3, 3) Σ w p pᵀ over the markers of each body
@@ -170,7 +178,7 @@ def _points_held(constraint: Constraint) -> list[PointConstraint]:
 @compiled_for_python
 def fill_linearised(
     tables: tuple[Skeleton, TrackedMarkers, ConstraintTable],
-    weighted: tuple[Array, Array, Array],
+    weighted: tuple[Array, Array, CoordinatePull],
     multipliers: Array,
     coordinates: Array,
     work: PoseWorkspace,
@@ -179,7 +187,7 @@ def fill_linearised(
 ) -> None:
     """Fill every frame of coordinates (frames, coordinates) that does not begin with NaN.
 
-    weighted: x (frames, markers, 3), w (frames, markers) and w_k (coordinates,); multipliers λ (frames, rows), or of no
+    weighted: x (frames, markers, 3), w (frames, markers) and the pull; multipliers λ (frames, rows), or of no
     frame, without the curvature of L.
     """
     (skeleton, markers, constraints), (observed, weights, pull) = tables, weighted
@@ -204,7 +212,7 @@ def fill_linearised(
 @compiled
 def evaluate_cost(markers: TrackedMarkers, targets: Targets, q: Array, work: PoseWorkspace) -> float:
     """f at the pose of `work`."""
-    seen, share, value, pull = targets
+    seen, share, _, pull = targets
     cost = 0.0
     for m in range(len(share)):
         if share[m] > 0.0:
@@ -212,7 +220,7 @@ def evaluate_cost(markers: TrackedMarkers, targets: Targets, q: Array, work: Pos
             left = subtract(point, read(seen[m]))
             cost += share[m] * dot(left, left)
     for k in range(len(q)):
-        cost += pull[k] * (q[k] - value[k]) ** 2
+        cost += pull.weight[k] * _away(targets, q, k) ** 2
     return 0.5 * cost
 
 
@@ -241,7 +249,7 @@ def linearise(
     skeleton: Skeleton, markers: TrackedMarkers, targets: Targets, q: Array, work: PoseWorkspace, system: LeastSquares
 ) -> None:
     """Fill points, hessian and gradient, and force and turned with f = w r, at the pose of `work`."""
-    seen, share, value, pull = targets
+    seen, share, _, pull = targets
     _clear(system)
     for m in range(len(share)):
         body = markers.body[m]
@@ -254,20 +262,33 @@ def linearise(
     for k in range(len(q)):
         joint = skeleton.joint_of[k]
         if joint < 0:
-            system.gradient[k], system.hessian[k, k] = pull[k] * (q[k] - value[k]), pull[k]
             continue
         body = skeleton.joints[joint]["child"]
         w, v = read(work.screws[k]), read(work.screws[k, 3:])
         moment = _moment(system.turned[body])
-        system.gradient[k] = dot(w, moment) + dot(v, read(system.force[body])) + pull[k] * (q[k] - value[k])
+        system.gradient[k] = dot(w, moment) + dot(v, read(system.force[body]))
         linear, angular = _momentum(system, body, w, v)
         for j in range(len(q)):
             if skeleton.moves[body, j]:
                 entry = dot(read(work.screws[j]), angular) + dot(read(work.screws[j, 3:]), linear)
                 system.hessian[j, k] = system.hessian[k, j] = entry
     for k in range(len(q)):
-        if skeleton.joint_of[k] >= 0:
-            system.hessian[k, k] += pull[k]
+        away = pull.weight[k] * _away(targets, q, k)
+        system.gradient[k] += away
+        system.hessian[k, k] += pull.weight[k]
+        if pull.slope[k] != 0.0:
+            leader, along = pull.leader, pull.weight[k] * pull.slope[k]
+            system.gradient[leader] -= pull.slope[k] * away
+            system.hessian[k, leader] -= along
+            system.hessian[leader, k] -= along
+            system.hessian[leader, leader] += pull.slope[k] * along
+
+
+@compiled
+def _away(targets: Targets, q: Array, k: int) -> float:
+    """q_k − v_k − s_k q_l."""
+    away: float = q[k] - targets.value[k] - targets.pull.slope[k] * q[targets.pull.leader]
+    return away
 
 
 @compiled

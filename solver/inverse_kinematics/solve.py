@@ -38,6 +38,7 @@ from solver.inverse_kinematics.gauss_newton import (
     solve_frame,
 )
 from solver.inverse_kinematics.linearise import (
+    CoordinatePull,
     LinearisedFrames,
     Targets,
     TrackedMarkers,
@@ -84,12 +85,15 @@ class TrackingTasks:
     weights             (markers,) w_m ≥ 0; only their ratios matter
     coordinate_weights  w_k [m²/rad²] by the name of a coordinate; beside mean squares of millimetres 1e-4 is strong
     coordinate_targets  v_k [rad or m] by name, one value or one of each frame; the coordinate's default where absent
+    coordinate_slopes   s_k by name, of a target v_k + s_k q_l that follows another coordinate l, the leader
     """
 
     markers: tuple[Marker, ...]
     weights: Array
     coordinate_weights: Mapping[str, float] = field(default_factory=dict)
     coordinate_targets: Mapping[str, ArrayLike] = field(default_factory=dict)
+    coordinate_slopes: Mapping[str, float] = field(default_factory=dict)
+    leader: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +172,11 @@ def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
             lowest[k], highest[k] = coordinate.range
     is_locked = np.zeros(count, dtype=np.bool_)
     is_locked[[coordinate for coordinate, _ in locked_values(model)]] = True
-    pull = np.zeros(count)
+    leader = model.coordinate_index(tasks.leader) if tasks.leader else 0
+    pull = CoordinatePull(np.zeros(count), np.zeros(count), leader)
     for name, weight in tasks.coordinate_weights.items():
-        pull[model.coordinate_index(name)] = weight
+        place, slope = model.coordinate_index(name), tasks.coordinate_slopes.get(name, 0.0)
+        pull.weight[place], pull.slope[place] = weight, slope
     markers = TrackedMarkers(
         np.array([marker.body for marker in tasks.markers], dtype=np.int64),
         np.array([marker.location for marker in tasks.markers]).reshape(-1, 3),
@@ -392,22 +398,24 @@ def posture_uncertainty(
         raise ModelError("the noise of each marker should be finite and not negative [m]", SolverCode.WRONG_NOISE)
     problem = build_problem(model, tasks)
     work = allocate_workspace(model, problem)
-    return uncertainty_of_postures(problem, work, observed, solution.coordinates, solution.multipliers, sigma)
+    return uncertainty_of_postures(problem, work, (observed, solution.coordinates, solution.multipliers), sigma)
 
 
 def uncertainty_of_postures(
-    problem: Problem, work: IkWorkspace, observed: Array, q: Array, multipliers: Array, sigma: Array
+    problem: Problem, work: IkWorkspace, solved: tuple[Array, ...], sigma: Array, of_targets: float | Array = 0.0
 ) -> PostureUncertainty:
-    """posture_uncertainty with the tables of the compiled solver: q (frames, coordinates), λ (frames, rows) of the
-    constraints, sigma (markers,) [m].
+    """With the tables of the compiled solver. solved: observed, q and λ (frames, rows) of the constraints; sigma
+    (markers,) [m] and of_targets (coordinates,): noise of markers and of targets.
     """
+    observed, q, multipliers = solved
     weights = np.where(np.isfinite(observed).all(axis=2), problem.markers.weight, 0.0)
     total = np.cumsum(weights, axis=1)[:, -1:]  # in the order of the solver
     shares = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0.0)
-    is_posed = (total[:, 0] > 0.0) if weights.shape[1] else np.full(len(q), problem.pull.max() > 0.0)
+    is_posed = (total[:, 0] > 0.0) if weights.shape[1] else np.full(len(q), problem.pull.weight.max() > 0.0)
     posed = np.where(is_posed[:, None], q, np.nan)
     hessians, _, _, _, rows = linearise_frames(problem, work, posed, (observed, shares), problem.pull, multipliers)
-    spread = linearise_frames(problem, work, posed, (observed, shares**2 * sigma**2)).hessian
+    pull = problem.pull._replace(weight=(problem.pull.weight * of_targets) ** 2)
+    spread = linearise_frames(problem, work, posed, (observed, shares**2 * sigma**2), pull).hessian
     bounds = problem.bounds
     is_at_bound = ((q <= bounds.lowest) | (q >= bounds.highest)) & ~bounds.is_locked
     response, loose = _response(hessians, rows, bounds.is_locked | is_at_bound)
@@ -465,13 +473,13 @@ def linearise_frames(
     work: IkWorkspace,
     coordinates: Array,
     weighted: tuple[Array, Array] | None = None,
-    pull: Array | None = None,
+    pull: CoordinatePull | None = None,
     multipliers: Array | None = None,
 ) -> LinearisedFrames:
     """About coordinates (frames, coordinates); frames that begin with NaN stay 0.
 
     weighted     x (frames, markers, 3) and w (frames, markers); None for w = 0
-    pull         w_k (coordinates,); None for 0.  multipliers λ (frames, rows); None for Gauss–Newton's part alone
+    pull         of the coordinates; None for none.  multipliers λ (frames, rows); None for Gauss–Newton's part alone
     """
     (frames, count), (number,) = coordinates.shape, work.system.gap.shape
     markers = len(problem.markers.weight)
@@ -484,7 +492,7 @@ def linearise_frames(
         rows=np.zeros((frames, number, count)),
     )
     seen, weights, q = (np.ascontiguousarray(part, dtype=np.float64) for part in (seen, weights, coordinates))
-    pull = np.zeros(count) if pull is None else pull
+    pull = problem.pull._replace(weight=np.zeros(count)) if pull is None else pull
     curved = np.zeros((0, number)) if multipliers is None else np.ascontiguousarray(multipliers)
     tables = problem.skeleton, problem.markers, problem.constraints
     fill_linearised(tables, (seen, weights, pull), curved, q, work.pose, work.system, filled)

@@ -83,7 +83,7 @@ class WearerMotion:
     coordinates   (frames, coordinates) [rad or m] of its mode, closed on that body
     standard_deviation, prior_deviation   (frames, coordinates) with the markers, and of a person without any; 0 of a
                                           coordinate that no marker moves
-    covariance    of (θ, w);  mode  w (coordinates, modes)
+    covariance    of (θ, w);  mode  w (coordinates, modes);  parameters  θ of its mode
     is_converged  whether the mode was found
     """
 
@@ -99,6 +99,36 @@ class WearerMotion:
     is_converged: bool
     knots: _Knots
     body: _Body
+    parameters: Array
+
+    @property
+    def tasks(self) -> TrackingTasks:
+        """Of inverse kinematics in a motion without a posterior of its own: markers where they were put on the hanging
+        arm, and the girdle following the elevation of the arm.
+        """
+        tasks, rhythm = self.body.of(self.parameters)[1], self.body.priors.rhythm
+        if ELEVATION not in self.body.generic.coordinate_names:
+            return tasks
+        at_rest = float(self.body.generic.default_coordinates[self.body.generic.coordinate_index(ELEVATION)])
+        targets = {
+            name: float(np.asarray(value)) - rhythm[name].slope * at_rest
+            for name, value in tasks.coordinate_targets.items()
+        }
+        slopes = {name: one.slope for name, one in rhythm.items() if one.slope}
+        return replace(tasks, coordinate_targets=targets, coordinate_slopes=slopes, leader=ELEVATION)
+
+    @property
+    def errors(self) -> PostureErrors:
+        """Of the postures that tasks give. The errors of places and targets are taken as independent."""
+        body, girdle = self.body, len(self.body.priors.girdle)
+        variances = np.diag(self.covariance)[: body.parameters]
+        placed = variances[len(body.priors.factors) : body.parameters - girdle].reshape(-1, 3).mean(axis=1)
+        targets = np.zeros((2, body.count))
+        own = np.sqrt(variances[body.parameters - girdle :])
+        for name, at_rest in zip(body.priors.girdle, own, strict=True):
+            targets[:, body.generic.coordinate_index(name)] = at_rest, body.priors.rhythm[name].deviation
+        placed = np.sqrt(placed + SKIN_NOISE**2)
+        return posture_errors(self.skeleton, body.markers, placed, body.priors.errors.slide, targets)
 
     def draw(self, count: int, seed: int = 1) -> Iterator[tuple[Scaling, Array]]:
         """Bodies of the posterior, as scaling of that of the mode, and their coordinates (frames, coordinates) [rad or
@@ -158,6 +188,53 @@ def smooth_wearer(
         is_converged=is_converged,
         knots=knots,
         body=body,
+        parameters=at[: body.parameters],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PostureErrors:
+    """Standard deviations of markers and of the targets of coordinates, √(at_rest² + (raised d / RAISED)²) with d from
+    the model's default posture.
+
+    markers (2, markers) at_rest and raised, along each axis [m];  targets (2, coordinates) alike [rad]
+    trunk, bodies  whose orientations make d;  resting (features,) theirs in that posture
+    """
+
+    markers: Array
+    targets: Array
+    trunk: int
+    bodies: tuple[int, ...]
+    resting: Array
+
+    def of_markers(self, chosen: Sequence[int]) -> PostureErrors:
+        """Of some of the markers, by their places."""
+        return replace(self, markers=self.markers[:, list(chosen)])
+
+    def at(self, rotations: Array) -> tuple[Array, Array]:
+        """Of markers (markers,) and targets (coordinates,), from rotations (bodies, 3, 3) to ground of a posture."""
+        apart = _turned(rotations[None], self.trunk, self.bodies)[0] - self.resting
+        part = float(np.linalg.norm(apart)) / RAISED
+        return np.hypot(self.markers[0], part * self.markers[1]), np.hypot(self.targets[0], part * self.targets[1])
+
+
+def posture_errors(
+    model: Model, markers: Sequence[Marker], placed: Array, slide: Array, targets: Array | None = None
+) -> PostureErrors:
+    """placed, slide (markers,) [m]: of where a marker was put, and of the skin that slides when the arm is raised;
+    targets (2, coordinates) [rad], 0 by default.
+    """
+    trunk = next(joint.child for joint in model.joints if joint.parent == GROUND)
+    bodies = tuple(sorted({marker.body for marker in markers} - {trunk, GROUND}))
+    default = model.default_coordinates[None]
+    rotations = postures(model, default, np.zeros_like(default)).rotation_to_ground
+    none = np.zeros((2, len(model.coordinates)))
+    return PostureErrors(
+        np.array([placed, slide]),
+        none if targets is None else targets,
+        trunk,
+        bodies,
+        _turned(rotations, trunk, bodies)[0],
     )
 
 
@@ -326,8 +403,13 @@ def _orientations(body: _Body, coordinates: Array) -> Array:
     state = postures(body.skeleton, coordinates, np.zeros_like(coordinates))
     trunk = next(joint.child for joint in body.generic.joints if joint.parent == GROUND)
     bodies = sorted({marker.body for marker in body.markers} - {trunk, GROUND})
-    turned = np.swapaxes(state.rotation_to_ground[:, [trunk]], 2, 3) @ state.rotation_to_ground[:, bodies]
-    return np.asarray(turned.reshape(len(coordinates), -1) / np.sqrt(2.0))
+    return _turned(state.rotation_to_ground, trunk, bodies)
+
+
+def _turned(rotations: Array, trunk: int, bodies: Sequence[int]) -> Array:
+    """(frames, features) of bodies in the trunk, from rotations (frames, bodies, 3, 3) to ground."""
+    turned = np.swapaxes(rotations[:, [trunk]], 2, 3) @ rotations[:, list(bodies)]
+    return np.asarray(turned.reshape(len(rotations), -1) / np.sqrt(2.0))
 
 
 def _alike(one: Array, other: Array, angle: float) -> Array:

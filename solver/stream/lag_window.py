@@ -49,6 +49,7 @@ from solver.inverse_kinematics.solve import (
 )
 from solver.model import Model
 from solver.personalisation.estimate import within_ranges
+from solver.personalisation.wearer_motion import PostureErrors
 
 Array = NDArray[np.float64]
 
@@ -79,14 +80,14 @@ class PostureTracker:
     """Inverse kinematics of a stream; tables and memory are allocated once.
 
     A motion starts from the most probable posture within the ranges of the joints (within_ranges), because markers fit
-    a hanging arm nearly as well with a negative elevation. soft_tissue (markers,) is the standard deviation of the skin
-    under each marker along each axis [m].
+    a hanging arm nearly as well with a negative elevation.
     """
 
-    def __init__(self, model: Model, tasks: TrackingTasks, soft_tissue: Array) -> None:
+    def __init__(self, model: Model, tasks: TrackingTasks, errors: PostureErrors) -> None:
         ensure_fits(np.zeros((1, len(tasks.markers), 3)), tasks)
-        self._markers, self._soft_tissue = tasks.markers, soft_tissue
-        weights = np.where(tasks.weights > 0.0, np.maximum(soft_tissue, LEAST_SOFT_TISSUE) ** -2.0, 0.0)
+        self._markers, self._errors = tasks.markers, errors
+        size = np.maximum(np.hypot(*errors.markers), LEAST_SOFT_TISSUE)
+        weights = np.where(tasks.weights > 0.0, size**-2.0, 0.0)
         limited, usual = within_ranges(model, replace(tasks, weights=weights))
         self._search, self._tracking = _FrameProblem.of(limited, usual), _FrameProblem.of(model, tasks)
         self._locks = locked_values(model)
@@ -113,9 +114,11 @@ class PostureTracker:
             )
         self._last = found
         problem, work = self._tracking.problem, self._tracking.work
+        self._points()
+        of_skin = self._errors.at(work.pose.poses["rotation"])
         stated, soft_tissue = (
-            uncertainty_of_postures(problem, work, observed[None], found[None], multipliers[None], sigma)
-            for sigma in (noise, self._soft_tissue)
+            uncertainty_of_postures(problem, work, (observed[None], found[None], multipliers[None]), *sigmas)
+            for sigmas in ((noise,), of_skin)
         )
         held = stated.is_held[0]
         return FramePosture(outcome, found, self._points(), stated.covariance[0], soft_tissue.covariance[0], held)

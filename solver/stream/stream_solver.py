@@ -28,6 +28,7 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
 from solver.model import Model, ModelError
 from solver.personalisation.anthropometry import marker_errors
+from solver.personalisation.wearer_motion import PostureErrors, posture_errors
 from solver.redundancy.effort import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.lag_window import FramePosture, LagWindow, PostureTracker
@@ -56,8 +57,9 @@ class StreamSolver:
     suit       cord and masses of all scenarios
     lag_s      how far behind the markers results are [s], 0 to 0.5
     soft_tissue_m  standard deviation along each axis [m] of a marker's place on its body, one for all or (markers,); 0
-               for markers on bone; None: 8 to 26 mm, of where it is put and of the skin that slides over the bone
-               (solver/personalisation/anthropometry.py)
+               for markers on bone; None: that of errors
+    errors     of a measured wearer (WearerMotion.errors); None: 4 to 10 mm of where a marker is put, and the skin that
+               slides over the bone as the arm is raised (solver/personalisation/anthropometry.py)
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class StreamSolver:
         options: RedundancyOptions | None = None,
         lag_s: float = DEFAULT_LAG,
         soft_tissue_m: ArrayLike | None = None,
+        errors: PostureErrors | None = None,
     ) -> None:
         if not 0 <= lag_s <= LARGEST_LAG:
             raise ModelError(f"the lag should lie between 0 and {LARGEST_LAG:g} s and is {lag_s:g} s; choose another")
@@ -77,7 +80,7 @@ class StreamSolver:
         self._names = tuple(marker.name for marker in tasks.markers)
         self._labels = MarkerLabels(len(self._names))
         self._noise = RunningMarkerNoise(len(self._names))
-        self._tracker = PostureTracker(model, tasks, _soft_tissue(model, tasks, soft_tissue_m))
+        self._tracker = PostureTracker(model, tasks, _errors(model, tasks, soft_tissue_m, errors))
         self._soft_tissue_variance = np.full(len(model.coordinates), np.nan)
         self._window = LagWindow(len(model.coordinates))
         self._muscles = FrameMuscles(model, scenarios, suit, options or RedundancyOptions())
@@ -191,11 +194,13 @@ class _Pending:
     lost: NDArray[np.bool_]
 
 
-def _soft_tissue(model: Model, tasks: TrackingTasks, soft_tissue_m: ArrayLike | None) -> Array:
-    """(markers,) [m]; raises ModelError for a negative or infinite one."""
+def _errors(
+    model: Model, tasks: TrackingTasks, soft_tissue_m: ArrayLike | None, errors: PostureErrors | None
+) -> PostureErrors:
+    """Raises ModelError for a negative or infinite size."""
     if soft_tissue_m is None:
-        errors = marker_errors(model, tasks.markers)
-        return np.hypot(errors.offset, errors.scatter)
+        of_skin = marker_errors(model, tasks.markers)
+        return errors or posture_errors(model, tasks.markers, of_skin.placement, of_skin.slide)
     stated = np.asarray(soft_tissue_m, dtype=np.float64)
     if stated.shape not in ((), (len(tasks.markers),)) or not (np.isfinite(stated) & (stated >= 0)).all():
         raise ModelError(
@@ -203,7 +208,8 @@ def _soft_tissue(model: Model, tasks: TrackingTasks, soft_tissue_m: ArrayLike | 
             f"{len(tasks.markers)} markers [m], and is {soft_tissue_m}",
             SolverCode.WRONG_NOISE,
         )
-    return np.broadcast_to(stated, (len(tasks.markers),)).copy()
+    everywhere = np.broadcast_to(stated, (len(tasks.markers),))
+    return posture_errors(model, tasks.markers, everywhere, np.zeros(len(everywhere)))
 
 
 _WITHOUT_POSTURE = {

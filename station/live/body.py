@@ -19,6 +19,7 @@ from solver.inverse_kinematics.marker_fit import Vertical
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import CoordinateLock, Model
 from solver.osim.model_writer import osim_document
+from solver.personalisation.wearer_motion import PostureErrors
 from solver.redundancy.mechanics import glenoid_cone
 from solver.stream.frame_muscles import SLACK, StreamScenario
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
@@ -30,7 +31,13 @@ from station.live.published import NAN, LiveScenario
 from station.messages.live_messages import LiveCode
 from station.messages.message import Message
 from station.sources import BUNDLED, model_of
-from station.subject.assessed_subject import fit_suit, measure_subject, read_wearer_trials, worn_arm_cuff
+from station.subject.assessed_subject import (
+    fit_suit,
+    measure_subject,
+    read_wearer_trials,
+    smooth_subject,
+    worn_arm_cuff,
+)
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, read_subject
 
 UNUSABLE = (StationError, FitError, SolverError, RecordingError, OSError)
@@ -39,7 +46,9 @@ UNUSABLE = (StationError, FitError, SolverError, RecordingError, OSError)
 
 @dataclass(frozen=True, eq=False)
 class LiveBody:
-    """A model and a suit. name_of maps recorded labels to the model's markers; reason: why the body is generic."""
+    """A model and a suit. name_of maps recorded labels to the model's markers; errors of the postures of a measured
+    wearer.
+    """
 
     model: Model
     tasks: TrackingTasks
@@ -49,6 +58,7 @@ class LiveBody:
     cord: Cord | None
     is_scaled: bool
     findings: tuple[Message[LiveCode], ...] = ()
+    errors: PostureErrors | None = None
 
     @property
     def name(self) -> str:
@@ -68,14 +78,14 @@ class LiveBody:
         """The model as an OpenSim file; "" for the bundled one."""
         return Xml.tostring(osim_document(self.model), encoding="unicode") if self.is_scaled else ""
 
-    def tasks_for(self, labels: tuple[str, ...]) -> tuple[TrackingTasks, list[int]]:
-        """The tasks of the markers that these labels have, and the column of each; both may be empty."""
+    def tasks_for(self, labels: tuple[str, ...]) -> tuple[TrackingTasks, list[int], PostureErrors | None]:
+        """The tasks of the markers that these labels have, the column of each, and their errors; may be empty."""
         columns = {self.name_of.get(label, label): column for column, label in enumerate(labels)}
         kept = [k for k, marker in enumerate(self.tasks.markers) if marker.name in columns]
         markers = tuple(self.tasks.markers[k] for k in kept)
-        return replace(self.tasks, markers=markers, weights=self.tasks.weights[kept]), [
-            columns[marker.name] for marker in markers
-        ]
+        tasks = replace(self.tasks, markers=markers, weights=self.tasks.weights[kept])
+        errors = self.errors.of_markers(kept) if self.errors else None
+        return tasks, [columns[marker.name] for marker in markers], errors
 
 
 def live_body(folder: Path, settings: LiveSection, before_utc_ns: int) -> LiveBody:
@@ -93,11 +103,12 @@ def live_body(folder: Path, settings: LiveSection, before_utc_ns: int) -> LiveBo
         trials = read_wearer_trials(folder, before_utc_ns)
         if not trials:
             return _generic(generic, suit, declared, "the session has no earlier pose or motion trial")
-        measured = measure_subject(declared, trials, generic)
-        digitised = fit_suit(measured, suit)
+        wearer = smooth_subject(measure_subject(declared, trials, generic))
+        digitised = fit_suit(wearer, suit)
         return LiveBody(
-            model=measured.model,
-            tasks=measured.body.estimate.tasks,
+            model=wearer.model,
+            tasks=wearer.posterior.tasks,
+            errors=wearer.posterior.errors,
             suit=suit if digitised is None else digitised.suit,
             vertical=declared.vertical,
             name_of=declared.markers,

@@ -182,7 +182,7 @@ class LivePipeline:
 
     def _begin(self, device_ns: int, places: Array) -> bool:
         """Make the solver from the first frame whose markers fit the body."""
-        tasks, columns = self.plan.body.tasks_for(self._labels)
+        tasks, columns, errors = self.plan.body.tasks_for(self._labels)
         if len(columns) < LEAST_MARKERS:
             labels, body = ", ".join(self._labels), self.plan.body.name
             figures: Figures = {"labels": labels, "body": body, "known": float(len(columns))}
@@ -202,7 +202,8 @@ class LivePipeline:
             self._retry_ns = device_ns + int(1e9 * RETRY_S)
             return False
         self.refusal, self._columns, self._rotation, self._first_ns = None, columns, rotation, device_ns
-        self._solver = StreamSolver(model, tasks, self.plan.scenarios, suit=self.plan.body.suit, lag_s=self.plan.lag_s)
+        suit, lag_s = self.plan.body.suit, self.plan.lag_s
+        self._solver = StreamSolver(model, tasks, self.plan.scenarios, suit=suit, lag_s=lag_s, errors=errors)
         for name, length in self._rest_lengths.items():
             if length != self.plan.scenarios[name].rest_length:
                 self._solver.set_rest_length(name, length)
@@ -421,7 +422,7 @@ class PreparedTrial:
     def setup(self, labels: tuple[str, ...], rate_hz: float, origin: str, emg: tuple[str, ...] = ()) -> LiveSetup:
         """For these markers of the cameras."""
         body = self.plan.body
-        tasks, _ = body.tasks_for(labels)
+        tasks, *_ = body.tasks_for(labels)
         return LiveSetup(
             trial=self.trial,
             subject=LiveSubject(body.name, is_scaled=body.is_scaled, model_osim=body.osim_text),

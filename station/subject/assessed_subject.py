@@ -26,6 +26,7 @@ from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_moti
 from solver.inverse_kinematics.solve import (
     InverseKinematics,
     PostureUncertainty,
+    TrackingTasks,
     assemble,
     estimate_marker_noise,
     posture_uncertainty,
@@ -83,22 +84,15 @@ class MeasuredSubject:
 
 
 @dataclass(frozen=True, eq=False)
-class AssessedSubject(MeasuredSubject):
-    """The wearer and a motion of theirs.
+class SmoothedSubject(MeasuredSubject):
+    """The wearer's body of the posterior.
 
     solved      postures of inverse kinematics of each trial, within the ranges of the joints
-    assessed    the trial whose motion is assessed;  motion  of it;  kinematics  smoothed and differentiated
-    uncertainty of the assessed trial's postures from the noise of the markers
-    posterior   of body and motion, given markers and anatomy;  drawn  bodies and motions of it
+    posterior   of body and of a motion, given markers of all trials and anatomy
     """
 
     solved: tuple[InverseKinematics, ...]
-    assessed: WearerTrial
-    motion: WholeMotion
-    kinematics: Kinematics
-    uncertainty: PostureUncertainty
     posterior: WearerMotion
-    drawn: tuple[DrawnMotion, ...]
 
     def postures(self, trial: WearerTrial) -> InverseKinematics:
         """Coordinates of the posterior; residuals and outcomes are those of inverse kinematics."""
@@ -107,6 +101,22 @@ class AssessedSubject(MeasuredSubject):
         known = np.isfinite(coordinates[:, 0])
         coordinates[known] = self.posterior.postures(coordinates[known])
         return replace(solution, coordinates=coordinates)
+
+
+@dataclass(frozen=True, eq=False)
+class AssessedSubject(SmoothedSubject):
+    """The wearer and a motion of theirs.
+
+    assessed    the trial whose motion is assessed;  motion  of it;  kinematics  smoothed and differentiated
+    uncertainty of the assessed trial's postures from the noise of the markers
+    drawn       bodies and motions of the posterior
+    """
+
+    assessed: WearerTrial
+    motion: WholeMotion
+    kinematics: Kinematics
+    uncertainty: PostureUncertainty
+    drawn: tuple[DrawnMotion, ...]
 
     @property
     def not_measured(self) -> tuple[str, ...]:
@@ -124,33 +134,52 @@ def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> 
     trials = read_wearer_trials(folder)
     assessed = _assessed(folder, trials)
     measured = measure_subject(declared, trials, generic, progress)
-    body = measured.body
     place = trials.index(assessed)
-    estimate, observed = body.estimate, body.observed[place]
-    model, tasks = within_ranges(estimate.model, estimate.tasks)
-    solved = tuple(solve_inverse_kinematics(model, one, tasks) for one in body.observed)
-    motion = longest_whole_motion(body.model, assessed.time, solved[place])
-    seen = list(zip(body.observed, solved, strict=True))
-    smoothed = smooth_wearer(body.generic, body.markers, estimate, seen, motion.motion.coordinates)
-    motion = replace(motion, motion=replace(motion.motion, coordinates=smoothed.coordinates))
-    unfinished = [] if smoothed.is_converged else [Message(PersonCode.NOT_CONVERGED, {"steps": MOST_STEPS})]
+    observed = measured.body.observed[place]
+    model, tasks, solved = _solved_within_ranges(measured)
+    motion = longest_whole_motion(measured.model, assessed.time, solved[place])
+    smoothed = smooth_subject(measured, solved, motion.motion.coordinates)
+    motion = replace(motion, motion=replace(motion.motion, coordinates=smoothed.posterior.coordinates))
     interval = float(np.median(np.diff(assessed.time)))
     noise = np.nan_to_num(estimate_marker_noise(observed, interval))
     return AssessedSubject(
         declared=declared,
         trials=trials,
-        body=replace(body, model=scale_model(body.model, smoothed.scaling), findings=(*body.findings, *unfinished)),
+        body=smoothed.body,
         solved=solved,
         assessed=assessed,
         motion=motion,
         kinematics=differentiate(motion.motion),
         uncertainty=posture_uncertainty(model, observed, tasks, solved[place], noise),
-        posterior=smoothed,
+        posterior=smoothed.posterior,
         drawn=tuple(
             DrawnMotion(scaling, differentiate(replace(motion.motion, coordinates=coordinates)))
-            for scaling, coordinates in smoothed.draw(DRAWS)
+            for scaling, coordinates in smoothed.posterior.draw(DRAWS)
         ),
     )
+
+
+def smooth_subject(
+    measured: MeasuredSubject, solved: tuple[InverseKinematics, ...] | None = None, wanted: Array | None = None
+) -> SmoothedSubject:
+    """The posterior of the body and of the motion wanted (frames, coordinates) [rad or m], by default the solved frames
+    of the last trial.
+    """
+    body, solved = measured.body, solved or _solved_within_ranges(measured)[2]
+    if wanted is None:
+        wanted = solved[-1].coordinates[np.isfinite(solved[-1].coordinates[:, 0])]
+    seen = list(zip(body.observed, solved, strict=True))
+    posterior = smooth_wearer(body.generic, body.markers, body.estimate, seen, wanted)
+    unfinished = [] if posterior.is_converged else [Message(PersonCode.NOT_CONVERGED, {"steps": MOST_STEPS})]
+    model, findings = scale_model(body.model, posterior.scaling), (*body.findings, *unfinished)
+    body = replace(body, model=model, findings=findings)
+    return SmoothedSubject(measured.declared, measured.trials, body, solved, posterior)
+
+
+def _solved_within_ranges(measured: MeasuredSubject) -> tuple[Model, TrackingTasks, tuple[InverseKinematics, ...]]:
+    """The problem of inverse kinematics, and its solution of every trial."""
+    model, tasks = within_ranges(measured.body.estimate.model, measured.body.estimate.tasks)
+    return model, tasks, tuple(solve_inverse_kinematics(model, one, tasks) for one in measured.body.observed)
 
 
 def measure_subject(

@@ -18,7 +18,15 @@ from fitting.emg.envelopes import EnvelopeSettings, emg_envelope, smooth
 from fitting.emg.shape import ShapeOutcome, compare_shapes
 
 Array = NDArray[np.float64]
-Noise = Literal["none", "amplifier", "gain drift", "disagreement", "few motor units", "stationary disagreement"]
+Noise = Literal[
+    "none",
+    "amplifier",
+    "gain drift",
+    "disagreement",
+    "few motor units",
+    "stationary disagreement",
+    "stationary gain drift",
+]
 NOISES: tuple[Noise, ...] = get_args(Noise)
 RATE, MODEL_RATE = 1000.0, 100.0
 UNIT_RATE = 400.0
@@ -118,7 +126,7 @@ def _noisy_emg(noise: Noise, level: Array, random: np.random.Generator, channels
 
     "amplifier": white noise of 10 % of the peak. "gain drift": 20 % over 2 to 20 s. "disagreement": muscle and model
     differ by 10 % of the peak over 1 to 10 s. "few motor units": action potentials at random times. "stationary
-    disagreement": the same spectrum, of a Gaussian process.
+    disagreement", "stationary gain drift": the same spectra, of a Gaussian process.
     """
     peak, count = float(level.max()), len(level)
     if noise == "few motor units":
@@ -132,6 +140,8 @@ def _noisy_emg(noise: Noise, level: Array, random: np.random.Generator, channels
     levels = np.repeat(level[:, None], channels, axis=1)
     if noise == "gain drift":
         levels *= np.exp(0.2 * _wander(count, channels, random, 0.05, 0.5))
+    elif noise == "stationary gain drift":
+        levels *= np.exp(0.2 * _band_noise(count, channels, random, 0.05, 0.5))
     elif noise == "disagreement":
         levels = np.clip(levels + 0.1 * peak * _wander(count, channels, random, 0.1, 1.0), 0.0, None)
     elif noise == "stationary disagreement":

@@ -26,10 +26,13 @@ from solver.functions.coordinate_functions import polynomial
 from solver.inverse_kinematics.solve import (
     PostureOutcome,
     TrackingTasks,
+    allocate_workspace,
     assemble,
+    build_problem,
     estimate_marker_noise,
     posture_uncertainty,
     solve_inverse_kinematics,
+    uncertainty_of_postures,
 )
 from solver.model import CoordinateCoupler, CoordinateLock, Model
 from solver.osim.model_reader import read_osim
@@ -294,6 +297,41 @@ def test_covariance_is_that_of_solving_again_with_each_marker_moved(make: Callab
     scale = np.sqrt(np.diag(covariance)).max()
     np.testing.assert_allclose(stated.covariance[0], covariance, atol=1e-5 * scale**2)
     assert stated.is_held.all()
+
+
+def test_targets_that_follow_a_coordinate_count_in_posture_and_covariance() -> None:
+    """Two coordinates of the girdle follow the elevation; each target is moved."""
+    model = with_markers(bundled_model(), each=2)
+    slopes, leader = {"scapula_upward_rot": 0.43, "clav_prot": -0.26}, "shoulder_elv"
+    weights, targets = dict.fromkeys(slopes, 2e-3), {"scapula_upward_rot": 0.1, "clav_prot": -0.2}
+    tasks = replace(
+        tasks_of(model), coordinate_weights=weights, coordinate_targets=targets, coordinate_slopes=slopes, leader=leader
+    )
+    _, observed = noisy(model, 1, 0.03)
+    solution = solve_inverse_kinematics(model, observed, tasks)
+    q = solution.coordinates[0]
+    places = {name: model.coordinate_index(name) for name in (*slopes, leader)}
+    away = {name: q[places[name]] - targets[name] - slope * q[places[leader]] for name, slope in slopes.items()}
+    of_markers = np.average(solution.residuals[0] ** 2, weights=tasks.weights)
+    own = 0.5 * of_markers + sum(0.5 * weights[name] * away[name] ** 2 for name in slopes)
+    assert solution.cost[0] == pytest.approx(own, rel=1e-9)
+    step, covariance, sigma = 1e-5, np.zeros((len(q), len(q))), np.zeros(len(q))
+    for name, deviation in (("scapula_upward_rot", 0.2), ("clav_prot", 0.1)):
+        ends = [
+            solve_inverse_kinematics(
+                model, observed, replace(tasks, coordinate_targets=targets | {name: targets[name] + side}), q
+            ).coordinates[0]
+            for side in (-step, step)
+        ]
+        slope = (ends[1] - ends[0]) / (2 * step)
+        sigma[places[name]], covariance = deviation, covariance + deviation**2 * np.outer(slope, slope)
+    problem = build_problem(model, tasks)
+    work = allocate_workspace(model, problem)
+    posed = observed, solution.coordinates, solution.multipliers
+    stated = uncertainty_of_postures(problem, work, posed, np.zeros(len(model.markers)), sigma)
+    np.testing.assert_allclose(stated.covariance[0], covariance, atol=1e-5 * covariance.max())
+    alone = solve_inverse_kinematics(model, observed, replace(tasks, coordinate_slopes={}, leader="")).coordinates[0]
+    assert np.abs(alone - q).max() > 0.01
 
 
 def test_it_does_not_change_when_all_weights_are_scaled() -> None:
