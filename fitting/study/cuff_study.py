@@ -22,6 +22,7 @@ The spread between donnings, which an assessment draws from, is relative and com
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -66,8 +67,7 @@ class Observation:
         return f"{self.session} {self.cuff} {self.donning}"
 
 
-LARGE_DOF = 1e6
-"""Above, and where no variance is estimated, the interval is the normal one."""
+LARGE_DOF = 1e6  # above, and where no variance is estimated, the interval is the normal one
 DETECTABLE = NORMAL_95 * math.sqrt(2.0)
 """MDC over SEM: two measurements of the same volunteer differ by more in 5 % of cases, though nothing has changed."""
 FEWEST_PAIRS = 3
@@ -182,9 +182,7 @@ def compare(measurements: Sequence[Observation], first: str, second: str) -> Cuf
 
 
 def _median_repeats(measurements: Sequence[Observation]) -> int:
-    counts: dict[str, int] = {}
-    for one in measurements:
-        counts[one.donning_key] = counts.get(one.donning_key, 0) + 1
+    counts = Counter(one.donning_key for one in measurements)
     return round(float(np.median(list(counts.values())))) if counts else 1
 
 
@@ -222,16 +220,12 @@ def _agreements(measurements: Sequence[Observation]) -> dict[str, Agreement]:
         by_donning.setdefault(one.volunteer, {}).setdefault(one.donning_key, []).append(one.value)
         by_operator.setdefault(one.operator, {}).setdefault(one.volunteer, []).append(one.value)
     twice = [list(donnings.values())[:2] for donnings in by_donning.values() if len(donnings) > 1]
-    found = {"donnings": _agree([(np.mean(first), np.mean(second)) for first, second in twice])}
+    pairs = {"donnings": [(np.mean(first), np.mean(second)) for first, second in twice]}
     for first, second in combinations(sorted(by_operator), 2):
         common = by_operator[first].keys() & by_operator[second].keys()
-        pairs = [(np.mean(by_operator[first][one]), np.mean(by_operator[second][one])) for one in sorted(common)]
-        found[f"{first} to {second}"] = _agree(pairs)
-    return {name: agreement for name, agreement in found.items() if agreement.differences.size}
-
-
-def _agree(pairs: Sequence[tuple[np.floating, np.floating]]) -> Agreement:
-    return agree(np.array(pairs, dtype=np.float64).reshape(-1, 2))
+        both = [(np.mean(by_operator[first][one]), np.mean(by_operator[second][one])) for one in sorted(common)]
+        pairs[f"{first} to {second}"] = both
+    return {name: agree(np.array(found, dtype=np.float64)) for name, found in pairs.items() if found}
 
 
 @dataclass(frozen=True)
@@ -418,27 +412,14 @@ def agree(pairs: Array) -> Agreement:
         return Agreement(means, differences, bias, none, none, (none, none))
     spread, t = float(differences.std(ddof=1)), quantile(count - 1)
     reach = t * spread / math.sqrt(count)
-    limits = (bias - NORMAL_95 * spread, bias + NORMAL_95 * spread)
+    low, high = bias - NORMAL_95 * spread, bias + NORMAL_95 * spread
     half = t * spread * math.sqrt(1 / count + NORMAL_95**2 / (2 * (count - 1)))
-    low, high = limits
-    return Agreement(
-        means,
-        differences,
-        bias,
-        (bias - reach, bias + reach),
-        limits,
-        ((low - half, low + half), (high - half, high + half)),
-    )
+    of_limits = (low - half, low + half), (high - half, high + half)
+    return Agreement(means, differences, bias, (bias - reach, bias + reach), (low, high), of_limits)
 
 
-VOLUNTEER, OPERATOR, DONNING, REPEAT, INTERACTION = (
-    "volunteer",
-    "operator",
-    "donning",
-    "repeat",
-    "volunteer_by_cuff",
-)
-"""Names of the variance components."""
+# names of the variance components
+VOLUNTEER, OPERATOR, DONNING, REPEAT, INTERACTION = "volunteer", "operator", "donning", "repeat", "volunteer_by_cuff"
 
 
 def values_of(measurements: Sequence[Observation]) -> Array:
@@ -469,8 +450,7 @@ def study_factors(measurements: Sequence[Observation]) -> list[Factor]:
     return [Factor(name, found) for name, found in labels.items()]
 
 
-LEAST_FREEDOM = 3.5
-"""Degrees of freedom below which a spread is not used: 4, less the rounding of their estimate."""
+LEAST_FREEDOM = 3.5  # degrees of freedom below which a spread is not used: 4, less the rounding of their estimate
 
 
 class SpreadOutcome(StrEnum):
@@ -509,8 +489,11 @@ def estimate_donning_spread(measurements: Sequence[Observation]) -> DonningSprea
 
     Values that are not positive are left out. Of a single repeat in each donning, the spread includes that of repeats.
     """
-    logarithms = [_logarithm(one) for one in measurements if one.value > 0]
-    kept = [one for one in logarithms if len(_donnings(logarithms, one)) > 1]
+    positive = [one for one in measurements if one.value > 0]
+    donned = Counter(
+        (volunteer, cuff) for volunteer, cuff, _ in {(m.volunteer, m.cuff, m.donning_key) for m in positive}
+    )
+    kept = [_logarithm(one) for one in positive if donned[one.volunteer, one.cuff] > 1]
     groups = Factor("cuff", [f"{one.volunteer} {one.cuff}" for one in kept])
     donnings = Factor(DONNING, [one.donning_key for one in kept])
     counted = DonningSpreadEstimate(SpreadOutcome.FEW_DONNINGS, donnings.levels, groups.levels)
@@ -546,7 +529,3 @@ def _estimate(model: MixedModel, counted: DonningSpreadEstimate) -> DonningSprea
 
 def _logarithm(one: Observation) -> Observation:
     return replace(one, value=math.log(one.value), noise=one.noise / one.value, shared=one.shared / one.value)
-
-
-def _donnings(measurements: Sequence[Observation], of: Observation) -> set[str]:
-    return {one.donning_key for one in measurements if (one.volunteer, one.cuff) == (of.volunteer, of.cuff)}

@@ -32,7 +32,7 @@ LONGEST = {
     "drivers/simulators/daq_rpcs.py": 541,
     "drivers/simulators/qtm_server.py": 527,
     "fitting/diagnosis/causes.py": 576,
-    "fitting/study/cuff_study.py": 553,
+    "fitting/study/cuff_study.py": 531,
     "solver/suit/scenarios.py": 546,
     "solver/tendons/fiber.py": 525,
     "station/validation/lifts.py": 547,
