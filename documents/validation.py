@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, ValidationError
 
-from documents.plain_data import shortened
+from documents.plain_data import PlainDataError, shortened
+from documents.regular_file import describe_failure
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 """A finite number; texts and Booleans are refused."""
@@ -41,6 +42,15 @@ class Section(BaseModel):
     """A table of a document; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+DOCUMENT_ERRORS = (OSError, PlainDataError, ValidationError)
+"""Of a document that cannot be read, parsed or validated."""
+
+
+def describe_document_error(error: Exception) -> str:
+    """Why a document cannot be used, one of DOCUMENT_ERRORS, without its path."""
+    return describe_error(error) if isinstance(error, ValidationError) else describe_failure(error)
 
 
 def describe_error(error: ValidationError, *, context: str = "") -> str:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from documents.interval import bracketed, counted
-from documents.plain_data import PlainDataError, read_json
-from documents.validation import describe_error
+from documents.plain_data import read_json
+from documents.validation import DOCUMENT_ERRORS, describe_document_error
 from fitting.emg.change import RepeatUnit
 from fitting.emg.channels import UNUSABLE, ChannelFinding
 from fitting.emg.envelopes import resampled
@@ -205,10 +205,8 @@ def read_emg_document(path: Path) -> EmgDocument:
     except OSError as error:
         figures = {"path": str(path), "reason": str(error.strerror or error)}
         raise EmgFileError(Message(EmgCode.UNREADABLE, figures)) from error
-    except PlainDataError as error:
-        raise EmgFileError(Message(EmgCode.WRONG_DOCUMENT, {"path": str(path), "reason": str(error)})) from error
-    except ValidationError as error:
-        figures = {"path": str(path), "reason": describe_error(error)}
+    except DOCUMENT_ERRORS as error:
+        figures = {"path": str(path), "reason": describe_document_error(error)}
         raise EmgFileError(Message(EmgCode.WRONG_DOCUMENT, figures)) from error
 
 

@@ -12,10 +12,10 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_serializer, model_validator
+from pydantic import Field, model_serializer, model_validator
 
-from documents.plain_data import PlainDataError, read_toml
-from documents.validation import Positive, Section, describe_error
+from documents.plain_data import read_toml
+from documents.validation import DOCUMENT_ERRORS, Positive, Section, describe_document_error
 from fitting.emg.envelopes import MVC_WINDOW_S, PUBLISHED, EmgTrial, EnvelopeSettings
 from fitting.emg.shape import MAX_LAG_S
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
@@ -231,10 +231,9 @@ def read_emg_setup(path: Path | None) -> EmgSetup:
     except OSError as error:
         figures = {"path": str(path), "reason": str(error.strerror or error)}
         raise ConfigError(Message(EmgCode.SETUP_UNREADABLE, figures)) from error
-    except PlainDataError as error:
-        raise ConfigError(Message(EmgCode.SETUP_WRONG, {"path": str(path), "reason": str(error)})) from error
-    except ValidationError as error:
-        raise ConfigError(Message(EmgCode.SETUP_WRONG, {"path": str(path), "reason": describe_error(error)})) from error
+    except DOCUMENT_ERRORS as error:
+        figures = {"path": str(path), "reason": describe_document_error(error)}
+        raise ConfigError(Message(EmgCode.SETUP_WRONG, figures)) from error
 
 
 def _similar(name: str, known: tuple[str, ...]) -> str:

@@ -8,10 +8,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from documents.plain_data import PlainDataError, read_json
-from documents.validation import describe_error
+from documents.plain_data import read_json
+from documents.validation import DOCUMENT_ERRORS, describe_document_error
 from recordings.manifest import DataOrigin
 from station.errors import StationError
 from station.messages.file_messages import NumberCode
@@ -132,10 +132,6 @@ def read_numbers(path: Path) -> ReportDocument:
     """Read report.json. Raises ReportFileError with the wrong key."""
     try:
         return ReportDocument.model_validate(read_json(path))
-    except OSError as error:
-        reason = str(error.strerror or error)
-    except PlainDataError as error:
-        reason = str(error)
-    except ValidationError as error:
-        reason = describe_error(error)
-    raise ReportFileError(Message(NumberCode.FILE, {"file": str(path), "reason": reason}))
+    except DOCUMENT_ERRORS as error:
+        figures = {"file": str(path), "reason": describe_document_error(error)}
+        raise ReportFileError(Message(NumberCode.FILE, figures)) from error

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from html import unescape
 from importlib import metadata
 from pathlib import Path
@@ -292,14 +292,7 @@ def plain_trace(traced: Trace) -> dict[str, Any]:
         "number": traced.number.model_dump(mode="json", exclude_defaults=True),
         "source_standing": traced.source_standing,
         "faults": [{"code": fault.code, "text": str(fault)} for fault in traced.faults],
-        "recordings": [
-            {
-                "file": recording.file,
-                "standing": recording.standing,
-                "streams": [vars(stream) for stream in recording.streams],
-            }
-            for recording in traced.recordings
-        ],
+        "recordings": [asdict(recording) for recording in traced.recordings],
     }
 
 

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import between, bracketed, shown
-from documents.plain_data import PlainDataError, read_json
-from documents.regular_file import describe_failure
-from documents.validation import describe_error
+from documents.plain_data import read_json
+from documents.validation import DOCUMENT_ERRORS, describe_document_error
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.cuff_study import (
     Agreement,
@@ -56,6 +55,7 @@ OPEN = "not estimated"
 STUDY_FILE = "study.json"
 NORMATIVE_FILE = "normative.json"
 NORMATIVE_FORMAT: Literal[1] = 1
+Document = TypeVar("Document", bound=BaseModel)
 
 
 class _Entry(BaseModel):
@@ -216,16 +216,7 @@ def write_study(folder: Path, document: StudyDocument) -> Path:
 
 def read_study(path: Path) -> StudyDocument:
     """Raises StudyError for what `station study` would not write."""
-    try:
-        return StudyDocument.model_validate(read_json(path))
-    except (OSError, PlainDataError) as error:
-        raise _wrong_file(path, describe_failure(error)) from error
-    except ValidationError as error:
-        raise _wrong_file(path, describe_error(error)) from error
-
-
-def _wrong_file(path: Path, reason: str) -> StudyError:
-    return StudyError(Message(StudyCode.WRONG_FILE, {"path": str(path), "reason": reason}))
+    return _read(path, StudyDocument, StudyCode.WRONG_FILE)
 
 
 def _quantity(found: CuffStudy) -> QuantityEntry:
@@ -385,13 +376,12 @@ def write_normative(study: Path, document: StudyDocument) -> Path:
 
 def read_normative(path: Path) -> NormativeDocument:
     """Raises StudyError for what `station study` would not write."""
+    return _read(path, NormativeDocument, StudyCode.WRONG_NORMATIVE)
+
+
+def _read(path: Path, document: type[Document], code: StudyCode) -> Document:
     try:
-        return NormativeDocument.model_validate(read_json(path))
-    except (OSError, PlainDataError) as error:
-        raise _not_normative(path, describe_failure(error)) from error
-    except ValidationError as error:
-        raise _not_normative(path, describe_error(error)) from error
-
-
-def _not_normative(path: Path, reason: str) -> StudyError:
-    return StudyError(Message(StudyCode.WRONG_NORMATIVE, {"path": str(path), "reason": reason}))
+        return document.model_validate(read_json(path))
+    except DOCUMENT_ERRORS as error:
+        figures = {"path": str(path), "reason": describe_document_error(error)}
+        raise StudyError(Message(code, figures)) from error
