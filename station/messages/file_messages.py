@@ -268,7 +268,7 @@ _CHAIN: Mapping[StrEnum, str] = {
     ),
     ChainCode.NOT_A_FOLDER: "{folder} is not a folder; give a session folder",
     ChainCode.NOTHING_TO_VERIFY: "{folder} contains no recording, no {cuffs} and no {report} to verify",
-    ChainCode.NOT_REGULAR: "{path} is a pipe or a device, expected a regular file; replace it",
+    ChainCode.NOT_REGULAR: "{path} is a folder, a pipe or a device, expected a regular file; replace it",
     ChainCode.BROKEN: "{folder} is not signed, its chain is broken at {link}; see `station verify {folder}`",
     ChainCode.NOT_SIGNED: "{folder} is not signed, ssh-keygen failed: {reason}",
     ChainCode.NO_SIGNERS: "{path} is not a file, expected the list of allowed signers of OpenSSH",

@@ -45,6 +45,9 @@ from station.session.plan_status import describe_plan, is_donned_without_trial, 
 from station.session.summary import Summary, SummaryError, summarise
 from station.session.worker import Worker, WorkerKilled
 
+ATTEMPTS = 2
+"""To read the MVC: a worker may be killed for lack of memory by another program, and EMG would stay in µV."""
+
 
 class Reviewer:
     """Fits and assesses in a worker process. Methods raise CommandRefused and JournalError.
@@ -160,8 +163,10 @@ class Reviewer:
         file = next((trial.file for trial in reversed(usable) if trial.condition == "mvc"), "")
         if file != self._session.mvc_file:
             found: dict[str, float] = {}
-            with suppress(WorkerKilled):
-                found = await self.in_worker(_read_largest_emg, folder / file) if file else {}
+            for _ in range(ATTEMPTS if file else 0):
+                with suppress(WorkerKilled):
+                    found = await self.in_worker(_read_largest_emg, folder / file)
+                    break
             if self._session.folder == folder:
                 self._session.mvc_file, self._session.mvc_uv = file, found
 

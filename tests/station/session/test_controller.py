@@ -406,7 +406,11 @@ def test_after_a_killed_fit_the_operator_decides_without_figures(
 def test_the_mvc_is_that_of_the_last_usable_trial_of_the_session_whoever_recorded_it(
     controller: SessionController, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    kills = [WorkerKilled()]
+
     async def read(_: object, path: Path) -> dict[str, float]:
+        if kills:
+            raise kills.pop()
         return {path.name: 240.0}
 
     controller.session.begin(SETUP)
