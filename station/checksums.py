@@ -30,8 +30,10 @@ LARGEST_JOURNAL = 16 * 2**20
 CHECKSUMS_FILE = "SHA256SUMS"
 JOURNALS = (JOURNAL_FILE, CHECKS_FILE)
 SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"
-PASSING = re.compile(r"\.(.*\.lock|live\.json|draft-.*|DS_Store)", re.DOTALL)
-"""Names of hidden files and folders that come and go while a session is used, the last of them by macOS."""
+PASSING = re.compile(r"\.(.*\.lock|live\.json|capture|draft-.*|DS_Store)", re.DOTALL)
+"""Hidden files that come and go while a session is used: locks, the address of a live process, the note of a running
+capture, drafts, and the files of macOS.
+"""
 LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)", re.DOTALL)
 LARGEST = 1 << 24
 """Bytes: a hundred thousand files."""
