@@ -88,11 +88,9 @@ def add_exits(controller: SessionController, actions: Actions) -> None:
 
 
 def _explain(button: ui.button, text: str) -> None:
-    """Add a tooltip in line with the button's end, so that it does not cover the buttons of a decision; it waits,
-    because a view may put its button under a pointer that has just clicked.
-    """
+    """Add a tooltip in line with the button's end, so that it does not cover the buttons of a decision."""
     with button:
-        ui.tooltip(text).props('anchor="top right" self="bottom right" delay=800')
+        ui.tooltip(text).props('anchor="top right" self="bottom right"')
 
 
 def _show_pause(controller: SessionController) -> None:

@@ -50,6 +50,7 @@ SOUND = """
     speechSynthesis.speak(Object.assign(new SpeechSynthesisUtterance(%(text)s), {lang: "en-US"}));
 })()
 """
+ui.tooltip.default_props("delay=800")  # a view may put a button under a pointer that has just clicked
 
 
 def show_page(controller: SessionController) -> None:
