@@ -222,7 +222,8 @@ def show_bench(checker: BenchChecker, actions: Actions) -> None:
     """Check the bench at once, and show the results when they change."""
     ui.label("Bench").classes("heading")
     verdict = ui.row().classes("items-center no-wrap gap-2").props("role=status")
-    rows = ui.column().classes("gap-1 w-full")
+    asking = ui.column().classes("gap-1 w-full")
+    passed = ui.expansion().classes("w-full text-lg").mark("passed")  # stays unfolded in a new check
     with ui.row().classes("items-center gap-3 w-full no-wrap"):
         mass = ui.input("Known mass on the cell [kg]").props("inputmode=decimal").classes("grow").mark("known-mass")
         ui.button("Read it", on_click=lambda: actions.run(lambda: checker.read_mass(_mass_of(mass.value)))).props(
@@ -235,7 +236,7 @@ def show_bench(checker: BenchChecker, actions: Actions) -> None:
         if state != shown[0]:
             shown[0] = state
             _show_verdict(verdict, checker)
-            _show_rows(rows, checker.results)
+            _show_rows(asking, passed, checker.results)
 
     ui.timer(0.0, checker.ensure_started, once=True)
     ui.timer(POLL_S, tick)
@@ -248,8 +249,8 @@ def verdict_of(grade: Grade | None, results: Sequence[CheckResult]) -> str:
         return "not checked"
     count = sum(result.grade == grade for result in results)
     if grade == "bad":
-        return f"not ready: {count} problem{'s' * (count > 1)}"
-    return "ready" if grade == "good" else f"ready; {count} point{'s' * (count > 1)} not checked"
+        return f"not ready: {counted(count, 'problem')}"
+    return "ready" if grade == "good" else f"ready; {counted(count, 'point')} not checked"
 
 
 def _show_verdict(verdict: ui.row, checker: BenchChecker) -> None:
@@ -266,21 +267,16 @@ def _show_verdict(verdict: ui.row, checker: BenchChecker) -> None:
         ui.label(text[0].upper() + text[1:]).classes(f"text-2xl font-bold {grade or 'quiet'}").mark("bench-verdict")
 
 
-def _show_rows(rows: ui.column, results: Sequence[CheckResult]) -> None:
+def _show_rows(asking: ui.column, passed: ui.expansion, results: Sequence[CheckResult]) -> None:
     """The checks that ask for something, and the others folded."""
-    rows.clear()
-    with rows:
-        good = [result for result in results if result.grade == "good"]
-        for result in results:
-            if result.grade != "good":
-                _row(result)
-        if good:
-            with (
-                ui.expansion(f"{len(good)} check{'s' * (len(good) > 1)} passed")
-                .classes("w-full text-lg")
-                .mark("passed")
-            ):
-                for result in good:
+    good = [result for result in results if result.grade == "good"]
+    passed.text = f"{counted(len(good), 'check')} passed"
+    passed.set_visibility(bool(good))
+    for place in (asking, passed):
+        place.clear()
+        with place:
+            for result in results:
+                if (result.grade == "good") == (place is passed):
                     _row(result)
 
 
