@@ -1,6 +1,6 @@
 """Calibration of the decision between two arm cuffs: simulated labs, claimed probabilities against what happens next.
 
-    python -m benchmarks.decision [--labs 12000] [--people 100] [--samples 12] [--only 1,4]
+    python -m benchmarks.decision [--labs 12000] [--people 100] [--samples 12] [--only 1,4] [--seed 0]
 
 A lab measures one donning of two cuffs and draws people as `station assess` does, from a Latin hypercube: a wearer, and
 the next donning about the measured one. Then another wearer dons both cuffs, and every statement is true or false:
@@ -93,6 +93,7 @@ def main() -> None:
     arguments.add_argument("--people", type=int, default=100)
     arguments.add_argument("--samples", type=int, default=12, help="Latin hypercubes of people")
     arguments.add_argument("--only", default="", help="numbers of the populations")
+    arguments.add_argument("--seed", type=int, default=0, help="other labs")
     chosen = arguments.parse_args()
     budget = UncertaintySources()
     parts = {name: getattr(budget, name) for name in ("body", "muscles", "motion")}
@@ -102,7 +103,7 @@ def main() -> None:
     wanted = [int(number) for number in chosen.only.split(",")] if chosen.only else range(1, len(POPULATIONS) + 1)
     for number in wanted:
         title, sources, limits, is_measured, knows_range = POPULATIONS[number - 1]
-        generator = np.random.default_rng(number)
+        generator = np.random.default_rng(number + 100 * chosen.seed)
         known = limits if knows_range else None
         cuffs = [draw_cuffs(limits, is_measured, generator) for _ in range(chosen.labs)]
         labs = [simulate(solve(sources), pair, known, generator) for pair in cuffs]

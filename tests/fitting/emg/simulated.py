@@ -31,8 +31,9 @@ NOISES: tuple[Noise, ...] = get_args(Noise)
 RATE, MODEL_RATE = 1000.0, 100.0
 UNIT_RATE = 400.0
 """Discharges a second of all motor units together at the peak."""
-REPEATS = 25
-"""EMG of the same movement from which the true correlation is computed."""
+REPEATS, FAST_REPEATS = 25, 8
+"""EMG of the same movement from which the true correlation is computed; a movement averages noise that is fast."""
+FAST: tuple[Noise, ...] = ("none", "amplifier", "few motor units")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,8 @@ def emg_pair(noise: Noise, settings: EnvelopeSettings, number: int) -> EmgPair:
     lag, duration = random.uniform(-0.25, 0.25), random.uniform(8.0, 16.0)
     level = _movement(number % 3, duration, random)
     time = np.arange(int(duration * MODEL_RATE)) / MODEL_RATE
-    raw = _noisy_emg(noise, level(np.arange(int(duration * RATE)) / RATE - lag), random, 1 + REPEATS)
+    repeats = FAST_REPEATS if noise in FAST else REPEATS
+    raw = _noisy_emg(noise, level(np.arange(int(duration * RATE)) / RATE - lag), random, 1 + repeats)
     envelopes = emg_envelope(raw, RATE, settings)[:: int(RATE / MODEL_RATE)][: len(time)]
     inner = slice(int(0.5 * MODEL_RATE), -int(0.5 * MODEL_RATE))
     smoothed = smooth(level(time), MODEL_RATE, settings.bandwidth)
@@ -139,18 +141,18 @@ def _noisy_emg(noise: Noise, level: Array, random: np.random.Generator, channels
         return np.asarray(peak * units + raw_emg(np.full(count, 0.02 * peak), random, channels))
     levels = np.repeat(level[:, None], channels, axis=1)
     if noise == "gain drift":
-        levels *= np.exp(0.2 * _wander(count, channels, random, 0.05, 0.5))
+        levels *= np.exp(0.2 * sinusoids(count, channels, random, 0.05, 0.5))
     elif noise == "stationary gain drift":
-        levels *= np.exp(0.2 * _band_noise(count, channels, random, 0.05, 0.5))
+        levels *= np.exp(0.2 * band_noise(count, channels, random, 0.05, 0.5))
     elif noise == "disagreement":
-        levels = np.clip(levels + 0.1 * peak * _wander(count, channels, random, 0.1, 1.0), 0.0, None)
+        levels = np.clip(levels + 0.1 * peak * sinusoids(count, channels, random, 0.1, 1.0), 0.0, None)
     elif noise == "stationary disagreement":
-        levels = np.clip(levels + 0.1 * peak * _band_noise(count, channels, random, 0.1, 1.0), 0.0, None)
+        levels = np.clip(levels + 0.1 * peak * band_noise(count, channels, random, 0.1, 1.0), 0.0, None)
     white = 0.1 * peak * random.standard_normal(levels.shape) if noise == "amplifier" else 0.0
     return raw_emg(levels, random, channels) + white
 
 
-def _wander(count: int, channels: int, random: np.random.Generator, low: float, high: float) -> Array:
+def sinusoids(count: int, channels: int, random: np.random.Generator, low: float, high: float) -> Array:
     """(count, channels) random curves of unit size between two frequencies [Hz].
 
     Eight sinusoids of random size: the mean square over 12 s has a coefficient of variation of 56 %.
@@ -164,7 +166,7 @@ def _wander(count: int, channels: int, random: np.random.Generator, low: float, 
     return curve
 
 
-def _band_noise(count: int, channels: int, random: np.random.Generator, low: float, high: float) -> Array:
+def band_noise(count: int, channels: int, random: np.random.Generator, low: float, high: float) -> Array:
     """(count, channels) Gaussian noise of unit size, with a flat spectrum between two frequencies [Hz].
 
     The mean square over 12 s of 0.1 to 1 Hz has a coefficient of variation of 30 %.
