@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
@@ -10,20 +9,12 @@ from playwright.sync_api import Browser, expect
 
 from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.subject.subject_file import Cord, Subject, read_subject
-from tests.station.console.browsing import begin, open_page, patience_ms, runs, seen, stop
+from tests.station.console.browsing import open_page, patience_ms, seen
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.console.test_wearer_in_a_browser import WEARER
 
 pytestmark = pytest.mark.timeout(300)
 MASS, NUMBER = "Body mass [kg]", "Session"
-FOCUS_AFTER = """action => {
-    document.activeElement.blur();
-    action === "click"
-        ? document.querySelector(".mark-button").click()
-        : document.body.dispatchEvent(new KeyboardEvent("keydown", {...action, bubbles: true, cancelable: true}));
-    return document.activeElement.placeholder;
-}"""
-"""Within one task of the browser: the console cannot answer before it returns."""
 
 
 def test_a_letter_typed_in_a_field_is_text_and_no_button_shows_its_key(browser: Browser, tmp_path: Path) -> None:
@@ -113,24 +104,3 @@ def test_a_redrawn_view_keeps_the_focus_and_the_rest_of_a_word_is_no_command(bro
             expect(skip).to_be_focused(timeout=patience_ms())
         one.keyboard.press("n")
         seen(one, "next: hand, static, repeat 3")
-
-
-@pytest.mark.timeout(400)
-def test_the_name_of_a_mark_has_the_focus_before_the_console_answers(browser: Browser, tmp_path: Path) -> None:
-    with ServedConsole(write_config(tmp_path, hold_s=600.0), "--simulated") as console:
-        page = open_page(browser, console.address)
-        begin(page)
-        page.keyboard.press("a")
-        runs(page)
-        seen(page, "hang weight 1 of 3")
-        for action in ("click", *({"key": key, "code": "KeyM"} for key in ("m", "M", "ь"))):
-            assert page.evaluate(FOCUS_AFTER, action) == "name, then Enter"
-        page.keyboard.type("slips")  # with an s: Stop
-        seen(page, re.compile(r"^mark 4 at \d+\.\d s is in the recording$"))
-        expect(page.get_by_placeholder("name, then Enter")).to_have_value("slips")
-        page.keyboard.press("Enter")
-        seen(page, re.compile(r"^mark 4 at \d+\.\d s is in the recording: slips$"))
-        runs(page)
-        assert page.evaluate(FOCUS_AFTER, {"key": "m", "code": "KeyM", "ctrlKey": True}) is None, "the browser's own"
-        stop(page)
-        seen(page, "Keep (k)")
