@@ -85,6 +85,20 @@ def test_two_builds_have_the_same_bytes_and_hold_what_a_user_needs(tmp_path: Pat
         shared = {name.partition("share/cuffstation/")[2] for name in wheel.namelist()}
         assert {"station.toml", "examples/fit_a_cuff.py", "examples/leg/leg.osim"} <= shared
         assert "station/sample_session/test-bounce_run-1.mcap" in wheel.namelist()
+    target = str(tmp_path / "installed")
+    installation = ["-m", "pip", "install", "--no-deps", "--no-index", "-q", "--target", target, str(first[".whl"])]
+    use = "import cuffstation as cs; print(cs.__file__, cs.fit_session(cs.sample_session()).cuffs.keys())"
+    for words in (installation, ["-c", use]):
+        ran = subprocess.run(  # noqa: S603
+            [sys.executable, *words],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": target},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.startswith(target) and "hand" in ran.stdout
 
 
 @pytest.mark.slow

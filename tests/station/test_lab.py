@@ -115,13 +115,14 @@ def test_texts_of_a_session_with_the_line_ends_of_windows_are_read_and_reported_
 
 
 def test_a_path_of_more_than_260_characters_is_refused_on_windows_before_anything_is_recorded(lab: Path) -> None:
-    words = (*PLAN, "--session", str(Path("simulated", *["x" * 60] * 4)))
+    deep = Path("simulated", *["x" * 60] * 4)
     if sys.platform == "win32":
-        ran = station(lab, "record", "--headless", *words)
+        ran = station(lab, "record", "--headless", *PLAN, "--session", str(deep))
         assert ran.returncode == 1 and "refused.path_too_long" in ran.stdout, ran.stdout
     else:
-        with Headless(lab, *words) as terminal:
-            until_recording(terminal)
+        with Headless(lab, *PLAN, "--session", str(deep)) as terminal:
+            assert terminal.until("trial_ended")["accepted"]
+        assert all(contents_of(path).complete for path in (lab / deep).glob("*.mcap"))
 
 
 def test_the_page_is_served_without_a_bench(lab: Path) -> None:
