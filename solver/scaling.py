@@ -40,7 +40,7 @@ from solver.forces.passive_forces import (
     PointToPointSpring,
     SmoothContact,
 )
-from solver.functions.coordinate_functions import scaled
+from solver.functions.coordinate_functions import PiecewisePolynomial, scaled
 from solver.inverse_kinematics.solve import TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import (
     Actuator,
@@ -187,10 +187,10 @@ def _joint(joint: Joint, factors: Factors) -> Joint:
     if isinstance(motion, ScapulothoracicMotion):
         motion = replace(motion, radii=motion.radii * parent, winging_origin=motion.winging_origin * child[:2])
     elif isinstance(motion, AxisMotion):
-        keeps = [index < 3 or getattr(one, "is_identity", False) for index, one in enumerate(motion.functions)]
+        is_plain = [isinstance(one, PiecewisePolynomial) and one.is_identity for one in motion.functions]
         functions = tuple(
-            function if is_kept else scaled(function, float(np.abs(axis) @ parent))
-            for function, axis, is_kept in zip(motion.functions, motion.axes, keeps, strict=True)
+            function if index < 3 or is_plain[index] else scaled(function, float(np.abs(axis) @ parent))
+            for index, (axis, function) in enumerate(zip(motion.axes, motion.functions, strict=True))
         )
         motion = replace(motion, functions=functions)
     return replace(

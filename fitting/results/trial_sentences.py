@@ -304,7 +304,7 @@ TRIAL_NOTES: Templates = {
         "the load held from {start_s:.1f} s on is {found_n:.1f} N above the hook, expected {expected_n:.1f} N "
         "({count:weight}); correct the weights or the step's time in protocol.toml"
     ),
-    TrialNoteCode.FEW_WEIGHTS: "{count:.0f} of {total:weight} of the plan added",
+    TrialNoteCode.FEW_WEIGHTS: "the trial has {count:.0f} of {total:weight} of the plan",
     TrialNoteCode.ONE_BRANCH: (
         "all weights are removed at once: from a single unloading branch, slip and friction cannot be distinguished; "
         "remove them one by one"

@@ -114,10 +114,10 @@ def _points(c3d: C3dFile, chosen: Sequence[int]) -> tuple[Array, Array]:
 def _analog_rate(c3d: C3dFile) -> float:
     """[Hz] Frame rate × samples of a frame. Raises ForeignFile where the file states another one."""
     rate = c3d.layout.per_frame * c3d.rate_hz
-    told = c3d.parameters.number("ANALOG", "RATE") or rate
-    if abs(told / rate - 1) > RATE_TOLERANCE:
+    stated = c3d.parameters.number("ANALOG", "RATE") or rate
+    if abs(stated / rate - 1) > RATE_TOLERANCE:
         raise ForeignFile(
-            f"{c3d.path} states {told:g} analog samples a second and holds {c3d.layout.per_frame} in each frame of "
+            f"{c3d.path} states {stated:g} analog samples a second and holds {c3d.layout.per_frame} in each frame of "
             f"{1 / c3d.rate_hz:.6g} s, which is {rate:g}; export it again with its rates",
             RecordingCode.FOREIGN_CONTRADICTORY,
         )

@@ -107,8 +107,8 @@ class C3dFile:
     @property
     def rate_hz(self) -> float:
         """Frame rate. Raises ForeignFile where there is none."""
-        told = self.parameters.number("POINT", "RATE")
-        rate = self.header.rate_hz if told is None else told
+        stated = self.parameters.number("POINT", "RATE")
+        rate = self.header.rate_hz if stated is None else stated
         if not 0 < rate < np.inf:
             _refuse(self.path, RecordingCode.FOREIGN_NO_RATE, "has no sampling rate; export it again with its rates")
         return rate
@@ -209,7 +209,7 @@ def _layout(path: Path, size: int, header: C3dHeader, parameters: C3dParameters)
         channels = header.analog_values // max(1, per_frame)
     frames = _frames(header, parameters)
     real, integer = (C3dLayout(points, int(channels), per_frame, frames, size) for size in (4, 2))
-    told, scale = (header.points, header.analog_values), number("SCALE") or header.scale
+    in_header, scale = (header.points, header.analog_values), number("SCALE") or header.scale
     room = size - header.start
 
     def fits(layout: C3dLayout, counts: tuple[int, int]) -> bool:
@@ -217,17 +217,17 @@ def _layout(path: Path, size: int, header: C3dHeader, parameters: C3dParameters)
         return 0 <= room - layout.size(*counts) < BLOCK
 
     layout, other = (real, integer) if header.scale < 0 else (integer, real)
-    if (scale < 0) != (header.scale < 0) and fits(other, told) and not fits(layout, told):
+    if (scale < 0) != (header.scale < 0) and fits(other, in_header) and not fits(layout, in_header):
         layout = other
     counts = layout.points, layout.analog_values
     missing = layout.size(*counts) - room
-    if missing > 0 and not (told != counts and fits(layout, told)):
+    if missing > 0 and not (in_header != counts and fits(layout, in_header)):
         frame = max(1, layout.size(*counts) // max(1, frames))
         complaint = f"announces {counted(frames, 'frame')} and holds {max(0, room // frame)}; {EXPORT_AGAIN}"
         _refuse(path, RecordingCode.FOREIGN_CUT, complaint)
-    if told != counts and fits(layout, told):
+    if in_header != counts and fits(layout, in_header):
         complaint = (
-            f"contradicts itself: its header counts {_listed(*told)}, its parameters {_listed(*counts)} a frame; "
+            f"contradicts itself: its header counts {_listed(*in_header)}, its parameters {_listed(*counts)} a frame; "
             f"{EXPORT_AGAIN}"
         )
         _refuse(path, RecordingCode.FOREIGN_CONTRADICTORY, complaint)

@@ -249,9 +249,9 @@ def millimetres(unit: str, where: str) -> float:
 
     Raises ForeignFile for an unknown unit.
     """
-    told = unit.strip().lower().removesuffix("s") or "mm"
-    cut = (short for spelled, short in SPELLED_OUT.items() if len(told) >= FEWEST_LETTERS and spelled.startswith(told))
-    known = MILLIMETRES.get(next(cut, told))
+    name = unit.strip().lower().removesuffix("s") or "mm"
+    cut = (short for spelled, short in SPELLED_OUT.items() if len(name) >= FEWEST_LETTERS and spelled.startswith(name))
+    known = MILLIMETRES.get(next(cut, name))
     if known is None:
         raise ForeignFile(
             f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; export it in one of them, "

@@ -224,8 +224,7 @@ def posture_errors(
     """placed, slide (markers,) [m]: of where a marker was put, and of the skin that slides when the arm is raised;
     targets (2, coordinates) [rad], 0 by default.
     """
-    trunk = next(joint.child for joint in model.joints if joint.parent == GROUND)
-    bodies = tuple(sorted({marker.body for marker in markers} - {trunk, GROUND}))
+    trunk, bodies = _trunk_and_bodies(model, markers)
     default = model.default_coordinates[None]
     rotations = postures(model, default, np.zeros_like(default)).rotation_to_ground
     none = np.zeros((2, len(model.coordinates)))
@@ -401,12 +400,16 @@ def _to_bodies(body: _Body, coordinates: Array) -> Array:
 def _orientations(body: _Body, coordinates: Array) -> Array:
     """(frames, features) of the bodies with markers in the trunk, whose distance is about the angle between them."""
     state = postures(body.skeleton, coordinates, np.zeros_like(coordinates))
-    trunk = next(joint.child for joint in body.generic.joints if joint.parent == GROUND)
-    bodies = sorted({marker.body for marker in body.markers} - {trunk, GROUND})
-    return _turned(state.rotation_to_ground, trunk, bodies)
+    return _turned(state.rotation_to_ground, *_trunk_and_bodies(body.generic, body.markers))
 
 
-def _turned(rotations: Array, trunk: int, bodies: Sequence[int]) -> Array:
+def _trunk_and_bodies(model: Model, markers: Sequence[Marker]) -> tuple[int, tuple[int, ...]]:
+    """The body that is jointed to ground, and the others with markers."""
+    trunk = next(joint.child for joint in model.joints if joint.parent == GROUND)
+    return trunk, tuple(sorted({marker.body for marker in markers} - {trunk, GROUND}))
+
+
+def _turned(rotations: Array, trunk: int, bodies: tuple[int, ...]) -> Array:
     """(frames, features) of bodies in the trunk, from rotations (frames, bodies, 3, 3) to ground."""
     turned = np.swapaxes(rotations[:, [trunk]], 2, 3) @ rotations[:, list(bodies)]
     return np.asarray(turned.reshape(len(rotations), -1) / np.sqrt(2.0))

@@ -114,7 +114,6 @@ class PostureTracker:
             )
         self._last = found
         problem, work = self._tracking.problem, self._tracking.work
-        self._points()
         of_skin = self._errors.at(work.pose.poses["rotation"])
         stated, soft_tissue = (
             uncertainty_of_postures(problem, work, (observed[None], found[None], multipliers[None]), *sigmas)

@@ -374,7 +374,7 @@ LARGE_RESERVES = 0.1
 """Effort of the reserves, over that of the muscles with a slack cord, above which muscles do not explain a motion."""
 ROUND_OFF = 1e-9  # m
 IDLE = 1e-9  # mean activation below which a muscle counts as inactive and has no reduction
-UNMIGRATED: dict[Condition, Condition] = {"shift": "rigid", "both": "visco_elastic"}  # the same cuffs before it
+UNMIGRATED: dict[Condition, Condition] = {"shift": "rigid", "both": "visco_elastic"}  # the same cuffs without migration
 
 
 @dataclass(frozen=True, eq=False)
@@ -386,7 +386,7 @@ class CurveReadouts:
     permissible_error  full width in which 90 % of the best saving is kept [m]
     to_slack           from the best rest length to that at which the cord is always slack [m]
     cord_force         largest tension at the reference rest length [N]
-    cord_force_lost    share of it lost by migration, relative to the same cuffs before it
+    cord_force_lost    share of it lost by migration, relative to the same cuffs without migration
     cost_per_arm_migration, cost_per_waist_migration
                        derivative of the normalised cost at the reference rest length with respect to the migration of
                        this cuff alone, by central differences of the solved effort [1/m]; NaN for a rigid cuff

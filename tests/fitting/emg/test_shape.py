@@ -16,11 +16,9 @@ from tests.fitting.emg.simulated import (
     NOISES,
     RATE,
     activation,
-    band_noise,
     compare_pair,
     emg_pair,
     raw_emg,
-    sinusoids,
 )
 from tests.refusals import raises_refusal
 
@@ -137,23 +135,6 @@ def test_intervals_cover_the_truth_over_noise_that_does_not_follow_the_model() -
     found = np.array(pairs, dtype=float)[:, [1, 3]]
     assert ((found.mean(axis=0) >= 0.93) & (found.mean(axis=0) <= 0.97)).all()
     assert (found.reshape(len(NOISES), 100, 2).mean(axis=1) >= 0.88).all()  # 2.3 standard errors below 95 %
-
-
-def test_the_size_of_eight_sinusoids_is_less_known_from_a_movement_than_that_of_a_process_of_their_spectrum() -> None:
-    """The mean square is that of eight squares however long the movement is: its coefficient of variation is above
-    √(2/8), and its 95 % interval has ends with the ratio 8, in which 99.6 % of the process are.
-    """
-    random, count = np.random.default_rng(8), int(12 * RATE)
-    spreads = []
-    for make in (sinusoids, band_noise):
-        squares = (make(count, 60, random, 0.1, 1.0) ** 2).mean(axis=0)
-        spreads.append(float(squares.std() / squares.mean()))
-    assert spreads[0] > 0.45
-    assert spreads[1] < 0.37
-    low, high = (float(stats.chi2(8).ppf(level)) for level in (0.025, 0.975))
-    assert high / low == pytest.approx(8.0, abs=0.1)
-    deviation = np.sqrt(np.log(1 + spreads[1] ** 2))
-    assert np.diff(stats.norm.cdf(np.log(np.array([8.0 / high, 8.0 / low])) / deviation))[0] > 0.98
 
 
 TRIAL, CYCLE = RepeatUnit.TRIAL, RepeatUnit.CYCLE
