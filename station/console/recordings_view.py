@@ -19,7 +19,12 @@ def add_recordings(controller: SessionController, actions: Actions) -> None:
     """Add the buttons that undo the last decision and open the list, if there are recordings."""
     journal = controller.session.journal
     if journal.verdicts:
-        actions.add("Undo", "u", controller.reviewer.undo, is_of_session=True)
+        last = list(journal.verdicts)[-1]
+        button = actions.add("Undo", "u", controller.reviewer.undo, is_of_session=True)
+        with button:  # in line with the end of the button, so that it does not cover those of a decision above
+            ui.tooltip(f"undo the decision on {last}: {_decision(journal, last)}").props(
+                'anchor="center right" self="center left"'
+            )
     actions.add("Note", "o", lambda: _open_note(controller, actions), mark="note", is_of_session=True)
     if journal.recorded:
         actions.add("Recordings", "t", lambda: _open(controller, actions), is_of_session=True)

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 def watch(subscription: LiveSubscription, console: Console) -> None:
     """Show the updates until the live process ends; on no terminal only the findings, once each."""
     latest: LiveUpdate | None = None
-    told: set[str] = set()
+    shown: set[str] = set()
     with Live(console=console, refresh_per_second=1 / REFRESH_S, transient=True) as screen:
         while not subscription.wait_until_over(REFRESH_S):
             latest = ([latest, *subscription.take()])[-1]
@@ -40,8 +40,8 @@ def watch(subscription: LiveSubscription, console: Console) -> None:
                 screen.update(render(subscription.setup, latest, time.time()))
                 continue
             for finding in latest.findings:
-                if finding.code not in told:
-                    told.add(finding.code)
+                if finding.code not in shown:
+                    shown.add(finding.code)
                     console.print(finding.sentence, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -222,8 +222,8 @@ _EXPORT: Mapping[StrEnum, str] = {
         "`station info` shows how long every marker was hidden"
     ),
     ExportCode.ROWS_LEFT_OUT: (
-        "{file}: {left_out:.0f} of {rows:row} left out because a marker of the cuff or its anchor is hidden; "
-        "the rest is in {files:gap-free file}. --fill-gaps writes one file and fills the gaps"
+        "the export of {file} leaves out {left_out:.0f} of {rows:row}, because a marker of the cuff or its anchor is "
+        "hidden; the rest is in {files:gap-free file}. --fill-gaps writes one file and fills the gaps"
     ),
     ExportCode.ROWS_FILLED: (
         "{file}: direction and point of {hidden:row}, and {lost:row} of lost samples, are interpolated "
@@ -258,8 +258,8 @@ _CHAIN: Mapping[StrEnum, str] = {
         "line {line} were changed, removed, inserted or reordered"
     ),
     ChainCode.JOURNAL_CHANGED: (
-        "{file} has changed since it was recorded: {lines:line}, not those in {sums}. The last line was "
-        "changed or removed"
+        "{file} has changed since it was recorded: it has {lines:line} and not the content in {sums}. The last "
+        "line was changed or removed"
     ),
     ChainCode.LIST_LINE: "line {line} does not name a file of this folder with its SHA-256",
     ChainCode.LIST_MISSING: "{file} has hashes of its lines, and the list of all hashes of the folder is missing",

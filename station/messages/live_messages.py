@@ -72,8 +72,8 @@ LIVE: Mapping[StrEnum, str] = {
         "the cameras send {rate_hz:.0f} frames per second: one in {every:.0f} is solved ({solved_hz:.0f} per second)"
     ),
     LiveCode.OVERLOADED: (
-        "this computer is too slow: one frame in {every:.0f} is solved ({solved_hz:.0f} per second), "
-        "{dropped:frame} left out so far; the recording is not affected; fewer scenarios need less time"
+        "this computer is too slow: one frame in {every:.0f} is solved ({solved_hz:.0f} per second), and the view has "
+        "left out {dropped:frame} so far; the recording is not affected; fewer scenarios need less time"
     ),
     LiveCode.WRITTEN: "live result: {path}",
     LiveCode.NO_OUTLET: "no live outlet: {reason}",

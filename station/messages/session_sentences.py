@@ -99,7 +99,7 @@ _TRIAL: Mapping[StrEnum, str] = {
         "the clock of this computer shows {now_utc}, and the last file of the session was written at {last_utc}: the "
         "clock was set back. This trial is dated after the others to keep their order; check date and time"
     ),
-    TrialCode.OVERWRITTEN: _TOO_SLOW + "{samples:sample} overwritten before being read" + _FASTER,
+    TrialCode.OVERWRITTEN: _TOO_SLOW + "its buffer overwrote {samples:sample} before the station read it" + _FASTER,
     TrialCode.LATE: _TOO_SLOW + "samples waited {late_s:.1f} s before they were recorded" + _FASTER,
     TrialCode.STATION_PAUSED: (
         "the station itself was suspended for {stall_s:.1f} s; make sure that its computer does not sleep or swap"
