@@ -13,17 +13,22 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from fitting.results.codes import RejectionCode
+from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.trial.clocks import (
     DRIFT_PRIOR_SD,
     LARGEST_DRIFT,
+    ClockFit,
     LagUncertainty,
+    StopWindow,
     SyncEdges,
     capture_frames,
     early_edge,
+    early_notes,
     find_edges,
     find_fall,
     fit_clock,
+    stop_contradiction,
+    stop_notes,
     stop_window,
 )
 from recordings.manifest import Timing
@@ -100,6 +105,20 @@ def test_stamps_that_start_anew_with_the_capture_separate_it_too() -> None:
 
 def test_with_constant_stamps_the_numbers_alone_decide() -> None:
     assert _capture([811, 812, 1, 2, 9, 10], [0] * 6, [-2, -1, 0, 1, 8, 9]) == slice(2, 6)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "stamps", "expected"),
+    [
+        ([1, 2, 2, 3], [1, 2, 2, 3], slice(0, 4)),  # sent twice
+        ([1, 2, 3, 4, 5], [1, 2, 3, 5.5, 6.5], slice(0, 5)),
+        ([1, 2, 3, 4, 5], [1, 2, 3, 6, 7], slice(0, 3)),
+    ],
+)
+def test_a_capture_ends_where_numbers_and_stamps_differ_by_more_than_one_and_a_half_frames(
+    numbers: list[int], stamps: list[float], expected: slice
+) -> None:
+    assert _capture(numbers, stamps, [number - 1.0 for number in numbers]) == expected
 
 
 def test_of_two_captures_the_one_at_the_edge_counts() -> None:
@@ -189,6 +208,147 @@ def test_drift_counts_from_where_the_lag_was_calibrated() -> None:
 def test_an_edge_before_the_first_frame_takes_two_witnesses(falling: float | None, late: float, early: float) -> None:
     edges = SyncEdges(0.0, 3e-4, falling, 3e-4)
     assert early_edge(edges, 10.0, 0.01, late) == pytest.approx(early)
+
+
+RISE, FALL, CAPTURE = 1e-3, 2e-3, 40.0
+"""Sampling intervals at the two edges, and the duration of the frames [s]."""
+
+
+def pulse(excess: float, capture: float = CAPTURE) -> SyncEdges:
+    """A pulse that is longer than the frames by excess [s]."""
+    return SyncEdges(5.0, RISE / 12**0.5, 5.0 + capture + excess, FALL / 12**0.5)
+
+
+def triangle(part: float, half_width: float) -> float:
+    """Quantile of the sum of two equal uniform variables."""
+    return half_width * ((2 * part) ** 0.5 - 1)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.01])
+def test_start_and_ratio_have_the_moments_of_edges_between_two_samples(width: float) -> None:
+    """drift × capture = excess + fall − start − stop, all three uniform and independent."""
+    clock = fit_clock(pulse(8e-4), CAPTURE, StopWindow(-width, 0.0, 0.01, is_declared=True))
+    assert clock.start == pytest.approx(5.0, abs=1e-8)
+    assert clock.ratio - 1 == pytest.approx((8e-4 + width / 2) / CAPTURE, abs=1.1e-6 / CAPTURE)
+    spread = np.array([RISE**2, RISE**2 + FALL**2 + width**2]) / 12
+    assert clock.covariance[0, 0] == pytest.approx(spread[0], rel=1e-6)
+    assert clock.covariance[1, 1] == pytest.approx(spread[1] / CAPTURE**2, rel=2e-5)
+    assert clock.covariance[0, 1] == clock.covariance[1, 0] == pytest.approx(-spread[0] / CAPTURE, rel=1e-4)
+    assert (clock.common_drift, clock.missing_frames, clock.is_identified) == (0.0, 0, True)
+
+
+@pytest.mark.parametrize("is_declared", [True, False])
+def test_the_interval_of_the_drift_has_the_quantiles_of_both_edges(is_declared: bool) -> None:
+    """Without a declaration it covers both ends of the last frame, with 95 % for either."""
+    edges = SyncEdges(5.0, RISE / 12**0.5, 5.0 + CAPTURE + 8e-4, RISE / 12**0.5)
+    clock = fit_clock(edges, CAPTURE, StopWindow(0.0 if is_declared else -0.01, 0.0, 0.01, is_declared))
+    assert clock.drift_ci95 is not None
+    low, high = (8e-4 + triangle(0.025 if is_declared else 0.05, RISE) * sign for sign in (1, -1))
+    expected = np.array([low, high if is_declared else high + 0.01]) / CAPTURE
+    np.testing.assert_allclose(clock.drift_ci95, expected, atol=2e-6 / CAPTURE)
+    assert clock.common_drift == pytest.approx(0.0 if is_declared else 0.01 / CAPTURE / 12**0.5)
+
+
+def test_the_common_part_of_a_drift_that_is_cut_is_at_most_the_whole() -> None:
+    clock = fit_clock(pulse(0.0, 2.0), 2.0, StopWindow(-0.01, 0.0, 0.01, is_declared=False))
+    assert clock.common_drift == pytest.approx(np.sqrt(clock.covariance[1, 1]))
+    assert not clock.is_identified
+
+
+def test_a_drift_that_is_cut_on_one_side_is_not_identified() -> None:
+    clock = fit_clock(pulse(-1e-4, 0.5), 0.5, END_OF_FRAME)
+    assert clock.drift_ci95 == (-LARGEST_DRIFT, LARGEST_DRIFT) and not clock.is_identified
+    edges = SyncEdges(5.0, 1e-5, 5.0 + 0.5 - 2.4e-4, 1e-5)
+    clock = fit_clock(edges, 0.5, END_OF_FRAME)
+    assert clock.has_both_edges and not clock.is_identified
+    assert clock.drift_ci95 is not None and clock.drift_ci95[0] == -LARGEST_DRIFT < clock.drift_ci95[1] < LARGEST_DRIFT
+
+
+def test_as_many_frames_are_missing_as_crystals_need() -> None:
+    """21 ms of 60 s are 350 ppm, with one frame of 10 ms more 183, with two 17; crystals differ by up to 150."""
+    assert fit_clock(pulse(0.021, 60.0), 60.0, END_OF_FRAME).missing_frames == 2
+    sharp = SyncEdges(5.0, 1e-6, 5.0 + 30.015, 1e-6)
+    assert fit_clock(sharp, 30.0, END_OF_FRAME).missing_frames == 0, "1 leaves 167 ppm, 2 leave -167"
+
+
+def test_the_largest_error_of_time_may_be_that_of_the_start() -> None:
+    clock = ClockFit(0.0, 1.0, np.array([[1e-6, -9e-7], [-9e-7, 1e-6]]), has_both_edges=True)
+    errors = clock.errors(1.0, 100.0, 0.2)
+    np.testing.assert_allclose([errors.time, errors.force, errors.displacement], [1e-3, 0.1, 2e-4])
+
+
+def test_a_clock_of_one_edge_has_no_common_part_and_no_missing_frames() -> None:
+    edges = SyncEdges(5.0, 3e-4, None)
+    clock = fit_clock(edges, 40.0, END_OF_FRAME)
+    assert (clock.common_drift, clock.missing_frames, edges.falling_sd) == (0.0, 0, 0.0)
+    assert LagUncertainty(0.0, 0.0, 0.0).value == 0.0
+
+
+@pytest.mark.parametrize(
+    ("timing", "expected"),
+    [
+        (Timing(stop_edge="end_of_frame"), StopWindow(0.0, 0.0, 0.01, is_declared=True)),
+        (Timing(stop_edge="end_of_exposure", exposure_s=0.004), StopWindow(-0.006, -0.006, 0.01, is_declared=True)),
+        (Timing(stop_edge="anywhere"), StopWindow(-0.01, 0.0, 0.01, is_declared=True)),
+        (Timing(), StopWindow(-0.01, 0.0, 0.01, is_declared=False)),
+    ],
+)
+def test_the_window_of_the_stop_edge_is_as_declared(timing: Timing, expected: StopWindow) -> None:
+    assert stop_window(timing, 0.01) == expected
+
+
+EXPLAINED = 10.0 * LARGEST_DRIFT + (RISE + FALL) / 2
+"""What drift and sampling explain in 10 s [s]."""
+JUST = 1e-7
+
+
+@pytest.mark.parametrize(
+    ("excess", "contradiction"),
+    [
+        (EXPLAINED - JUST, 0.0),
+        (EXPLAINED + JUST, EXPLAINED + JUST),
+        (0.1 + EXPLAINED - JUST, 0.0),  # a whole frame more
+        (0.12, 0.02),
+        (-0.1 - EXPLAINED + JUST, 0.0),
+        (-0.1 - EXPLAINED - JUST, -0.1 - EXPLAINED - JUST),
+    ],
+)
+def test_a_stop_edge_contradicts_the_frames_beyond_drift_sampling_and_its_window(
+    excess: float, contradiction: float
+) -> None:
+    stop = StopWindow(-0.1, 0.0, 0.1, is_declared=False)
+    assert stop_contradiction(pulse(excess, 10.0), 10.0, stop) == pytest.approx(contradiction, abs=1e-12)
+    assert stop_contradiction(SyncEdges(5.0, 0.0, None), 10.0, stop) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("short", "frame", "late", "is_early"),
+    [
+        (0.05 + JUST, 0.1, 0.03, True),
+        (0.05 - JUST, 0.1, 0.03, False),
+        (EXPLAINED + JUST, 0.01, 0.03, True),
+        (EXPLAINED - JUST, 0.01, 0.03, False),
+        (0.08, 0.01, 0.04 + JUST, True),
+        (0.08, 0.01, 0.04 - JUST, False),
+    ],
+)
+def test_frames_are_missing_at_the_start_beyond_half_a_frame_drift_and_half_the_delay(
+    short: float, frame: float, late: float, is_early: bool
+) -> None:
+    found = early_edge(pulse(short, 10.0), 10.0, frame, late)
+    assert found == pytest.approx(short if is_early else 0.0, abs=1e-12)
+
+
+def test_notes_on_the_sync_line_have_their_figures() -> None:
+    (early,) = early_notes(0.3)
+    assert (early.code, early.figures) == (TrialNoteCode.SYNC_BEFORE_FRAMES, {"early_s": 0.3}) and not early_notes(0.0)
+    cut = fit_clock(pulse(0.0, 2.0), 2.0, StopWindow(-0.01, 0.0, 0.01, is_declared=False))
+    (open_,) = stop_notes(7.0, cut, 0.0)
+    assert (open_.code, open_.figures) == (TrialNoteCode.CLOCKS_OPEN, {"limit": LARGEST_DRIFT})
+    for contradiction, name in ((-0.2, "before_end_s"), (0.2, "between_frames_s")):
+        (note,) = stop_notes(7.0, cut, contradiction)
+        assert (note.code, note.figures) == (TrialNoteCode.SYNC_CONTRADICTION, {name: 0.2, "limit": LARGEST_DRIFT})
+    assert stop_notes(None, cut, 0.2) == ()
 
 
 @dataclass(frozen=True)
