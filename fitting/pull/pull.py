@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import (
+    OCCLUSION_LIMIT,
+    OCCLUSION_NOTE,
     CuffMotion,
     MarkerQuality,
     along,
@@ -173,16 +175,30 @@ class _Moved:
 
 
 def _move(trial: Trial, motion: CuffMotion) -> _Moved:
-    """Without the frames at which the force is not known: between samples that are far apart."""
-    is_known = np.ones(len(trial.marker_time), bool)
-    for start, end in trial.force_gaps:
-        if end - start > LONGEST_FORCE_GAP:
-            is_known &= (trial.marker_time <= start) | (trial.marker_time >= end)
-    motion = replace(motion, displacement=np.where(is_known[:, None], motion.displacement, np.nan))
+    """The trial with its motion, NaN in the frames within long gaps of the force, and notes. Raises UnusableTrial."""
     force = np.interp(trial.marker_time, trial.force_time, trial.force)
     quality = marker_quality(motion.displacement, motion.residual, motion.body, force, motion.ghosts)
     quality = replace(quality, loose=motion.loose)
-    return _Moved(trial, motion, quality, marker_notes(quality) + turn_notes(motion.turn, force))
+    is_missing, missing_notes = _missing_force(trial)
+    motion = replace(motion, displacement=np.where(is_missing[:, None], np.nan, motion.displacement))
+    return _Moved(trial, motion, quality, missing_notes + marker_notes(quality) + turn_notes(motion.turn, force))
+
+
+def _missing_force(trial: Trial) -> tuple[NDArray[np.bool_], tuple[Note, ...]]:
+    """Frames (frames,) in gaps of the force that are too long to interpolate, and a note if they are many.
+
+    Raises UnusableTrial if they are most of the frames.
+    """
+    is_missing = np.zeros(len(trial.marker_time), bool)
+    for start, end in trial.force_gaps:
+        if end - start > LONGEST_FORCE_GAP:
+            is_missing |= (trial.marker_time > start) & (trial.marker_time < end)
+    share = float(np.mean(is_missing))
+    if share > OCCLUSION_LIMIT:
+        raise UnusableTrial(RejectionCode.FORCE_MISSING, {"missing": share, "limit": OCCLUSION_LIMIT})
+    if share > OCCLUSION_NOTE:
+        return is_missing, (Note(TrialNoteCode.FORCE_MISSING, {"missing": share}),)
+    return is_missing, ()
 
 
 def _project(moved: _Moved, direction: NDArray[np.float64], number: int, turned: tuple[Note, ...]) -> Pull:

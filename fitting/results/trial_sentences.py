@@ -81,6 +81,10 @@ REJECTIONS: Templates = {
     RejectionCode.FORCE_NOT_FINITE: (
         f"force has {{count:.0f}} of {{total:.0f}} samples that are not finite numbers; {_AGAIN}"
     ),
+    RejectionCode.FORCE_MISSING: (
+        "the force is missing in {missing:percent .0f} % of the marker frames, expected at most {limit:percent .0f} %; "
+        "check the connection of the load cell and its rate, and record again"
+    ),
     RejectionCode.FORCE_SATURATED: (
         "force is saturated in {count:.0f} of {total:.0f} samples (at {limit:.4g} {unit}); check wiring, "
         "input range, capacity of the cell and the amplifier's zero"
@@ -121,8 +125,8 @@ REJECTIONS: Templates = {
     ),
     RejectionCode.CUFF_HIDDEN: "the cuff markers {markers} are hidden at the start; check the cameras' view",
     RejectionCode.MARKERS_HIDDEN: (
-        "anchor or cuff markers are hidden, or the force is missing, in {hidden:percent .0f} % of the frames, expected "
-        "at most {limit:percent .0f} %; check the cameras' view and the force, and record again"
+        "anchor or cuff markers are hidden in {hidden:percent .0f} % of the frames, expected at most {limit:percent "
+        ".0f} %; check the cameras' view and record again"
     ),
     RejectionCode.MARKERS_FROZEN: (
         "the markers do not change at all for {duration_s:.1f} s from {start_s:.1f} s on while the force changes; "
@@ -198,9 +202,10 @@ TRIAL_NOTES: Templates = {
     TrialNoteCode.ZERO_DRIFT: (
         _REST + "; look for a load that was left on, and let the load cell and its amplifier warm up"
     ),
-    TrialNoteCode.MARKERS_HIDDEN: (
-        "anchor or cuff markers are hidden, or the force is missing, in {hidden:percent .0f} % of the frames"
+    TrialNoteCode.FORCE_MISSING: (
+        "the force is missing in {missing:percent .0f} % of the marker frames, which are left out"
     ),
+    TrialNoteCode.MARKERS_HIDDEN: "anchor or cuff markers are hidden in {hidden:percent .0f} % of the frames",
     TrialNoteCode.GHOSTS: "marker positions that jumped or were exchanged were left out: {markers}",
     TrialNoteCode.LOOSE_MARKER: (
         "{marker} moves by {rms_m:mm .1f} mm rms relative to the other anchor markers: it is loose, skin moves under "

@@ -36,6 +36,8 @@ class DeviceFailure:
 
 NEEDED = ("/force", "/sync", "/markers")
 """Streams whose silence or loss ends a trial, where its devices have them."""
+MEASURED = ("/force", "/markers")
+"""Those of which a fit needs more than the edges."""
 
 
 class TrialContext:
@@ -95,14 +97,19 @@ class TrialContext:
             self.write(loss)
 
     def mostly_lost(self) -> list[Message[TrialCode]]:
-        """A message for each needed stream that lost so much that the fit refuses the trial; it bridges short gaps."""
+        """A message for each measured stream that lost more than the fit of a cuff accepts; it bridges short gaps."""
         messages = []
         for stream in self.streams:
             lost = self._lost[stream.name]
             share = lost / max(1, lost + self._recorded[stream.name])
-            if stream.name in NEEDED and share >= OCCLUSION_LIMIT:
-                figures: Figures = {"source": stream.source, "stream": stream.name, "lost": share}
-                messages.append(Message(TrialCode.MOSTLY_LOST, {**figures, "limit": OCCLUSION_LIMIT}))
+            if stream.name in MEASURED and share > OCCLUSION_LIMIT:
+                figures: Figures = {
+                    "source": stream.source,
+                    "stream": stream.name,
+                    "lost_percent": 100 * share,
+                    "limit_percent": 100 * OCCLUSION_LIMIT,
+                }
+                messages.append(Message(TrialCode.MOSTLY_LOST, figures))
         return messages
 
     def event(self, kind: str, text: str) -> Event:

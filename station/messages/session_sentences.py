@@ -88,8 +88,8 @@ _TRIAL: Mapping[StrEnum, str] = {
         "{source} sent no frame of the capture; check that it tracks the markers and streams 3D data in real time"
     ),
     TrialCode.MOSTLY_LOST: (
-        "{source} lost {lost:.0%} of the samples on {stream}, expected at most {limit:.0%}; check its connection and "
-        "its rate, and record again"
+        "{source} lost {lost_percent:.1f} % of the samples on {stream}, expected at most {limit_percent:g} %; check "
+        "its connection and its rate, and record again"
     ),
     TrialCode.END_MISSING: "{source} sent nothing on {stream} in the last {missing_s:.1f} s of the trial",
     TrialCode.NO_STOP_EDGE: (

@@ -69,6 +69,25 @@ def test_frames_in_a_long_gap_of_the_force_are_left_out(gap_s: float, is_used: b
     np.testing.assert_allclose(pull.displacement[~inside], whole.displacement[~inside], atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("share", "is_noted", "is_refused"), [(0.1, False, False), (0.3, True, False), (0.6, True, True)]
+)
+def test_the_share_of_frames_without_force_is_stated_apart_from_hidden_markers(
+    share: float, is_noted: bool, is_refused: bool
+) -> None:
+    trial = _static("hand", 4.0, 1000.0)
+    begin, end = trial.marker_time[[0, -1]]
+    gap = (end - share * (end - begin), end + 1.0)
+    pulls, reasons = make_pulls([replace(trial, force_gaps=(gap,))])
+    if is_refused:
+        assert reasons["s"].code is RejectionCode.FORCE_MISSING
+        assert reasons["s"].figures["missing"] == pytest.approx(share, abs=0.01)
+        return
+    shares = [note.figures["missing"] for note in pulls[0].notes if note.code is TrialNoteCode.FORCE_MISSING]
+    assert shares == [pytest.approx(share, abs=0.01)] * is_noted
+    assert TrialNoteCode.MARKERS_HIDDEN not in {note.code for note in pulls[0].notes}
+
+
 # Held loads in a trial's force.
 
 

@@ -160,12 +160,14 @@ def test_time_stamps_that_jump_during_a_capture_do_not_end_it_and_the_trial_is_n
     ("stream", "count", "is_accepted"),
     [
         ("/markers", 1, True),  # with every second block of ten frames: 9 % of the frames
-        ("/markers", 10, False),
+        ("/markers", 10, True),  # half
+        ("/markers", 11, False),
         ("/force", 40, True),  # 40 ms are interpolated, however often
         ("/force", 200, False),
+        ("/sync", 200, True),  # its edges are there
     ],
 )
-def test_a_trial_that_lost_half_of_what_the_fit_needs_is_not_accepted(
+def test_a_trial_that_lost_more_than_half_of_what_the_fit_needs_is_not_accepted(
     stream: str, count: int, is_accepted: bool
 ) -> None:
     bench = Bench().arm()
