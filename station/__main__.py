@@ -9,6 +9,7 @@ from __future__ import annotations
 import mmap
 import os
 import sys
+from itertools import pairwise
 from typing import NoReturn
 
 from station.exit_code import ENDED_BY_CTRL_C, FAILED, INTERRUPTED
@@ -18,7 +19,7 @@ LEAST, LEAST_TO_COMPILE, LEAST_TO_QUERY, SPARE = 400 * 2**20, 600 * 2**20, 1200 
 leaves if memory was not the cause.
 """
 WITHOUT_COMPILER = ("info", "recover", "import", "judge", "fit", "export", "verify", "init")
-WITH_COMPILER = ("--osim", "--recompute", "parquet")
+WITH_COMPILER = {"--osim", "--recompute", "--to=parquet"}
 """Verbs that load no LLVM, and their arguments with which they load it, or Arrow, which needs as much."""
 BLAS_SIZE = 128
 """Rows of matrices for which OpenBLAS allocates the memory that it keeps."""
@@ -66,7 +67,8 @@ def _is_free(size: int) -> bool:
 def _allocate_first() -> None:
     """Let both copies of OpenBLAS allocate what they keep. Raises MemoryError where the limits leave too little."""
     verb = next(iter(sys.argv[1:]), "-")
-    is_light = verb.startswith("-") or (verb in WITHOUT_COMPILER and not {*sys.argv} & {*WITH_COMPILER})
+    options = {*sys.argv, *map("=".join, pairwise(sys.argv))}
+    is_light = verb.startswith("-") or (verb in WITHOUT_COMPILER and not options & WITH_COMPILER)
     if not _is_free(LEAST_TO_QUERY if verb == "catalogue" else LEAST if is_light else LEAST_TO_COMPILE):
         raise MemoryError
     import numpy as np

@@ -30,7 +30,7 @@ LARGEST_JOURNAL = 16 * 2**20
 CHECKSUMS_FILE = "SHA256SUMS"
 JOURNALS = (JOURNAL_FILE, CHECKS_FILE)
 SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"
-PASSING = re.compile(r"\.(.*\.lock|live\.json|capture|draft-.*|DS_Store)", re.DOTALL)
+PASSING = re.compile(r"\.(.*\.lock|live\.json|capture|draft-.*|DS_Store|_.*)", re.DOTALL)
 """Hidden files that come and go while a session is used: locks, the address of a live process, the note of a running
 capture, drafts, and the files of macOS.
 """

@@ -99,7 +99,8 @@ def _points(c3d: C3dFile, chosen: Sequence[int]) -> tuple[Array, Array]:
     The low byte of the fourth number is the residual, the high byte the cameras; both are −1 for a missing point.
     """
     points = c3d.values[:, : 4 * c3d.layout.points].reshape(c3d.layout.frames, -1, 4)[:, chosen]
-    scale = abs(c3d.parameters.number("POINT", "SCALE") or c3d.header.scale)
+    stated = c3d.parameters.number("POINT", "SCALE")
+    scale = abs(c3d.header.scale if stated is None else stated)
     if not (0 < scale < np.inf or c3d.is_real):
         raise ForeignFile(
             f"{c3d.path} has the scale {scale:g} for its integer positions; export it again",

@@ -9,7 +9,6 @@ import asyncio
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -44,9 +43,6 @@ from station.session.open_session import CommandRefused, OpenSession
 from station.session.plan_status import describe_plan, is_donned_without_trial, kept_recordings
 from station.session.summary import Summary, SummaryError, summarise
 from station.session.worker import Worker, WorkerKilled
-
-ATTEMPTS = 2
-"""To read the MVC: a worker may be killed for lack of memory by another program, and EMG would stay in µV."""
 
 
 class Reviewer:
@@ -163,10 +159,11 @@ class Reviewer:
         file = next((trial.file for trial in reversed(usable) if trial.condition == "mvc"), "")
         if file != self._session.mvc_file:
             found: dict[str, float] = {}
-            for _ in range(ATTEMPTS if file else 0):
-                with suppress(WorkerKilled):
+            try:
+                if file:
                     found = await self.in_worker(_read_largest_emg, folder / file)
-                    break
+            except WorkerKilled:
+                file = ""  # it is read again in a second
             if self._session.folder == folder:
                 self._session.mvc_file, self._session.mvc_uv = file, found
 

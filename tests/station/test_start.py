@@ -75,6 +75,7 @@ def test_a_command_imports_no_package_that_it_does_not_use(loaded: dict[str, set
         (1100, "catalogue", 1),  # DuckDB could abort
         (550, "judge", 0),  # loads no LLVM
         (550, "export --to parquet", 1),
+        (550, "export --to=parquet", 1),
     ],
 )
 def test_a_limit_of_memory_below_what_a_command_needs_is_a_sentence(

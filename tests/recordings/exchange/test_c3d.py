@@ -318,6 +318,18 @@ def test_a_rate_or_scale_that_is_no_usable_number_is_refused(
         read_c3d_signals(file, ["f1"])
 
 
+def test_a_scale_of_zero_for_integer_positions_is_refused(tmp_path: Path) -> None:
+    """The header's scale was read in its place."""
+    file = write_raw_c3d(tmp_path / "scale.c3d")
+    content = bytearray(file.read_bytes())
+    at = content.index(b"\x05\x01SCALE") + 11
+    assert struct.unpack_from("<f", content, at) == (pytest.approx(SCALE),)
+    content[at : at + 4] = struct.pack("<f", 0.0)
+    file.write_bytes(content)
+    with raises_refusal(RecordingCode.FOREIGN_DAMAGED, " 0 "):
+        read_c3d_markers(file)
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1000), ("mete", 1000), ("METERS", 1000), ("cent", 10), ("mill", 1)])
 def test_a_unit_that_is_cut_to_the_width_of_its_parameter_is_understood(
     tmp_path: Path, unit: str, factor: float

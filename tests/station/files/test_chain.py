@@ -415,6 +415,7 @@ def test_added_missing_and_changed_files_of_subfolders_are_named(session: Path, 
         (session / hidden).parent.mkdir(exist_ok=True)
         (session / hidden).write_text("added")
     (session / ".capture").write_text("1795000000000000000")
+    (session / "._session.jsonl").write_text("of macOS, on a drive without extended attributes")
     (session / ".draft-1").mkdir()
     (session / ".draft-1" / "cuffs.json").write_text("half")
     if os.name != "nt":
@@ -425,7 +426,7 @@ def test_added_missing_and_changed_files_of_subfolders_are_named(session: Path, 
     assert ran.code == 1 and found[f"tables/{name}"] == MISSING
     added = ("tables/other.csv", "cuff-x_test-static_run-1.mcap", ".hidden", "tables/.hidden", ".folder/notes")
     assert {found.pop(name) for name in added} == {Standing.ADDED}
-    assert not any(".draft" in name or name.endswith((".lock", ".capture")) for name in found)
+    assert not any(".draft" in name or "._" in name or name.endswith((".lock", ".capture")) for name in found)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -21,7 +22,7 @@ from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
 from recordings.reader import open_recording, read_manifest
 from station.checksums import Checksums
-from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource, read_force
+from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource, read_force, read_markers
 from station.files.import_trial import Imported, import_trial, with_lag
 from station.fit import fit_session_folder
 from station.messages.codes import InputCode
@@ -432,6 +433,19 @@ def test_times_in_minutes_are_refused_by_their_unit(
         run(tmp_path / "s", *static)
     assert (caught.value.cause.figures["times_of"], caught.value.cause.figures["unit"]) == (of, "min")
     assert "same trial" in str(caught.value), "a fragment of the force has such a duration, too"
+
+
+@pytest.mark.parametrize(("rate_hz", "is_refused"), [(2000.0, False), (6000.0, True)])
+def test_frames_faster_than_any_system_that_sees_a_body_are_refused(
+    pair: tuple[Truth, Truth], tmp_path: Path, rate_hz: float, is_refused: bool
+) -> None:
+    """6,000 Hz are times in minutes of frames at 100 Hz."""
+    markers = pair[0].markers
+    fast = replace(markers, rate_hz=rate_hz, time_s=np.arange(len(markers.time_s)) / rate_hz)
+    file = tmp_path / "fast.tsv"
+    file.write_text(write_qtm_tsv(fast))
+    with raises_refusal(ImportCode.SAMPLE_RATE, kind=ImportRefused) if is_refused else nullcontext():
+        read_markers(MarkerSource(file), markers.labels)
 
 
 @pytest.mark.parametrize("has_sync", [True, False])

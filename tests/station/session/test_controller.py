@@ -423,6 +423,8 @@ def test_the_mvc_is_that_of_the_last_usable_trial_of_the_session_whoever_recorde
         write_recorded(folder, Recorded(*place, condition="mvc"))
         write_verdict(folder, name, "accept", "")
     run(controller.reviewer.process_recordings())
+    assert (controller.session.mvc_file, controller.session.mvc_uv) == ("", {}), "the worker was killed"
+    run(controller.reviewer.process_recordings())
     assert (controller.session.mvc_file, controller.session.mvc_uv) == ("2.mcap", {"2.mcap": 240.0})
     write_verdict(folder, "2.mcap", "redo", "an electrode fell off")
     run(controller.reviewer.process_recordings())
