@@ -128,7 +128,7 @@ class _Server:
         self._captures = 0
         self._camera: Camera | None = None
         self._trouble = QtmFaults(world.faults, world.labels, self._mocap.rate_hz)
-        self._told_until = 0.0  # world seconds
+        self._applied_until = 0.0  # world seconds
         self._closed: deque[int] = deque(maxlen=MOST_CLIENTS)  # ports of clients that are gone
         self._port = 0
         self._listener: asyncio.Server | None = None
@@ -163,7 +163,7 @@ class _Server:
             self._hang_up()
         elif self._listener is None:
             self._listener = await asyncio.start_server(self._serve_client, "127.0.0.1", self._port)
-        before = self._told_until
+        before = self._applied_until
         capture = self._world.capture
         if capture is not None and capture.number > self._captures:
             if self._capture is not None:  # it has ended and the next has begun since the last step
@@ -177,7 +177,7 @@ class _Server:
             self._send_until(min(now, capture.end))
             if now >= capture.end:
                 self._end(capture)
-        self._send(dict.fromkeys(self._streams(), self._trouble.strays(before, self._told_until)))
+        self._send(dict.fromkeys(self._streams(), self._trouble.strays(before, self._applied_until)))
 
     def sent(self) -> dict[int, int | None]:
         live = {client.port: None if client.is_closed else client.sent for client in tuple(self.clients)}
@@ -192,15 +192,15 @@ class _Server:
 
     def _send_until(self, until: float) -> None:
         """Sends the frames exposed before until, and announces what changes between them."""
-        for moment, what in self._trouble.turns(self._told_until, until):
+        for moment, what in self._trouble.turns(self._applied_until, until):
             self._send_before(moment)
-            self._told_until = moment
+            self._applied_until = moment
             if what == "settings":
                 self._announce(SETTINGS_CHANGED)
             elif self._camera is not None:
                 self._camera = self._camera.renumbered()
         self._send_before(until)
-        self._told_until = max(self._told_until, until)
+        self._applied_until = max(self._applied_until, until)
 
     def _send_before(self, until: float) -> None:
         frames = self._camera.frames_before(until) if self._camera else None
@@ -310,7 +310,7 @@ class _Server:
         client.send(EVENT, bytes([self._state]))
 
     def _on_getparameters(self, client: Client, wanted: str) -> None:
-        labels = [label for label, _ in self._trouble.labels(self._told_until)]
+        labels = [label for label, _ in self._trouble.labels(self._applied_until)]
         xml = parameters_xml(wanted.lower().split(), VERSIONS[-1], self._mocap, labels)
         if xml is None:
             raise _RefusedError("Parse error")

@@ -106,7 +106,7 @@ class LiveTap(BackgroundView):
         self._child: Child | None = None
         self._streams: tuple[Stream, ...] = ()
         self._has_begun = self._takes_no_frames = False
-        self._told = 0  # of the dropped frames
+        self._reported = 0  # of the dropped frames
         self.exit_code: int | None = None
 
     def offer(self, item: Item) -> None:
@@ -201,6 +201,6 @@ class LiveTap(BackgroundView):
             else:
                 host_ns = 0 if isinstance(content, Stream) else content.host_time_ns
                 child.send_bytes(encode_message(content, host_ns, arrival_s))
-        if self.dropped != self._told:
-            self._told = self.dropped
-            child.send_bytes(encode_request({"dropped": self._told}))
+        if self.dropped != self._reported:
+            self._reported = self.dropped
+            child.send_bytes(encode_request({"dropped": self._reported}))

@@ -185,7 +185,7 @@ class LiveScene:
     def __init__(self, sink: Path | str) -> None:
         """An .rrd file, or the address of a viewer."""
         self.stream = open_stream("cuffstation live", sink)
-        self._told: set[str] = set()
+        self._logged: set[str] = set()
         self._next_body_s = -math.inf
         self._origin_s: float | None = None
         self._extent: SceneExtent | None = None
@@ -230,9 +230,9 @@ class LiveScene:
     def tell(self, findings: Sequence[LiveFinding]) -> None:
         """Log findings that are new since the last call."""
         for finding in findings:
-            if finding.sentence not in self._told:
+            if finding.sentence not in self._logged:
                 self.note(finding.code, finding.sentence)
-        self._told = {finding.sentence for finding in findings}
+        self._logged = {finding.sentence for finding in findings}
 
     def __enter__(self) -> Self:
         return self

@@ -172,7 +172,7 @@ def _read_to_the_end(device: Device) -> list[Item]:
     with contextlib.suppress(DeviceError):
         while time.perf_counter() < give_up_s:
             items += device.read(1.0)
-        raise AssertionError(f"{device.name} was not told that its wire has ended")
+        raise AssertionError(f"{device.name} does not know that its wire has ended")
     device.close()
     return items
 

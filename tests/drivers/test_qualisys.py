@@ -189,8 +189,8 @@ def test_a_time_stamp_that_no_recording_can_hold_is_reported_and_its_frame_count
     assert numbers(items) == [1, 2, 4]
     (loss,) = (item for item in items if isinstance(item, Loss))
     assert (loss.first_missing, loss.count, loss.last_device_time_ns) == (3, 1, 20_000_000)
-    (told,) = (item.text for item in items if isinstance(item, Event) and item.kind == "unreadable_packet")
-    assert told.endswith(f"frame 3 with a time stamp of {timestamp_us} µs")
+    (reported,) = (item.text for item in items if isinstance(item, Event) and item.kind == "unreadable_packet")
+    assert reported.endswith(f"frame 3 with a time stamp of {timestamp_us} µs")
 
 
 def test_skipped_frames_are_a_loss_between_the_blocks_they_parted() -> None:
@@ -290,10 +290,10 @@ def test_dropped_images_of_qtm_are_reported_whenever_a_rate_increases() -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         qtm.send(dropping(2, 0, 0) + dropping(3, 25, 0) + dropping(4, 25, 0) + dropping(5, 10, 4) + dropping(6, 0, 0))
         items = received(device, 6)
-    told = [item.text for item in items if is_event(item, "images_dropped") and isinstance(item, Event)]
-    assert len(told) == 2
-    assert "at frame 3 that 2.5 %" in told[0]
-    assert "0.4 %" in told[1]
+    reported = [item.text for item in items if is_event(item, "images_dropped") and isinstance(item, Event)]
+    assert len(reported) == 2
+    assert "at frame 3 that 2.5 %" in reported[0]
+    assert "0.4 %" in reported[1]
 
 
 def test_unread_frames_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -387,14 +387,14 @@ def test_what_follows_a_capture_is_counted_anew_even_where_time_jumps_too() -> N
     blocks = MarkerBlocks(("a",), 100.0, "QTM")
     blocks.labels = ("a",)
     points = np.zeros(4, "<f4").tobytes()
-    told = []
+    reported = []
     for number in (1800, 16878, 16880):
         frame = MarkerFrame(timestamp_us=10_000 * number, number=number, points=points, drop_rate=0, out_of_sync_rate=0)
         blocks.add(frame, 0)
-        told += [type(item) for item in blocks.take() if not isinstance(item, Samples)]
+        reported += [type(item) for item in blocks.take() if not isinstance(item, Samples)]
         if number == 1800:
             blocks.capture_ended()
-    assert told == [Event, Loss], "the jump behind the capture is none, the next one is"
+    assert reported == [Event, Loss], "the jump behind the capture is none, the next one is"
 
 
 # Which capture is the station's own: it ends the one that it left itself, and no other.

@@ -93,7 +93,7 @@ def test_another_qtm_whose_capture_is_as_old_as_ours_is_detected(
     assert capture is not None
     assert capture.end > second.world.now(), "the other's capture is not ours to end"
     first_block = next(place for place, item in enumerate(items) if BACK in kinds([item]))
-    assert REPLACED in kinds(items[first_block:]), "told with the reconnection, before the other's frames are kept"
+    assert REPLACED in kinds(items[first_block:]), "reported with the reconnection, before the other's frames are kept"
 
 
 @pytest.mark.parametrize(

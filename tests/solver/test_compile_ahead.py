@@ -128,7 +128,7 @@ def test_more_processors_take_more_shares(processors: int, expected: list[str]) 
     assert list(compile_ahead.shares(processors)) == expected
 
 
-def test_a_first_use_is_told_by_the_files_of_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_first_use_follows_from_the_files_of_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert compile_ahead.is_first_use()
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))  # read from the environment at the import of numba

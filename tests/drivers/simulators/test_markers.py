@@ -67,8 +67,8 @@ def test_sway_along_the_rope_is_that_of_the_cuff_physics() -> None:
     mean = place.mean(axis=0)
     direction = np.array(bench.rig.pulley_mm) - mean
     along = (place - mean) @ (direction / np.linalg.norm(direction)) * 1e-3
-    told = wearer.along_rope().value(T)[:, 0]
-    assert along - along.mean() == pytest.approx(told - told.mean(), abs=3e-5)
+    reported = wearer.along_rope().value(T)[:, 0]
+    assert along - along.mean() == pytest.approx(reported - reported.mean(), abs=3e-5)
 
 
 def test_marker_noise_has_the_configured_size_on_every_axis() -> None:

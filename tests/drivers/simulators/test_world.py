@@ -465,19 +465,19 @@ def test_a_station_that_asks_for_nothing_is_detached_with_a_message(
 
 def test_a_waiting_station_receives_the_end_of_the_world() -> None:
     clock = WorldClock(1.0)
-    told: list[str] = []
+    reported: list[str] = []
 
     def wait() -> None:
         try:
             clock.advance(1e9)
         except ClockStopped as error:
-            told.append(str(error))
+            reported.append(str(error))
 
     waiting = threading.Thread(target=wait)
     waiting.start()
     clock.stop()
     waiting.join(scaled_timeout(PATIENCE_S))
-    assert told == ["the simulated bench has ended"]
+    assert reported == ["the simulated bench has ended"]
 
 
 def test_a_device_that_fails_ends_the_world_in_a_sentence() -> None:

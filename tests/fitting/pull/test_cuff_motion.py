@@ -123,8 +123,8 @@ def test_a_hidden_marker_does_not_move_the_body() -> None:
     np.testing.assert_allclose(after, before, atol=1e-9)
 
 
-@pytest.mark.parametrize(("part", "is_told"), [(0.15, True), (0.02, False)])
-def test_a_cuff_that_turns_with_the_load_is_reported(part: float, is_told: bool) -> None:
+@pytest.mark.parametrize(("part", "is_reported"), [(0.15, True), (0.02, False)])
+def test_a_cuff_that_turns_with_the_load_is_reported(part: float, is_reported: bool) -> None:
     """Two markers part by ± 1.5 mm, or ± 0.2 mm, at the highest load; what noise parts without load is no turn."""
     trial = _trial(noise=0.2e-3)
     markers, load = trial.markers.copy(), np.abs(WAY)
@@ -132,7 +132,7 @@ def test_a_cuff_that_turns_with_the_load_is_reported(part: float, is_told: bool)
         markers[:, trial.labels.index(label)] += sign * part * load[:, None] * np.array([0.0, 0.6, -0.8])
     turned = replace(trial, markers=markers)
     notes = turn_notes(cuff_motion(turned, reference_posture(turned)).turn, 5000 * load)
-    assert bool(notes) == is_told
+    assert bool(notes) == is_reported
     assert all(note.code is TrialNoteCode.TURNS and 1e-3 < note.figures["apart_m"] < 2e-3 for note in notes)
 
 

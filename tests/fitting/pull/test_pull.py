@@ -160,8 +160,8 @@ def test_known_steps_replace_those_that_are_found() -> None:
     time, force = _staircase(1000.0, 1)
     frames = np.arange(0, 36.0, 0.01)
     x = 1e-3 + 1e-6 * np.sin(frames)
-    told = find_plateaus(time, force, 0.0, frames, x, (6.0, 18.0))
-    assert [(p.start, p.end) for p in told] == [(0.0, 5.5), (7.0, 17.5), (19.0, pytest.approx(36.0, abs=0.01))]
+    reported = find_plateaus(time, force, 0.0, frames, x, (6.0, 18.0))
+    assert [(p.start, p.end) for p in reported] == [(0.0, 5.5), (7.0, 17.5), (19.0, pytest.approx(36.0, abs=0.01))]
 
 
 @pytest.mark.parametrize("rate", [20.0, 1000.0])

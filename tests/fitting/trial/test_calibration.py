@@ -188,8 +188,8 @@ def test_which_way_is_down_ghosts_and_hidden_frames_do_not_matter() -> None:
 def test_a_lag_that_the_configuration_knew_is_not_counted_twice() -> None:
     truth = Bounce(lag=0.03)
     manifest, tracks = recorded(truth, 1)
-    told = replace(manifest, timing=Timing(lag_s=0.025, lag_sd_s=0.001, stop_edge="end_of_frame"))
-    assert fit_bounce(build_bounce(told, tracks, "a", "a")).lag.value == pytest.approx(0.03, abs=4e-4)
+    reported = replace(manifest, timing=Timing(lag_s=0.025, lag_sd_s=0.001, stop_edge="end_of_frame"))
+    assert fit_bounce(build_bounce(reported, tracks, "a", "a")).lag.value == pytest.approx(0.03, abs=4e-4)
 
 
 @pytest.mark.parametrize(

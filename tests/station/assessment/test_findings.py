@@ -232,7 +232,7 @@ def test_the_remedy_of_large_reserves_names_the_option() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unsolved", "told"),
+    ("unsolved", "reported"),
     [
         ({}, []),
         (
@@ -242,9 +242,9 @@ def test_the_remedy_of_large_reserves_names_the_option() -> None:
     ],
 )
 def test_drawn_people_without_a_solution_are_counted_by_outcome(
-    unsolved: dict[str, int], told: list[tuple[int, str]]
+    unsolved: dict[str, int], reported: list[tuple[int, str]]
 ) -> None:
     drawn = summary({"at_reference": np.nan}, people=50, solved=50 - sum(unsolved.values()), unsolved=unsolved)
     found = findings(assessment(curve("hand", 0.8), uncertainty=drawn))
     figures = [finding.figures for finding in found if finding.code == AssessmentCode.PEOPLE_UNSOLVED]
-    assert [(figure["unsolved"], figure["outcomes"]) for figure in figures] == told
+    assert [(figure["unsolved"], figure["outcomes"]) for figure in figures] == reported

@@ -263,20 +263,21 @@ def test_what_a_file_of_loads_says_and_the_model_does_not_do_is_named(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("start", "end", "told"), [(0.78, 2, "to 2 s, "), (-1, 0.02, "from -1 s, "), (0.79, 0.805, ""), (-0.005, 0.01, "")]
+    ("start", "end", "missing"),
+    [(0.78, 2, "to 2 s, "), (-1, 0.02, "from -1 s, "), (0.79, 0.805, ""), (-0.005, 0.01, "")],
 )
 def test_both_verbs_say_that_the_motion_does_not_cover_the_requested_time(
-    station: Station, step: Step, tmp_path: Path, start: float, end: float, told: str
+    station: Station, step: Step, tmp_path: Path, start: float, end: float, missing: str
 ) -> None:
     common = ("--model", step.model, "--motion", step.motion, "--from", start, "--to", end)
     solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
     for verb, options in (("id", ()), ("rmr", solving)):
         output = tmp_path / f"{verb}.sto"
         ran = station(verb, *common, *options, "--output", output)
-        note = f"{told}the motion lasts from 0 to 0.8 s"
+        note = f"{missing}the motion lasts from 0 to 0.8 s"
         assert ran.code == 0
-        assert (note in ran.err) == (f"range_not_covered={note}" in output.read_text()) == bool(told)
-        assert bool(told) == ("range_not_covered" in output.read_text())
+        assert (note in ran.err) == (f"range_not_covered={note}" in output.read_text()) == bool(missing)
+        assert bool(missing) == ("range_not_covered" in output.read_text())
 
 
 def test_both_verbs_and_the_library_say_that_a_motion_was_cut(station: Station, step: Step, tmp_path: Path) -> None:

@@ -77,8 +77,8 @@ def test_reserves_in_place_of_muscles_are_reported_and_residuals_are_not(step: S
     cut = ("--actuators", strong.actuators, "--static-optimisation", "--from", 0.2, "--to", 0.6, "--every", 5)
     ran: Ran = station("rmr", *files, *cut, "--output", tmp_path / "a.csv")
     assert ran.code == 0
-    (told,) = [line for line in ran.err.splitlines() if "reserves.large" in line]
-    assert "N m at knee_angle" in told and "pelvis" not in told
+    (printed,) = [line for line in ran.err.splitlines() if "reserves.large" in line]
+    assert "N m at knee_angle" in printed and "pelvis" not in printed
 
 
 def test_residuals_that_carry_the_body_are_reported_with_its_weight(step: Step, tmp_path: Path) -> None:

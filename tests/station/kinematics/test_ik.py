@@ -63,28 +63,28 @@ def run(
     monkeypatch.setattr("sys.argv", ["station", verb, *map(str, words)])
     with pytest.raises(SystemExit) as ended:
         main()
-    told = capsys.readouterr()
-    return int(ended.value.code or 0), told.out + told.err
+    printed = capsys.readouterr()
+    return int(ended.value.code or 0), printed.out + printed.err
 
 
 def test_markers_at_their_places_give_the_motion_back(tmp_path: Path, capsys, monkeypatch) -> None:
     truth = trial(tmp_path)
     words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
-    code, told = run(capsys, monkeypatch, *words)
+    code, printed = run(capsys, monkeypatch, *words)
     assert code == 0
-    assert "30 frames, 30 solved" in told
+    assert "30 frames, 30 solved" in printed
     found = read_motion(tmp_path / "q.mot", MODEL)
     moved = seen_from(MODEL, found.coordinates) - seen_from(MODEL, truth)
     assert np.abs(moved).max() < 1e-8
-    free = [name not in told for name in MODEL.coordinate_names]
+    free = [name not in printed for name in MODEL.coordinate_names]
     np.testing.assert_allclose(found.coordinates[:, free], truth[:, free], atol=1e-7)
 
 
 def test_a_smoothed_trial_comes_with_speeds_and_accelerations(tmp_path: Path, capsys, monkeypatch) -> None:
     truth = trial(tmp_path, frames=60)
     words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
-    code, told = run(capsys, monkeypatch, *words, "--smooth", "--noise-mm", "0.1")
-    assert code == 0, told
+    code, printed = run(capsys, monkeypatch, *words, "--smooth", "--noise-mm", "0.1")
+    assert code == 0, printed
     table = pd.read_csv(tmp_path / "q_ik_kinematics.csv")
     k = MODEL.coordinate_index("shoulder_elv")
     assert np.abs(table["shoulder_elv_rad"] - truth[:, k]).max() < 1e-3
@@ -106,8 +106,8 @@ def test_the_set_up_names_the_markers_and_the_time(tmp_path: Path, capsys, monke
     tasks = "".join(TASK.format(name=name, weight=1 + k) for k, name in enumerate([*names, "of no model"]))
     (tmp_path / "setup.xml").write_text(SETUP.format(range="0.1 0.2", tasks=tasks), encoding="utf-8")
     words = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.csv")
-    code, told = run(capsys, monkeypatch, *words)
-    assert code == 0, told
+    code, printed = run(capsys, monkeypatch, *words)
+    assert code == 0, printed
     columns, table, _ = read_table(tmp_path / "q.csv")
     assert columns[0] == "time"
     np.testing.assert_allclose(table[[0, -1], 0], [0.1, 0.2])
@@ -129,12 +129,12 @@ def test_the_command_line_overrides_the_time_range_of_the_set_up_with_a_finding(
     tasks = "".join(TASK.format(name=marker.name, weight=1) for marker in MODEL.markers)
     (tmp_path / "setup.xml").write_text(SETUP.format(range="0.1 0.2", tasks=tasks), encoding="utf-8")
     given = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.mot", *words)
-    code, told = run(capsys, monkeypatch, *given)
+    code, printed = run(capsys, monkeypatch, *given)
     assert code == 0
     np.testing.assert_allclose(read_motion(tmp_path / "q.mot", MODEL).time[[0, -1]], solved)
     findings = json.loads((tmp_path / "q_ik.json").read_text())["findings"]
     codes = [found["code"] for found in findings]
-    assert ("setup.time_range_overridden" in codes) == ("0.1 to 0.2 s" in told) == is_overridden
+    assert ("setup.time_range_overridden" in codes) == ("0.1 to 0.2 s" in printed) == is_overridden
 
 
 @pytest.mark.parametrize(("range_s", "is_reported"), [("0.1 0.295", False), ("0 5", True), ("-3 0.1", True)])
@@ -151,18 +151,18 @@ def test_a_file_that_does_not_cover_the_requested_time_is_reported(
     else:
         start, end = range_s.split()
         words += ("--markers", tmp_path / "trial.trc", "--from", start, "--to", end)
-    code, told = run(capsys, monkeypatch, *words)
+    code, printed = run(capsys, monkeypatch, *words)
     assert code == 0
     findings = {found["code"]: found for found in json.loads((tmp_path / "q_ik.json").read_text())["findings"]}
-    assert ("markers.range_not_covered" in findings) == ("it lasts from 0 to 0.29 s" in told) == is_reported
+    assert ("markers.range_not_covered" in findings) == ("it lasts from 0 to 0.29 s" in printed) == is_reported
 
 
 def test_a_frame_without_markers_is_left_out_reported_and_code_3(tmp_path: Path, capsys, monkeypatch) -> None:
     trial(tmp_path, hidden=29)
     words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
-    code, told = run(capsys, monkeypatch, *words)
+    code, printed = run(capsys, monkeypatch, *words)
     assert code == 3
-    assert "frames without markers: 1, the first at 0.29 s" in told
+    assert "frames without markers: 1, the first at 0.29 s" in printed
     assert len(read_motion(tmp_path / "q.mot", MODEL).time) == 29
 
 
@@ -184,10 +184,10 @@ def test_a_set_up_that_does_not_fit_is_one_sentence(
     (tmp_path / "setup.xml").write_text(SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
     output = tmp_path / "q.mot"
     given = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", output, *words)
-    code, told = run(capsys, monkeypatch, *given)
+    code, printed = run(capsys, monkeypatch, *given)
     assert (code, output.exists()) == (1, False)
-    assert expected in told
-    assert len(told.strip().splitlines()) == 1
+    assert expected in printed
+    assert len(printed.strip().splitlines()) == 1
 
 
 @pytest.mark.shared
@@ -196,10 +196,10 @@ def test_a_published_set_up_is_read_with_the_names_of_its_tasks(capsys, monkeypa
     assert setup.markers["ai"] == 0.5
     words = ("--setup", SHARED / "markers" / "ik_setup.xml", "--model", NO_WEIGHT, "--to", "0.5")
     trc = SHARED / "markers" / "FLX01.trc"
-    code, told = run(capsys, monkeypatch, *words, "--markers", trc, "--output", tmp_path / "q.mot")
-    assert code == 0, told
-    assert "no visible marker determines elbow_flexion, pro_sup (frames: 51)" in told
-    assert "it is taken for the origin" in told
+    code, printed = run(capsys, monkeypatch, *words, "--markers", trc, "--output", tmp_path / "q.mot")
+    assert code == 0, printed
+    assert "no visible marker determines elbow_flexion, pro_sup (frames: 51)" in printed
+    assert "it is taken for the origin" in printed
 
 
 @pytest.mark.parametrize("given", ["", " ", "-inf inf"])

@@ -249,9 +249,9 @@ def test_a_pair_of_markers_that_is_much_too_far_apart_scales_nothing(tmp_path: P
 def test_the_verb_ends_with_1_in_one_line_and_writes_nothing(tmp_path: Path, capsys, monkeypatch) -> None:
     trial(tmp_path, frames=8)
     path = written_trial(tmp_path, mirrored)
-    code, told = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    code, printed = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
     assert code == 1
-    assert len(told.strip().splitlines()) == 1
+    assert len(printed.strip().splitlines()) == 1
     assert [each.name for each in tmp_path.iterdir()] == ["trial.trc"]
 
 

@@ -56,8 +56,8 @@ def words(folder: Path, *more: object) -> tuple[object, ...]:
 
 
 def test_a_person_is_written_with_the_set_up_and_the_record(folder: Path, capsys, monkeypatch) -> None:
-    code, told = run_verb(capsys, monkeypatch, *words(folder, "--body-mass", 70, "--held-mass", 2), verb="scale")
-    assert code == 0, told
+    code, printed = run_verb(capsys, monkeypatch, *words(folder, "--body-mass", 70, "--held-mass", 2), verb="scale")
+    assert code == 0, printed
     person, setup = read_osim(folder / "person.osim"), read_ik_setup(folder / "person-ik.xml")
     masses = {body.name: body.mass for body in person.bodies}
     assert masses["humerus"] == pytest.approx(70 * 0.0263)
@@ -116,8 +116,8 @@ def test_a_marker_set_without_a_scapula_is_reported_in_body_and_postures(folder:
     (folder / "sports.trc").write_text(write_trc(sports, "sports.trc"), encoding="utf-8")
     files = ("--model", folder / "generic.osim", "--markers", folder / "sports.trc")
     asked = (*files, "--body-mass", 70, "--output", folder / "sports.osim")
-    code, told = run_verb(capsys, monkeypatch, *asked, verb="scale")
-    assert code == 0, told
+    code, printed = run_verb(capsys, monkeypatch, *asked, verb="scale")
+    assert code == 0, printed
     record = json.loads((folder / "sports-body.json").read_text(encoding="utf-8"))
     codes = {finding["code"] for finding in record["findings"]}
     assert CoverageCode.NO_SCAPULA_MARKERS in codes
@@ -136,9 +136,9 @@ def test_a_mass_that_is_none_leaves_nothing(
     more: tuple[object, ...], said: str, exit_code: int, folder: Path, tmp_path: Path, capsys, monkeypatch
 ) -> None:
     asked = [tmp_path / "person.osim" if word == folder / "person.osim" else word for word in words(folder, *more)]
-    code, told = run_verb(capsys, monkeypatch, *asked, verb="scale")
+    code, printed = run_verb(capsys, monkeypatch, *asked, verb="scale")
     assert code == exit_code
-    assert said in " ".join(told.split())
+    assert said in " ".join(printed.split())
     assert not list(tmp_path.iterdir())
 
 

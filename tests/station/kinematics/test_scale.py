@@ -63,9 +63,9 @@ def run(folder: Path, capsys, monkeypatch, **parts: str) -> tuple[int, str]:
 
 def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, capsys, monkeypatch) -> None:
     trial(tmp_path, frames=5)
-    code, told = run(tmp_path, capsys, monkeypatch)
-    assert code == 0, told
-    assert "humerus: 1.0000 × 1.0000 × 1.0000" in told
+    code, printed = run(tmp_path, capsys, monkeypatch)
+    assert code == 0, printed
+    assert "humerus: 1.0000 × 1.0000 × 1.0000" in printed
     scaled = read_osim(tmp_path / "scaled.osim")
     clavicle = MODEL.body_index("clavicle")
     assert scaled.bodies[clavicle].mass == pytest.approx(1.1 * MODEL.bodies[clavicle].mass)
@@ -79,9 +79,9 @@ def test_forces_of_the_model_are_scaled_and_written_and_those_left_out_are_named
     lost = "<ElasticFoundationForce name='mesh'/></objects></ForceSet>"
     text = Xml.tostring(osim_document(replace(MODEL, forces=(spring,))), encoding="unicode")
     (tmp_path / "generic.osim").write_text(text.replace("</objects></ForceSet>", lost), encoding="utf-8")
-    code, told = run(tmp_path, capsys, monkeypatch, model=str(tmp_path / "generic.osim"))
-    assert code == 0, told
-    assert "left out of the model, and not in the scaled one: ElasticFoundationForce mesh" in told
+    code, printed = run(tmp_path, capsys, monkeypatch, model=str(tmp_path / "generic.osim"))
+    assert code == 0, printed
+    assert "left out of the model, and not in the scaled one: ElasticFoundationForce mesh" in printed
     (band,) = read_osim(tmp_path / "scaled.osim").forces
     muscle, generic = (model.muscles[0] for model in (read_osim(tmp_path / "scaled.osim"), MODEL))
     ratio = muscle.tendon_slack_length / generic.tendon_slack_length
@@ -95,7 +95,8 @@ def test_forces_of_the_model_are_scaled_and_written_and_those_left_out_are_named
     [
         ({"axes": "Q"}, "should name axes of X, Y and Z"),
         ({"pairs": ""}, "has no pair of markers"),
-        ({"pairs": PAIR.format(one="missing", other="missing")}, "needs the marker missing"),
+        ({"pairs": PAIR.format(one="missing", other="absent")}, "needs the marker missing"),
+        ({"pairs": PAIR.format(one="missing", other="missing")}, "should name two markers"),
         ({"range": "5 9"}, "no frame between 5 and 9 s"),
     ],
 )
@@ -103,10 +104,10 @@ def test_a_set_up_that_does_not_fit_is_one_sentence(
     parts: dict[str, str], said: str, tmp_path: Path, capsys, monkeypatch
 ) -> None:
     trial(tmp_path, frames=5)
-    code, told = run(tmp_path, capsys, monkeypatch, **parts)
+    code, printed = run(tmp_path, capsys, monkeypatch, **parts)
     assert (code, (tmp_path / "scaled.osim").exists()) == (1, False)
-    assert said in told
-    assert len(told.strip().splitlines()) == 1
+    assert said in printed
+    assert len(printed.strip().splitlines()) == 1
 
 
 def test_a_wrong_manual_factor_is_not_attributed_to_markers(tmp_path: Path) -> None:
@@ -124,11 +125,11 @@ def test_a_published_patient_is_scaled_and_the_figures_are_printed(tmp_path: Pat
     subject = SHARED / "subject"
     words = ("--setup", subject / "scale_setup.xml", "--model", subject / "generic.osim")
     files = ("--markers", subject / "S8R_side.trc", "--output", tmp_path / "scaled.osim")
-    code, told = run_verb(capsys, monkeypatch, *words, *files, verb="scale")
-    assert code == 0, told
-    assert "thorax: 1.3853 × 1.1226 × 1.1226" in told
-    assert "mass of the model 30.00 kg" in told
-    assert PersonCode.HAND_MASS in told
+    code, printed = run_verb(capsys, monkeypatch, *words, *files, verb="scale")
+    assert code == 0, printed
+    assert "thorax: 1.3853 × 1.1226 × 1.1226" in printed
+    assert "mass of the model 30.00 kg" in printed
+    assert PersonCode.HAND_MASS in printed
 
 
 @pytest.mark.parametrize(

@@ -45,14 +45,14 @@ def _panels(drawn: Chart) -> list[Panel]:
 
 
 @pytest.fixture(scope="module")
-def told() -> list[tuple[str, int, int]]:
+def received() -> list[tuple[str, int, int]]:
     """Progress of the page that was written."""
     return []
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory, told: list[tuple[str, int, int]]) -> Path:
-    return write_report(tmp_path_factory.mktemp("report"), _fitted(), lambda *step: told.append(step))
+def written(tmp_path_factory: pytest.TempPathFactory, received: list[tuple[str, int, int]]) -> Path:
+    return write_report(tmp_path_factory.mktemp("report"), _fitted(), lambda *step: received.append(step))
 
 
 def test_a_cuff_has_its_fit_and_its_checks_in_two_figures_and_the_page_stays_small(written: Path) -> None:
@@ -63,9 +63,9 @@ def test_a_cuff_has_its_fit_and_its_checks_in_two_figures_and_the_page_stays_sma
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
 
 
-def test_progress_counts_as_many_figures_as_the_page_holds(written: Path, told: list[tuple[str, int, int]]) -> None:
+def test_progress_counts_as_many_figures_as_the_page_holds(written: Path, received: list[tuple[str, int, int]]) -> None:
     count = written.read_text(encoding="utf-8").count("<figure")
-    assert told == [("drawing figures", done, count) for done in range(count + 1)]
+    assert received == [("drawing figures", done, count) for done in range(count + 1)]
 
 
 def test_recordings_that_were_fitted_are_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,16 +39,16 @@ DEUTERANOPIA = np.array(
 
 
 def test_progress_counts_every_figure_of_all_sections() -> None:
-    told: list[tuple[str, int, int]] = []
+    reported: list[tuple[str, int, int]] = []
     planned = {"waist": [_planned("a"), _planned("b")], "hand": [_planned("c")]}
-    draw_all(planned, lambda *step: told.append(step))
-    assert told == [("drawing figures", done, 3) for done in range(4)]
+    draw_all(planned, lambda *step: reported.append(step))
+    assert reported == [("drawing figures", done, 3) for done in range(4)]
 
 
 def test_a_page_without_figures_counts_none() -> None:
-    told: list[tuple[str, int, int]] = []
-    assert draw_all({"waist": []}, lambda *step: told.append(step)) == {"waist": ()}
-    assert told == []
+    reported: list[tuple[str, int, int]] = []
+    assert draw_all({"waist": []}, lambda *step: reported.append(step)) == {"waist": ()}
+    assert reported == []
 
 
 def test_every_section_has_its_own_figures_in_their_order() -> None:

@@ -127,7 +127,7 @@ def test_the_cutoff_of_the_plan_filters_its_motions(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("every", "is_few"), [(60, True), (1, False), (20, False)])
-def test_a_plan_that_keeps_few_frames_is_told(tmp_path: Path, every: int, is_few: bool) -> None:
+def test_a_plan_that_keeps_few_frames_is_reported(tmp_path: Path, every: int, is_few: bool) -> None:
     """The bundled motion has 601 frames; of its first 20 alone, none can be left out."""
     raised, start = simulate_arm_raise(bundled_model()), slice(0, 20 if every == 1 else None)
     write_table(tmp_path / "part.sto", raised.names, raised.time[start], raised.coordinates[start])
