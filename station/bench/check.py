@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from fitting.results.codes import FitErrorCode
 from fitting.trial.calibration import full_scale
@@ -155,7 +156,8 @@ def show_results(results: Sequence[CheckResult], console: Console | None = None,
     else:
         table = Table("", "subject", "result")
         for result in results:
-            table.add_row(GRADES[result.grade], result.subject, result.found)
+            # As Text: a code in brackets is no markup.
+            table.add_row(GRADES[result.grade], Text(result.subject), Text(result.found))
         (console or Console()).print(table)
     return 0 if all(result.is_good for result in results) else 1
 

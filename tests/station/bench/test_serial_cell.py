@@ -23,7 +23,14 @@ from fitting.trial.mass_checks import read_checks
 from fitting.trial.trial import read_trial
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
-from station.bench.check import DeviceSurvey, check_device, check_known_mass, inspect_bench, survey_devices
+from station.bench.check import (
+    DeviceSurvey,
+    check_device,
+    check_known_mass,
+    inspect_bench,
+    show_results,
+    survey_devices,
+)
 from station.bench.feed import DeviceFailed
 from station.bench.trial_recorder import TrialRecorder
 from station.clock import RealClock
@@ -92,7 +99,11 @@ def test_the_line_of_an_indicator_with_another_unit_is_shown(line: bytes, tmp_pa
 def test_the_code_of_a_device_error_is_that_of_the_check() -> None:
     survey = DeviceSurvey()
     survey.handle(DeviceFailed("NI Dev1", DeviceUnavailable("no server", DeviceCode.NO_SERVER)))
-    assert check_device(survey, "NI Dev1").to_json()["code"] == DeviceCode.NO_SERVER
+    result = check_device(survey, "NI Dev1")
+    assert result.to_json()["code"] == DeviceCode.NO_SERVER
+    out = io.StringIO()
+    assert show_results([result], Console(file=out, width=200)) == 1
+    assert f"[{DeviceCode.NO_SERVER.value}]" in out.getvalue()
 
 
 def test_zero_and_certificate_are_checked(config: StationConfig, tmp_path: Path) -> None:
