@@ -335,6 +335,7 @@ def test_a_stop_edge_contradicts_the_frames_beyond_drift_sampling_and_its_window
 def test_frames_are_missing_at_the_start_beyond_half_a_frame_drift_and_half_the_delay(
     short: float, frame: float, late: float, is_early: bool
 ) -> None:
+    assert early_edge(SyncEdges(5.0, 0.0, None), 10.0, frame, 9.0) == 0.0
     found = early_edge(pulse(short, 10.0), 10.0, frame, late)
     assert found == pytest.approx(short if is_early else 0.0, abs=1e-12)
 
