@@ -195,9 +195,9 @@ def _missing_force(trial: Trial) -> tuple[NDArray[np.bool_], tuple[Note, ...]]:
             is_missing |= (trial.marker_time > start) & (trial.marker_time < end)
     share = float(np.mean(is_missing))
     if share > OCCLUSION_LIMIT:
-        raise UnusableTrial(RejectionCode.FORCE_MISSING, {"missing": share, "limit": OCCLUSION_LIMIT})
+        raise UnusableTrial(RejectionCode.FORCE_MISSING, {"share": share, "limit": OCCLUSION_LIMIT})
     if share > OCCLUSION_NOTE:
-        return is_missing, (Note(TrialNoteCode.FORCE_MISSING, {"missing": share}),)
+        return is_missing, (Note(TrialNoteCode.FORCE_MISSING, {"share": share}),)
     return is_missing, ()
 
 

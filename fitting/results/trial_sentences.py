@@ -82,7 +82,7 @@ REJECTIONS: Templates = {
         f"force has {{count:.0f}} of {{total:.0f}} samples that are not finite numbers; {_AGAIN}"
     ),
     RejectionCode.FORCE_MISSING: (
-        "the force is missing in {missing:percent .0f} % of the marker frames, expected at most {limit:percent .0f} %; "
+        "the force is missing in {share:percent .0f} % of the marker frames, expected at most {limit:percent .0f} %; "
         "check the connection of the load cell and its rate, and record again"
     ),
     RejectionCode.FORCE_SATURATED: (
@@ -203,7 +203,7 @@ TRIAL_NOTES: Templates = {
         _REST + "; look for a load that was left on, and let the load cell and its amplifier warm up"
     ),
     TrialNoteCode.FORCE_MISSING: (
-        "the force is missing in {missing:percent .0f} % of the marker frames, which are left out"
+        "the force is missing in {share:percent .0f} % of the marker frames, which are left out"
     ),
     TrialNoteCode.MARKERS_HIDDEN: "anchor or cuff markers are hidden in {hidden:percent .0f} % of the frames",
     TrialNoteCode.GHOSTS: "marker positions that jumped or were exchanged were left out: {markers}",

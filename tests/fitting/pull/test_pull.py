@@ -81,9 +81,9 @@ def test_the_share_of_frames_without_force_is_stated_apart_from_hidden_markers(
     pulls, reasons = make_pulls([replace(trial, force_gaps=(gap,))])
     if is_refused:
         assert reasons["s"].code is RejectionCode.FORCE_MISSING
-        assert reasons["s"].figures["missing"] == pytest.approx(share, abs=0.01)
+        assert reasons["s"].figures["share"] == pytest.approx(share, abs=0.01)
         return
-    shares = [note.figures["missing"] for note in pulls[0].notes if note.code is TrialNoteCode.FORCE_MISSING]
+    shares = [note.figures["share"] for note in pulls[0].notes if note.code is TrialNoteCode.FORCE_MISSING]
     assert shares == [pytest.approx(share, abs=0.01)] * is_noted
     assert TrialNoteCode.MARKERS_HIDDEN not in {note.code for note in pulls[0].notes}
 
