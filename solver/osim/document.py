@@ -121,18 +121,20 @@ class Element:
         return [*sorted(self.moved), *(file for child in self.children for file in child.moved_files())]
 
     def unused(self, without_effect: Mapping[str, str]) -> list[str]:
-        """`<tag> text (line N)` for what is in the element, and was not looked for.
+        """`<tag> text (line N)` for what was not looked for, and what repeats an element above: the first counts.
 
         without_effect: tag → pattern of the texts that change no result. What is switched off is not in it.
         """
-        found = []
+        found, above = [], set[str]()
         for child in self.children:
+            is_repeated = self.tag != "objects" and child.tag in above
+            above.add(child.tag)
             pattern = without_effect.get(child.tag)
             has_effect = pattern is None or not re.fullmatch(pattern, child.text, re.IGNORECASE)
             is_empty = not child.children and child.text in ("", "Unassigned")
             if child.tag == "groups" or is_empty or not has_effect or child._is_switched_off():
                 continue
-            if child.tag in self.sought or (self.tag == "objects" and child.sought):
+            if not is_repeated and (child.tag in self.sought or (self.tag == "objects" and child.sought)):
                 found += child.unused(without_effect)
             else:
                 name = f" {child.name}" * bool(child.name)

@@ -202,6 +202,17 @@ def test_a_switch_that_opensim_does_not_know_there_is_named(files: Path) -> None
     assert [text.partition(" (")[0] for text in read_loads_document(files).unused] == ["<apply> false"]
 
 
+def test_an_element_that_repeats_one_above_is_named(files: Path) -> None:
+    """OpenSim 4.5 takes the first of a tag, of the loads and of one load."""
+    files.write_text(
+        XML.replace("<force_id", "<applied_to_body>ground</applied_to_body><force_id", 1).replace(
+            "</datafile>", "</datafile><datafile>other.mot</datafile>"
+        )
+    )
+    found = [text.partition(" (")[0] for text in read_loads_document(files).unused]
+    assert found == ["<applied_to_body> ground", "<datafile> other.mot"]
+
+
 def test_a_document_whose_root_is_the_loads_is_read(files: Path) -> None:
     files.write_text(XML.replace('<OpenSimDocument Version="40000">', "").replace("</OpenSimDocument>", ""))
     assert len(read_external_loads(files, MODEL, TIME)) == 1
