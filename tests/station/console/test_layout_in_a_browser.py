@@ -50,7 +50,7 @@ def test_the_buttons_that_leave_a_decision_are_apart_from_it_at_every_width(brow
             decide, leave = (page.locator(f"footer .{group}").bounding_box() for group in ("main", "apart"))
             assert decide is not None and leave is not None
             assert decide["x"] + decide["width"] < leave["x"], width
-            assert buttons_are_in_view(page)
+            until(page, partial(buttons_are_in_view, page))
         names = page.locator("footer .apart button").all_inner_texts()
         assert sorted(names) == ["Session list (l)", "Skip to report (e)"]
         assert page.evaluate(IN_VIEW), "a marker at any side of the centre"

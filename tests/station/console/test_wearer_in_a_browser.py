@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from tests.station.console.browsing import (
     runs,
     seen,
     unreadable,
+    until,
 )
 from tests.station.console.served import ServedConsole, write_config
 
@@ -78,7 +80,7 @@ def record_the_motion(page: Page, pictures: Path) -> None:
     assert fits_on_the_screen(page)
     page.screenshot(path=pictures / "console-motion.png")
     page.set_viewport_size({"width": 390, "height": 844})
-    assert buttons_are_in_view(page), "a telephone: the middle scrolls"
+    until(page, partial(buttons_are_in_view, page))  # a telephone: the middle scrolls
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     page.set_viewport_size({"width": 1280, "height": 800})
     seen(page, re.compile(r"^motion, without the suit: no problems found"))
