@@ -125,10 +125,15 @@ def _held_folder(stack: ExitStack, parent: Path) -> Path:
         folder = Path(stack.enter_context(made))
         _own_drafts.add(folder)
         stack.callback(_own_drafts.discard, folder)
-        with suppress(FileNotFoundError):
-            held = stack.enter_context((folder / HELD).open("xb"))
-            if _is_locked_by_us(held) is not False and (folder / HELD).exists():
-                return folder
+        try:
+            stack.enter_context(locked(folder / HELD, wait_s=0.0))
+        except (TimeoutError, FileNotFoundError):
+            continue
+        except OSError as error:
+            if error.errno != errno.ENOLCK:
+                raise
+        if (folder / HELD).exists():
+            return folder
 
 
 def _remove_if_left(folder: Path) -> None:
@@ -137,29 +142,11 @@ def _remove_if_left(folder: Path) -> None:
         return
     with suppress(OSError):
         folder.rmdir()  # its process was killed before it locked the folder
-    with suppress(OSError):
-        with (folder / HELD).open("r+b") as held:
-            is_left = _is_locked_by_us(held) is True
-            if is_left:
+    if (folder / HELD).exists():
+        with suppress(OSError):
+            with locked(folder / HELD, wait_s=0.0):
                 shutil.rmtree(folder, ignore_errors=True)
-        if is_left:  # on Windows, the open file was in the way
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_locked_by_us(file: BinaryIO) -> bool | None:
-    """Whether this process has the lock of the file now; None where the file system has no locks."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        return False if error.errno in (errno.EACCES, errno.EAGAIN, errno.EDEADLK) else None
-    return True
+            shutil.rmtree(folder, ignore_errors=True)  # on Windows, the open file was in the way
 
 
 def replace_file(draft: Path, path: Path) -> None:

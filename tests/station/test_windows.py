@@ -43,7 +43,6 @@ COARSE_CLOCKS = {"monotonic", "monotonic_ns"}
 OWNERS = ("os", "signal", "socket", "select", "loop", "time")
 GUARDED = {
     "station/__main__.py": {"resource"},
-    "documents/regular_file.py": {"fcntl"},
     "station/terminal/commands.py": {"termios", "tty", "getpgrp", "tcgetpgrp"},
     "station/live/process.py": {"nice"},
     "station/session/worker.py": {"nice"},
