@@ -16,12 +16,12 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path, PurePath, PurePosixPath
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import locked, once_released, read_regular, replaced
 from fitting.results.codes import Standing
 from fitting.trial.mass_checks import CHECKS_FILE
 from station.messages.file_messages import ChainCode
-from station.messages.message import Message
 from station.recordings_of_session import RECORDINGS
 
 JOURNAL_FILE = "session.jsonl"

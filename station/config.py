@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import UNKNOWN_KEY, describe_error
 from documents.validation import Positive as StrictPositive
@@ -37,7 +38,6 @@ from recordings.standard_gravity import g
 from station.body_config import AnalogSection, BodySection, EmgSection
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.messages.message import Message
 from station.messages.setup_messages import ConfigCode
 from station.protocol import BODY_TESTS, TrialSpec, windows_name_fault
 

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 from distributed import Client, Future, LocalCluster, as_completed
 
+from documents.message import Message
 from station.errors import StationError
-from station.messages.message import Message
 from station.messages.study_messages import SweepCode
 
 MOST_SUBMITTED = 64

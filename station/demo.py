@@ -17,6 +17,7 @@ from typing import Protocol
 
 from rich.console import Console
 
+from documents.message import Message
 from drivers.errors import DeviceError
 from drivers.simulators.settings import PUBLISHED_CUFFS
 from fitting.errors import UnusableTrial
@@ -34,8 +35,7 @@ from station.config import StationConfig, parse_config
 from station.errors import StationError
 from station.exit_code import DONE, LOSSY
 from station.journal import write_donned, write_verdict
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, progress_bars
 from station.protocol import BODY_TESTS, TrialSpec, published_plan

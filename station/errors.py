@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
+from documents.message import Code, Message
 from station.exit_code import FAILED, WRONG_USAGE
-from station.messages.message import Message
 
 
 class StationError(Exception):
@@ -13,7 +11,7 @@ class StationError(Exception):
 
     exit_code = FAILED
 
-    def __init__(self, cause: str | Message[StrEnum]) -> None:
+    def __init__(self, cause: str | Message[Code]) -> None:
         super().__init__(cause)
         self.cause = cause
 

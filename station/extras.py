@@ -7,9 +7,9 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import ParamSpec, TypeVar
 
+from documents.message import Message
 from station.errors import StationError
 from station.exit_code import FAILED
-from station.messages.message import Message
 from station.messages.setup_messages import ConfigCode
 
 P = ParamSpec("P")

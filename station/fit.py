@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+from documents.message import Message
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.cuffs.wearable_cuff import bushing_force
@@ -22,7 +23,6 @@ from station.checksums import standing_of, write_checksums, write_whole
 from station.errors import StationError
 from station.exit_code import LOSSY
 from station.journal import Assignment, Journal, read_journal
-from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in, useless_copies_in

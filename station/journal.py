@@ -19,13 +19,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, RootModel
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import append_to_regular, describe_failure, locked, read_regular, sync_file
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition, is_file_name
 from station.checksums import JOURNAL_FILE, LARGEST_JOURNAL, write_checksums
 from station.errors import StationError
-from station.messages.codes import JournalCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
+from station.messages.session_messages import JournalCode
 from station.protocol import TrialKey, TrialSpec
 
 FORMAT: Literal[1] = 1

@@ -16,6 +16,7 @@ from numbers import Real
 from os import PathLike
 from pathlib import Path
 
+from documents.message import Message
 from documents.regular_file import path_of, replaced
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.session import fit_session as fit_trials
@@ -23,7 +24,6 @@ from fitting.trial.trial import Trial, TrialReading, read_alone, read_protocol, 
 from recordings.reader import Recording, open_recording
 from station.fit import SessionError, fit_session_folder
 from station.fit import read_recording as read_assigned
-from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.recordings_of_session import pulls_in
 

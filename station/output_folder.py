@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from documents.message import Message
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.messages.codes import InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import InputCode
 
 
 class NotAFolder(StationError):

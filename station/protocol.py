@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from documents.message import Message
 from recordings.manifest import TestKind, TrialCondition
-from station.messages.codes import RefusalCode
-from station.messages.message import Message
+from station.messages.bench_messages import RefusalCode
 
 CUFF_TESTS: tuple[TestKind, ...] = ("static", "dynamic")
 SUITED: tuple[TrialCondition, ...] = ("slack", "tight")

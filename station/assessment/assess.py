@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from documents.message import Message
 from fitting.cuffs.wearable_cuff import Cuff
 from fitting.results.codes import Standing
 from recordings.manifest import DataOrigin
@@ -55,8 +56,7 @@ from station.assessment.uncertainty_json import (
     without_decision,
 )
 from station.checksums import write_checksums, write_whole
-from station.messages.codes import AssessmentCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.subject.assessed_subject import compare_cord, plain_subject, subject_inputs

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import describe_failure, open_regular
 from documents.validation import describe_error
@@ -15,9 +16,7 @@ from station.assessment.drawn_postures import PostureEntry
 from station.assessment.study_comparison import StudyComparisonEntry
 from station.assessment.uncertainty_json import DecisionEntry, UncertaintyEntry
 from station.errors import StationError
-from station.messages.assessment_messages import AssessmentFileCode
-from station.messages.codes import AssessmentCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode, AssessmentFileCode
 from station.subject.subject_document import SubjectDocument
 
 if TYPE_CHECKING:

@@ -27,6 +27,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from documents.message import Figures, Message
 from documents.plain_data import PlainDataError, read_toml
 from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
 from documents.validation import describe_error
@@ -54,8 +55,7 @@ from station.checksums import changed_files, sha256_of, standing_of
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.messages.codes import AssessmentCode, InputCode
-from station.messages.message import Figures, Message
+from station.messages.assessment_messages import AssessmentCode, InputCode
 from station.sources import kinematics_of, loads_of, model_of, named_hash, named_hashes
 
 RIGID = "rigid"

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationError
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
 from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
@@ -24,8 +25,7 @@ from solver.uncertainty.sources import (
 )
 from station.defaults import LEAST_DRAWS
 from station.errors import StationError
-from station.messages.codes import InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import InputCode
 
 BUNDLED_BUDGET = Path(__file__).with_name("uncertainty.toml")
 MOST_PEOPLE = 1_000_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from documents.message import Message
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.personalisation.anthropometry import ARM_SEGMENTS, has_arm_segments
@@ -11,8 +12,7 @@ from solver.suit.suit import Suit
 from solver.uncertainty.varied_motion import DrawnMotion
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.errors import UnusedOption
-from station.messages.codes import InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import InputCode
 from station.progress import Progress, silent
 from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from documents.message import Message
 from solver.osim.document import as_utf8
 from solver.osim.model_writer import osim_document
 from solver.osim.suited import add_suit
@@ -15,8 +16,7 @@ from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import WrongOptions, cuff_remarks, one_arm_cuff, read_cuffs_to_wear
 from station.checksums import write_whole
-from station.messages.codes import InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import InputCode
 from station.sources import BUNDLED, model_of
 
 

@@ -7,13 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from documents.interval import digits_of, rounded
+from documents.message import Figures, Message
 from solver.muscle import MuscleOutcome
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
 from solver.suit.scenarios import LARGE_RESERVES
-from station.messages.assessment_messages import sources_text
-from station.messages.codes import AssessmentCode
-from station.messages.message import Figures, Message
+from station.messages.assessment_messages import AssessmentCode, sources_text
 
 RELEVANT_DIFFERENCE = 0.02
 """Smallest difference of the effort, relative to that with a slack cord, that is taken to matter."""

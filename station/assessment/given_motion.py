@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Message
 from solver.errors import MotionError, SolverCode
 from solver.model import GROUND, Coordinate, Model
 from solver.motion import Derivatives, Kinematics, Motion, decimate, differentiate, limits_outside
@@ -33,8 +34,7 @@ from solver.time_series_table import write_table
 from station.assessment.reserves import unit_of
 from station.checksums import drafted
 from station.defaults import CUTOFF_HZ
-from station.messages.codes import AssessmentCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode
 from station.sources import loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
 from station.versions import solving_versions
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from documents.message import Message
 from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
 from solver.suit.optimise import Freedom, OptimisedSuit, Pair, SuitCandidate, optimise_suit
@@ -25,8 +26,7 @@ from station.assessment.assessment_inputs import (
 from station.assessment.assessment_json import known
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.checksums import write_checksums, write_whole
-from station.messages.codes import AssessmentCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.versions import solving_versions

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Message
 from solver.cuff import CuffParameters, by_site
 from solver.suit.assessment import Assessment
 from solver.suit.scenarios import CurveReadouts, LoadedMotion, Place, stacked
@@ -27,8 +28,7 @@ from station.assessment.budget_file import BUNDLED_BUDGET, UncertaintyBudget, re
 from station.assessment.case import AssessedCase
 from station.checksums import drafted
 from station.errors import StationError, UnusedOption
-from station.messages.codes import InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import InputCode
 from station.progress import Progress, silent
 from station.sources import named_hash
 from station.versions import solver_digest

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures, Message
 from solver.model import AxisMotion, BallMotion, Model
 from solver.motion import Kinematics
 from solver.multibody.body_tables import tables_of
@@ -20,8 +21,7 @@ from solver.redundancy.effort import (
 )
 from solver.redundancy.mechanics import actuator_forces
 from solver.redundancy.motion_solution import MotionSolution
-from station.messages.codes import AssessmentCode
-from station.messages.message import Figures, Message
+from station.messages.assessment_messages import AssessmentCode
 
 Array = NDArray[np.float64]
 ReserveShares = Mapping[str, tuple[float, float]]

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import counted
+from documents.message import Message
 from solver.errors import SolverCode
 from solver.model import Actuator, CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
@@ -51,8 +52,7 @@ from station.assessment.reserves import (
 from station.checksums import drafted
 from station.errors import StationError, UnusedOption
 from station.exit_code import WRONG_USAGE
-from station.messages.codes import AssessmentCode, InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode, InputCode
 from station.progress import Progress, silent
 from station.versions import solving_versions
 

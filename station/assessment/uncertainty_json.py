@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from documents.message import Figures, Message
 from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.cuff_study import DonningSpreadEstimate, Observation, SpreadOutcome, estimate_donning_spread
@@ -26,8 +27,7 @@ from solver.uncertainty.sources import DonningSpread, Group
 from solver.uncertainty.total import DrawnPeople, IndexedFigure
 from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, StrictEntry, known
 from station.checksums import sha256_of
-from station.messages.codes import DecisionCode, InputCode
-from station.messages.message import Figures, Message
+from station.messages.assessment_messages import DecisionCode, InputCode
 from station.study.sessions import StudySession, measurements_of, read_session, read_sessions, refuse_mixed
 
 PEOPLE_FILE = "people.csv"

@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from documents.message import Figures, Message
 from fitting.results.codes import FitErrorCode
 from fitting.trial.calibration import full_scale
 from fitting.trial.mass_checks import CHECKS_FILE, MassCheck, MassCheckError, evaluate_reading, read_checks
@@ -34,8 +35,7 @@ from station.bench.trial_state_machine import error_figures
 from station.clock import Clock, RealClock
 from station.config import StationConfig
 from station.journal import append_line, utc_now
-from station.messages.codes import CheckCode
-from station.messages.message import Figures, Message
+from station.messages.bench_messages import CheckCode
 
 REST_PART_OF_CAPACITY = 0.02
 """Largest force with an empty hook, as a fraction of the capacity; as much as the zero may drift within a trial."""

@@ -13,14 +13,14 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from documents.message import Figures, Message
 from recordings.errors import RecordingError
 from recordings.manifest import DataOrigin
 from recordings.reader import read_manifest
 from recordings.samples import DeviceIdentity, Stream
 from station.clock import Clock
 from station.config import StationConfig
-from station.messages.codes import RefusalCode, TrialCode
-from station.messages.message import Figures, Message
+from station.messages.bench_messages import RefusalCode, TrialCode
 from station.protocol import published_plan
 
 SIMULATED_FOLDER = "simulated"

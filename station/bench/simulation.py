@@ -18,12 +18,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from documents.message import Message
 from station.child import DETACHED, Child
 from station.config import StationConfig, parse_config
 from station.end_signals import end_signals
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.messages.message import Message
 from station.messages.setup_messages import SimulationCode
 from station.protocol import CUFF_TESTS, TrialSpec
 from station.standard_input import read_lines

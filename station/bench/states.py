@@ -11,14 +11,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from documents.message import Figures, Message
 from fitting.trial.clocks import BOUNCE
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.stream_watchdog import SHORT_S, SILENCE_TIMEOUT_S
 from station.bench.sync_line import LATENESS_S, PRE_ROLL_S, Edge, FallingEdges, PreRoll, wrong_polarity
 from station.bench.trial_context import NEEDED, DeviceFailure, TrialContext
 from station.bench.view import OPENING, TrialState
-from station.messages.codes import TrialCode
-from station.messages.message import Figures, Message
+from station.messages.bench_messages import TrialCode
 
 
 @dataclass(frozen=True)

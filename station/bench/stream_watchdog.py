@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from documents.message import Message
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.clock import Clock
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 
 SILENCE_TIMEOUT_S = 3.0
 """Station seconds without a sample."""

@@ -9,9 +9,9 @@ from typing import TypeGuard
 
 import numpy as np
 
+from documents.message import Message
 from recordings.samples import Item, Loss, Samples
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 
 GLITCH_NS = 5_000_000
 """A level that lasts less is a glitch: it neither starts nor ends a trial."""

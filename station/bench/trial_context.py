@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from documents.message import Figures, Message
 from fitting.pull.cuff_motion import OCCLUSION_LIMIT
 from fitting.trial.clocks import LONGEST_FORCE_GAP
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.stream_watchdog import OverloadMonitor, Shortfall, StreamWatchdog
 from station.bench.sync_line import GLITCH_NS, Edge, SyncLine
 from station.clock import Clock
-from station.messages.codes import TrialCode
-from station.messages.message import Figures, Message
+from station.messages.bench_messages import TrialCode
 
 
 class ItemWriter(Protocol):

@@ -17,6 +17,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Protocol
 
+from documents.message import Message, join_sentences
 from documents.regular_file import locked
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
@@ -37,8 +38,7 @@ from station.checksums import write_checksums
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig
 from station.errors import StationError
-from station.messages.codes import RefusalCode, TrialCode
-from station.messages.message import Message, join_sentences
+from station.messages.bench_messages import RefusalCode, TrialCode
 from station.protocol import TrialSpec, check_path_length
 from station.trial_manifest import make_manifest
 

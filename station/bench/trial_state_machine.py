@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from documents.message import Figures, Message, join_sentences
 from drivers.errors import DeviceError
 from recordings.samples import Item, Stream
 from station.bench.states import Armed, Ended, Idle, State
 from station.bench.trial_context import DeviceFailure, ItemWriter, TrialContext, TrialRules
 from station.bench.view import Snapshot, TrialState
 from station.clock import Clock
-from station.messages.codes import TrialCode
-from station.messages.message import Figures, Message, join_sentences
+from station.messages.bench_messages import TrialCode
 
 
 def error_figures(error: DeviceError) -> Figures:

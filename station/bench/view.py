@@ -17,10 +17,10 @@ from typing import Self
 import numpy as np
 
 from documents.interval import counted
+from documents.message import Message, join_sentences
 from recordings.manifest import DataOrigin
 from recordings.samples import Item, Samples, Stream
-from station.messages.codes import TrialCode
-from station.messages.message import Message, join_sentences
+from station.messages.bench_messages import TrialCode
 
 OPENING = (Message(TrialCode.OPENING),)
 JOIN_TIMEOUT_S = 5.0

@@ -23,6 +23,7 @@ import duckdb
 import pandas as pd
 
 from documents.interval import counted
+from documents.message import Message
 from documents.regular_file import LARGEST_TABLE, describe_failure, open_regular, read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
@@ -30,7 +31,6 @@ from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TrialEntry
 from station.checksums import JOURNAL_FILE, Checksums, drafted, list_in_session, sha256_of, write_whole
 from station.errors import StationError
 from station.journal import Journal, JournalError, read_journal
-from station.messages.message import Message
 from station.messages.study_messages import CatalogueCode
 from station.progress import Progress, silent
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import duckdb
 
+from documents.message import Message
 from station.catalogue.index import KEY, CatalogueError
-from station.messages.message import Message
 from station.messages.study_messages import CatalogueCode
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from typing import Literal
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from station.messages.codes import CommandCode
+from station.messages.session_messages import CommandCode
 from station.session.open_session import CommandRefused
 
 Action = Callable[[], Awaitable[None] | None]

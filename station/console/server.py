@@ -27,6 +27,7 @@ from starlette.responses import FileResponse, PlainTextResponse, RedirectRespons
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as AsgiMessage
 
+from documents.message import Figures, Message
 from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.child import ProcessLink, exit_with_parent
@@ -37,8 +38,7 @@ from station.console.live_view import show_live_page
 from station.console.page import show_page
 from station.end_signals import end_signals
 from station.errors import StationError
-from station.messages.codes import ServeCode
-from station.messages.message import Figures, Message
+from station.messages.session_messages import ServeCode
 from station.session.controller import SessionController
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")

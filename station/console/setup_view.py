@@ -21,7 +21,7 @@ from station.console.kept_form import forget_form, keep_form
 from station.console.wearer_form import WearerForm, number_of
 from station.journal import Setup
 from station.kinematics.marker_sets import published_sets
-from station.messages.codes import CommandCode
+from station.messages.session_messages import CommandCode
 from station.protocol import CONDITION_NAMES
 from station.session.controller import BenchChecker, SessionController
 from station.session.judgement import Grade

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from nicegui import ui
 
 from documents.interval import UNBROKEN
+from documents.message import Message, join_sentences
 from station.console.actions import Actions, Kind
 from station.console.charts import force_over_motion
 from station.console.kept_form import forget_form, keep_form
 from station.console.next_view import add_exits
 from station.journal import Choice, Recorded
-from station.messages.codes import VerdictCode
-from station.messages.message import Message, join_sentences
+from station.messages.session_messages import VerdictCode
 from station.protocol import describe_trial
 from station.session.controller import SessionController
 from station.session.judgement import MISSING, Judgement

@@ -11,7 +11,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 
 from station.console.actions import Actions
 from station.kinematics.marker_sets import published_sets
-from station.messages.codes import CommandCode
+from station.messages.session_messages import CommandCode
 from station.session.controller import SessionController
 from station.session.open_session import CommandRefused
 from station.subject.subject_file import Cord, Subject

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures, Message
 from fitting.emg.change import EmgChange, PooledShape, emg_change, pool_shapes
 from fitting.emg.envelopes import EmgEnvelopes, envelopes_of, largest_envelopes, normalised
 from fitting.emg.shape import LEAST_ACTIVATION, ShapeComparison, compare_shapes
@@ -17,7 +18,6 @@ from solver.time_series_table import read_table
 from station.emg.trials import EmgFileError, EmgSetup, read_emg_setup, read_emg_trial
 from station.exit_code import WRONG_USAGE
 from station.messages.emg_messages import EmgCode
-from station.messages.message import Figures, Message
 from station.sources import repeated_name
 
 Array = NDArray[np.float64]

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from documents.interval import bracketed, counted
+from documents.message import Message
 from documents.plain_data import read_json
 from documents.validation import DOCUMENT_ERRORS, describe_document_error
 from fitting.emg.change import RepeatUnit
@@ -27,7 +28,6 @@ from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial, p
 from station.emg.trials import EmgFileError, EmgSetup, EnvelopeSection
 from station.folded_table import FoldedTable
 from station.messages.emg_messages import EmgCode
-from station.messages.message import Message
 from station.versions import solving_versions
 
 EMG_FILE = "emg.json"

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_serializer, model_validator
 
+from documents.message import Figures, Message
 from documents.plain_data import read_toml
 from documents.validation import DOCUMENT_ERRORS, Positive, Section, describe_document_error
 from fitting.emg.envelopes import MVC_WINDOW_S, PUBLISHED, EmgTrial, EnvelopeSettings
@@ -25,7 +26,6 @@ from recordings.exchange.sample_tables import SignalTable, count_samples
 from station.config import ConfigError
 from station.errors import StationError
 from station.messages.emg_messages import EmgCode
-from station.messages.message import Figures, Message
 
 Array = NDArray[np.float64]
 

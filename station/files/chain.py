@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
 from fitting.results.codes import Standing
@@ -32,7 +33,6 @@ from station.checksums import (
 )
 from station.errors import StationError
 from station.messages.file_messages import ChainCode
-from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 from station.sources import without_hash
 

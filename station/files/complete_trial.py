@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures, Message
 from fitting.errors import UnusableTrial
 from fitting.trial import clocks
 from fitting.trial.clocks import find_edges
@@ -19,7 +20,6 @@ from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.files.foreign_files import ImportRefused, MarkerSource, read_markers
 from station.files.import_trial import Imported, blocks, nanoseconds, notes_of, write_recording
 from station.messages.file_messages import ImportCode
-from station.messages.message import Figures, Message
 
 SAME_TRIAL_MM = 5.0
 """Largest median distance of export and live stream; repeated tracking, filtering and gap filling move less."""

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures, Message
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import cuff_motion, fit_pose, pull_direction, reference_posture
 from fitting.trial.trial import Trial, read_trial
@@ -26,7 +27,6 @@ from solver.time_series_table import write_table
 from station.checksums import drafted
 from station.files.synchronised import ExportRefused, SynchronisedRecording
 from station.messages.file_messages import ExportCode
-from station.messages.message import Figures, Message
 
 Array = NDArray[np.float64]
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Message, join_sentences
 from fitting.trial.analog_signals import AnalogSignals, nearest_samples
 from fitting.wearer.wearer_trial import elevation_of, find_cycles
 from recordings.contents import contents_of
@@ -35,7 +36,6 @@ from station.checksums import changed_files, drafted, standing_of, write_whole
 from station.files.export_loads import write_loads
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
 from station.messages.file_messages import ChainCode, ExportCode
-from station.messages.message import Message, join_sentences
 from station.progress import Progress, silent
 from station.protocol import CONDITION_NAMES
 

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures, Message
 from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals
 from recordings.exchange.qtm_tsv import read_qtm_tsv
 from recordings.exchange.sample_tables import MarkerTable, SignalTable, require_labels
@@ -23,7 +24,6 @@ from recordings.exchange.trc import read_trc
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.file_messages import ImportCode
-from station.messages.message import Figures, Message
 
 ForceUnit = Literal["V", "N", "lbs"]
 UNITS: tuple[ForceUnit, ...] = ("V", "N", "lbs")

@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures, Message
 from documents.regular_file import draft_folder, replace_file
 from fitting.errors import UnusableTrial
 from fitting.trial.clocks import find_edges
@@ -40,7 +41,6 @@ from station.files.foreign_files import (
     read_markers,
 )
 from station.messages.file_messages import ImportCode
-from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
 from station.trial_manifest import make_manifest
 

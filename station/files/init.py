@@ -6,9 +6,9 @@ import shutil
 from importlib.metadata import files
 from pathlib import Path
 
+from documents.message import Message
 from documents.regular_file import replaced
 from station.errors import StationError
-from station.messages.message import Message
 from station.messages.setup_messages import ConfigCode
 
 SHARED = "share/cuffstation/"

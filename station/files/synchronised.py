@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from documents.message import Message
 from fitting.errors import UnusableTrial
 from fitting.trial.analog_signals import AnalogSignals, build_analog_signals
 from fitting.trial.timeline import Timeline, build_timeline
@@ -20,7 +21,6 @@ from recordings.reader import Track, TrackCollector, open_recording
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.file_messages import ExportCode
-from station.messages.message import Message
 
 
 class ExportRefused(StationError):

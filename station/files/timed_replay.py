@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from documents.message import Message
 from recordings.manifest import DataOrigin, Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Stream
@@ -22,7 +23,6 @@ from station.clock import ManualClock
 from station.config import parse_config
 from station.errors import StationError
 from station.messages.file_messages import ExportCode
-from station.messages.message import Message
 from station.protocol import TrialSpec
 
 CATCH_UP_S = 0.1

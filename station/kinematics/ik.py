@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import counted
+from documents.message import Figures, Message
 from recordings.exchange.sample_tables import MarkerTable
 from solver.errors import CoverageCode, MotionError, SolverCode
 from solver.inverse_kinematics.marker_fit import Vertical, rotation_laboratory_to_ground
@@ -51,8 +52,7 @@ from station.kinematics.marker_checks import (
     unattached_findings,
 )
 from station.kinematics.marker_sets import place_marker_set
-from station.messages.codes import KinematicsCode
-from station.messages.message import Figures, Message
+from station.messages.kinematics_messages import KinematicsCode
 from station.sources import BUNDLED, model_of, named_hash
 
 Array = NDArray[np.float64]

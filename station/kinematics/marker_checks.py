@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Code, Figures, Message
 from recordings.exchange.c3d import read_c3d_markers
 from recordings.exchange.qtm_tsv import read_qtm_tsv
 from recordings.exchange.sample_tables import MarkerTable
@@ -38,12 +38,10 @@ from solver.personalisation.segment_masses import (
 from solver.scaling import ScalingFinding, largest_motion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.messages.codes import KinematicsCode
-from station.messages.kinematics_messages import PersonCode
-from station.messages.message import Figures, Message
+from station.messages.kinematics_messages import KinematicsCode, PersonCode
 
 Array = NDArray[np.float64]
-Finding = Message[StrEnum]
+Finding = Message[Code]
 
 LEAST_SEEN = 0.6
 """Part of the expected markers that most frames must show."""
@@ -172,7 +170,7 @@ def find_far_markers(time: Array, tasks: TrackingTasks, solution: InverseKinemat
                 "frames": len(frames),
                 "first_s": float(time[frames[0]]),
             }
-            found.append(Message[StrEnum](KinematicsCode.FAR, figures))
+            found.append(Message[Code](KinematicsCode.FAR, figures))
     return tuple(found)
 
 
@@ -273,7 +271,7 @@ class WrongTrials(PersonError):
     exit_code = WRONG_USAGE
 
 
-def refuse(code: StrEnum, **figures: float | str) -> PersonError:
+def refuse(code: Code, **figures: float | str) -> PersonError:
     return PersonError(Message(code, figures))
 
 

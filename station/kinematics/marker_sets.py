@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field, ValidationError
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, parse_toml, read_toml
 from documents.validation import Section, Vector, describe_error
 from solver.model import Marker, Model
 from solver.osim.model_writer import with_markers
 from station.errors import StationError
-from station.messages.codes import KinematicsCode
-from station.messages.message import Message
+from station.messages.kinematics_messages import KinematicsCode
 
 
 class MarkerSetError(StationError):

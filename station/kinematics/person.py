@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import counted
+from documents.message import Message
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.standard_gravity import g
 from solver.errors import CoverageCode, MotionError, ScalingCode, SolverCode
@@ -59,9 +60,7 @@ from station.kinematics.marker_checks import (
     tendon_finding,
 )
 from station.kinematics.scale import left_out_notes
-from station.messages.codes import KinematicsCode
-from station.messages.kinematics_messages import PersonCode
-from station.messages.message import Message
+from station.messages.kinematics_messages import KinematicsCode, PersonCode
 from station.progress import Progress, silent
 from station.sources import BUNDLED, named_hash, repeated_name
 from station.versions import solving_versions

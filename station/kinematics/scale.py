@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Message
 from recordings.exchange.sample_tables import MarkerTable
 from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
@@ -34,8 +35,7 @@ from station.kinematics.marker_checks import (
     setup_findings,
     unattached_findings,
 )
-from station.messages.codes import KinematicsCode
-from station.messages.message import Message
+from station.messages.kinematics_messages import KinematicsCode
 from station.sources import BUNDLED
 
 Array = NDArray[np.float64]

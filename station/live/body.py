@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from documents.message import Message
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import Cuff
 from fitting.errors import FitError
@@ -29,7 +30,6 @@ from station.errors import StationError
 from station.kinematics.ik import with_marker_set
 from station.live.published import NAN, LiveScenario
 from station.messages.live_messages import LiveCode
-from station.messages.message import Message
 from station.sources import BUNDLED, model_of
 from station.subject.assessed_subject import (
     fit_suit,

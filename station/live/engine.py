@@ -18,6 +18,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Protocol
 
+from documents.message import Message
 from recordings.manifest import Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import Event, Samples, Stream
@@ -37,7 +38,6 @@ from station.live.published import (
 )
 from station.live.subscription import serve_views
 from station.messages.live_messages import LiveCode
-from station.messages.message import Message
 from station.protocol import TrialSpec
 
 IDLE_S = 0.5

@@ -26,13 +26,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
+from documents.message import Message
 from station.checksums import list_in_session, write_whole
 from station.config import LiveSection
 from station.errors import StationError
 from station.extras import MissingExtra
 from station.live.published import NAN, LiveDelivery, LiveSetup, LiveValues
 from station.messages.live_messages import LiveCode
-from station.messages.message import Message
 from station.versions import solver_digest, solving_versions
 
 LOOPBACK, ANY = "loopback", "any"

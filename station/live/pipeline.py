@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures, Message
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.wearer_trial import CycleDetector, elevation_of
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell
@@ -44,7 +45,6 @@ from station.live.published import (
     LiveValues,
 )
 from station.messages.live_messages import LiveCode
-from station.messages.message import Figures, Message
 from station.protocol import BODY_TESTS, TrialSpec
 
 Array = NDArray[np.float64]

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from documents.message import Message
 from recordings.samples import Samples, Stream
 from recordings.topics import MARKERS
 from solver.inverse_kinematics.solve import assemble
@@ -33,7 +34,6 @@ from station.live.published import LiveSetup
 from station.live.subscription import serve_views
 from station.live.tap import REQUEST, FedMessage, decode
 from station.messages.live_messages import LiveCode
-from station.messages.message import Message
 
 NICENESS = 5
 """The recorder has priority."""

@@ -26,12 +26,12 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import describe_failure, read_regular
 from station.errors import StationError
 from station.live.published import SETUP, UPDATE, LiveSetup, LiveUpdate, update_line
 from station.messages.live_messages import LiveCode
-from station.messages.message import Message
 
 VIEW_BACKLOG = 50
 """Updates that may wait for a view before the oldest is dropped."""

@@ -22,6 +22,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from documents.message import Message
 from recordings.packing import Message as RecordedMessage
 from recordings.packing import pack, unpack
 from recordings.samples import Item, Samples, Stream
@@ -32,7 +33,6 @@ from station.child import Child
 from station.clock import Clock
 from station.config import StationConfig
 from station.messages.live_messages import LiveCode
-from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec
 
 HEADER = struct.Struct("<Bqd")

@@ -9,8 +9,7 @@ from typing import Any
 from documents.interval import UNBROKEN
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from station.assessment.uncertainty_json import listed
-from station.messages.assessment_messages import sources_text
-from station.messages.codes import AssessmentCode, DecisionCode
+from station.messages.assessment_messages import AssessmentCode, DecisionCode, sources_text
 from station.report.cuff_section import Cuffs, effect_of
 from station.report.numbers import Shown, figure, fixed, length, saving_in_words
 from station.sources import without_hash

@@ -21,6 +21,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import TypeAdapter, ValidationError
 
 from documents.interval import counted
+from documents.message import Message
 from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
 from fitting.cuffs.cuff_fit import SessionFit
@@ -36,7 +37,6 @@ from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
 from station.files.chain import NUMBERS_FILE, REPORT_FILE, chain_of
 from station.fit import fit_session_folder
-from station.messages.message import Message
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
 from station.recordings_of_session import motions_in, pulls_in, recordings_in

@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from documents.interval import counted
+from documents.message import Message
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json
@@ -25,7 +26,6 @@ from station.defaults import CUTOFF_HZ
 from station.files.chain import NUMBERS_FILE, Link
 from station.fit import fit_session_folder
 from station.messages.file_messages import NumberCode
-from station.messages.message import Message
 from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in
 from station.report.page import Results, located_assessment, read_results, render

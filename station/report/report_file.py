@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from documents.message import Message
 from documents.plain_data import read_json
 from documents.validation import DOCUMENT_ERRORS, describe_document_error
 from recordings.manifest import DataOrigin
 from station.errors import StationError
 from station.messages.file_messages import NumberCode
-from station.messages.message import Message
 
 FORMAT: Literal[3] = 3
 """It rises where a key changes its meaning or is left out, not where one is added."""

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from documents.interval import counted
+from documents.message import Message
 from documents.plain_data import PlainDataError
 from documents.regular_file import read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE
@@ -26,7 +27,6 @@ from station.checksums import Checksums, standing_of
 from station.errors import StationError
 from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link, verify_folder
 from station.messages.file_messages import NumberCode
-from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 from station.report.page import read_results, render
 from station.report.report_file import ReportDocument, ReportedNumber, ReportFileError, read_numbers

@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+from documents.message import Message
 from fitting.trial.mass_checks import MassCheck
 from station.bench.bench_clock import BenchClock
 from station.bench.check import CheckResult, inspect_bench_and_zero, read_known_mass, write_reading
@@ -20,8 +21,7 @@ from station.bench.simulation import SimulatedBench
 from station.clock import RealClock
 from station.config import StationConfig
 from station.journal import JournalError
-from station.messages.codes import CheckCode
-from station.messages.message import Message
+from station.messages.bench_messages import CheckCode
 from station.session.judgement import Grade
 from station.session.open_session import OpenSession, list_sessions
 from station.session.reviewer import Reviewer, is_being_recorded

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import bracketed, digits_of, rounded
+from documents.message import Message
 from fitting.cuffs.cuff_fit import SLIPPED, CuffFit, SessionFit, TrialFit, find_outliers, has_slipped
 from fitting.diagnosis.identification import FittedPull
 from fitting.emg.channels import UNUSABLE, UnusableEmg, find_faults
@@ -34,8 +35,8 @@ from station.emg.trials import EmgFileError, emg_of
 from station.fit import SessionError, fit_donning_of, read_recording
 from station.journal import Choice, JournalError, Recorded, read_journal
 from station.kinematics.marker_checks import MOVING
-from station.messages.codes import ReasonCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
+from station.messages.session_messages import ReasonCode
 from station.protocol import BODY_TESTS, describe_trial
 from station.report.wearer_section import motion_drawing
 from station.session.guide import Cue, guide_for

@@ -14,13 +14,13 @@ from typing import Protocol
 
 import numpy as np
 
+from documents.message import Figures, Message
 from fitting.wearer.wearer_trial import CycleDetector
 from recordings.manifest import TestKind, TrialCondition
 from recordings.standard_gravity import g
 from station.body_config import BodySection
 from station.config import ProtocolSection
-from station.messages.codes import CueCode
-from station.messages.message import Figures, Message
+from station.messages.bench_messages import CueCode
 
 WINDOW_S = 1.0
 """Window of the force that decides whether it is steady."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from documents.message import Message
 from fitting.results.codes import EXPLAINED_BY, NoteCode, TrialNoteCode, Verdict
 from fitting.results.sentences import Note, verdict_sentences
 from station.journal import Choice
-from station.messages.codes import ReasonCode
-from station.messages.message import Message
+from station.messages.session_messages import ReasonCode
 
 Grade = Literal["good", "doubtful", "bad"]
 Reason = Message[ReasonCode]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from documents.message import Message
 from documents.regular_file import describe_failure
 from recordings.manifest import DataOrigin
 from station.bench.session_folder import is_for_simulated, rehearsal_folder
@@ -29,8 +30,7 @@ from station.journal import (
     write_setup,
     write_skipped,
 )
-from station.messages.codes import CommandCode, JournalCode, TerminalCode
-from station.messages.message import Message
+from station.messages.session_messages import CommandCode, JournalCode, TerminalCode
 from station.protocol import TrialSpec
 from station.session.judgement import Judgement
 from station.session.plan_status import PlanStatus, check_setup, describe_plan, load_steps, minutes_left, plan_status

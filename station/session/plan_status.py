@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Literal
 
 from documents.interval import counted
+from documents.message import Message
 from recordings.manifest import TrialCondition
 from station.config import StationConfig
 from station.journal import MOST_REPEATS, Journal, Recorded, Setup
-from station.messages.codes import CommandCode
-from station.messages.message import Message
+from station.messages.session_messages import CommandCode
 from station.protocol import BODY_TESTS, TrialSpec, published_plan
 
 DONNING_S, DECISION_S, HANGING_S, CYCLE_S = 90.0, 20.0, 5.0, 4.0

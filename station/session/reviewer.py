@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from filelock import FileLock, Timeout
 
+from documents.message import Message
 from documents.regular_file import describe_failure
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
@@ -33,8 +34,8 @@ from station.journal import (
     write_undone,
     write_verdict,
 )
-from station.messages.codes import CommandCode, JournalCode, TerminalCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
+from station.messages.session_messages import CommandCode, JournalCode, TerminalCode
 from station.progress import StageProgress
 from station.protocol import TrialSpec
 from station.recordings_of_session import recordings_in

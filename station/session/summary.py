@@ -9,11 +9,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from documents.interval import bracketed
+from documents.message import Message
 from fitting.uncertainty import Estimate
 from station.cuff_text import of_cuff
 from station.errors import StationError
-from station.messages.codes import AssessmentCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode
 from station.progress import Progress, silent
 from station.recordings_of_session import motions_in
 

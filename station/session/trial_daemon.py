@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import counted
+from documents.message import join_sentences
 from drivers.errors import DeviceError
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.wearer_trial import elevation_of
@@ -45,7 +46,6 @@ from station.config import parse_config
 from station.errors import StationError
 from station.journal import Recorded, write_recorded
 from station.live.tap import live_views
-from station.messages.message import join_sentences
 from station.protocol import TrialSpec
 
 RESULT_TIMEOUT_S = 2.0

@@ -21,12 +21,13 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from documents.message import Message
 from station.bench.simulation import SimulatedBench, SimulationError
 from station.child import DETACHED, Child
 from station.config import StationConfig
 from station.journal import JournalError, Recorded, write_mark
-from station.messages.codes import AlarmCode, CommandCode, RefusalCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import AlarmCode, RefusalCode, TrialCode
+from station.messages.session_messages import CommandCode
 from station.protocol import BODY_TESTS, TrialSpec
 from station.session.guide import Cue, Guide, guide_for, wearer_guide
 from station.session.open_session import CommandRefused, OpenSession

@@ -19,6 +19,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from documents.interval import counted
+from documents.message import Message
 from documents.plain_data import PlainDataError, parse_toml, read_toml
 from documents.regular_file import describe_failure, read_regular
 from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
@@ -37,7 +38,6 @@ from recordings.standard_gravity import g
 from station.checksums import write_whole
 from station.config import parse_config
 from station.folded_table import FoldedTable
-from station.messages.message import Message
 from station.messages.study_messages import PlanCode
 from station.study.sessions import StudyError
 from station.study.study_document import SHOWN

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from documents.message import Figures, Message, join_sentences
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, TrialEntry
@@ -16,7 +17,6 @@ from recordings.manifest import DataOrigin
 from station.checksums import JOURNAL_FILE, sha256_of
 from station.errors import StationError
 from station.journal import JournalError, read_journal
-from station.messages.message import Figures, Message, join_sentences
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
 

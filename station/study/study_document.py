@@ -19,6 +19,7 @@ from typing import Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import between, bracketed, shown
+from documents.message import Message
 from documents.plain_data import read_json
 from documents.validation import DOCUMENT_ERRORS, describe_document_error
 from fitting.cuffs.wearable_cuff import QUANTITIES
@@ -39,7 +40,6 @@ from fitting.study.cuff_study import (
 from fitting.study.variance_components import Component, ComponentOutcome
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of, write_checksums, write_whole
-from station.messages.message import Message
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
 from station.study.sessions import StudyError, StudySessions, measurements_of

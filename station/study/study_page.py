@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from rich.console import Console
 
 from documents.interval import counted
+from documents.message import Message
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.variance_components import ComponentOutcome
 from recordings.manifest import DataOrigin
@@ -19,7 +20,6 @@ from station.charts.marks import Chart, Intervals, Mark, Panel, Points, Rule, St
 from station.charts.svg import draw, with_commands
 from station.checksums import write_checksums, write_whole
 from station.folded_table import FoldedTable
-from station.messages.message import Message
 from station.study.study_document import (
     OPEN,
     SHOWN,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import counted
+from documents.message import Message
 from documents.regular_file import LARGEST_SUIT, read_regular
 from fitting.uncertainty import NORMAL_95
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
@@ -45,7 +46,6 @@ from station.kinematics.ik import with_marker_set
 from station.kinematics.marker_checks import Finding, pose_findings
 from station.kinematics.person import PersonBody, PersonInputs, person_of_trials
 from station.messages.kinematics_messages import PersonCode, SubjectCode
-from station.messages.message import Message
 from station.progress import Progress, silent
 from station.subject.subject_document import BodyFactor, CordTension, MarkerResidual, SubjectDocument, WearerFinding
 from station.subject.subject_file import SUBJECT_FILE, Subject, read_subject, refuse_subject

@@ -10,13 +10,13 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
 from documents.validation import NonNegative, Positive, Section, describe_error
 from station.checksums import write_whole
 from station.errors import StationError
 from station.messages.kinematics_messages import SubjectCode
-from station.messages.message import Message
 
 SUBJECT_FILE = "subject.toml"
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from distributed import Client
 
+from documents.message import Message
 from documents.plain_data import PlainDataError, read_json
 from documents.regular_file import LARGEST_TABLE, read_regular
 from fitting.cuffs.wearable_cuff import Cuff
@@ -45,7 +46,6 @@ from station.assessment.assessment_inputs import cuff_findings, cuff_remarks, re
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.checksums import drafted, write_whole
 from station.dask_cluster import completed_tasks
-from station.messages.message import Message
 from station.messages.study_messages import SweepCode
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
+from documents.message import Message
 from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml
 from documents.regular_file import describe_failure, read_regular
 from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error
 from solver.suit.scenarios import Condition
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
-from station.messages.message import Message
 from station.messages.study_messages import SweepCode
 from station.sources import BUNDLED
 

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
+from documents.message import Message
 from station.errors import StationError
-from station.messages.codes import CommandCode
-from station.messages.message import Message
+from station.messages.session_messages import CommandCode
 from station.session.open_session import CommandRefused
 from station.session.trial_runner import LiveTrial
 from station.standard_input import POLL_INTERVAL_S, READ_SIZE, read_lines

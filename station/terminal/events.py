@@ -10,11 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
+from documents.message import Message
 from fitting.results.codes import Verdict
 from recordings.manifest import TrialCondition
 from station.journal import Choice
-from station.messages.codes import CueCode, TerminalCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import CueCode, TrialCode
+from station.messages.session_messages import TerminalCode
 from station.session.judgement import Figure, Grade, Judgement, Reason, Row
 from station.session.plan_status import PlanState, PlanStatus
 from station.session.trial_runner import LiveTrial

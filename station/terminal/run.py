@@ -23,6 +23,7 @@ from rich.live import Live as LiveRegion
 from rich.text import Text
 
 from documents.interval import counted
+from documents.message import Message
 from recordings.samples import DeviceIdentity
 from station.bench.session_folder import SIMULATED_FOLDER, check_folder, is_for_simulated
 from station.bench.simulation import SimulatedBench, clock_port, is_served_by_simulator, simulator_settings
@@ -32,8 +33,7 @@ from station.end_signals import end_signals
 from station.errors import StationError
 from station.exit_code import DONE, FAILED, LOSSY
 from station.journal import Setup, read_journal
-from station.messages.codes import CommandCode, VerdictCode
-from station.messages.message import Message
+from station.messages.session_messages import CommandCode, VerdictCode
 from station.protocol import describe_trial
 from station.session.controller import SessionController
 from station.session.trial_runner import LiveTrial

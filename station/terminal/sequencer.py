@@ -10,10 +10,11 @@ from __future__ import annotations
 import asyncio
 import time
 
+from documents.message import Message, join_sentences
 from station.bench.simulation import SimulationError
 from station.journal import Choice, JournalError, Recorded
-from station.messages.codes import CommandCode, RefusalCode, TerminalCode
-from station.messages.message import Message, join_sentences
+from station.messages.bench_messages import RefusalCode
+from station.messages.session_messages import CommandCode, TerminalCode
 from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.judgement import Judgement

@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
 
+from documents.message import Figures, Message
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.joint_force import JointForceRecord, interpolate_samples, read_joint_force
 from recordings.exchange.sample_tables import require_rising
@@ -48,8 +49,7 @@ from solver.redundancy.problem import FrameOutcome
 from station.assessment.given_motion import motion_checks, motion_findings
 from station.checksums import write_whole
 from station.errors import StationError
-from station.messages.codes import AssessmentCode
-from station.messages.message import Figures, Message
+from station.messages.assessment_messages import AssessmentCode
 from station.messages.study_messages import ValidationCode
 from station.progress import Progress, silent
 from station.report.plot import LINE, SHADES, STYLE, as_png

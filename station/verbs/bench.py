@@ -205,7 +205,7 @@ def _record_trial(
 
 def _exit_code(result: TrialResult) -> int:
     """Of the trial: a recording that the operator stopped is accepted, and lacks the end of its capture."""
-    from station.messages.codes import TrialCode
+    from station.messages.bench_messages import TrialCode
 
     if result.path is None:
         return FAILED
@@ -294,10 +294,10 @@ def _scenes(stack: ExitStack, rrd: Path | None, *, rerun: bool) -> list[LiveScen
 def _watch(folder: Path, scenes: Sequence[LiveScene]) -> None:
     from rich.console import Console
 
+    from documents.message import Message
     from station.live.subscription import LiveSubscription, LiveUnreachable, find_address
     from station.live.terminal_view import watch
     from station.messages.live_messages import LiveCode
-    from station.messages.message import Message
 
     address = find_address(folder)
     if address is None:
@@ -320,11 +320,11 @@ def _replay(
     *,
     as_json: bool,
 ) -> int:
+    from documents.message import Message
     from station.live.engine import prepare_replay, replay_and_publish
     from station.live.outlet import ResultFile
     from station.live.terminal_view import LiveSummary
     from station.messages.live_messages import LiveCode
-    from station.messages.message import Message
 
     recording, prepared = prepare_replay(path, _settings(config))
     for finding in prepared.findings:

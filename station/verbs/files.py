@@ -193,12 +193,12 @@ def export(
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Write recordings, or a model with the suit, for other programs. Prints the paths of the files."""
+    from documents.message import Message
     from solver.suit.suit import BUNDLED_SUIT
     from station.assessment.export_model import SuitToExport, write_suited_model
     from station.files.export_trial import Exported
     from station.files.synchronised import WrongExport
     from station.messages.file_messages import ExportCode
-    from station.messages.message import Message
     from station.progress import busy
 
     recordings = {"FILE": file, "--session": session, "--to": to}
@@ -238,10 +238,10 @@ def _export_recordings(
 ) -> Exported:
     from rich.console import Console
 
+    from documents.message import Message
     from station.files.export_trial import export_recordings
     from station.files.synchronised import ExportRefused, WrongExport
     from station.messages.file_messages import ExportCode
-    from station.messages.message import Message
     from station.progress import busy, progress_bars
     from station.recordings_of_session import originals_in
 
@@ -265,9 +265,9 @@ def _export_recordings(
 
 def _wrong_import(command: Mapping[str, object], *, is_completion: bool) -> WrongImport:
     """The refusal of an import with these options: one is missing, or has no effect."""
+    from documents.message import Message
     from station.files.foreign_files import WrongImport
     from station.messages.file_messages import ImportCode
-    from station.messages.message import Message
 
     is_bounce = command["--test"] == "bounce"
     if is_completion:

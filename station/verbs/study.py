@@ -77,9 +77,9 @@ def catalogue(
     """Index the sessions of a folder in a DuckDB file, and list or query them."""
     from rich.console import Console
 
+    from documents.message import Message
     from station.catalogue.index import CATALOGUE_FILE, update_catalogue, write_participants
     from station.catalogue.query import SessionFilter, known_participants, list_cuffs, run_sql
-    from station.messages.message import Message
     from station.messages.study_messages import CatalogueCode
     from station.progress import progress_bars
 

@@ -190,9 +190,9 @@ def report(
 
     from rich.console import Console
 
+    from documents.message import Message
     from fitting.results.codes import Standing
     from station.files.chain import chain_of
-    from station.messages.message import Message
     from station.messages.setup_messages import FolderCode
     from station.progress import progress_bars
     from station.report.cuff_section import adopt_normative

@@ -25,6 +25,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from documents.message import Message
 from recordings.samples import Event, Item, Samples
 from solver.drawing import bone_lines, path_lines, skeleton
 from solver.model import Model
@@ -32,7 +33,6 @@ from solver.multibody.postures import points_in_ground, postures
 from solver.suit.suit import Suit
 from station.bench.view import BackgroundView, Snapshot
 from station.errors import StationError
-from station.messages.message import Message
 from station.messages.study_messages import SweepCode
 
 WAIT_S = 20.0

@@ -18,7 +18,7 @@ from station.bench.simulation import SimulatedBench, simulator_settings
 from station.checksums import JOURNAL_FILE
 from station.config import ConfigError, parse_config
 from station.journal import JournalError, read_journal
-from station.messages.codes import JournalCode
+from station.messages.session_messages import JournalCode
 from station.messages.setup_messages import ConfigCode
 from station.viewer import viewer as rerun_viewer
 from tests.house.sources import SOURCES, name_of, nodes_of

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from station.journal import read_journal
-from station.messages.codes import TrialCode
+from station.messages.bench_messages import TrialCode
 from tests.house.sources import ROOT
 from tests.station.console.served import write_config
 from tests.station.terminal.practice import Headless

@@ -8,7 +8,7 @@ from recordings.samples import Event, Item, Samples, Stream
 from station.bench.trial_context import TrialRules
 from station.bench.trial_state_machine import TrialStateMachine
 from station.clock import ManualClock
-from station.messages.codes import TrialCode
+from station.messages.bench_messages import TrialCode
 
 STREAMS = [Stream(n, "V", (n[1:],), 1000.0, "NI Dev1") for n in ("/force", "/sync")] + [
     Stream("/markers", "mm", ("anchor_1",), 100.0, "QTM 127.0.0.1:22223")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from documents.message import Message
 from drivers.errors import DeviceUnavailable
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import cuffs_json
@@ -20,8 +21,7 @@ from station.bench.trial_recorder import TrialRefused, TrialResult
 from station.demo import RecordedTrial, record_plan
 from station.exit_code import LOSSY
 from station.journal import read_journal
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 from station.progress import silent
 from station.protocol import TrialSpec, published_plan
 from tests.fitting.experiment import Session, published

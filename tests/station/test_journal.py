@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from documents.message import Figures, Message
 from recordings.manifest import CuffSite
 from station import journal
 from station.checksums import JOURNAL_FILE, drafted, write_whole
@@ -34,8 +35,8 @@ from station.journal import (
     write_undone,
     write_verdict,
 )
-from station.messages.codes import JournalCode, TrialCode
-from station.messages.message import Figures, Message
+from station.messages.bench_messages import TrialCode
+from station.messages.session_messages import JournalCode
 from station.protocol import TrialSpec
 from tests.links import symlink
 from tests.refusals import raises_refusal

@@ -23,7 +23,7 @@ import pytest
 from fitting.cuffs.cuffs_file import read_cuffs
 from recordings.contents import contents_of
 from station.journal import read_journal
-from station.messages.codes import TrialCode
+from station.messages.bench_messages import TrialCode
 from tests.house.sources import ROOT
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.terminal.practice import Headless

@@ -13,7 +13,7 @@ import cuffstation as cs
 from solver.errors import MotionError, SolverCode
 from solver.model import ModelError
 from solver.suit.suit import SuitError
-from station.messages.codes import AssessmentCode
+from station.messages.assessment_messages import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_in
 
 FRAMES = slice(20, 26)

@@ -18,7 +18,7 @@ from rich.console import detect_legacy_windows
 from typer.models import ParameterInfo
 
 from station.cli import VERBS, app
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from tests.station.command import Ran, assert_one_sentence, help_of
 from tests.station.test_cli import CONFIG, trial_file
 

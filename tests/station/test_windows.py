@@ -21,7 +21,7 @@ from station.bench.trial_recorder import TrialRefused
 from station.checksums import Checksums, is_below, write_whole
 from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
-from station.messages.codes import RefusalCode
+from station.messages.bench_messages import RefusalCode
 from station.messages.setup_messages import ConfigCode
 from station.protocol import windows_name_fault
 from tests.refusals import raises_refusal

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from documents.message import Message
 from solver.errors import SolverCode
 from solver.suit.assessment import UncertaintySummary
 from solver.suit.decision import Basis, CuffDecision, DecisionRule, decide
@@ -33,9 +34,7 @@ from station.assessment.assessment_inputs import (
 )
 from station.assessment.uncertainty_json import DecisionEntry, percent, plain_decision, without_decision
 from station.checksums import sha256_of
-from station.messages.assessment_messages import AssessmentFileCode
-from station.messages.codes import AssessmentCode, DecisionCode, InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode, AssessmentFileCode, DecisionCode, InputCode
 from station.report.first_page import IN_TABLES
 from station.report.page import write_report
 from tests.refusals import raises_refusal

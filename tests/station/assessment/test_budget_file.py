@@ -17,7 +17,7 @@ from station.assessment.budget_file import BUNDLED_BUDGET, BudgetError, read_bud
 from station.assessment.people_run import PeopleOptions, people_run
 from station.assessment.uncertainty_json import donning_sources
 from station.errors import UnusedOption
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from station.messages.study_messages import StudyCode
 from station.study.sessions import StudyError
 from tests.refusals import raises_refusal

@@ -20,7 +20,7 @@ from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.export_model import SuitToExport, write_suited_model
 from station.exit_code import WRONG_USAGE
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from station.sources import model_of
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs

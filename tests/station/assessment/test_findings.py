@@ -16,7 +16,7 @@ from solver.suit.quantity import Quantity
 from solver.suit.scenarios import CurveReadouts
 from station.assessment.assessment_json import plain_assessment
 from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
-from station.messages.codes import AssessmentCode
+from station.messages.assessment_messages import AssessmentCode
 
 DRAWN = {
     "people": 200,

@@ -24,7 +24,7 @@ from station.assessment.given_motion import (
     motion_findings,
     read_given_motion,
 )
-from station.messages.codes import AssessmentCode
+from station.messages.assessment_messages import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_angles, step_in
 from tests.solver.published import TRIALS, trial
 from tests.station.command import Ran

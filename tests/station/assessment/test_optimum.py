@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from documents.message import Message
 from station.assessment.assess import assess_cuffs, assess_file, decision_sentences, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear
 from station.assessment.optimum import optimise_file
 from station.exit_code import WRONG_USAGE
-from station.messages.codes import AssessmentCode, DecisionCode, InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode, DecisionCode, InputCode
 from station.output_folder import NotAFolder
 from station.report.page import write_report
 from tests.refusals import raises_refusal

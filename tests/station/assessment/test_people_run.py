@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from documents.message import Message
 from fitting.results.codes import Standing
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import differentiate
@@ -35,9 +36,7 @@ from station.assessment.people_run import (
     solve_here,
 )
 from station.errors import UnusedOption
-from station.messages.assessment_messages import AssessmentFileCode
-from station.messages.codes import AssessmentCode, DecisionCode, InputCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode, AssessmentFileCode, DecisionCode, InputCode
 from station.report.page import write_report
 from station.report.report_file import read_numbers
 from station.report.verification import number_links

@@ -15,7 +15,7 @@ from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.reserves import reserve_findings, unit_of
 from station.assessment.rmr import SolvedMotion, left_out_findings, reserve_unit, solve_muscles
-from station.messages.codes import AssessmentCode
+from station.messages.assessment_messages import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in
 from tests.station.command import Ran
 

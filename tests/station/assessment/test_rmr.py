@@ -23,7 +23,7 @@ from station import sources
 from station.assessment.assessment_json import describe_unconverged, describe_unsolved
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import SolvedMotion, solve_muscles, solved_columns, write_solved
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from station.report.rmr_figures import draw_solved
 from tests.refusals import raises_refusal
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in, write_motion

@@ -26,7 +26,7 @@ from solver.redundancy.problem import FrameOutcome
 from station.assessment.assessment_json import describe_unsolved
 from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.rmr import SolvedMotion, left_out_findings, slack_muscles, solve_muscles
-from station.messages.codes import AssessmentCode, InputCode
+from station.messages.assessment_messages import AssessmentCode, InputCode
 from tests.links import symlink
 from tests.solver.legs import Step, step_in
 from tests.station.command import Ran, assert_one_sentence, assert_refused

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from documents.message import Message
 from drivers.errors import DeviceLost
 from recordings.samples import Event, Loss, Samples
 from station.bench.view import TrialState
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 from tests.station.bench_by_hand import Bench
 
 

@@ -28,7 +28,7 @@ from station.bench.view import Snapshot, TrialState
 from station.clock import ManualClock, RealClock, SteppedClock
 from station.config import StationConfig, parse_config
 from station.console.running_view import streams_of
-from station.messages.codes import TrialCode
+from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from station.session.trial_daemon import Telemetry
 from tests.timeout import scaled_timeout

@@ -18,7 +18,7 @@ from station.bench.simulation import simulator_settings
 from station.bench.view import TrialState
 from station.clock import ManualClock
 from station.config import parse_config
-from station.messages.codes import TrialCode
+from station.messages.bench_messages import TrialCode
 from tests.drivers.pytest_on_loopback import passed_on_loopback
 from tests.station.bench_by_hand import STREAMS, Bench
 

@@ -22,7 +22,7 @@ from station.clock import Clock
 from station.config import StationConfig, parse_config
 from station.fit import fit_session_folder
 from station.journal import append_line
-from station.messages.codes import CheckCode
+from station.messages.bench_messages import CheckCode
 from tests.fitting.experiment import Session, published
 from tests.refusals import raises_refusal
 from tests.station.fake_devices import FakeCapture, FakeDaq

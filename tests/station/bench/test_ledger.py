@@ -31,7 +31,7 @@ from station.bench.feed import (
 from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.config import parse_config
 from station.files.info import show_contents
-from station.messages.codes import TrialCode
+from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from tests.timeout import scaled_timeout
 

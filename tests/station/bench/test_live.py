@@ -5,13 +5,13 @@ import io
 import numpy as np
 from rich.console import Console
 
+from documents.message import Message
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Loss, Samples, Stream
 from station.bench.live import BACKLOG, LiveView
 from station.bench.view import Snapshot, TrialState
 from station.clock import ManualClock
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 
 
 def seen(view_of: list[object], snapshots: list[Snapshot]) -> tuple[str, LiveView]:

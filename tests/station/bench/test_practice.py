@@ -25,7 +25,7 @@ from station.bench.simulation import SimulatedBench, SimulationError, execute_co
 from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
 from station.config import StationConfig, parse_config
-from station.messages.codes import TrialCode
+from station.messages.bench_messages import TrialCode
 from station.messages.setup_messages import SimulationCode
 from station.protocol import TrialSpec
 from tests.drivers.contract import raises_refusal as raises_device_refusal

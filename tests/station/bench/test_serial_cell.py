@@ -37,7 +37,7 @@ from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.files.timed_replay import replay
 from station.fit import SessionError, fit_session_folder
-from station.messages.codes import CheckCode
+from station.messages.bench_messages import CheckCode
 from station.messages.setup_messages import FolderCode
 from station.protocol import TrialSpec
 from station.recordings_of_session import pulls_in

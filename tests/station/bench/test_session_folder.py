@@ -28,7 +28,7 @@ from station.clock import ManualClock
 from station.config import StationConfig, parse_config
 from station.files.timed_replay import replay
 from station.journal import read_journal
-from station.messages.codes import RefusalCode, TrialCode
+from station.messages.bench_messages import RefusalCode, TrialCode
 from station.protocol import TrialSpec
 from tests.refusals import raises_refusal
 from tests.station.bench.test_trial_recorder import CONFIG

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from documents.message import Message
 from drivers.simulators.faults import FAULTS, Fault, Faults, fault_from_dict
 from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.simulated_bench import Bench
@@ -24,8 +25,7 @@ from station.bench.sync_line import Edge, FallingEdges, PreRoll, SyncLine, wrong
 from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.bench.view import Snapshot, TrialState
 from station.config import StationConfig, parse_config
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 
 ARMED_FOR_S = 2.0

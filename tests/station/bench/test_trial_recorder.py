@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from documents.message import Message
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceUnavailable
 from fitting.results.codes import RejectionCode
@@ -31,8 +32,7 @@ from station.bench.trial_recorder import TrialRecorder, TrialRefused, TrialResul
 from station.bench.view import Snapshot, TrialState
 from station.clock import Clock, ManualClock
 from station.config import StationConfig, parse_config
-from station.messages.codes import RefusalCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import RefusalCode, TrialCode
 from station.protocol import TrialSpec
 from station.verbs.bench import _exit_code, _stop_on_signals
 from tests.refusals import raises_refusal

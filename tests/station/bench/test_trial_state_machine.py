@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from documents.message import Message
 from drivers.errors import DeviceLost
 from recordings.samples import Event, Loss
 from station.bench.trial_state_machine import TrialStateMachine
 from station.bench.view import Snapshot, TrialState
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 from tests.station.bench_by_hand import STREAMS, Bench
 
 

@@ -12,6 +12,7 @@ import pytest
 from nicegui import Client, ui
 from nicegui.page import page
 
+from documents.message import Message
 from station.bench.check import CheckResult
 from station.console.actions import _unless_late
 from station.console.charts import ELEVATION_AXIS, force_over_motion
@@ -20,8 +21,8 @@ from station.console.page import _Page
 from station.console.running_view import _over_time
 from station.console.setup_view import _parse_masses
 from station.live.published import LiveBest, LiveDelivery, LiveUpdate
-from station.messages.codes import CheckCode, CommandCode
-from station.messages.message import Message
+from station.messages.bench_messages import CheckCode
+from station.messages.session_messages import CommandCode
 from station.session.open_session import CommandRefused
 from tests.refusals import raises_refusal
 from tests.station.console.live_source import live_setup

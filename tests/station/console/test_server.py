@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from station.config import parse_config
 from station.console.server import COOKIE, LOOPBACK, AccessMiddleware, CompressionMiddleware, ServeError, serve
-from station.messages.codes import ServeCode
+from station.messages.session_messages import ServeCode
 from tests.refusals import raises_refusal
 from tests.station.child_process import STOP, press
 from tests.station.console.served import ServedConsole, write_config

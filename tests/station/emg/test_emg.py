@@ -20,7 +20,7 @@ from station.emg.comparison import ConditionFiles, compare_emg
 from station.emg.emg_json import EmgDocument, read_emg_document
 from station.emg.trials import EmgFileError
 from station.exit_code import DONE, LOSSY, WRONG_USAGE
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from station.messages.emg_messages import EmgCode
 from tests.conftest import SHARED
 from tests.refusals import raises_refusal

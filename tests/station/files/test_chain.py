@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from documents.message import Message
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.results.codes import RejectionCode, Standing
 from solver.bundled import bundled_model, simulate_arm_raise
@@ -22,7 +23,6 @@ from station.files.chain import verify_folder
 from station.fit import fit_session_folder
 from station.journal import Setup, write_mark, write_setup, write_verdict
 from station.messages.file_messages import ChainCode
-from station.messages.message import Message
 from station.recordings_of_session import originals_in, recordings_in, useless_copies_in
 from tests.made_once import made_once
 from tests.station.bench.test_session_folder import record

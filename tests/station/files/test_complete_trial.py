@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from documents.message import Message
 from fitting.trial.trial import read_trial
 from recordings.contents import contents_of
 from recordings.exchange.qtm_tsv import write_qtm_tsv
@@ -13,7 +14,6 @@ from recordings.reader import Track, open_recording
 from station.files.complete_trial import complete_trial
 from station.files.foreign_files import ImportRefused, MarkerSource
 from station.messages.file_messages import ImportCode
-from station.messages.message import Message
 from station.recordings_of_session import recordings_in
 from tests.refusals import raises_refusal
 from tests.station.command import assert_refused

@@ -26,7 +26,7 @@ from station.files.foreign_files import ForceSource, MarkerSource
 from station.files.import_trial import import_trial
 from station.files.synchronised import ExportRefused
 from station.fit import fit_session_folder
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from station.messages.file_messages import ExportCode
 from station.protocol import TrialSpec
 from tests.refusals import raises_refusal

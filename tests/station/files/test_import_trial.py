@@ -25,7 +25,7 @@ from station.checksums import Checksums
 from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource, read_force, read_markers
 from station.files.import_trial import Imported, import_trial, with_lag
 from station.fit import fit_session_folder
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from station.messages.file_messages import ExportCode, ImportCode
 from station.messages.setup_messages import ConfigCode
 from station.protocol import TrialSpec

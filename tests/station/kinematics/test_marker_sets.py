@@ -22,7 +22,7 @@ from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_checks import KinematicsError, find_in_markers
 from station.kinematics.marker_sets import MarkerSetError, place_marker_set, read_marker_set
 from station.kinematics.scale import ScaleInputs, scale_body
-from station.messages.codes import KinematicsCode
+from station.messages.kinematics_messages import KinematicsCode
 from tests.solver.references import SHARED
 from tests.station.kinematics.test_ik import SETUP as IK_SETUP
 from tests.station.kinematics.test_ik import TASK, run, trial

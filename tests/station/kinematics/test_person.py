@@ -26,8 +26,7 @@ from solver.redundancy.motion_solution import solve_motion
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_checks import PersonError
 from station.kinematics.person import PersonInputs, measure_person, write_person
-from station.messages.codes import KinematicsCode
-from station.messages.kinematics_messages import PersonCode
+from station.messages.kinematics_messages import KinematicsCode, PersonCode
 from station.validation.lifts import CUTOFF_HZ, PUBLISHED_VARIANTS
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
 from tests.solver.references import SHARED

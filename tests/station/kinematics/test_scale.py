@@ -19,8 +19,7 @@ from station.exit_code import DONE, WRONG_USAGE
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_checks import KinematicsError, mass_findings
 from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
-from station.messages.codes import KinematicsCode
-from station.messages.kinematics_messages import PersonCode
+from station.messages.kinematics_messages import KinematicsCode, PersonCode
 from tests.refusals import raises_refusal
 from tests.solver.references import SHARED
 from tests.station.kinematics.test_ik import SETUP as IK_SETUP

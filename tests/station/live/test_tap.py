@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from documents.message import Message
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from recordings.contents import contents_of
@@ -22,8 +23,7 @@ from station.clock import ManualClock
 from station.config import parse_config
 from station.live import tap as tap_module
 from station.live.tap import BACKLOG, LiveRequest, LiveTap, live_views
-from station.messages.codes import TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from tests.station.children import start
 from tests.station.live.trials import TIGHT

@@ -10,7 +10,7 @@ from documents.interval import UNBROKEN
 from station.assessment.assessment_json import CURVE_KEYS
 from station.charts.marks import Band
 from station.charts.svg import with_commands
-from station.messages.codes import AssessmentCode, DecisionCode
+from station.messages.assessment_messages import AssessmentCode, DecisionCode
 from station.report.assessment_section import assessment_section, effort_figures
 from station.report.first_page import BUNDLED_SUIT, findings_of, first_page
 from station.report.muscle_figures import cuffs_figure

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from documents.message import Message
 from drivers.errors import DeviceLost
 from fitting.trial.mass_checks import MassCheck, read_checks
 from station.bench.bench_clock import BenchClock
@@ -17,8 +18,8 @@ from station.bench.check import OPEN_S, CheckResult, inspect_bench_and_zero, sur
 from station.clock import ManualClock
 from station.config import StationConfig
 from station.console.setup_view import verdict_of
-from station.messages.codes import CheckCode, CommandCode
-from station.messages.message import Message
+from station.messages.bench_messages import CheckCode
+from station.messages.session_messages import CommandCode
 from station.session.controller import BenchChecker
 from station.session.open_session import CommandRefused, OpenSession
 from tests.refusals import raises_refusal

@@ -16,6 +16,7 @@ import pytest
 from filelock import FileLock
 from scipy.constants import g
 
+from documents.message import Message
 from drivers.errors import DeviceCode
 from recordings.reader import open_recording
 from recordings.samples import Event
@@ -24,8 +25,8 @@ from station.bench.trial_recorder import LOCK
 from station.checksums import JOURNAL_FILE
 from station.config import StationConfig, load_config
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup, write_verdict
-from station.messages.codes import AlarmCode, CommandCode, JournalCode, ReasonCode, TerminalCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import AlarmCode, TrialCode
+from station.messages.session_messages import CommandCode, JournalCode, ReasonCode, TerminalCode
 from station.messages.setup_messages import FolderCode
 from station.protocol import TrialSpec
 from station.session.controller import SessionController

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from documents.message import Message
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from station.body_config import BodySection
 from station.config import ProtocolSection, parse_config
 from station.journal import read_journal, write_recorded
-from station.messages.codes import AlarmCode, CueCode, ReasonCode
-from station.messages.message import Message
+from station.messages.bench_messages import AlarmCode, CueCode
+from station.messages.session_messages import ReasonCode
 from station.protocol import TrialSpec
 from station.session.fitted_judgement import judge_recording, largest_emg
 from station.session.guide import (

@@ -11,6 +11,7 @@ import pytest
 
 import fitting.session
 import recordings.reader
+from documents.message import Message
 from fitting.cuffs.cuff_fit import SessionFit, TrialFit
 from fitting.errors import UnusableTrial
 from fitting.results.codes import NoteCode, RejectionCode, Verdict
@@ -20,8 +21,8 @@ from recordings.chunks import Damage, Entry
 from recordings.samples import Event
 from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
-from station.messages.codes import ReasonCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import TrialCode
+from station.messages.session_messages import ReasonCode
 from station.session.fitted_judgement import judge_recording
 from station.session.judgement import Judgement, judgement_without_fit, notes_at_the_bench
 from tests.station.foreign import static_and_dynamic

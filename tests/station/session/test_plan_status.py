@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from documents.message import Message
 from station.config import StationConfig, parse_config
 from station.journal import Decision, Journal, Recorded, Setup
-from station.messages.codes import CommandCode
-from station.messages.message import Message
+from station.messages.session_messages import CommandCode
 from station.protocol import TrialSpec
 from station.session.plan_status import (
     PlanStatus,

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from documents.message import Message
 from drivers.simulators.settings import PersonSettings
 from fitting.results.codes import NoteCode, TrialNoteCode
 from fitting.results.sentences import Note, sentence_of
@@ -20,8 +21,7 @@ from station.checksums import JOURNAL_FILE
 from station.config import StationConfig, parse_config
 from station.fit import SessionError, fit_session_folder
 from station.journal import Assignment, Setup, write_assigned, write_setup, write_verdict
-from station.messages.codes import AssessmentCode
-from station.messages.message import Message
+from station.messages.assessment_messages import AssessmentCode
 from station.messages.setup_messages import FolderCode
 from station.progress import COMPILING
 from station.session.open_session import EarlierSessions, list_sessions

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from scipy.constants import g
 
+from documents.message import Message
 from recordings.contents import contents_of
 from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell, MeasurementProtocol, TestKind
 from recordings.reader import open_recording
@@ -32,8 +33,8 @@ from station.bench.view import Snapshot, TrialState
 from station.child import Child
 from station.config import StationConfig, load_config
 from station.journal import Recorded, read_journal
-from station.messages.codes import CueCode, ReasonCode, RefusalCode, TrialCode
-from station.messages.message import Message
+from station.messages.bench_messages import CueCode, RefusalCode, TrialCode
+from station.messages.session_messages import ReasonCode
 from station.protocol import TrialSpec
 from station.session.controller import SessionController
 from station.session.fitted_judgement import unfinished_step

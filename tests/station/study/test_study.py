@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from documents.message import Message
 from fitting.study.cuff_study import ComparisonOutcome, ReliabilityOutcome, StudyOutcome
 from fitting.study.variance_components import ComponentOutcome
 from station.charts.marks import Strip
 from station.checksums import sha256_of
 from station.config import load_config
-from station.messages.message import Message
 from station.messages.study_messages import PlanCode, StudyCode
 from station.study.designs import DesignOutcome, find_designs, planned_config, read_study_plan, session_minutes
 from station.study.sessions import StudyError, read_session, read_sessions

@@ -22,7 +22,7 @@ from solver.suit.suit import SuitError, read_suit
 from solver.time_series_table import write_table
 from station import sources
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from station.messages.study_messages import SweepCode
 from station.sweep.dataset import Outcome, SweepResult, Task, run_sweep, solve_task
 from station.sweep.sweep_plan import PlanError, read_plan

@@ -21,7 +21,7 @@ from solver.uncertainty.factors import normal_scores, unit_sample
 from station.assessment.budget_file import read_budget
 from station.assessment.people_run import PeopleError, PeopleRun, run_people, solve_people_on
 from station.dask_cluster import ClusterError, connected
-from station.messages.codes import InputCode
+from station.messages.assessment_messages import InputCode
 from station.messages.study_messages import SweepCode
 from station.sweep.dataset import SweepResult, run_sweep, solve_on, solve_task
 from station.sweep.sweep_plan import SweepPlan, read_plan

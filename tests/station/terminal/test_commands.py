@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from station.messages.codes import CommandCode
+from station.messages.session_messages import CommandCode
 from station.terminal.commands import KEYS, MEANINGS, Action, Command, KeyParser, UnknownCommand, parse_command
 from tests.refusals import raises_refusal
 

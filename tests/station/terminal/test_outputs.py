@@ -9,9 +9,9 @@ import os
 
 import pytest
 
+from documents.message import Message
 from fitting.results.codes import Verdict
-from station.messages.codes import ReasonCode
-from station.messages.message import Message
+from station.messages.session_messages import ReasonCode
 from station.session.judgement import Figure, Judgement, Row
 from station.terminal.events import Decided, SessionOpened, VerdictGiven, WarningRaised
 from station.terminal.run import KEYS_BETWEEN, KEYS_RECORDING, JsonOutput, SessionConsole, TextOutput

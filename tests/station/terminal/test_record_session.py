@@ -21,7 +21,8 @@ from recordings.reader import open_recording
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.config import StationConfig, load_config, parse_config
 from station.journal import Setup, read_journal, write_setup
-from station.messages.codes import CommandCode, CueCode, RefusalCode
+from station.messages.bench_messages import CueCode, RefusalCode
+from station.messages.session_messages import CommandCode
 from station.session.controller import SessionController
 from station.terminal import run
 from station.terminal.events import CueChanged, Event, NextTrial, TrialSkipped, VerdictGiven, Waiting, WarningRaised

@@ -17,7 +17,8 @@ from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig, load_config
 from station.journal import Recorded, read_journal, write_recorded, write_verdict
-from station.messages.codes import CommandCode, RefusalCode, TrialCode
+from station.messages.bench_messages import RefusalCode, TrialCode
+from station.messages.session_messages import CommandCode
 from station.session.trial_runner import TrialProcess
 from station.terminal.events import (
     CommandAnswered,

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from recordings.errors import RecordingCode
 from solver.redundancy.mechanics import force_agreement
 from station.exit_code import DONE, FAILED, LOSSY, WRONG_USAGE
-from station.messages.codes import AssessmentCode
+from station.messages.assessment_messages import AssessmentCode
 from station.messages.study_messages import ValidationCode
 from station.validation.lifts import (
     GLENOID,

@@ -1,7 +1,7 @@
-"""A message to the operator: a code for programs, rendered as a sentence for people at the very end.
+"""A message: a code for programs with its figures, which becomes a sentence for people at the very end.
 
-A message states what happened, what it means and what to do, in the terms of the bench. Its template is found here by
-its code; the templates of a subject are in one file of this folder.
+A message to an operator states what happened, what it means and what to do, in the terms of the bench. A code and the
+template of its sentence are one member of an enumeration; each subject has its own enumerations.
 """
 
 from __future__ import annotations
@@ -10,39 +10,30 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from documents.interval import CountingFormatter
-from station.messages.assessment_messages import ASSESSMENT, ASSESSMENT_FILE, DECISIONS
-from station.messages.emg_messages import EMG
-from station.messages.file_messages import FILES
-from station.messages.kinematics_messages import KINEMATICS, PERSON_SENTENCES, SUBJECT, WEARER_SENTENCES
-from station.messages.live_messages import LIVE
-from station.messages.session_sentences import SESSION
-from station.messages.setup_messages import SETUP
-from station.messages.study_messages import STUDY, SWEEPS, VALIDATION
 
-Code_co = TypeVar("Code_co", bound=StrEnum, covariant=True)
+
+class Code(StrEnum):
+    """A stable code for programs, with the template of its sentence: NAME = "code", "{figure:.1f} N, expected …".
+
+    A code keeps its meaning for ever. A new one may be added; one that is no longer used stays, so that old files open.
+    The part before its dot is the kind of the event, the part after it is the reason.
+    """
+
+    template: str
+
+    def __new__(cls, code: str, template: str = "") -> Self:
+        member = str.__new__(cls, code)
+        member._value_ = code
+        member.template = template
+        return member
+
+
+Code_co = TypeVar("Code_co", bound=Code, covariant=True)
 Figures = Mapping[str, float | str]
 """Name, with the unit at its end, → number or name that the sentence shows."""
-SENTENCES: Mapping[StrEnum, str] = {
-    **SESSION,
-    **KINEMATICS,
-    **PERSON_SENTENCES,
-    **ASSESSMENT,
-    **ASSESSMENT_FILE,
-    **DECISIONS,
-    **EMG,
-    **FILES,
-    **LIVE,
-    **SETUP,
-    **STUDY,
-    **SUBJECT,
-    **SWEEPS,
-    **VALIDATION,
-    **WEARER_SENTENCES,
-}
-"""Code → template, filled with the figures of the message."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +44,7 @@ class Message(Generic[Code_co]):
     figures: Figures = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return _FORMATTER.vformat(SENTENCES[self.code], (), self.figures)
+        return _FORMATTER.vformat(self.code.template, (), self.figures)
 
     def to_plain(self) -> dict[str, object]:
         """The code and its figures, as JSON."""
@@ -82,6 +73,6 @@ class _WithMinusSigns(CountingFormatter):
 _FORMATTER = _WithMinusSigns()
 
 
-def join_sentences(messages: Iterable[Message[StrEnum]]) -> str:
+def join_sentences(messages: Iterable[Message[Code]]) -> str:
     """The sentences of several messages as one text."""
     return "; ".join(map(str, messages))
