@@ -156,11 +156,6 @@ def test_an_estimate_is_widened_by_what_it_did_not_hold_and_keeps_student_s_ends
     assert wide.parts == {"noise": 0.3, "lag": 0.4, "gain": 0.0}
 
 
-def test_what_trials_share_is_not_averaged_away() -> None:
-    estimate = combine([Repeat(10.0, 0.3, common=0.4)] * 9)
-    assert estimate.standard_error == pytest.approx(np.hypot(0.1, 0.4))
-
-
 @pytest.mark.parametrize(
     ("values", "error", "student"), [((9.0, 10.0, 11.0), 1 / np.sqrt(3), 4.302653), ((9.0, 11.0), 1.0, 12.706205)]
 )
@@ -179,14 +174,6 @@ def test_the_interval_covers_what_it_claims_whether_repeats_differ_by_noise_or_r
     means = 100 + 0.5 * np.hypot(1.0, extra) * random.standard_normal((600, count))
     intervals = [combine([Repeat(value, 0.5) for value in row]).ci95 for row in means]
     assert np.mean([low <= 100 <= high for low, high in intervals]) >= 0.925  # 95 % less three standard errors
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [2, 3, 5])
-def test_half_the_interval_of_repeats_that_really_differ_would_be_found_out(count: int) -> None:
-    means = 100 + 4 * np.random.default_rng(8).standard_normal((600, count))
-    intervals = [combine([Repeat(value, 0.5) for value in row]).ci95 for row in means]
-    assert np.mean([0.25 <= (100 - low) / (high - low) <= 0.75 for low, high in intervals]) < 0.925
 
 
 def test_repeats_of_different_noise_are_weighted_by_it_until_their_spread_drowns_it() -> None:
@@ -210,14 +197,3 @@ def test_an_inverse_turns_the_interval_over_and_scales_the_parts() -> None:
     assert turned == Estimate(4.0, 0.16, (2.5, 5.0), {"noise": 0.16}, 0.08)
     for low in (-0.1, 0.0):
         assert as_inverse(Estimate(0.5, 0.5, (low, 1.0))).ci95 == (1.0, math.inf)
-
-
-@pytest.mark.slow
-def test_the_interval_for_the_mean_of_three_covers_when_repeats_differ_by_two_percent() -> None:
-    random = np.random.default_rng(5)
-    covered = 0
-    for _ in range(400):
-        repeats = [Repeat(100 + 2 * random.standard_normal() + 0.5 * random.standard_normal(), 0.5) for _ in range(3)]
-        low, high = combine(repeats).ci95
-        covered += low <= 100 <= high
-    assert 0.90 <= covered / 400 <= 0.98

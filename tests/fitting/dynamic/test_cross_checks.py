@@ -97,14 +97,6 @@ def test_its_standard_error_is_honest_whatever_the_colour_of_the_noise(colour: f
     assert 4 * total > high
 
 
-def test_coloured_noise_is_what_errors_in_variables_cannot_stand() -> None:
-    z = []
-    for seed in range(20):
-        solution = estimate(swing(seed, colour=0.05, seconds=10.0))
-        z.append((solution.parameters[C] - DAMPING) / np.sqrt(solution.covariance[C, C]))
-    assert np.dot(z, z) > stats.chi2.ppf(0.9995, 20)
-
-
 def test_a_force_that_falls_as_the_cuff_goes_has_no_answer() -> None:
     record = swing(1)
     backwards = output_error(replace(record, force=-record.force), STIFFNESS, DAMPING)
@@ -128,15 +120,6 @@ def test_its_interval_covers_as_student_says() -> None:
     covered, halved = (np.mean([0.5 - reach < place < 0.5 + reach for place in places]) for reach in (0.5, 0.25))
     assert covered > 0.89  # 95 % less three standard errors
     assert halved < 0.89
-
-
-def test_a_mass_left_out_is_missed() -> None:
-    with_mass, without = (
-        fit_lines(tapered_lines(swing(1, force_noise=0.0, marker_noise=0.0), 0.0), mass) for mass in (MASS, 0.0)
-    )
-    assert with_mass
-    assert without
-    assert with_mass[0].value - without[0].value == pytest.approx(MASS * (2 * np.pi) ** 2, rel=0.15)
 
 
 def test_the_complex_stiffness_of_a_spring_and_damper_is_the_same_in_every_band() -> None:
@@ -199,11 +182,11 @@ def test_marker_noise_does_not_destroy_damping() -> None:
     assert np.mean([s.force_noise for s in found]) == pytest.approx(0.25, rel=0.05)
 
 
-def _errors(fits: int, lag_error: float = 0.0) -> np.ndarray:
+def _errors(fits: int) -> np.ndarray:
     """(fits,) errors of c in standard errors, the true lag drawn from its prior."""
     z = np.empty(fits)
     for seed in range(fits):
-        lag = 0.5e-3 * np.random.default_rng(900 + seed).standard_normal() + lag_error
+        lag = 0.5e-3 * np.random.default_rng(900 + seed).standard_normal()
         solution = estimate(_record(seed, lag=lag, seconds=8.0))
         z[seed] = (solution.parameters[C] - TRUE_C) / np.sqrt(solution.covariance[C, C])
     return z
@@ -214,11 +197,6 @@ def test_the_standard_error_of_damping_is_honest() -> None:
     low, high = stats.chi2.ppf([0.0005, 0.9995], 60)
     assert low < z @ z < high
     assert 4 * (z @ z) > high  # half the standard error would be found out
-
-
-def test_a_lag_beyond_its_prior_is_seen_in_the_errors() -> None:
-    z = _errors(20, lag_error=5e-3)
-    assert z @ z > stats.chi2.ppf(0.9995, 20)
 
 
 def test_a_lag_adds_stiffness_times_itself_to_the_error_of_damping() -> None:

@@ -89,7 +89,11 @@ def _without(trial: Trial, label: str, frames: slice) -> Trial:
 
 
 def test_sway_of_the_body_is_gone() -> None:
-    np.testing.assert_allclose(_displacement(_trial()), WAY, atol=1e-9)
+    trial = _trial()
+    motion = cuff_motion(trial, reference_posture(trial))
+    np.testing.assert_allclose(_displacement(trial), WAY, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(motion.displacement, axis=1), np.abs(WAY), atol=1e-9)
+    assert motion.ghosts == {}
 
 
 def test_the_rope_gives_the_direction_where_it_has_markers() -> None:
@@ -142,17 +146,6 @@ def test_frames_with_two_anchor_markers_have_no_displacement() -> None:
     assert np.isnan(x[400:600]).all()
     assert np.isfinite(x[:400]).all()
     assert np.isfinite(x[600:]).all()
-
-
-@pytest.mark.parametrize("label", ["anchor_3", "cuff_1"])
-def test_ghosts_are_left_out(label: str) -> None:
-    trial = _trial(noise=0.1e-3)
-    markers = trial.markers.copy()
-    markers[500:503, trial.labels.index(label)] += 0.015
-    x = _displacement(replace(trial, markers=markers))
-    seen = np.isfinite(x)
-    assert np.count_nonzero(~seen) < 15
-    assert np.abs(x - WAY)[seen].max() < 1.5e-3
 
 
 @pytest.mark.parametrize(
@@ -223,24 +216,11 @@ def test_every_ghost_is_counted_by_its_marker() -> None:
     assert np.nanmax(np.abs(_displacement(jumping) - WAY)) < 1e-3
 
 
-def test_the_way_in_three_dimensions_is_kept_in_the_anchor_s_frame() -> None:
-    trial = _trial()
-    motion = cuff_motion(trial, reference_posture(trial))
-    np.testing.assert_allclose(np.linalg.norm(motion.displacement, axis=1), np.abs(WAY), atol=1e-9)
-    assert motion.ghosts == {}
-
-
 def test_the_order_of_the_markers_does_not_matter() -> None:
     trial = _trial(noise=0.2e-3)
     order = np.random.default_rng(1).permutation(len(trial.labels))
     shuffled = replace(trial, labels=tuple(trial.labels[i] for i in order), markers=trial.markers[:, order])
     np.testing.assert_array_equal(_displacement(shuffled), _displacement(trial))
-
-
-def test_the_orientation_of_the_laboratory_does_not_matter() -> None:
-    trial = _trial(noise=0.2e-3)
-    turned = trial.markers @ _turning(np.array([1.3]), np.array([3.0, -1.0, 2.0]))[0].T + 2.0
-    np.testing.assert_allclose(_displacement(replace(trial, markers=turned)), _displacement(trial), atol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from scipy import stats
 
 from fitting.results.codes import GainMistake, RejectionCode, TrialNoteCode
 from fitting.trial.bounce import BounceFit, BounceTrial, calibrate, fit_bounce
-from fitting.trial.calibration import Calibration, code_width, find_mistake, full_scale, level_bias, to_newtons
+from fitting.trial.calibration import Calibration, code_width, find_mistake, full_scale, level_bias
 from fitting.trial.trial import build_bounce
 from fitting.uncertainty import normal_estimate
 from recordings.manifest import LoadCell, Timing
@@ -21,11 +21,6 @@ from tests.refusals import raises_refusal
 CODE = 20 / 4096
 COUNT = 30
 ODD = Bounce(lag=0.004, gain=1.01)
-
-
-def test_newtons_carry_the_declared_polarity() -> None:
-    volts = np.array([0.0, 1.0, -2.0])
-    np.testing.assert_allclose(to_newtons(volts, LoadCell("daq", 98.0665, -1)), [0.0, -98.0665, 196.133])
 
 
 @pytest.mark.parametrize(
@@ -89,26 +84,17 @@ def test_the_full_scale_is_that_of_the_converter_or_of_the_cell(
     ("levels", "width"),
     [
         ([], 0.0),
+        ([2.0, 2.0], 0.0),
         ([0.0, 0.5], 0.5),
         ([0.0, 8e-9, 10.0], 10.0),
         ([0.0, 1.2e-8, 10.0], 0.0),
         ([0.0, 1.0, 3.04], 1.0),
         ([0.0, 1.0, 3.06], 0.0),
     ],
-    ids=["empty", "one code", "rounding", "no rounding", "multiples", "no multiples"],
+    ids=["empty", "one level", "one code", "rounding", "no rounding", "multiples", "no multiples"],
 )
 def test_a_code_is_the_smallest_step_if_all_steps_are_multiples_of_it(levels: list[float], width: float) -> None:
     assert code_width(np.array(levels)) == pytest.approx(width)
-
-
-def test_the_code_width_shows_in_the_values() -> None:
-    codes = np.random.default_rng(1).integers(-5, 90, 500)
-    assert code_width(CODE * codes) == pytest.approx(CODE)
-
-
-def test_values_without_codes_have_no_width() -> None:
-    assert code_width(np.random.default_rng(1).standard_normal(500)) == 0.0
-    assert code_width(np.full(10, 2.0)) == 0.0
 
 
 def test_a_still_level_is_known_to_a_code_and_a_dithered_one_much_better() -> None:
@@ -136,13 +122,13 @@ def _fits(truth: Bounce) -> tuple[BounceFit, ...]:
     return tuple(fit_bounce(_trial(truth, seed)) for seed in range(COUNT))
 
 
-def _scores(truth: Bounce, shifted: float = 0.0, shrunk: float = 1.0) -> np.ndarray:
-    """(fits, 3) errors of lag, gain, zero in their standard errors; with a lag that is off and errors made smaller."""
-    true = np.array([truth.lag + shifted, truth.gain, truth.zero])
+def _scores(truth: Bounce) -> np.ndarray:
+    """(fits, 3) errors of lag, gain, zero in their standard errors."""
+    true = np.array([truth.lag, truth.gain, truth.zero])
     found = [[each.estimate for each in (fit.lag, fit.gain, fit.zero)] for fit in _fits(truth)]
     values = np.array([[each.value for each in fit] for fit in found])
     errors = np.array([[each.standard_error for each in fit] for fit in found])
-    return (values - true) / (shrunk * errors)
+    return (values - true) / errors
 
 
 @pytest.mark.parametrize(
@@ -157,12 +143,6 @@ def test_lag_gain_and_zero_come_back_as_closely_as_they_claim(rate: float, lag_r
     chi_square = np.sum(scores**2, axis=0)
     assert np.all(chi_square < high)
     assert chi_square[0] > low, "the interval of the lag is no wider than it need be"
-
-
-def test_a_biased_lag_or_halved_standard_errors_would_fail_the_test() -> None:
-    high = stats.chi2.ppf(0.9995, COUNT)
-    assert np.sum(_scores(ODD, shifted=0.5e-3)[:, 0] ** 2) > high
-    assert np.sum(_scores(ODD, shrunk=0.5)[:, 0] ** 2) > high
 
 
 def test_an_amplifier_s_filter_is_part_of_the_lag_and_widens_the_gain() -> None:
@@ -226,10 +206,6 @@ def test_a_bounce_that_cannot_calibrate_is_refused(
     ("gain", "mistake"),
     [
         (2.0, GainMistake.CAPACITY_DOUBLED),
-        (0.5, GainMistake.CAPACITY_HALVED),
-        (1 / 4.448, GainMistake.POUNDS_FOR_NEWTONS),
-        (4.448, GainMistake.NEWTONS_FOR_POUNDS),
-        (1.134, GainMistake.CAPACITY_25_LB),
         (1.3, GainMistake.UNKNOWN),
     ],
 )
@@ -261,13 +237,3 @@ def test_bounces_are_put_together_and_the_newest_run_of_each_counts() -> None:
 
 def test_without_a_bounce_there_is_no_calibration() -> None:
     assert calibrate([]) == (None, {})
-
-
-def test_a_certificate_and_a_bounce_share_the_gain_by_what_they_know() -> None:
-    calibration, _ = calibrate([_trial(Bounce(gain=1.01))])
-    assert calibration is not None
-    gain, sd = calibration.gain_with(0.0)
-    assert gain == calibration.gain.value
-    shared, shared_sd = calibration.gain_with(sd)
-    assert shared == pytest.approx(1 + (gain - 1) / 2)
-    assert shared_sd == pytest.approx(sd / np.sqrt(2))

@@ -119,7 +119,9 @@ def test_lost_samples_are_gaps_and_lost_frames_not_a_number() -> None:
     assert len(timeline.markers) == 201
     assert np.isnan(timeline.markers).any(axis=(1, 2)).nonzero()[0].tolist() == [50, 51]
     found = figures_by_code(timeline.notes)
-    assert found[TrialNoteCode.FORCE_LOST]["count"] == 3 and found[TrialNoteCode.FRAMES_LOST]["count"] == 1
+    assert found[TrialNoteCode.FORCE_LOST]["count"] == 3
+    lost = pytest.approx(0.03)
+    assert found[TrialNoteCode.FRAMES_LOST] == {"count": 1, "total_s": lost, "longest_s": lost}
 
 
 def test_a_gap_that_ends_at_time_zero_or_begins_at_the_end_is_none() -> None:

@@ -18,20 +18,20 @@ from scipy.constants import g
 
 from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.errors import UnusableTrial
-from fitting.results.codes import FitErrorCode, RejectionCode, TrialNoteCode
+from fitting.results.codes import FitErrorCode, RejectionCode
 from fitting.results.sentences import Note
 from fitting.session import fit_session
 from fitting.trial.mass_checks import MassCheck, evaluate_reading, with_mass_checks
 from fitting.trial.trial import SessionProtocol, build_trial, read_alone, read_protocol, read_trial, read_trials
 from recordings.chunks import Damage, Entry, read_entries
-from recordings.manifest import LoadCell, Manifest, MeasurementProtocol, Timing, TrialOutcome
+from recordings.manifest import Manifest, MeasurementProtocol, Timing, TrialOutcome
 from recordings.reader import Track
 from recordings.samples import Event, Samples
 from recordings.writer import RecordingWriter
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounce
 from tests.fitting.experiment import Session, published
-from tests.refusals import figures_by_code, raises_refusal
+from tests.refusals import raises_refusal
 
 Tracks = dict[str, Track]
 FATES = {"used", "unusable", *RejectionCode}
@@ -64,137 +64,18 @@ def _until(track: Track, last: int) -> Track:
     )
 
 
-def _since(track: Track, first: int) -> Track:
-    return Track(
-        track.stream,
-        track.sample_numbers[first:],
-        track.device_time_ns[first:],
-        track.host_time_ns[first:],
-        track.values[first:],
-    )
-
-
-def test_session_time_zero_is_the_edge_and_frame_one_is_exposed_there() -> None:
-    manifest, tracks = _recorded()
-    trial = build_trial(manifest, tracks, "a.mcap", "hash")
-    assert trial.marker_time[0] == 0.0
-    assert 0 <= trial.force_time[0] < 2e-3
-    rising = np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)[0]
-    np.testing.assert_allclose(trial.force_time[0], 0.5e-3, atol=0.5e-3)
-    assert trial.force[0] == pytest.approx(98.0665 * tracks["/force"].values[rising, 0])
-    assert trial.lag.edge == pytest.approx(1e-3 / np.sqrt(24), rel=0.15), "two edges, each between two samples"
-
-
-def test_the_fall_of_the_sync_line_is_where_the_capture_s_frames_end() -> None:
-    manifest, tracks = _recorded()
-    trial = build_trial(manifest, tracks, "a.mcap", "hash")
-    assert trial.sync_fall == pytest.approx(len(tracks["/markers"].sample_numbers) / 100, abs=0.002)
-    high = tracks["/sync"]
-    rise = int((high.values[:, 0] > 2.5).argmax())
-    stays = replace(high, values=np.where(np.arange(len(high.values))[:, None] >= rise, 5.0, 0.0))
-    assert build_trial(manifest, {**tracks, "/sync": stays}, "a.mcap", "hash").sync_fall is None
-
-
-def test_positions_are_metres_and_missing_markers_are_not_a_number() -> None:
-    manifest, tracks = _recorded()
-    values = tracks["/markers"].values.copy()
-    values[5, 2] = np.nan
-    trial = build_trial(manifest, _changed("/markers", values=values), "a.mcap", "hash")
-    np.testing.assert_allclose(trial.markers[4], 1e-3 * values[4, :, :3])
-    assert np.isnan(trial.markers[5, 2]).all()
-    assert np.isfinite(trial.markers[5, 0]).all()
-
-
 def test_its_arrays_cannot_be_changed() -> None:
     trial = build_trial(*_recorded(), "a.mcap", "hash")
     with pytest.raises(ValueError, match="read-only"):
         trial.force[0] = 0.0
 
 
-def _preview(first_number: int, stamp_ns: int, host_ns: int) -> Track:
-    """A second of live preview: other numbers, other places."""
-    markers = _recorded()[1]["/markers"]
-    step = np.arange(100, dtype=np.int64) * 10_000_000
-    numbers = np.arange(first_number, first_number + 100, dtype=np.uint64)
-    return Track(markers.stream, numbers, stamp_ns + step, host_ns + step, markers.values[:100] + 50)
-
-
-@pytest.mark.parametrize("number_after", [9000, 7100, 1])
-def test_live_preview_around_the_capture_is_not_taken_for_it(number_after: int) -> None:
-    manifest, tracks = _recorded()
-    capture = tracks["/markers"]
-    stamps, arrivals = capture.device_time_ns, capture.host_time_ns
-    before = _preview(7000, int(stamps[0]) - 1_010_000_000, int(arrivals[0]) - 1_100_000_000)
-    after = _preview(number_after, int(stamps[-1]) + 25_000_000, int(arrivals[-1]) + 25_000_000)
-    joined = Track(
-        capture.stream,
-        *(
-            np.concatenate([getattr(track, part) for track in (before, capture, after)])
-            for part in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
-        ),
-    )
-    plain = build_trial(manifest, tracks, "a.mcap", "hash")
-    trial = build_trial(manifest, {**tracks, "/markers": joined}, "a.mcap", "hash")
-    np.testing.assert_array_equal(trial.markers, plain.markers)
-    np.testing.assert_array_equal(trial.force_time, plain.force_time)
-    assert trial.frame_gaps == ()
-    assert trial.notes == ()
-
-
-def test_lost_first_frames_do_not_shift_the_others() -> None:
-    manifest, tracks = _recorded()
-    plain = build_trial(manifest, tracks, "a.mcap", "hash")
-    late = build_trial(manifest, {**tracks, "/markers": _since(tracks["/markers"], 7)}, "a.mcap", "hash")
-    assert late.marker_time[0] == pytest.approx(0.07)
-    np.testing.assert_array_equal(late.markers, plain.markers[7:])
-
-
-def test_lost_frames_are_gaps_of_nan_and_lost_samples_are_left_out() -> None:
-    manifest, tracks = _recorded()
-    keep = np.r_[0:300, 320 : len(tracks["/markers"].sample_numbers)]
-    markers = tracks["/markers"]
-    holed = Track(
-        markers.stream,
-        markers.sample_numbers[keep],
-        markers.device_time_ns[keep],
-        markers.host_time_ns[keep],
-        markers.values[keep],
-    )
-    trial = build_trial(manifest, {**tracks, "/markers": holed}, "a.mcap", "hash")
-    assert np.isnan(trial.markers[300:320]).all()
-    assert trial.frame_gaps == (pytest.approx((2.99, 3.20)),)
-    assert not trial.is_whole
-    lost = {"count": 1, "total_s": pytest.approx(0.21), "longest_s": pytest.approx(0.21)}
-    assert figures_by_code(trial.notes) == {TrialNoteCode.FRAMES_LOST: lost}
-
-
-def test_frame_numbers_that_did_not_start_with_the_capture_are_aligned_by_arrival() -> None:
-    manifest, tracks = _recorded()
-    shifted = _changed("/markers", sample_numbers=tracks["/markers"].sample_numbers + np.uint64(500))
-    trial = build_trial(manifest, shifted, "a.mcap", "hash")
-    assert trial.notes[0].code is TrialNoteCode.SYNC_ARRIVAL
-    assert trial.marker_time[0] == pytest.approx(0.0, abs=0.05)
-    assert trial.lag.edge > 0.04
-
-
-def test_a_capture_started_by_pfi0_has_its_edge_at_sample_zero() -> None:
-    manifest, tracks = _recorded()
-    first = int(np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)[0])
-    force = _since(tracks["/force"], first)
-    force = replace(force, sample_numbers=np.arange(len(force.sample_numbers), dtype=np.uint64))
-    trial = build_trial(
-        replace(manifest, start="pfi0"), {"/force": force, "/markers": tracks["/markers"]}, "a.mcap", "hash"
-    )
-    assert trial.force_time[0] == 0.0
-    assert trial.lag.edge == 0.0
-
-
-def test_the_declared_polarity_turns_the_force() -> None:
-    manifest, tracks = _recorded()
-    plain = build_trial(manifest, tracks, "a.mcap", "hash")
-    turned = replace(manifest, load_cell=LoadCell("daq", manifest.load_cell.newtons_per_unit, -1))
-    negated = _changed("/force", values=-tracks["/force"].values)
-    np.testing.assert_allclose(build_trial(turned, negated, "a.mcap", "hash").force, plain.force)
+@pytest.mark.parametrize("name", ["/force", "/markers"])
+def test_a_trial_that_lost_samples_is_not_whole(name: str) -> None:
+    track = _recorded()[1][name]
+    count = len(track.sample_numbers)
+    kept = _keep(track, np.delete(np.arange(count), slice(count // 2, count // 2 + 10)))
+    assert not build_trial(_recorded()[0], _recorded()[1] | {name: kept}, "a.mcap", "hash").is_whole
 
 
 def test_mass_and_scale_uncertainty_are_those_of_the_manifest() -> None:
@@ -261,23 +142,11 @@ def test_force_beyond_the_cell_s_capacity_is_saturated_whatever_reads_it() -> No
         build_trial(manifest, _changed("/force", stream=indicator), "a.mcap", "hash")
 
 
-def test_less_than_a_second_of_force_and_markers_together_is_refused() -> None:
-    manifest, tracks = _recorded()
-    with raises_refusal(RejectionCode.NO_OVERLAP, frames=50, both_s=pytest.approx(0.49), expected_s=1.0):
-        build_trial(manifest, {**tracks, "/markers": _until(tracks["/markers"], 50)}, "a", "b")
-
-
 def test_a_missing_label_is_named() -> None:
     manifest, tracks = _recorded()
     renamed = replace(tracks["/markers"].stream, labels=("anchor_1", "anchor_2", "anchor_3", "x", "cuff_1"))
     with raises_refusal(RejectionCode.MISSING_MARKERS, missing="anchor_4"):
         build_trial(manifest, _changed("/markers", stream=renamed), "a.mcap", "hash")
-
-
-def test_a_missing_stream_is_named() -> None:
-    manifest, tracks = _recorded()
-    with raises_refusal(RejectionCode.NO_SAMPLES, stream="/markers"):
-        build_trial(manifest, {name: tracks[name] for name in ("/force", "/sync")}, "a.mcap", "hash")
 
 
 def _write(path: Path, outcome: TrialOutcome, *events: Event, recorded: tuple[Manifest, Tracks] | None = None) -> None:
@@ -404,13 +273,6 @@ def test_the_configuration_declares_lag_and_weights_and_the_session_corrects_the
     (tmp_path / "protocol.toml").write_text('[steps_s]\n"a.mcap" = [2.0, 2000]\n', encoding="utf-8")
     with raises_refusal(FitErrorCode.PROTOCOL_OUTSIDE, recording="a.mcap", step_s=2000.0):
         read_trials([tmp_path / "a.mcap"])
-
-
-def test_sample_numbers_that_go_back_are_refused() -> None:
-    numbers = _recorded()[1]["/force"].sample_numbers.copy()
-    numbers[500] = numbers[499]
-    with raises_refusal(RejectionCode.NUMBERS_GO_BACK, stream="/force", sample=499):
-        build_trial(_recorded()[0], _changed("/force", sample_numbers=numbers), "a.mcap", "hash")
 
 
 @cache
