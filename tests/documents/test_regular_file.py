@@ -76,7 +76,6 @@ def test_a_draft_of_a_killed_process_is_removed_by_the_next_one_and_that_of_a_li
     draft += "\n draft.write_text('half'); print(draft, flush=True); input()"
     (tmp_path / ".draft-not-locked-yet").mkdir()
     with subprocess.Popen([sys.executable, "-c", draft], stdin=PIPE, stdout=PIPE, text=True) as process:  # noqa: S603
-        assert process.stdout is not None
         living = Path(process.stdout.readline().strip())
         with replaced(path) as own, replaced(tmp_path / "other.json") as second:
             own.write_text("new")

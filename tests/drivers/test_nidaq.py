@@ -216,20 +216,30 @@ def test_a_pfi0_task_that_is_resumed_waits_for_no_other_edge(server: NiDaqSimula
         assert read_until(device, lambda items: bool(blocks(items, "/force")))
 
 
-def test_a_device_that_another_program_has_reserved_is_refused_when_it_is_opened(
-    server: NiDaqSimulator, world: StandInWorld
+@pytest.mark.parametrize(
+    ("fault", "settings", "code", "naming"),
+    [
+        ("refuse", {}, DeviceCode.IN_USE, ("-50103",)),
+        ("transfer_aborted", {}, DeviceCode.NO_TRANSFER, ("-50405",)),
+        (None, {"sample_rate_hz": 6000}, DeviceCode.REFUSED, ("6000 Hz", "5000")),
+        (None, {"device": "Dev7"}, DeviceCode.NOT_FOUND, ("NI Dev7", "daq.device")),
+        (None, {"inputs": (AnalogInput("/force", "force", "ai9"), SYNC)}, DeviceCode.NO_CHANNEL, ("ai9",)),
+    ],
+    ids=["reserved by another program", "to be unplugged", "rate", "device", "channel"],
+)
+def test_a_device_that_cannot_be_opened_is_refused_with_its_cause(
+    server: NiDaqSimulator,
+    world: StandInWorld,
+    fault: str | None,
+    settings: dict[str, Any],
+    code: DeviceCode,
+    naming: tuple[str, ...],
 ) -> None:
-    world.faults.inject(Fault("ni", "refuse", at_s=0.0, for_s=1e6))
-    error = refusal(driver(server, world))
-    assert error.code is DeviceCode.IN_USE
-    assert "-50103" in str(error)
-
-
-def test_a_device_whose_transfers_are_aborted_is_to_be_unplugged(server: NiDaqSimulator, world: StandInWorld) -> None:
-    world.faults.inject(Fault("ni", "transfer_aborted", at_s=0.0, for_s=1e6))
-    error = refusal(driver(server, world))
-    assert error.code is DeviceCode.NO_TRANSFER
-    assert "-50405" in str(error)
+    if fault:
+        world.faults.inject(Fault("ni", fault, at_s=0.0, for_s=1e6))
+    error = refusal(driver(server, world, **settings))
+    assert error.code is code
+    assert all(text in str(error) for text in naming)
 
 
 def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(
@@ -267,29 +277,9 @@ def _unimplemented(_service: Any, _request: Any, context: grpc.ServicerContext) 
     context.abort(grpc.StatusCode.UNIMPLEMENTED, "")
 
 
-def test_a_rate_above_the_device_s_limit_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
-    error = refusal(driver(server, world, sample_rate_hz=6000))
-    assert error.code is DeviceCode.REFUSED
-    assert "6000 Hz" in str(error)
-    assert "5000" in str(error)
-
-
 def test_a_single_channel_may_take_the_whole_rate(server: NiDaqSimulator, world: StandInWorld) -> None:
     with opened(driver(server, world, inputs=(SYNC,), sample_rate_hz=10_000)) as device:
         assert read_until(device, lambda items: bool(blocks(items, "/sync")))
-
-
-def test_an_unknown_device_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
-    error = refusal(driver(server, world, device="Dev7"))
-    assert error.code is DeviceCode.NOT_FOUND
-    assert "NI Dev7" in str(error)
-    assert "daq.device" in str(error)
-
-
-def test_an_unknown_channel_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
-    error = refusal(driver(server, world, inputs=(AnalogInput("/force", "force", "ai9"), SYNC)))
-    assert error.code is DeviceCode.NO_CHANNEL
-    assert "ai9" in str(error)
 
 
 def test_without_the_driver_the_message_names_what_to_install(server: NiDaqSimulator, world: StandInWorld) -> None:

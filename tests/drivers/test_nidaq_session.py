@@ -63,7 +63,6 @@ def link(server: NiDaqSimulator, world: StandInWorld) -> Iterator[Link]:
 def die(device: NiDaq) -> None:
     """What the death of its program does: the connection goes, the operating system frees the lock."""
     session, device._session, device._task = device._session, None, None
-    assert session is not None
     session.disconnect()
     session.release()
 

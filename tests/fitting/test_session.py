@@ -47,7 +47,6 @@ def test_the_published_cuffs_come_back_although_they_migrate(cuff: str) -> None:
     trials, slip = _donning(cuff, repeats=2 if cuff == "hand" else 1)
     fit = _fit(trials)
     assert fit.verdicts == (Verdict.IDENTIFIED,)
-    assert fit.stiffness
     assert fit.damping
     assert fit.migration
     stiffness, damping, _ = PUBLISHED[cuff]
@@ -88,15 +87,12 @@ def test_a_wrong_gain_of_the_load_cell_scales_stiffness_and_damping_alike() -> N
 def test_force_at_twenty_hertz_still_gives_the_stiffness_and_an_honest_damping(cuff: str) -> None:
     fit = _fit(_donning(cuff, seed=1 if cuff == "waist" else 4, rate=20.0)[0])
     stiffness, damping, _ = PUBLISHED[cuff]
-    assert fit.stiffness
     assert fit.stiffness.value == pytest.approx(stiffness, rel=0.01)
     if cuff == "waist":
-        assert fit.damping
         assert fit.damping.value == pytest.approx(damping, rel=0.2)
         assert abs(fit.damping.value - damping) < 3.3 * fit.damping.standard_error
         assert NoteCode.STATIC_STIFFNESS_USED in [note.code for note in fit.notes]
     else:
-        assert fit.damping
         assert abs(fit.damping.value - damping) < 3.3 * fit.damping.standard_error
         assert fit.damping.standard_error > 0.5 * damping
         assert fit.verdicts == (Verdict.LAG,)
@@ -127,7 +123,6 @@ def test_what_is_not_known_of_the_lag_is_in_damping_over_frequency_too(lag_sd: f
 def test_one_static_trial_unloaded_at_once_gives_a_stiffness() -> None:
     session = Session(published("elbow", unloads_at_once=True, hold=4.0, volt_noise=3e-4), 4)
     fit = _fit([build_trial(*session.static(), "a", "a")])
-    assert fit.stiffness
     assert fit.stiffness.value == pytest.approx(2530, rel=0.01)
     assert fit.stiffness.ci95[0] < 2530 < fit.stiffness.ci95[1]
     assert fit.damping is None
@@ -214,7 +209,6 @@ def test_a_load_cell_of_the_wrong_sign_is_listed_with_its_reason() -> None:
     static = _donning("hand")[0][0]
     fit = _fit([replace(static, force=-static.force)])
     assert fit.trials[0].state == "unusable"
-    assert fit.trials[0].reason
     assert fit.trials[0].reason.code is RejectionCode.FORCE_POLARITY
 
 
@@ -265,7 +259,6 @@ def test_a_later_run_that_cannot_be_used_supersedes_nothing(test: str) -> None:
 def test_migration_counts_from_a_trial_that_was_recorded_again() -> None:
     (first, dynamic, second, _), slip = _donning("hand", repeats=2)
     fit = _fit([first, dynamic, replace(second, repeat=1, run=2)])
-    assert fit.migration
     assert fit.migration.value == pytest.approx(slip, abs=2e-4)
     assert set(fit.sources) == {first.file, dynamic.file, second.file}
 
@@ -300,12 +293,10 @@ def test_the_curves_of_every_used_trial_are_there_for_the_figures() -> None:
     trials = _donning("hand")[0]
     curves = fit_session(trials).pulls
     static, dynamic = (curves[trial.file] for trial in trials)
-    assert static.static is not None
     line = PUBLISHED["hand"][0] * np.array([p.displacement for p in static.static.plateaus]) + static.static.offset
     force = np.array([p.force for p in static.static.plateaus])
     settled = np.arange(len(force)) > 4  # from the highest load on, nothing slips
     np.testing.assert_allclose(line[settled], force[settled], atol=1.0)
-    assert dynamic.dynamic is not None
     slope = np.polyfit(dynamic.dynamic.velocity, dynamic.dynamic.damper_force, 1)[0]
     assert slope == pytest.approx(dynamic.dynamic.damping.value, rel=0.02)
 

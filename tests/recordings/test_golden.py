@@ -30,7 +30,6 @@ def test_format_1_opens_whole() -> None:
     assert recording.complete
     assert recording.manifest == MANIFEST
     assert recording.streams == STREAMS
-    assert recording.outcome is not None
     assert recording.outcome.sentence == "the mocap capture ended"
     assert recording.outcome.samples == {"/force": 1000, "/sync": 1000, "/markers": 98}
 

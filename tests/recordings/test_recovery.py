@@ -64,7 +64,6 @@ def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Pat
         assert items_of(open_recording(report.output)) == items_of(open_recording(cut))
         with report.output.open("rb") as file:
             summary = make_reader(file, validate_crcs=True).get_summary()
-            assert summary is not None
             assert summary.statistics is not None
             file.seek(0)
             messages = list(make_reader(file, validate_crcs=True).iter_messages())
@@ -261,7 +260,6 @@ class Victim:
         spoilt[bit // 8] ^= 1 << bit % 8
         hit = [i for i, (a, b) in enumerate(zip(self.starts, self.ends, strict=True)) if a <= bit // 8 < b]
         report = self._recovered(bytes(spoilt))
-        assert report is not None
         messages = _messages(report.output)
         assert messages in (self.messages, *(self._without(chunk) for chunk in hit))
         assert messages == self.messages or (not report.lossless and report.sentences())

@@ -54,7 +54,6 @@ def test_what_is_written_comes_back_in_order(tmp_path: Path) -> None:
 
 def test_the_outcome_counts_what_came_before(tmp_path: Path) -> None:
     outcome = open_recording(record(tmp_path / "a.mcap", list(trial(1.0)))).outcome
-    assert outcome is not None
     assert (outcome.accepted, outcome.state, outcome.sentence) == (True, "closed", "the mocap capture ended")
     assert outcome.samples == {"/force": 1000, "/sync": 1000, "/markers": 100}
     assert outcome.messages["/events"] == 2
@@ -199,7 +198,6 @@ def test_a_disk_that_goes_with_its_cache_takes_back_what_it_was_given_since_the_
 
 def test_what_was_synced_before_a_failed_write_is_still_claimed(tmp_path: Path) -> None:
     claim = write_trial_on_disk_that_goes(tmp_path / "a.mcap", 4.0, 30_000, errno.EROFS)
-    assert claim is not None
     assert claim.stored["/force"] == claim.kept["/force"] > 1000
     assert f"last stored samples are /force {claim.stored['/force'] - 1}," in claim.sentence
 
@@ -367,7 +365,6 @@ def test_a_rejected_trial_keeps_its_data_and_the_reason(tmp_path: Path) -> None:
     path = record(tmp_path / "a.mcap", items, TrialOutcome(False, "failed", "NI Dev1 is gone: unplugged"))
     recording = open_recording(path)
     assert recording.complete
-    assert recording.outcome is not None
     assert (recording.outcome.accepted, recording.outcome.sentence) == (False, "NI Dev1 is gone: unplugged")
     assert items_of(recording) == bits(items)
 

@@ -138,8 +138,6 @@ class Child:
         )
 
     def ask(self, request: Any) -> dict[str, Any]:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
         self.process.stdin.write((request if isinstance(request, str) else json.dumps(request)) + "\n")
         self.process.stdin.flush()
         answer: dict[str, Any] = json.loads(self.process.stdout.readline())
@@ -147,8 +145,6 @@ class Child:
 
     def end(self) -> int:
         """Closes its standard input; the exit code."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
         self.process.stdin.close()
         code = self.process.wait(scaled_timeout(PATIENCE_S))
         self.process.stdout.close()
@@ -364,7 +360,6 @@ def test_a_capture_starts_some_seconds_after_all_devices_stream(world: World) ->
     world.clock.advance(10.0)
     mocap.set()
     world.clock.advance(10.0)
-    assert world.capture is not None
     assert 13.0 <= world.capture.start <= 14.0
 
 
@@ -386,7 +381,6 @@ def test_one_capture_for_each_time_that_streaming_begins(world: World) -> None:
     world.clock.advance(2.0)
     world.stop_capture()
     world.clock.advance(10.0)
-    assert world.capture is not None
     assert world.capture.number == 1
     mocap.clear()
     world.clock.advance(10.0)

@@ -76,7 +76,6 @@ def test_emg_is_noise_in_its_band_with_the_muscle_s_activation_for_amplitude() -
     _, t = play(bench)
     t = np.arange(t[0], t[-1], 1e-3)
     volts, person = bench.emg_voltage("deltoid", t), bench.person
-    assert person is not None
     active = person.activation("deltoid", t)
     assert active.max() == pytest.approx(1.0, abs=0.1)
     for part in (active > 0.8, active < 0.04):
@@ -100,7 +99,6 @@ def test_a_tight_cord_relieves_the_muscle() -> None:
     for worn in ("slack", "tight"):
         bench.select_trial(None, "motion", worn)  # type: ignore[arg-type]
         _, t = play(bench)
-        assert bench.person is not None
         highest[worn] = bench.person.activation("deltoid", t).max()
     assert highest["tight"] < 0.85 * highest["slack"]
 

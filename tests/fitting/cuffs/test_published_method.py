@@ -62,7 +62,6 @@ def test_without_noise_nothing_is_lost() -> None:
 def test_an_intercept_removes_hook_and_zero_which_bend_a_line_through_the_origin() -> None:
     fitted, paper = _fitted("hand", 1e-6)
     stiffness = fitted.cuffs["hand"].stiffness
-    assert stiffness
     assert paper.stiffness is not None
     assert paper.stiffness_through_origin is not None
     assert paper.stiffness == pytest.approx(stiffness.value, rel=2e-3)

@@ -247,7 +247,6 @@ def test_a_single_trial_is_not_pooled() -> None:
 def test_perfect_correlations_stay_finite() -> None:
     perfect = replace(compared(0.9, 0.0, half_width=0.0), correlation=1.0, correlation_ci95=(1.0, 1.0))
     found = pool_shapes([perfect] * 3)
-    assert found is not None
     assert found.correlation == pytest.approx(1.0) and np.isfinite(found.correlation_ci95).all()
 
 

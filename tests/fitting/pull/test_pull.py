@@ -282,7 +282,6 @@ def test_each_mistake_is_named_whatever_the_weights(masses: tuple[float, ...]) -
 def test_a_pulley_s_friction_is_measured_and_leaves_the_scale_alone(masses: tuple[float, ...], friction: float) -> None:
     for seed in range(5):
         scale = load_scale(_loads(masses, seed, 1.05, friction), masses)
-        assert scale is not None
         assert scale.friction is not None
         for found, true in ((scale.gain, 1.05), (scale.friction, friction)):
             assert abs(found.value - true) < 5 * found.standard_error < 0.1

@@ -105,7 +105,6 @@ def test_slip_reaches_neither_stiffness_nor_migration() -> None:
     for seed in range(30):
         reduced, slip = _reduced(SLIPPING, seed)
         migration = fit_migration([each.plateaus for each in reduced], _fit(SLIPPING, seed).creep)
-        assert migration is not None
         assert abs(migration.value - slip) < 0.1e-3
         assert abs(migration.value - slip) < 3.5 * migration.standard_error
 
@@ -123,7 +122,6 @@ def test_creep_is_flagged_measured_and_led_to_its_rest(unloads: bool, count: int
     for seed in range(count):
         held = _fit(truth, seed)
         assert held.creep is not None and held.creep.is_seen
-        assert held.stiffness.stiffness is not None
         assert held.stiffness.stiffness.value == pytest.approx(truth.stiffness, rel=0.08)
         assert held_load_notes(held)[0].code is NoteCode.CREEPS
         rest = held.creep.stiffness_at_rest
@@ -174,7 +172,6 @@ def test_a_zero_that_drifts_is_estimated_removed_and_reported(count: int) -> Non
     values, errors = _stiffnesses(truth, count)
     assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, count)
     held = _fit(truth, 1)
-    assert held.drift is not None
     assert abs(held.drift.value - truth.drift) < 3.5 * held.drift.standard_error
     (note,) = held_load_notes(held)
     assert note.code is NoteCode.ZERO_DRIFT
@@ -189,7 +186,6 @@ def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool, co
     scores = []
     for seed in range(count):
         law = _fit(truth, seed).stiffness.law
-        assert law is not None
         assert law.significance > 10
         for load in (2.0, 40.0, 77.0):
             tangent = law.tangent(load + truth.zero)
@@ -203,7 +199,6 @@ def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool, co
 
 def test_the_interval_of_a_tangent_includes_the_gain_of_the_load_cell() -> None:
     law = fit_held_loads(_reduced(Held(unloads=True), 1)[0], 0.01).stiffness.law
-    assert law
     tangent = law.tangent(40.0)
     assert tangent.parts["gain"] == pytest.approx(0.01 * tangent.value)
     assert sum(part**2 for part in tangent.parts.values()) == pytest.approx(tangent.standard_error**2)
@@ -212,7 +207,6 @@ def test_the_interval_of_a_tangent_includes_the_gain_of_the_load_cell() -> None:
 def test_a_straight_cuff_has_the_same_tangent_everywhere() -> None:
     for seed in range(10):
         held = _fit(Held(unloads=True), seed)
-        assert held.stiffness.law is not None
         assert abs(held.stiffness.law.significance) < 4
         assert held_load_notes(held) == ()
 
@@ -222,7 +216,6 @@ def test_what_a_slipping_cuff_takes_in_a_cycle_is_the_work_of_its_friction() -> 
     held = _fit(SLIPPING, 3)
     _, slip = _reduced(SLIPPING, 3)
     work = (SLIPPING.first_slip - SLIPPING.hook) * slip + SLIPPING.hardening * slip**2 / 2
-    assert held.energy is not None
     assert held.energy.value == pytest.approx(work, rel=0.05)
     assert abs(_fit(Held(unloads=True), 3).energy.value) < 4e-3  # type: ignore[union-attr]
 
@@ -249,13 +242,11 @@ def test_migration_runs_from_the_first_start_to_the_last_end() -> None:
     first = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))
     last = _trial((2.0, 0.0105), (60.0, 0.02), (2.2, 0.012))
     found = fit_migration([first, last])
-    assert found is not None
     assert found.value == pytest.approx(0.012)
     assert found.standard_error == pytest.approx(3e-5 * 2**0.5)
     assert found.ci95 == pytest.approx((0.012 - 8.31544e-5, 0.012 + 8.31544e-5), abs=1e-9), "1.95996 standard errors"
     assert found.parts == {"noise": found.standard_error}
     alone = fit_migration([last])
-    assert alone is not None
     assert alone.value == pytest.approx(0.0015)
 
 
@@ -263,7 +254,6 @@ def test_a_last_hold_that_is_too_short_to_rest_adds_its_distance_from_rest() -> 
     """0.4 mm from its mean to its end, with 0.03 mm of noise at each of the two ends."""
     (*before, last) = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))
     found = fit_migration([[*before, replace(last, late=(0.0096, 3e-5), hold=2.0)]])
-    assert found is not None
     assert found.parts == pytest.approx({"noise": 3e-5 * 2**0.5, "settling": 0.4e-3})
     assert found.standard_error == pytest.approx((2 * 3e-5**2 + 0.4e-3**2) ** 0.5)
 
@@ -293,7 +283,6 @@ LAST = _trial((2.0, 0.0105), (60.0, 0.02), (2.2, 0.012))
 def test_the_creep_still_to_recover_after_the_last_hold_is_no_slip(trials: list[list[Plateau]], to_come: float) -> None:
     """1/5000 m/N, a tenth of it creep. Its relative error is that of the fraction, 0.4, and 0.3."""
     found = fit_migration(trials, CREEP)
-    assert found is not None
     assert found.value == pytest.approx(0.012 - 2e-5 * to_come)
     assert found.parts == pytest.approx({"noise": 3e-5 * 2**0.5, "creep": 1e-5 * to_come})
     assert found.standard_error == pytest.approx((2 * 3e-5**2 + (1e-5 * to_come) ** 2) ** 0.5)

@@ -43,7 +43,6 @@ def _slipping(loads: Sequence[float], already: float = 0.0) -> NDArray[np.float6
 def test_slip_while_the_load_rises_does_not_reach_the_stiffness() -> None:
     loads = UP + DOWN
     fit = fit_stiffness([_held(loads, _slipping(loads))], 0.0)
-    assert fit.stiffness is not None
     assert fit.stiffness.value == pytest.approx(K, rel=1e-9)
     assert fit.slip == pytest.approx(2e-4 * 65, rel=1e-6)
     assert not fit.slips_again and fit.progressive_slip == 0.0 and fit.law is not None
@@ -53,8 +52,6 @@ def test_slip_while_the_load_rises_does_not_reach_the_stiffness() -> None:
 def test_noise_of_the_force_is_new_in_every_trial_and_what_its_codes_leave_is_not(cause: str) -> None:
     held = [replace(each, force_sd=0.3, codes=0.3 if cause == "codes" else 0.0) for each in _held(UP + DOWN)]
     one, four = fit_stiffness([held], 0.0).stiffness, fit_stiffness([held] * 4, 0.0).stiffness
-    assert one is not None
-    assert four is not None
     assert one.parts[cause] == pytest.approx(one.standard_error, rel=0.2)
     assert four.parts[cause] == pytest.approx(one.parts[cause] / (2 if cause == "noise" else 1))
 
@@ -63,7 +60,6 @@ def test_hanging_the_same_weights_on_again_is_used_as_well() -> None:
     loads = UP + DOWN
     first, again = _held(loads, _slipping(loads)), _held(loads, _slipping(loads, already=2e-4 * 65))
     fit = fit_stiffness([first, again], 0.0)
-    assert fit.stiffness is not None
     assert fit.stiffness.value == pytest.approx(K, rel=1e-9)
     assert len(set(fit.trials[1].segment)) == 1
 
@@ -73,7 +69,6 @@ def test_a_cuff_that_slips_under_every_rise_is_read_from_unloading_only() -> Non
     trials = [_held(loads, _slipping(loads) + already) for already in (0.0, 0.005, 0.008)]
     fit = fit_stiffness([*trials, *trials], 0.0)
     assert fit.slips_again
-    assert fit.stiffness is not None
     assert fit.stiffness.value == pytest.approx(K, rel=1e-9)
 
 
@@ -83,7 +78,6 @@ def test_friction_is_found_from_loading_and_unloading(friction: float) -> None:
     lag = -friction / K * np.sign(np.diff(loads, prepend=loads[0]))
     for seed in range(10):
         fit = fit_stiffness([_held(loads, lag, seed), _held(loads, lag, 100 + seed)], 0.0)
-        assert fit.stiffness is not None
         assert abs(fit.stiffness.value - K) < 4 * fit.stiffness.standard_error < 0.03 * K
         assert fit.friction == pytest.approx(friction, abs=0.2)
         assert fit.slip == 0
@@ -104,7 +98,6 @@ def test_a_cuff_that_bends_in_whatever_way_and_comes_back_has_not_slipped(
 def test_weights_taken_off_all_at_once_leave_two_plateaus_and_a_stiffness() -> None:
     loads = (*UP, 2.0)
     fit = fit_stiffness([_held(loads, _slipping(loads))], 0.0)
-    assert fit.stiffness is not None
     assert fit.stiffness.value == pytest.approx(K, rel=1e-9)
     expected = K**2 * np.hypot(NOISE, 2 * NOISE) / 75
     assert fit.stiffness.standard_error == pytest.approx(expected, rel=0.02)
@@ -113,7 +106,6 @@ def test_weights_taken_off_all_at_once_leave_two_plateaus_and_a_stiffness() -> N
 def test_a_load_that_only_rises_determines_a_stiffness_only_along_a_line() -> None:
     straight = fit_stiffness([_held(UP, seed=1)], 0.0)
     assert straight.only_rose
-    assert straight.stiffness is not None
     assert straight.stiffness.value == pytest.approx(K, rel=0.01)
     assert fit_stiffness([_held(UP, _slipping(UP))], 0.0).stiffness is None
     assert fit_stiffness([_held(UP[:3])], 0.0).stiffness is None
@@ -131,7 +123,6 @@ def test_a_hook_and_a_zero_do_not_change_the_stiffness() -> None:
         for p in _held(loads, _slipping(loads))
     ]
     fit = fit_stiffness([shifted], 0.0)
-    assert fit.stiffness is not None
     assert fit.stiffness.value == pytest.approx(K, rel=1e-9)
 
 
@@ -142,7 +133,6 @@ def _chi_square_of_intervals(shrink: float, fits: int = 80) -> float:
     for seed in range(fits):
         fit = fit_stiffness([_held(loads, _slipping(loads), seed)], 0.0)
         estimate = trial_stiffness(fit.trials[0])
-        assert estimate is not None
         half = shrink * (estimate.ci95[1] - estimate.ci95[0]) / 2
         total += ((estimate.value - K) / (half / NORMAL_95)) ** 2
     return total
@@ -159,7 +149,6 @@ def test_the_interval_is_honest_and_half_of_it_would_not_be() -> None:
 def test_a_trial_whose_interval_has_no_end_has_no_stiffness_of_its_own() -> None:
     scattered = _held(UP + DOWN, np.array([0, 9, -9, 8, -8, 9, -9, 7, -9, 8, -6]) * 1e-3)
     fit = fit_stiffness([scattered], 0.0)
-    assert fit.trials[0].repeat is not None
     assert fit.trials[0].repeat.estimate.ci95[0] < 0 < fit.trials[0].repeat.estimate.ci95[1]
     assert trial_stiffness(fit.trials[0]) is None
 
@@ -172,7 +161,6 @@ def test_two_held_loads_have_a_slope_whose_errors_are_in_closed_form() -> None:
         for i, load in enumerate((2.0, 2.0 + rise))
     ]
     (fit,) = fit_stiffness([held], 0.003, 0.01, creeps=True).trials
-    assert fit.repeat is not None
     information = rise**2 / 2 / (NOISE**2 + (c * force_sd) ** 2)
     noise = np.sqrt(2 / rise**2 * (NOISE**2 + c**2 * (force_sd**2 - codes**2)))
     assert (fit.repeat.value, fit.repeat.dof) == (pytest.approx(c), 0)
@@ -287,7 +275,6 @@ def test_with_friction_the_stiffness_is_that_of_loading_and_its_interval_has_bot
     stiffness: Estimate, loading: Estimate, part: float
 ) -> None:
     fit = StiffnessFit(stiffness, (), 0.0, True, 0.0, 0.0, False, None, loading=loading).with_friction()
-    assert fit.stiffness is not None
     assert fit.stiffness.value == loading.value and fit.stiffness.ci95 == (6900.0, 8200.0)
     assert fit.stiffness.standard_error == pytest.approx(np.hypot(loading.standard_error, part))
     assert fit.stiffness.parts == pytest.approx({"noise": loading.standard_error, "friction": part})

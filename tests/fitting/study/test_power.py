@@ -47,7 +47,6 @@ def test_the_information_of_held_loads_agrees_with_the_fit_s_own_standard_error(
     noise = InstrumentNoise(float(np.std(unloaded)), 0.2, 100.0, 20.0)
     fitted = trial_stiffness(fit_stiffness([pull.plateaus], 0.0).trials[0])
     expected = stiffness_error(8520.0, held_levels([15.0] * 5, is_first=False), hold, noise)
-    assert fitted is not None
     assert fitted.standard_error == pytest.approx(expected, rel=0.25)
 
 

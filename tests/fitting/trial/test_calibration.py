@@ -212,7 +212,6 @@ def test_a_bounce_that_cannot_calibrate_is_refused(
 def test_a_gain_that_is_a_mistake_is_named_and_not_used(gain: float, mistake: GainMistake) -> None:
     calibration, refused = calibrate([_trial(Bounce(gain=gain))])
     assert refused == {}
-    assert calibration is not None
     assert calibration.notes[0].figures["mistake"] is mistake
     assert calibration.gain_with(0.002) == (1.0, 0.002)
     assert calibration.lag.value == pytest.approx(0.0, abs=5e-4)
@@ -228,7 +227,6 @@ def test_bounces_are_put_together_and_the_newest_run_of_each_counts() -> None:
     second = replace(_trial(Bounce(lag=0.002), seed=5, run=3), repeat=2, start_utc_ns=99)
     broken = replace(_trial(Bounce(duration=8.0), run=4), repeat=3)
     calibration, refused = calibrate([late, early, second, broken])
-    assert calibration is not None
     assert calibration.lag.value == pytest.approx(0.002, abs=3e-4)
     assert set(calibration.sources) == {"test-bounce_run-2.mcap", "test-bounce_run-3.mcap"}
     assert calibration.recorded_utc_ns == max(late.start_utc_ns, 99)

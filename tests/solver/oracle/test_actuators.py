@@ -16,17 +16,19 @@ from solver.multibody.postures import postures
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
 from solver.redundancy.mechanics import response_maps
-from tests.solver.oracle.test_force_elements import lay
-from tests.solver.oracle.test_paths import tilted
 from tests.solver.oracle.two_bodies import (
+    along_path,
     difference,
     difference_to,
     frame_of,
     given,
+    made,
     model_with,
     opensim,
     random_states,
     read_back,
+    set_state,
+    tilted_frame,
     vec3,
 )
 from tests.solver.references import relative_difference
@@ -34,83 +36,63 @@ from tests.solver.references import relative_difference
 Array = NDArray[np.float64]
 
 
-def along_a_path(model: Any) -> Any:
-    actuator = opensim.PathActuator()
-    actuator.setOptimalForce(70.0)
+def torque_in_an_offset_frame(model: Any) -> Any:
+    tilted_frame(model, "lower")
+    ends = frame_of(model, "lower"), frame_of(model, "upper"), vec3(0.3, 1, -2), False
+    actuator = made("TorqueActuator", "", *ends, set_bodyA="/bodyset/lower/lower_tilted", setOptimalForce=5.0)
     model.addForce(given(actuator))
-    lay(model, actuator)
     return actuator
+
+
+def added(kind: str, *arguments: Any, **settings: Any) -> Callable[[Any], Any]:
+    """Adds an actuator; a name of a body among the arguments of one about bodies is that body."""
+
+    def add(model: Any) -> Any:
+        is_about_bodies = kind in ("TorqueActuator", "BodyActuator")
+        given_to = [frame_of(model, one) if is_about_bodies and isinstance(one, str) else one for one in arguments]
+        actuator = made(kind, "", *given_to, **settings)
+        model.addForce(given(actuator))
+        return actuator
+
+    return add
 
 
 def at_a_point(is_point_global: bool, is_force_global: bool) -> Callable[[Any], Any]:
-    def add(model: Any) -> Any:
-        actuator = opensim.PointActuator("lower")
-        actuator.set_point(vec3(0.1, -0.2, 0.05))
-        actuator.set_point_is_global(is_point_global)
-        actuator.set_direction(vec3(1, -2, 0.5))
-        actuator.set_force_is_global(is_force_global)
-        actuator.setOptimalForce(30.0)
-        model.addForce(given(actuator))
-        return actuator
-
-    return add
-
-
-def torque(is_global: bool, body_b: str) -> Callable[[Any], Any]:
-    def add(model: Any) -> Any:
-        bodies = (frame_of(model, "lower"), frame_of(model, body_b))
-        actuator = opensim.TorqueActuator(*bodies, vec3(0.3, 1, -2), is_global)
-        actuator.setOptimalForce(5.0)
-        model.addForce(given(actuator))
-        return actuator
-
-    return add
-
-
-def torque_in_an_offset_frame(model: Any) -> Any:
-    frame = opensim.PhysicalOffsetFrame("turned", frame_of(model, "lower"), tilted())
-    frame_of(model, "lower").addComponent(given(frame))
-    model.finalizeConnections()
-    actuator = torque(False, "upper")(model)
-    actuator.set_bodyA("/bodyset/lower/turned")
-    return actuator
+    return added(
+        "PointActuator",
+        "lower",
+        set_point=vec3(0.1, -0.2, 0.05),
+        set_point_is_global=is_point_global,
+        set_direction=vec3(1, -2, 0.5),
+        set_force_is_global=is_force_global,
+        setOptimalForce=30.0,
+    )
 
 
 def between_points(are_global: bool) -> Callable[[Any], Any]:
-    def add(model: Any) -> Any:
-        actuator = opensim.PointToPointActuator("upper", "lower")
-        actuator.set_pointA(vec3(0.1, -0.1, 0.2))
-        actuator.set_pointB(vec3(-0.1, 0.3, 0.02))
-        actuator.set_points_are_global(are_global)
-        actuator.setOptimalForce(40.0)
-        model.addForce(given(actuator))
-        return actuator
-
-    return add
+    points = {"set_pointA": vec3(0.1, -0.1, 0.2), "set_pointB": vec3(-0.1, 0.3, 0.02)}
+    return added(
+        "PointToPointActuator", "upper", "lower", **points, set_points_are_global=are_global, setOptimalForce=40.0
+    )
 
 
-def on_a_body(is_point_global: bool, is_force_global: bool) -> Callable[[Any], Any]:
-    def add(model: Any) -> Any:
-        point = vec3(0.1, -0.1, 0.2)
-        actuator = opensim.BodyActuator(frame_of(model, "lower"), point, is_point_global, is_force_global)
-        model.addForce(given(actuator))
-        return actuator
-
-    return add
-
-
+AXIS, POINT = vec3(0.3, 1, -2), vec3(0.1, -0.1, 0.2)
 ADDED: dict[str, Callable[[Any], Any]] = {
-    "PathActuator": along_a_path,
+    "PathActuator": lambda model: along_path(model, made("PathActuator", "", setOptimalForce=70.0)),
     "PointActuator, all in the body": at_a_point(False, False),
     "PointActuator, all in ground": at_a_point(True, True),
     "PointActuator, direction in ground": at_a_point(False, True),
-    "TorqueActuator about an axis of ground": torque(True, "upper"),
-    "TorqueActuator about an axis of the body": torque(False, "ground"),
+    "TorqueActuator about an axis of ground": added(
+        "TorqueActuator", "lower", "upper", AXIS, True, setOptimalForce=5.0
+    ),
+    "TorqueActuator about an axis of the body": added(
+        "TorqueActuator", "lower", "ground", AXIS, False, setOptimalForce=5.0
+    ),
     "TorqueActuator about an axis of an offset frame": torque_in_an_offset_frame,
     "PointToPointActuator": between_points(False),
     "PointToPointActuator in ground": between_points(True),
-    "BodyActuator in ground": on_a_body(False, True),
-    "BodyActuator in the body": on_a_body(True, False),
+    "BodyActuator in ground": added("BodyActuator", "lower", POINT, False, True),
+    "BodyActuator in the body": added("BodyActuator", "lower", POINT, True, False),
 }
 
 
@@ -143,22 +125,15 @@ def test_without_controls_they_do_nothing(tmp_path: Path) -> None:
 
 def test_an_actuator_with_activation_dynamics_is_one_of_its_activation(tmp_path: Path) -> None:
     osim = model_with()
-    actuator = opensim.ActivationCoordinateActuator("second_coord_0")
-    actuator.setName("motor")
-    actuator.setOptimalForce(12.0)
-    actuator.setMinControl(-0.5)
-    actuator.set_default_activation(0.0)
-    osim.addForce(given(actuator))
+    settings = {"setOptimalForce": 12.0, "setMinControl": -0.5, "set_default_activation": 0.0}
+    osim.addForce(given(made("ActivationCoordinateActuator", "motor", "second_coord_0", **settings)))
     ours = read_back(osim, tmp_path)
     assert [(one.name, one.optimal_force, one.min_control) for one in ours.actuators] == [("motor", 12.0, -0.5)]
     assert difference_to(osim, ours).is_nought()
 
 
 def add_motor(osim: Any) -> None:
-    motor = opensim.CoordinateActuator("second_coord_0")
-    motor.setName("motor")
-    motor.setOptimalForce(3.0)
-    osim.addForce(given(motor))
+    osim.addForce(given(made("CoordinateActuator", "motor", "second_coord_0", setOptimalForce=3.0)))
 
 
 def with_controls(model: Model, controls: Array) -> tuple[Array, Array]:
@@ -183,9 +158,7 @@ def opensims(osim: Any, model: Model, controls: Array) -> tuple[Array, Array]:
     coordinates = [osim.getCoordinateSet().get(name) for name in model.coordinate_names]
     accelerations, reactions = [], []
     for values, speeds in zip(*random_states(model), strict=True):
-        for coordinate, value, speed in zip(coordinates, values, speeds, strict=True):
-            coordinate.setValue(state, float(value), False)
-            coordinate.setSpeedValue(state, float(speed))
+        set_state(state, coordinates, values, speeds)
         osim.realizeVelocity(state)
         applied = osim.updControls(state)
         added = opensim.Actuator.safeDownCast(osim.getForceSet().get("added"))
@@ -207,11 +180,8 @@ def opensims(osim: Any, model: Model, controls: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("joint", ["PlanarJoint", "FreeJoint"])
 def test_a_spring_pulls_a_coordinate_to_its_rest(joint: str, coordinate: str, tmp_path: Path) -> None:
     model = model_with(getattr(opensim, joint))
-    spring = opensim.SpringGeneralizedForce(coordinate)
-    spring.setStiffness(7.0)
-    spring.setRestLength(0.3)
-    spring.setViscosity(0.4)
-    model.addForce(given(spring))
+    settings = {"setStiffness": 7.0, "setRestLength": 0.3, "setViscosity": 0.4}
+    model.addForce(given(made("SpringGeneralizedForce", "", coordinate, **settings)))
     assert difference(model, tmp_path).is_nought()
 
 

@@ -27,8 +27,7 @@ from solver.time_series_table import read_table, write_table
 from station.assessment.given_motion import MotionCut, MuscleInputs, solve_inverse_dynamics
 from station.assessment.rmr import SolvedMotion, solve_muscles
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in, write_motion
-from tests.solver.oracle.test_force_elements import lay
-from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back
+from tests.solver.oracle.two_bodies import along_path, model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference
 
 Array = NDArray[np.float64]
@@ -54,9 +53,7 @@ def test_needed_forces_are_opensim_s_inverse_dynamics(joint: str, mass: float, t
     upper = osim.getBodySet().get("upper")
     upper.setMass(mass)
     upper.setInertia(opensim.Inertia(mass * 0.02, mass * 0.015, mass * 0.018))
-    spring = opensim.PathSpring("spring", 0.5, 800.0, 0.3)
-    osim.addForce(given(spring))
-    lay(osim, spring)
+    along_path(osim, opensim.PathSpring("spring", 0.5, 800.0, 0.3))
     ours = read_back(osim, tmp_path)
     q, u = random_states(ours)
     accelerations = 3.0 * np.random.default_rng(8).normal(size=q.shape)

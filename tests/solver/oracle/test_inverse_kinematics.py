@@ -80,10 +80,6 @@ class Trial:
     setup: Path
 
 
-def _of_subject(name: str) -> Trial:
-    return Trial(NO_WEIGHT, MARKERS / f"{name}.trc", MARKERS / "ik_setup.xml")
-
-
 def _of_patient(lift: str, model: str) -> Trial:
     return Trial(SUBJECT / f"{model}.osim", SUBJECT / f"S8R_{lift}.trc", SUBJECT / f"S8R_{lift}_ik_setup.xml")
 

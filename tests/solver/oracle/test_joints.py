@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -252,40 +253,27 @@ ENDS = [("ground", "upper"), ("ground", "lower"), ("upper", "ground"), ("lower",
 HELD = vec3(0.1, 0.2, -0.1), vec3(0.05, -0.1, 0.2)
 
 
-@pytest.mark.parametrize("ends", ENDS)
-def test_a_point_is_held_on_a_point_of_another_body(ends: tuple[str, str], tmp_path: Path) -> None:
-    model = model_with(opensim.FreeJoint)
-    one, two = (frame_of(model, end) for end in ends)
-    model.addConstraint(given(opensim.PointConstraint(one, HELD[0], two, HELD[1])))
-    assert difference(model, tmp_path).is_nought()
+HOLDING: dict[str, Callable[[Any, Any], Any]] = {
+    "a point": lambda one, two: opensim.PointConstraint(one, HELD[0], two, HELD[1]),
+    "a distance": lambda one, two: opensim.ConstantDistanceConstraint(one, HELD[0], two, HELD[1], 0.3),
+    **{
+        f"a line along {direction}": lambda one, two, direction=direction: opensim.PointOnLineConstraint(
+            one, vec3(*direction), HELD[0], two, HELD[1]
+        )
+        for direction in ((1.0, 0.0, 0.0), (0.3, -2.0, 0.4), (-0.5, 0.6, 0.1))
+    },
+    "a frame": lambda one, two: opensim.WeldConstraint(
+        "weld", one, HELD[0], vec3(0.3, -0.2, 0.4), two, HELD[1], vec3(-0.1, 0.5, 0.2)
+    ),
+}
 
 
 @pytest.mark.parametrize("ends", ENDS)
-def test_a_point_is_held_at_a_distance_from_a_point_of_another_body(ends: tuple[str, str], tmp_path: Path) -> None:
-    model = model_with(opensim.FreeJoint)
-    one, two = (frame_of(model, end) for end in ends)
-    model.addConstraint(given(opensim.ConstantDistanceConstraint(one, HELD[0], two, HELD[1], 0.3)))
-    assert difference(model, tmp_path).is_nought()
-
-
-@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.3, -2.0, 0.4), (-0.5, 0.6, 0.1)])
-@pytest.mark.parametrize("ends", ENDS[:4])
-def test_a_point_is_held_on_a_line_of_another_body(
-    ends: tuple[str, str], direction: tuple[float, float, float], tmp_path: Path
-) -> None:
-    model = model_with(opensim.FreeJoint)
-    one, two = (frame_of(model, end) for end in ends)
-    model.addConstraint(given(opensim.PointOnLineConstraint(one, vec3(*direction), HELD[0], two, HELD[1])))
-    assert difference(model, tmp_path).is_nought()
-
-
-@pytest.mark.parametrize("ends", ENDS)
-def test_a_frame_is_held_on_a_frame_of_another_body(ends: tuple[str, str], tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", HOLDING)
+def test_a_body_is_held_on_another(kind: str, ends: tuple[str, str], tmp_path: Path) -> None:
     model = model_with(opensim.FreeJoint)
     model.getJointSet().get("second").upd_coordinates(0).setDefaultValue(0.2)
-    one, two = (frame_of(model, end) for end in ends)
-    angles = vec3(0.3, -0.2, 0.4), vec3(-0.1, 0.5, 0.2)
-    model.addConstraint(given(opensim.WeldConstraint("weld", one, HELD[0], angles[0], two, HELD[1], angles[1])))
+    model.addConstraint(given(HOLDING[kind](*(frame_of(model, end) for end in ends))))
     assert difference(model, tmp_path).is_nought()
 
 

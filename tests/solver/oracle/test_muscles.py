@@ -29,7 +29,7 @@ from solver.osim.model_writer import osim_document
 from solver.paths import evaluate_paths
 from solver.tendons.fiber import ElasticForces, elastic_forces
 from tests.refusals import raises_refusal
-from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back, vec3
+from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back, set_state, vec3
 
 Array = NDArray[np.float64]
 # optimal fibre length and tendon slack length [m], pennation [rad]: from slack to far beyond the curves' ends
@@ -199,9 +199,7 @@ def both(model: Any, folder: Path, of_opensim: Any) -> tuple[Model, MuscleForces
     coordinates = [model.getCoordinateSet().get(name) for name in ours.coordinate_names]
     rows = []
     for values, speeds in zip(*random_states(ours), strict=True):
-        for coordinate, value, speed in zip(coordinates, values, speeds, strict=True):
-            coordinate.setValue(state, float(value), False)
-            coordinate.setSpeedValue(state, float(speed))
+        set_state(state, coordinates, values, speeds)
         model.realizeVelocity(state)
         rows.append([of_opensim(model.getMuscles().get(name), state, ours) for name in ours.muscle_names])
     return ours, forces_of(ours), np.array(rows)

@@ -15,9 +15,11 @@ from tests.solver.oracle.two_bodies import (
     given,
     model_with,
     opensim,
+    path_of,
     random_states,
     read_back,
     solvers_values,
+    tilted_frame,
     vec3,
 )
 
@@ -32,9 +34,7 @@ def test_a_moving_point_follows_its_coordinate(name: str, tmp_path: Path) -> Non
     coordinate = model.getCoordinateSet().get("first_coord_1")
     coordinate.setRangeMin(-0.5)
     coordinate.setRangeMax(0.6)
-    frame = opensim.PhysicalOffsetFrame("tilted", model.getBodySet().get("upper"), tilted())
-    model.getBodySet().get("upper").addComponent(given(frame))
-    model.finalizeConnections()
+    frame = tilted_frame(model, "upper")
     point = opensim.MovingPathPoint()
     point.setName("mover")
     point.setParentFrame(frame)
@@ -150,13 +150,3 @@ def put_between(model: Any, point: Any) -> None:
     """A muscle whose path goes through the point."""
     points = path_of(add_muscle(model, "wanderer", ENDS)).updPathPointSet()
     points.insert(1, given(point))
-
-
-def path_of(muscle: Any) -> Any:
-    return opensim.GeometryPath.safeDownCast(muscle.updPath())
-
-
-def tilted() -> Any:
-    rotation = opensim.Rotation()
-    rotation.setRotationToBodyFixedXYZ(vec3(0.2, -0.3, 0.4))
-    return opensim.Transform(rotation, vec3(0.05, -0.1, 0.02))

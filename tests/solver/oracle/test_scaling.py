@@ -36,9 +36,9 @@ from solver.time_series_table import read_table
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from
 from tests.solver.oracle.test_actuators import ADDED
-from tests.solver.oracle.test_force_elements import between_tilted_frames, lay
+from tests.solver.oracle.test_force_elements import between_tilted_frames
 from tests.solver.oracle.test_joints import coupler
-from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, read_back, vec3
+from tests.solver.oracle.two_bodies import along_path, frame_of, given, model_with, opensim, read_back, vec3
 
 MODEL = bundled_model()
 NAMES = [marker.name for marker in MODEL.markers]
@@ -309,10 +309,7 @@ ALONG_PATHS = {
 @pytest.mark.parametrize("kind", ALONG_PATHS)
 def test_a_resting_length_grows_with_the_path(kind: str, tmp_path: Path) -> None:
     model = model_with(opensim.UniversalJoint)
-    force = ALONG_PATHS[kind]()
-    force.setName("scaled")
-    model.addForce(given(force))
-    lay(model, force)
+    along_path(model, ALONG_PATHS[kind]()).setName("scaled")
     before, ours, theirs = scaled_by_both(model, tmp_path)
     assert abs(ours.forces[0].resting_length / before.forces[0].resting_length - 1.0) > 0.01
     assert_alike(ours.forces, theirs.forces)

@@ -24,10 +24,19 @@ from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from tests.refusals import raises_refusal
 from tests.solver.oracle.test_actuators import ADDED
-from tests.solver.oracle.test_force_elements import between_tilted_frames, constants, lay
+from tests.solver.oracle.test_force_elements import between_tilted_frames, constants
 from tests.solver.oracle.test_muscles import span
 from tests.solver.oracle.test_scaling import ALONG_PATHS
-from tests.solver.oracle.two_bodies import difference_to, frame_of, given, model_with, opensim, read_back, vec3
+from tests.solver.oracle.two_bodies import (
+    along_path,
+    difference_to,
+    frame_of,
+    given,
+    model_with,
+    opensim,
+    read_back,
+    vec3,
+)
 from tests.solver.osim.test_earlier_versions import opensim_3_document
 from tests.solver.osim.test_model_writer import assert_same
 
@@ -94,10 +103,7 @@ def springs_of_coordinates(model: Any) -> None:
 
 def along_paths(model: Any) -> None:
     for kind, make in ALONG_PATHS.items():
-        force = make()
-        force.setName(kind)
-        model.addForce(given(force))
-        lay(model, force)
+        along_path(model, make()).setName(kind)
 
 
 def bushings(model: Any) -> None:
@@ -301,7 +307,6 @@ def _read_by_both(folder: Path, defaults: str, own: str, force: str = "") -> tup
     )
     text = text[:start] + f'<Millard2012EquilibriumMuscle name="bare">{kept}{own}' + text[end:]
     coordinate = re.search(r'<Coordinate name="([^"]+)"', text)
-    assert coordinate is not None
     force = force.replace(">c<", f">{coordinate[1]}<")
     text = text.replace("</Millard2012EquilibriumMuscle>", f"</Millard2012EquilibriumMuscle>{force}", 1)
     text = re.sub(r"(<Model name=[^>]*>)", lambda found: found[0] + f"<defaults>{defaults}</defaults>", text, count=1)

@@ -39,6 +39,26 @@ def given(component: Any) -> Any:
     return component
 
 
+def made(kind: str, name: str, *arguments: Any, **settings: Any) -> Any:
+    """An object of a class of OpenSim; settings by the names of its setters, several arguments of one in a tuple."""
+    component = getattr(opensim, kind)(*arguments)
+    component.setName(name)
+    for setter, value in settings.items():
+        getattr(component, setter)(*(value if isinstance(value, tuple) else (value,)))
+    return component
+
+
+def tilted_frame(model: Any, name: str) -> Any:
+    """A frame with an offset and a rotation in a body."""
+    rotation = opensim.Rotation()
+    rotation.setRotationToBodyFixedXYZ(vec3(0.2, -0.3, 0.4))
+    place = opensim.Transform(rotation, vec3(0.05, -0.1, 0.02))
+    frame = opensim.PhysicalOffsetFrame(f"{name}_tilted", frame_of(model, name), place)
+    frame_of(model, name).addComponent(given(frame))
+    model.finalizeConnections()
+    return frame
+
+
 def body(name: str) -> Any:
     return opensim.Body(name, 1.3, vec3(0.02, -0.11, 0.03), opensim.Inertia(0.02, 0.015, 0.018, 0.001, -0.002, 0.0015))
 
@@ -77,10 +97,21 @@ def add_muscle(model: Any, name: str, points: list[tuple[str, tuple[float, float
     muscle.set_ignore_activation_dynamics(True)
     muscle.upd_ActiveForceLengthCurve().setMinValue(0.0)
     model.addForce(given(muscle))
-    path = opensim.GeometryPath.safeDownCast(muscle.updPath())
     for index, (body_name, place) in enumerate(points):
-        path.appendNewPathPoint(f"{name}-{index}", frame_of(model, body_name), vec3(*place))
+        path_of(muscle).appendNewPathPoint(f"{name}-{index}", frame_of(model, body_name), vec3(*place))
     return muscle
+
+
+def path_of(force: Any) -> Any:
+    return opensim.GeometryPath.safeDownCast(force.updPath())
+
+
+def along_path(model: Any, force: Any) -> Any:
+    """The force, added along a path from the ground to the second body."""
+    model.addForce(given(force))
+    path_of(force).appendNewPathPoint("start", frame_of(model, "ground"), vec3(0.3, 0.2, -0.1))
+    path_of(force).appendNewPathPoint("end", frame_of(model, "lower"), vec3(0.02, -0.2, 0.1))
+    return force
 
 
 def read_back(model: Any, folder: Path) -> Model:
@@ -171,13 +202,17 @@ def _opensims(osim: Any, model: Model, q: Array, u: Array) -> dict[str, Array]:
         muscle.setOverrideActuation(state, 0.0)
     rows = []
     for values, speeds in zip(q, u, strict=True):
-        for coordinate, value, speed in zip(coordinates, values, speeds, strict=True):
-            if not coordinate.getLocked(state):
-                coordinate.setValue(state, float(value), False)
-                coordinate.setSpeedValue(state, float(speed))
+        set_state(state, coordinates, values, speeds)
         osim.realizeAcceleration(state)
         rows.append(_at_state(osim, state, model, coordinates, muscles))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def set_state(state: Any, coordinates: list[Any], values: Array, speeds: Array) -> None:
+    for coordinate, value, speed in zip(coordinates, values, speeds, strict=True):
+        if not coordinate.getLocked(state):
+            coordinate.setValue(state, float(value), False)
+            coordinate.setSpeedValue(state, float(speed))
 
 
 def _at_state(osim: Any, state: Any, model: Model, coordinates: list[Any], muscles: list[Any]) -> dict[str, Any]:
@@ -211,7 +246,7 @@ def force_per_tension(osim: Any, state: Any, muscle: Any) -> list[float]:
     none = opensim.SpatialVec(opensim.Vec3(0), opensim.Vec3(0))
     bodies = 1 + max(b.getMobilizedBodyIndex() for b in osim.getBodyList())
     wrenches, mobility = opensim.VectorOfSpatialVec(bodies, none), opensim.Vector(state.getNU(), 0.0)
-    opensim.GeometryPath.safeDownCast(muscle.updPath()).addInEquivalentForces(state, 1.0, wrenches, mobility)
+    path_of(muscle).addInEquivalentForces(state, 1.0, wrenches, mobility)
     force = opensim.Vector()
     matter.multiplyBySystemJacobianTranspose(state, wrenches, force)
     total: list[float] = (force.to_numpy() + mobility.to_numpy()).tolist()

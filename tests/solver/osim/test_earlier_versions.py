@@ -89,9 +89,7 @@ def divided(tmp_path: Path) -> Path:
     """The example leg, with its forces and the path of one muscle in files of their own."""
     whole = LEG.read_text(encoding="utf-8")
     forces = re.search(r"<ForceSet.*</ForceSet>", whole, re.DOTALL)
-    assert forces is not None
     path = re.search(r"<GeometryPath.*?</GeometryPath>", forces[0], re.DOTALL)
-    assert path is not None
     write(tmp_path / "path.xml", path[0])
     (tmp_path / "sets").mkdir()
     write(tmp_path / "sets" / "forces.xml", forces[0].replace(path[0], '<GeometryPath file="path.xml"/>'))

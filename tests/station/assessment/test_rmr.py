@@ -450,7 +450,6 @@ def test_actuators_that_share_a_name_are_refused_by_it(step: Step, tmp_path: Pat
     assert "calf" not in str(refusal.value)
     as_muscle = tmp_path / "as_muscle.xml"
     name = re.search(r'CoordinateActuator name="(.*?)"', step.actuators.read_text())
-    assert name is not None
     as_muscle.write_text(step.actuators.read_text().replace(f'name="{name[1]}"', 'name="calf"', 1))
     with raises_refusal(SolverCode.UNSUPPORTED, naming="of the name calf;"):
         solve_muscles(replace(inputs, actuators=(as_muscle,)), FIFTH, OPTIONS)

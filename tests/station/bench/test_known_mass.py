@@ -124,8 +124,6 @@ def test_the_fit_of_a_folder_uses_its_readings(tmp_path: Path, monkeypatch: pyte
     fit = fit_session_folder(tmp_path, None).cuffs["hand"]
     assert fit.notes[-1].code is NoteCode.KNOWN_MASS_GAIN_DRIFT
     assert fit.notes[-1].figures["drift"] == pytest.approx(3 / 19.6)
-    assert fit.stiffness is not None
-    assert silent.stiffness is not None
     assert fit.stiffness.standard_error > 1.5 * silent.stiffness.standard_error
 
 

@@ -105,7 +105,6 @@ def suffer(case: Case, folder: Path, speed: float | None = None) -> Suffered:
         with BenchClock(bench.ports["clock"]) as clock:
             result = TrialRecorder(_config(bench), clock, views).record(folder, TrialSpec("waist", "static", 1))
         capture = world.capture
-        assert capture is not None
         moment = capture.end if case.fault == "no_stop_edge" else world.faults.of("sync", case.fault)[0].begin
         moment_utc_ns = bench.start_utc_ns + int(moment * 1e9)
     if result.path is None:
@@ -119,7 +118,6 @@ def suffer(case: Case, folder: Path, speed: float | None = None) -> Suffered:
         certificate = certify(recording.manifest, decimate(recording.manifest, tracks))
     except UnusableTrial as error:
         return Suffered(result, events, None, str(error), after_s)
-    assert certificate is not None
     return Suffered(
         result, events, certificate, "; ".join(map(str, (certificate.summary, *certificate.findings))), after_s
     )

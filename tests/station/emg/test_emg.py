@@ -79,7 +79,6 @@ def test_shape_level_and_change_are_those_that_were_simulated(station: Station, 
     ran, document = run(station, lab, tmp_path)
     trials = [trial for trial in document.trials if trial.condition == "condition"]
     for channel in (channel for trial in trials for channel in trial.channels):
-        assert channel.shape is not None
         assert channel.shape.outcome is ShapeOutcome.COMPARED
         low, high = channel.shape.lag_s.ci95 or (1, -1)
         assert low <= 0.05 <= high

@@ -392,7 +392,6 @@ def test_csv_has_a_table_of_emg_in_volts_at_the_electrodes(
     header, *_ = files["_emg.csv"].read_text(encoding="utf-8").splitlines()
     table = np.loadtxt(files["_emg.csv"], delimiter=",", skiprows=1)
     assert header == "time_s,deltoid_v,trapezius_v"
-    assert wearer_trial.emg is not None
     np.testing.assert_array_equal(table[:, 0], wearer_trial.emg.time)
     np.testing.assert_array_equal(table[:, 1:], wearer_trial.emg.values)
     assert 0.05e-3 < table[:, 1].std() < 0.5e-3
@@ -418,7 +417,6 @@ def test_another_library_reads_markers_and_emg_of_the_c3d(
     assert analog["UNITS"]["value"] == ["N", "V", "V"]
     assert set(BODY["markers"]) <= set(c3d["parameters"]["POINT"]["LABELS"]["value"])
     emg = c3d["data"]["analogs"][0, 1:].T
-    assert wearer_trial.emg is not None
     np.testing.assert_allclose(emg.std(axis=0), wearer_trial.emg.values.std(axis=0), rtol=0.01)
     middle = wearer_trial.emg.values[5000:5100]
     assert any(np.allclose(emg[start : start + 100], middle, rtol=1e-6) for start in range(4980, 5020)), "not filtered"
@@ -445,7 +443,6 @@ def test_foxglove_has_a_curve_for_each_channel(wearer: WearerSession, tmp_path: 
     done = export_recordings([wearer.path(TIGHT)], "foxglove", tmp_path, "01")
     with done.paths[0].open("rb") as file:
         summary = make_reader(file).get_summary()
-    assert summary is not None
     topics = {channel.topic for channel in summary.channels.values()}
     assert {"/emg/deltoid", "/emg/trapezius", "/force", "/markers"} <= topics
 
@@ -456,7 +453,6 @@ def test_a_wearer_s_trial_has_no_load_on_a_cuff_to_export(wearer: WearerSession,
 
 
 def test_the_gain_of_the_amplifier_is_divided_out(wearer: WearerSession, wearer_trial: WearerTrial) -> None:
-    assert wearer_trial.emg is not None
     person, start = wearer.person, wearer.starts[wearer.path(TIGHT).name]
     electrodes = person.emg("deltoid", start + wearer_trial.emg.time)
     assert np.corrcoef(electrodes, wearer_trial.emg.values[:, 0])[0, 1] > 0.9, "the clocks agree within a sample"

@@ -115,7 +115,6 @@ def test_the_tangent_stiffness_is_drawn_as_cuffs_json_has_it() -> None:
     fitted = _fitted()
     fit, static = fitted.cuffs["waist"], [fitted.pulls["static-1"], fitted.pulls["static-2"]]
     _, beside = _panels(fit_figure(fit, static, []))
-    assert fit.held
     (line,) = (mark for mark in beside.marks if isinstance(mark, Line))
     np.testing.assert_array_equal(line.y, [stiffness.value for _, stiffness in fit.held.tangents])
     assert len(_panels(fit_figure(replace(fit, held=None), static, []))) == 1

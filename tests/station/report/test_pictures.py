@@ -138,7 +138,6 @@ def test_proportions_are_true_and_there_are_no_axes() -> None:
     assert 'class="grid"' not in drawn and 'class="axis"' not in drawn
     bone = re.search(r'class="line bone ?" d="M([\d.]+) ([\d.]+)l(-?[\d.]+) (-?[\d.]+)"', drawn)
     cord = re.findall(r'class="line cord ?" d="M([\d.]+) ([\d.]+)l(-?[\d.]+) (-?[\d.]+)"', drawn)
-    assert bone is not None
     tilt = np.radians(ELEVATION)
     pixels_per_metre = float(bone[4]) / (0.3 * np.cos(tilt))
     x, y = (float(step) / pixels_per_metre for step in cord[1][2:])

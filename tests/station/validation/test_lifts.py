@@ -90,7 +90,6 @@ def test_the_published_figures_are_those_of_the_published_files(solved: list[Sol
     found = {(one.lift, one.variant): one for one in solved if one.published}
     assert set(found) == set(PUBLISHED_PERCENT)
     for (lift, variant), of in found.items():
-        assert of.published is not None
         rmse, correlation = by_pandas(lift, variant)
         assert of.published.rmse == pytest.approx(rmse, rel=1e-9)
         assert of.published.correlation == pytest.approx(correlation, abs=1e-9)
