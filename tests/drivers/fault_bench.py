@@ -209,11 +209,7 @@ class FaultBench:
 def device_options(ports: Mapping[str, int]) -> dict[str, dict[str, Any]]:
     """What make_device() wants to know for each device of a bench, but the clock."""
     return {
-        "ni": {
-            "source": "nidaq",
-            **WIRING,
-            "grpc_target": f"127.0.0.1:{ports['ni']}",
-        },
+        "ni": {"source": "nidaq", **WIRING, "grpc_target": f"127.0.0.1:{ports['ni']}"},
         "qtm": {"source": "qualisys", "host": "127.0.0.1", "port": ports["qtm"], "control": "start"},
         "serial": {
             "source": "serial_load_cell",

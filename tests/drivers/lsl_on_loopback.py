@@ -134,11 +134,7 @@ class TestRefusals:
 
     def test_two_outlets_of_one_name_are_refused(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(lsl, "TWIN_TIMEOUT_S", scaled_timeout(10.0))
-        with (
-            LslSender("twin", "a"),
-            LslSender("twin", "b"),
-            raises_refusal(DeviceCode.SEVERAL_OUTLETS),
-        ):
+        with LslSender("twin", "a"), LslSender("twin", "b"), raises_refusal(DeviceCode.SEVERAL_OUTLETS):
             driver("twin").open()
 
 

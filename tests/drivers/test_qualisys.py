@@ -146,11 +146,7 @@ def test_with_ten_clients_connected_the_next_one_is_refused() -> None:
 
 
 def test_starting_without_control_is_refused_with_what_to_set() -> None:
-    with (
-        simulator() as qtm,
-        opened(driver(qtm.port)) as device,
-        raises_refusal(DeviceCode.REFUSED),
-    ):
+    with simulator() as qtm, opened(driver(qtm.port)) as device, raises_refusal(DeviceCode.REFUSED):
         device.start_capture()
 
 

@@ -127,12 +127,7 @@ class Session:
         return np.searchsorted(time, frame_time - STEP / 2)
 
     def assemble(
-        self,
-        test: str,
-        repeat: int,
-        time: NDArray[np.float64],
-        load: NDArray[np.float64],
-        shifts: NDArray[np.float64],
+        self, test: str, repeat: int, time: NDArray[np.float64], load: NDArray[np.float64], shifts: NDArray[np.float64]
     ) -> tuple[Manifest, dict[str, Track]]:
         """What both instruments make of a load (n,) [N] and of how markers move on the body, (frames, markers, 3)."""
         truth = self.truth

@@ -84,12 +84,7 @@ def _synced_writer(path: Path) -> tuple[RecordingWriter, WallClock, list[float]]
     """A writer, its clock, and the times at which it has synced its file to the disk."""
     wall, syncs = WallClock(), list[float]()
     writer = RecordingWriter(
-        path,
-        MANIFEST,
-        STREAMS,
-        clock=wall,
-        sync=lambda _: syncs.append(wall.now),
-        background=lambda work: work(),
+        path, MANIFEST, STREAMS, clock=wall, sync=lambda _: syncs.append(wall.now), background=lambda work: work()
     )
     return writer, wall, syncs
 

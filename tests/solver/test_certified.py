@@ -100,8 +100,7 @@ def test_force_factors_of_muscles(compared: Comparison) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["acceleration_at_rest", "acceleration_per_control", "reaction_at_rest", "reaction_per_control"],
+    "name", ["acceleration_at_rest", "acceleration_per_control", "reaction_at_rest", "reaction_per_control"]
 )
 def test_maps_of_the_redundancy_problem(compared: Comparison, name: str) -> None:
     assert relative_difference(getattr(compared.maps, name), compared.expected[name]) < 1e-10

@@ -87,10 +87,7 @@ def test_a_shipped_kernel_is_loaded_where_no_folder_is_writable(
 
 @pytest.mark.parametrize("difference", ["numba", "processor", "source", "types", "damage"])
 def test_a_kernel_that_does_not_fit_is_compiled(
-    module: ModuleType,
-    difference: str,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
+    module: ModuleType, difference: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     argument, expected = 3.0, 6.0
     if difference == "numba":

@@ -26,11 +26,7 @@ from tests.solver.published import (
 )
 
 pytestmark = pytest.mark.shared
-PUBLISHED_COSTS = {
-    "hand": (0.829, 0.798, 0.858),
-    "tube": (0.829, 0.803, 0.854),
-    "elbow": (0.869, 0.818, 0.877),
-}
+PUBLISHED_COSTS = {"hand": (0.829, 0.798, 0.858), "tube": (0.829, 0.803, 0.854), "elbow": (0.869, 0.818, 0.877)}
 PUBLISHED_OPTIMA = {
     ("rigid", None): (0.74, 0.79, 3.9),
     ("shift", "hand"): (0.71, 0.79, 4.1),

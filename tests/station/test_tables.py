@@ -32,16 +32,7 @@ ANOTHER_LINE = Note(TrialNoteCode.ANOTHER_LINE, {"angle_deg": 30.0})
 def _printed(tensors: Tensors, *notes: Note) -> str:
     trial = TrialFit("static-2", "s", "static", 2, 2, "used", notes=notes)
     fit = CuffFit(
-        "hand",
-        "arm",
-        "1",
-        None,
-        None,
-        None,
-        (Verdict.NO_STATIC,),
-        np.zeros((3, 3)),
-        trials=(trial,),
-        tensors=tensors,
+        "hand", "arm", "1", None, None, None, (Verdict.NO_STATIC,), np.zeros((3, 3)), trials=(trial,), tensors=tensors
     )
     console = Console(file=io.StringIO(), width=400)
     with console.capture() as capture:

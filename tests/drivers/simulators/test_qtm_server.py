@@ -173,11 +173,7 @@ def test_a_capture_that_follows_at_once_begins_after_the_end_of_the_one_before()
 
     with serving(world) as qtm:
         client = talk(qtm.port, watch)
-    assert client.events == [
-        QRTEvent.EventCaptureStarted,
-        QRTEvent.EventCaptureStopped,
-        QRTEvent.EventCaptureStarted,
-    ]
+    assert client.events == [QRTEvent.EventCaptureStarted, QRTEvent.EventCaptureStopped, QRTEvent.EventCaptureStarted]
 
 
 def test_frames_are_late_when_the_sync_line_rises_early() -> None:
@@ -285,9 +281,7 @@ def test_a_silent_server_ends_though_a_client_waits_for_its_answer() -> None:
 # QTM's discovery, asked by unmodified qtm_rt and by bytes written from Qualisys's protocol document.
 
 
-def test_qtm_rt_discovers_the_simulated_bench(
-    simulated_bench: Callable[..., Bench],
-) -> None:
+def test_qtm_rt_discovers_the_simulated_bench(simulated_bench: Callable[..., Bench]) -> None:
     bench = simulated_bench(ports={"discovery": 0, "ni": None, "serial": None})
     if sys.platform == "win32":
         pytest.skip("Windows documents no broadcast that comes back to 127.0.0.1; under Wine, none arrives")

@@ -12,14 +12,7 @@ from fitting.emg.change import RepeatUnit, emg_change, pool_shapes
 from fitting.emg.envelopes import PUBLISHED, EnvelopeSettings, emg_envelope
 from fitting.emg.shape import MAX_LAG_S, ShapeComparison, ShapeOutcome, compare_shapes
 from fitting.results.codes import FitErrorCode
-from tests.fitting.emg.simulated import (
-    NOISES,
-    RATE,
-    activation,
-    compare_pair,
-    emg_pair,
-    raw_emg,
-)
+from tests.fitting.emg.simulated import NOISES, RATE, activation, compare_pair, emg_pair, raw_emg
 from tests.refusals import raises_refusal
 
 TIME = np.arange(0, 8, 0.01)

@@ -202,13 +202,7 @@ def test_a_bounce_that_cannot_calibrate_is_refused(
         fit_bounce(_trial(truth))
 
 
-@pytest.mark.parametrize(
-    ("gain", "mistake"),
-    [
-        (2.0, GainMistake.CAPACITY_DOUBLED),
-        (1.3, GainMistake.UNKNOWN),
-    ],
-)
+@pytest.mark.parametrize(("gain", "mistake"), [(2.0, GainMistake.CAPACITY_DOUBLED), (1.3, GainMistake.UNKNOWN)])
 def test_a_gain_that_is_a_mistake_is_named_and_not_used(gain: float, mistake: GainMistake) -> None:
     calibration, refused = calibrate([_trial(Bounce(gain=gain))])
     assert refused == {}

@@ -60,10 +60,7 @@ def line(*pulses: tuple[int, int], low: tuple[tuple[int, int], ...] = (), start:
             line(CAPTURE, low=((3000, 3003), (4000, 4001), (5000, 5001), (5500, 5519))),
             [(TrialNoteCode.SYNC_DIPS, 4, "3.000 s, 4.000 s, 5.000 s, …")],
         ),
-        (
-            line(CAPTURE, low=((2502, 2505), (2507, 2508))),
-            [(TrialNoteCode.SYNC_BOUNCES, 2, "2.502 s, 2.507 s")],
-        ),
+        (line(CAPTURE, low=((2502, 2505), (2507, 2508))), [(TrialNoteCode.SYNC_BOUNCES, 2, "2.502 s, 2.507 s")]),
         (line(CAPTURE, (6003, 6005), (6007, 6010)), [(TrialNoteCode.SYNC_BOUNCES, 2, "6.000 s, 6.005 s")]),
         (
             line(CAPTURE, (1000, 1002), low=((2502, 2505), (4000, 4001))),

@@ -15,12 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
-from solver.constraint import (
-    ConstantDistanceConstraint,
-    CoordinatePrescription,
-    PointOnLineConstraint,
-    WeldConstraint,
-)
+from solver.constraint import ConstantDistanceConstraint, CoordinatePrescription, PointOnLineConstraint, WeldConstraint
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
 from solver.inverse_kinematics.solve import (
@@ -38,14 +33,7 @@ from solver.model import CoordinateCoupler, CoordinateLock, Model
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_ik_setup
 from tests.refusals import raises_refusal
-from tests.solver.inverse_kinematics.marked import (
-    cost_of,
-    gaps_of,
-    random_postures,
-    seen_from,
-    tasks_of,
-    with_markers,
-)
+from tests.solver.inverse_kinematics.marked import cost_of, gaps_of, random_postures, seen_from, tasks_of, with_markers
 from tests.solver.linkage import linkage
 from tests.solver.references import SHARED
 

@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.constraint import (
-    ConstantDistanceConstraint,
-    CoordinatePrescription,
-    PointOnLineConstraint,
-    WeldConstraint,
-)
+from solver.constraint import ConstantDistanceConstraint, CoordinatePrescription, PointOnLineConstraint, WeldConstraint
 from solver.functions.coordinate_functions import Sine
 from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, PointConstraint
 from solver.multibody.constraints import constraint_gaps, constraint_rows

@@ -258,9 +258,7 @@ def test_loads_on_the_bundled_model_reach_its_glenoid_as_in_opensim(tmp_path: Pa
     ours = bundled_model()
     osim = certify.build(ours)
     file = written(
-        tmp_path,
-        40,
-        [("pull", "grip", "twist", "hand", "ground", "hand"), ("pull", "", "", "thorax", "scapula", "")],
+        tmp_path, 40, [("pull", "grip", "twist", "hand", "ground", "hand"), ("pull", "", "", "thorax", "scapula", "")]
     )
     q, u = certify.chosen_states(ours)
     time = np.linspace(0.0, 1.0, len(q))

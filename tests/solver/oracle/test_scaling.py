@@ -208,10 +208,7 @@ def test_opensim_solves_our_set_up_of_inverse_kinematics_to_our_optimum(
 ) -> None:
     monkeypatch.chdir(files)  # OpenSim seeks the model of this tool, unlike that of others, in the working folder
     weights = {name: 1.0 + k % 3 for k, name in enumerate(NAMES)}
-    tasks = {
-        "clav_elev": CoordinateTask(1e-3, 0.1),
-        "scapula_winging": CoordinateTask(1e-4, None, is_default=True),
-    }
+    tasks = {"clav_elev": CoordinateTask(1e-3, 0.1), "scapula_winging": CoordinateTask(1e-4, None, is_default=True)}
     setup = IkSetup((0.0, 0.05), weights, tasks, files / "generic.osim", files / "trial.trc", None)
     path = write(files / "ik.xml", ik_setup_document(setup, files, "theirs.mot"))
     assert read_ik_setup(path) == setup

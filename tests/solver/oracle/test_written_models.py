@@ -12,11 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver.constraint import (
-    ConstantDistanceConstraint,
-    CoordinateCoupler,
-    PointOnLineConstraint,
-)
+from solver.constraint import ConstantDistanceConstraint, CoordinateCoupler, PointOnLineConstraint
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
 from solver.functions.muscle_curves import DeGrooteFreglyCurves, MillardCurves, SchutteCurves, ThelenCurves

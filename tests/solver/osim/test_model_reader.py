@@ -255,20 +255,10 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
     [
         ("WrapCylinder", "WrapCylinderObst", SolverCode.UNSUPPORTED, "line 11: WrapCylinderObst hinge"),
         ("-y</quadrant>", "w</quadrant>", SolverCode.MALFORMED, "WrapCylinder hinge"),
-        (
-            "CustomJoint",
-            "EllipsoidJoint",
-            SolverCode.UNSUPPORTED,
-            "line 23: EllipsoidJoint swing",
-        ),
+        ("CustomJoint", "EllipsoidJoint", SolverCode.UNSUPPORTED, "line 23: EllipsoidJoint swing"),
         ("Constant>", "SignalGenerator>", SolverCode.UNSUPPORTED, "SignalGenerator"),
         ("MovingPathPoint", "StrangePathPoint", SolverCode.UNSUPPORTED, "StrangePathPoint b"),
-        (
-            "Millard2012EquilibriumMuscle",
-            "RigidTendonMuscle",
-            SolverCode.UNSUPPORTED,
-            "RigidTendonMuscle closer",
-        ),
+        ("Millard2012EquilibriumMuscle", "RigidTendonMuscle", SolverCode.UNSUPPORTED, "RigidTendonMuscle closer"),
         (
             "</objects></ForceSet>",
             '<ElasticFoundationForce name="cuff"/></objects></ForceSet>',
@@ -289,12 +279,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             "Coordinate angle is both locked and prescribed",
         ),
         ("<min_control>-Inf", "<min_control>low", SolverCode.MALFORMED, "min_control"),
-        (
-            "<min_control>-Inf",
-            "<max_control>2</max_control><min_control>3",
-            SolverCode.MALFORMED,
-            "min_control of 3",
-        ),
+        ("<min_control>-Inf", "<max_control>2</max_control><min_control>3", SolverCode.MALFORMED, "min_control of 3"),
         ("<minimum_value>0<", "<minimum_value>low<", SolverCode.MALFORMED, "minimum_value"),
         ("<x>1 3</x>", "<x>1 2 3</x>", SolverCode.MALFORMED, "3 x and 2 y"),
         ("angle</socket_y_coordinate>", "other</socket_y_coordinate>", SolverCode.UNSUPPORTED, "MovingPathPoint b"),
@@ -366,12 +351,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             SolverCode.UNSUPPORTED,
             "rotation1 is driven by angle width",
         ),
-        (
-            "<coordinates>angle",
-            "<coordinates>width",
-            SolverCode.UNSUPPORTED,
-            "coordinate angle, which moves no axis",
-        ),
+        ("<coordinates>angle", "<coordinates>width", SolverCode.UNSUPPORTED, "coordinate angle, which moves no axis"),
         ("<coordinates>angle<", "<coordinates><", SolverCode.MALFORMED, "rotation1"),
         ("CustomJoint", "FreeJoint", SolverCode.MALFORMED, "expected 6"),
         (
@@ -522,11 +502,7 @@ UNREADABLE = [
         SolverCode.NOT_POSITIVE,
         "slack_length",
     ),
-    (
-        f"<PointToPointSpring name='f'>{BOTH}</PointToPointSpring>",
-        SolverCode.MALFORMED,
-        "two points of the same body",
-    ),
+    (f"<PointToPointSpring name='f'>{BOTH}</PointToPointSpring>", SolverCode.MALFORMED, "two points of the same body"),
     (
         "<CoordinateLimitForce name='f'><coordinate>angle</coordinate><transition>0</transition>"
         "</CoordinateLimitForce>",

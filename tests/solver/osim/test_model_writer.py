@@ -113,10 +113,7 @@ def test_ball_and_free_joints_come_back_too(tmp_path: Path) -> None:
 MUSCLE = replace(MODEL.muscles[0], fiber_damping=0.0)
 MUSCLES = {
     "Thelen": replace(
-        MUSCLE,
-        curves=ThelenCurves(active_shape=0.5, strongest=1.6),
-        maximum_pennation=1.2,
-        tendon=ThelenTendon(0.05),
+        MUSCLE, curves=ThelenCurves(active_shape=0.5, strongest=1.6), maximum_pennation=1.2, tendon=ThelenTendon(0.05)
     ),
     "DeGrooteFregly": replace(
         MUSCLE, curves=DeGrooteFreglyCurves(1.2, 0.5, has_passive_force=False), maximum_pennation=np.pi / 2
@@ -216,10 +213,7 @@ def test_functions_come_back_as_their_class(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("model", "name"),
-    [
-        (with_shoulder(moved_by(FLUTTER)), "GlenoHumeral.rotation1"),
-        (replace(MODEL, forces=(Wind(),)), "for wind of"),
-    ],
+    [(with_shoulder(moved_by(FLUTTER)), "GlenoHumeral.rotation1"), (replace(MODEL, forces=(Wind(),)), "for wind of")],
 )
 def test_what_the_writer_does_not_have_is_refused_by_name(model: Model, name: str) -> None:
     with raises_refusal(SolverCode.NOT_WRITABLE, naming=name):

@@ -75,9 +75,7 @@ def test_random_problems_agree_with_an_independent_solver(seed):
     ray = C @ inside
     c = np.array([np.hypot(ray[1], ray[2]) - ray[0] + 0.05, 0, 0])
     weights = generator.uniform(0.5, 10, 6)
-    solution = solve_conic(
-        ConicProblem(weights, E, (E @ inside)[None], np.zeros((1, 6)), np.ones((1, 6)), C, c[None]),
-    )
+    solution = solve_conic(ConicProblem(weights, E, (E @ inside)[None], np.zeros((1, 6)), np.ones((1, 6)), C, c[None]))
     peer = optimize.minimize(
         lambda x: weights @ x**2,
         inside,
@@ -184,14 +182,7 @@ def test_frames_of_the_arm_raise_agree_with_sequential_quadratic_programming(fra
 
 def only(problem: RedundancyProblem, frame: int) -> RedundancyProblem:
     """One frame, so that no activation is bounded by the frame before."""
-    names = (
-        "time",
-        "acceleration_matrix",
-        "acceleration_target",
-        "reaction_matrix",
-        "reaction_at_rest",
-        "cone",
-    )
+    names = ("time", "acceleration_matrix", "acceleration_target", "reaction_matrix", "reaction_at_rest", "cone")
     return replace(problem, **{name: getattr(problem, name)[frame : frame + 1] for name in names})
 
 

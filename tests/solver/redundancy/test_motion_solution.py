@@ -375,12 +375,7 @@ def _without_an_actuator() -> tuple[Model, Kinematics]:
 
 @pytest.mark.parametrize(
     "irregular",
-    [
-        _with_a_lost_posture,
-        _with_a_redundant_constraint_in_one_posture,
-        _with_limited_actuators,
-        _without_an_actuator,
-    ],
+    [_with_a_lost_posture, _with_a_redundant_constraint_in_one_posture, _with_limited_actuators, _without_an_actuator],
 )
 def test_a_motion_whose_frames_depend_on_one_another_is_solved_as_a_whole(
     monkeypatch: pytest.MonkeyPatch, irregular: Callable[[], tuple[Model, Kinematics]]

@@ -97,8 +97,7 @@ def test_three_cuffs_are_undecided_if_only_the_pairs_are_certain():
 
 
 @pytest.mark.parametrize(
-    ("unknown", "people", "outcome"),
-    [(0, 20, "choose"), (2, 18, "choose"), (3, 17, "unknown"), (20, 0, "unknown")],
+    ("unknown", "people", "outcome"), [(0, 20, "choose"), (2, 18, "choose"), (3, 17, "unknown"), (20, 0, "unknown")]
 )
 def test_people_without_a_solution_are_left_out_and_above_a_tenth_of_them_prevents_a_decision(unknown, people, outcome):
     hand, tube = np.full(20, 0.9), np.full(20, 0.8)

@@ -59,11 +59,7 @@ def test_the_bundled_suit_fits_the_bundled_model_and_no_other_body():
 @pytest.mark.parametrize(
     ("lost", "code", "naming"),
     [
-        (
-            {"waist": replace(SUIT.waist, body="pelvis")},
-            SolverCode.SUIT_BODY,
-            "exotendon.waist is on the body pelvis",
-        ),
+        ({"waist": replace(SUIT.waist, body="pelvis")}, SolverCode.SUIT_BODY, "exotendon.waist is on the body pelvis"),
         ({"masses": (replace(SUIT.masses[0], body="leg"),)}, SolverCode.SUIT_BODY, "masses.waist is on the body leg"),
         ({"groups": {"calf": ("Soleus", "BIC_long")}}, SolverCode.SUIT_MUSCLE, "groups.calf names Soleus"),
     ],
@@ -87,23 +83,11 @@ def test_what_a_suit_file_leaves_out_is_as_published(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "naming"),
     [
-        (
-            "stiffness_n_per_m = 500.0",
-            "stiffness_n_per_m = -1",
-            "stiffness_n_per_m is -1, expected a number above 0",
-        ),
+        ("stiffness_n_per_m = 500.0", "stiffness_n_per_m = -1", "stiffness_n_per_m is -1, expected a number above 0"),
         ("stiffness_n_per_m = 500.0", "stiffness_n_per_m = 0", "stiffness_n_per_m is 0, expected a number above 0"),
         ("stiffness_n_per_m = 500.0", "stiffness_n_per_m = true", "stiffness_n_per_m is True, expected a number"),
-        (
-            "reference_rest_length_m = 0.74",
-            "reference_rest_length_m = 0",
-            "rest_length_m is 0, expected a number",
-        ),
-        (
-            "damping_n_s_per_m = 0.0",
-            "damping_n_s_per_m = -1",
-            "damping_n_s_per_m is -1, expected a number of at",
-        ),
+        ("reference_rest_length_m = 0.74", "reference_rest_length_m = 0", "rest_length_m is 0, expected a number"),
+        ("damping_n_s_per_m = 0.0", "damping_n_s_per_m = -1", "damping_n_s_per_m is -1, expected a number of at"),
         ("damping_n_s_per_m = 0.0\n", "", "exotendon.damping_n_s_per_m is missing"),
         ("mass_kg", "mass_g", "mass_kg is missing, and mass_g is not known"),
         ("mass_kg = 0.2", "mass_kg = 200.0", "waist.mass_kg is 200.0, expected a number of at most 100"),
@@ -115,11 +99,7 @@ def test_what_a_suit_file_leaves_out_is_as_published(tmp_path):
         ("count = 31", "count = 4", "count is 4, expected a number of at least 5"),
         ("point_m = [-0.0329, ", "point_m = [", "exotendon.waist.point_m.2 is missing"),
         ("point_m = [-0.0329, ", "point_m = [nan, ", "exotendon.waist.point_m.0 is nan, expected a finite number"),
-        (
-            "inertia_kg_m2 = [2.321e-3",
-            "inertia_kg_m2 = [-1",
-            "waist.inertia_kg_m2.0 is -1, expected a number of",
-        ),
+        ("inertia_kg_m2 = [2.321e-3", "inertia_kg_m2 = [-1", "waist.inertia_kg_m2.0 is -1, expected a number of"),
         ("mass_kg = 0.2", "mass_kg = 'light'", "masses.waist.mass_kg is 'light', expected a number"),
         ("[masses.arm]", "[masses.leg]", "masses.leg"),
         ("[masses.waist]", "[[masses.waist]]", "masses.waist is"),

@@ -30,14 +30,7 @@ WAIST = CuffParameters("waist", "waist", 2140.0, 124.0, 0.015)
 COVARIANCE = np.array([[100.0**2, 0.6 * 100 * 10, 0.0], [0.6 * 100 * 10, 10.0**2, 0.0], [0.0, 0.0, 0.002**2]])
 HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.015, COVARIANCE)
 EVERY = 60
-CASE = PeopleCase(
-    LoadedMotion(MODEL, MOTION),
-    SUIT,
-    WAIST,
-    (HAND,),
-    UncertaintySources(),
-    EVERY,
-)
+CASE = PeopleCase(LoadedMotion(MODEL, MOTION), SUIT, WAIST, (HAND,), UncertaintySources(), EVERY)
 SCORES = normal_scores(unit_sample(CASE.factors, 3, "latin_hypercube", seed=1))
 CUFF_COLUMNS = columns_of(CASE.factors, ("fit.hand", "donning.hand", "donning.waist", "cord_stiffness"))
 LIMITS = {"min_control": -0.1, "max_control": 0.1}

@@ -41,11 +41,7 @@ from tests.refusals import raises_refusal
 from tests.station.loads import write_weight
 from tests.station.reported import few_people, unmarked_numbers
 
-CUFFS = {
-    "waist": (2140.0, 124.0, 0.012),
-    "hand": (8520.0, 210.0, 0.012),
-    "elbow": (2530.0, 139.0, 0.022),
-}
+CUFFS = {"waist": (2140.0, 124.0, 0.012), "hand": (8520.0, 210.0, 0.012), "elbow": (2530.0, 139.0, 0.022)}
 KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
 RULE = DecisionRule()
 SPREAD = np.linspace(-0.02, 0.02, 1001)

@@ -101,11 +101,7 @@ def test_the_cuffs_of_the_suit_must_be_unambiguous(tmp_path: Path, worn: dict[st
     ("old", "new", "naming"),
     [
         ("damping_n_s_per_m = 0.0", "damping_n_s_per_m = 3.0", "3 N s/m"),
-        (
-            '[masses.arm]\nbody = "humerus"',
-            '[masses.arm]\nbody = "ulna"',
-            "masses.arm",
-        ),
+        ('[masses.arm]\nbody = "humerus"', '[masses.arm]\nbody = "ulna"', "masses.arm"),
     ],
 )
 def test_a_suit_that_opensim_cannot_have_is_refused(tmp_path: Path, old: str, new: str, naming: str) -> None:

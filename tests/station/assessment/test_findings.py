@@ -85,10 +85,7 @@ def test_the_cuff_with_the_least_effort_is_chosen_if_all_others_differ() -> None
 
 @pytest.mark.parametrize(
     ("value", "ci95", "code"),
-    [
-        (0.01, (-0.005, 0.025), AssessmentCode.NOT_DISTINGUISHED),
-        (0.004, (0.0039, 0.0041), AssessmentCode.NOT_RELEVANT),
-    ],
+    [(0.01, (-0.005, 0.025), AssessmentCode.NOT_DISTINGUISHED), (0.004, (0.0039, 0.0041), AssessmentCode.NOT_RELEVANT)],
 )
 def test_an_equivalent_cuff_is_named(value: float, ci95: tuple[float, float], code: AssessmentCode) -> None:
     choice, comparison, *_ = compared(value, ci95)

@@ -236,8 +236,7 @@ def test_a_delayed_first_frame_is_not_a_loss() -> None:
 
 
 @pytest.mark.parametrize(
-    ("which", "missing"),
-    [("daq_sends", {"/force": 3000, "/sync": 3000}), ("mocap_sends", {"/markers": 300})],
+    ("which", "missing"), [("daq_sends", {"/force": 3000, "/sync": 3000}), ("mocap_sends", {"/markers": 300})]
 )
 def test_a_device_that_falls_silent_while_recording_ends_the_trial_with_a_loss_of_each_stream(
     which: str, missing: dict[str, int]

@@ -96,9 +96,7 @@ def test_a_wrong_line_is_refused_and_an_incomplete_one_ignored(tmp_path: Path, l
         read_checks(tmp_path)
 
 
-def test_a_drift_of_the_gain_adds_to_the_uncertainty_of_the_scale_and_is_noted(
-    tmp_path: Path,
-) -> None:
+def test_a_drift_of_the_gain_adds_to_the_uncertainty_of_the_scale_and_is_noted(tmp_path: Path) -> None:
     for mass, newtons in ((0, 0.0), (2, 19.61), (0, 2.3), (2, 22.8)):
         _check(tmp_path, mass, newtons)
     checks = read_checks(tmp_path)
@@ -132,13 +130,7 @@ def test_the_fit_of_a_folder_uses_its_readings(tmp_path: Path, monkeypatch: pyte
     [
         (CERTIFICATE, date(2026, 3, 31), CheckCode.CALIBRATION_VALID, 30, "2027-03-01"),
         (CERTIFICATE, date(2027, 3, 1), CheckCode.CALIBRATION_DUE, 365, "2027-03-01"),
-        (
-            {**CERTIFICATE, "calibration_valid_days": 10},
-            date(2026, 3, 20),
-            CheckCode.CALIBRATION_DUE,
-            19,
-            "2026-03-11",
-        ),
+        ({**CERTIFICATE, "calibration_valid_days": 10}, date(2026, 3, 20), CheckCode.CALIBRATION_DUE, 19, "2026-03-11"),
         (
             {**CERTIFICATE, "calibration_due_on": date(2028, 1, 1)},
             date(2027, 6, 1),

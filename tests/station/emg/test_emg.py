@@ -25,13 +25,7 @@ from station.messages.emg_messages import EmgCode
 from tests.conftest import SHARED
 from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_one_sentence, assert_refused
-from tests.station.emg.measured import (
-    levels,
-    write_activations,
-    write_emg,
-    write_mvc,
-    write_setup,
-)
+from tests.station.emg.measured import levels, write_activations, write_emg, write_mvc, write_setup
 from tests.station.reported import unmarked_numbers
 
 Station = Callable[..., Ran]

@@ -32,12 +32,7 @@ from tests.station.reported import DYNAMIC, STATIC, report_session
 
 Station = Callable[..., Ran]
 
-AS_RECORDED, CHANGED, BY_HAND, MISSING = (
-    Standing.AS_RECORDED,
-    Standing.CHANGED,
-    Standing.BY_HAND,
-    Standing.MISSING,
-)
+AS_RECORDED, CHANGED, BY_HAND, MISSING = (Standing.AS_RECORDED, Standing.CHANGED, Standing.BY_HAND, Standing.MISSING)
 needs_ssh_keygen = pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="needs OpenSSH's ssh-keygen")
 
 

@@ -461,10 +461,7 @@ def test_the_gain_of_the_amplifier_is_divided_out(wearer: WearerSession, wearer_
 
 
 def test_info_names_markers_elevation_and_emg_of_a_motion(station, wearer: WearerSession) -> None:
-    table, plain = (
-        station("info", wearer.path(TIGHT)),
-        station("info", wearer.path(TIGHT), "--format", "json"),
-    )
+    table, plain = (station("info", wearer.path(TIGHT)), station("info", wearer.path(TIGHT), "--format", "json"))
     assert (table.code, plain.code) == (0, 0)
     for text in (*BODY["markers"], *BODY["suit_markers"], "ac to EpL relative to c7 to t8", "deltoid ×500"):
         assert text in table.out

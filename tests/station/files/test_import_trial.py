@@ -211,11 +211,7 @@ def test_lost_rows_are_losses_of_the_recording(static: tuple[Path, Path], tmp_pa
         path.write_text("\n".join(lines), encoding="utf-8")
     done = run(tmp_path / "s", *static)
     gaps = {gap.stream: (gap.cause, gap.first_missing, gap.count) for gap in contents_of(done.path).gaps}
-    assert gaps == {
-        "/force": ("skipped", 5000, 50),
-        "/sync": ("skipped", 5000, 50),
-        "/markers": ("skipped", 301, 50),
-    }
+    assert gaps == {"/force": ("skipped", 5000, 50), "/sync": ("skipped", 5000, 50), "/markers": ("skipped", 301, 50)}
     assert not read_trial(done.path).is_whole
 
 
@@ -269,11 +265,7 @@ def test_markers_are_renamed_by_label(station, static: tuple[Path, Path], tmp_pa
     assert import_by_verb(station, static, tmp_path / "s", "--label", "LHand2=cuff_1").code == 0
     for label, code in (("LHand2", ImportCode.WRONG_LABEL_PAIR), ("x=cuff_1", ImportCode.UNKNOWN_LABEL)):
         assert_refused(import_by_verb(station, static, tmp_path / "s", "--label", label), 2, code)
-    assert_one_sentence(
-        import_by_verb(station, static, tmp_path / "s", "--label", "LHand2=anchor_1"),
-        1,
-        "anchor_1",
-    )
+    assert_one_sentence(import_by_verb(station, static, tmp_path / "s", "--label", "LHand2=anchor_1"), 1, "anchor_1")
 
 
 @pytest.mark.parametrize(
@@ -299,8 +291,7 @@ def test_a_bad_line_is_refused_with_its_place_and_writes_nothing(
 
 
 @pytest.mark.parametrize(
-    ("column", "code"),
-    [("kraft", ImportCode.NO_FORCE_COLUMN), ("force_n", ImportCode.SEVERAL_FORCE_COLUMNS)],
+    ("column", "code"), [("kraft", ImportCode.NO_FORCE_COLUMN), ("force_n", ImportCode.SEVERAL_FORCE_COLUMNS)]
 )
 def test_a_force_column_that_is_missing_or_ambiguous_is_refused(
     static: tuple[Path, Path], column: str, code: ImportCode

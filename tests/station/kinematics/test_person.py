@@ -126,10 +126,7 @@ def test_a_marker_set_without_a_scapula_is_reported_in_body_and_postures(folder:
 
 @pytest.mark.parametrize(
     ("more", "said", "exit_code"),
-    [
-        (("--body-mass", 20), "give the person's mass, not the model's", 1),
-        ((), "--body-mass are", 2),
-    ],
+    [(("--body-mass", 20), "give the person's mass, not the model's", 1), ((), "--body-mass are", 2)],
 )
 def test_a_mass_that_is_none_leaves_nothing(
     more: tuple[object, ...], said: str, exit_code: int, folder: Path, tmp_path: Path, capsys, monkeypatch

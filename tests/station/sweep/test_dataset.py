@@ -30,11 +30,7 @@ from tests.refusals import raises_refusal
 from tests.station.command import assert_refused
 from tests.station.loads import write_weight
 
-CUFFS = {
-    "waist": (2140.0, 124.0, 0.012),
-    "hand": (8520.0, 210.0, 0.012),
-    "elbow": (2530.0, 139.0, 0.022),
-}
+CUFFS = {"waist": (2140.0, 124.0, 0.012), "hand": (8520.0, 210.0, 0.012), "elbow": (2530.0, 139.0, 0.022)}
 KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
 CUFF = 'cuff = ["hand", "elbow"]\n'
 
@@ -254,10 +250,7 @@ def test_a_missing_file_ends_the_sweep_before_it_begins(
 
 def test_a_cuff_that_is_missing_or_at_the_waist_is_refused(tmp_path: Path) -> None:
     plan = write_plan(tmp_path)
-    for cuff, error, code in (
-        ("knee", InputError, InputCode.UNKNOWN_CUFF),
-        ("waist", PlanError, SweepCode.WORN_CUFFS),
-    ):
+    for cuff, error, code in (("knee", InputError, InputCode.UNKNOWN_CUFF), ("waist", PlanError, SweepCode.WORN_CUFFS)):
         plan.write_text(f'[vary]\ncuffs = "cuffs.json"\ncuff = "{cuff}"\n', "utf-8")
         with raises_refusal(code, kind=error):
             run_sweep(read_plan(plan), tmp_path / "out", nowhere)
