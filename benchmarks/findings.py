@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.coverage import Condition, Session, run
 from fitting.cuffs.published_method import fit_published
 from fitting.results.codes import CauseCode, FindingCode
-from fitting.results.sentences import name_of
+from fitting.results.sentences import NAMES
 from tests.fitting.defects import Rig
 
 RATES = (20.0, 50.0, 1000.0)
@@ -111,11 +111,11 @@ def print_row(
     alarms = [{found.code for found in one.findings if found.is_alarm} for one in diagnoses]
     causes = [{found.code for found in one.causes} for one in diagnoses]
     part = 100 / len(sessions)
-    own = f"{name_of(finding)} {part * sum(finding in found for found in alarms):.0f}" if finding else ""
+    own = f"{NAMES[finding]} {part * sum(finding in found for found in alarms):.0f}" if finding else ""
     named = f"{part * sum(cause in found for found in causes):.0f}" if cause else ""
     another = part * sum(bool(found - {cause}) for found in causes)
     others = Counter(code for found in alarms for code in found - {finding})
-    listed = ", ".join(f"{name_of(code)} {part * count:.1f}" for code, count in others.most_common()) or "none"
+    listed = ", ".join(f"{NAMES[code]} {part * count:.1f}" for code, count in others.most_common()) or "none"
     print(f"| {name} | {len(sessions)} | {own} | {named} | {another:.1f} | {listed} |", flush=True)
 
 
@@ -125,7 +125,7 @@ def print_negative_forces(sessions: int, repeats: int) -> None:
         runs = [run(condition, seed, repeats) for seed in range(sessions)]
         findings = [session.fit.diagnosis.findings for session in runs if session.fit.diagnosis]
         counts = Counter(finding.code for one in findings for finding in one if finding.is_alarm)
-        found = ", ".join(name_of(code) for code in counts if counts[code] >= sessions / 2)
+        found = ", ".join(NAMES[code] for code in counts if counts[code] >= sessions / 2)
         published = [fit_published(list(session.fit.pulls.values())) for session in runs]
         force, part = np.array([(fit.damper_force, fit.negative_part) for fit in published], dtype=float).T
         print(f"| {cause} | {force.mean():+.1f} | {100 * part.mean():.0f} | {found} |", flush=True)

@@ -32,7 +32,7 @@ from fitting.dynamic.damping import fit_damping
 from fitting.dynamic.errors_in_variables import C, K, Swing, estimate
 from fitting.pull.pull import make_pulls
 from fitting.results.codes import CauseCode
-from fitting.results.sentences import name_of
+from fitting.results.sentences import NAMES
 from fitting.session import fit_session
 from fitting.spatial.tensors import entries_of, held_tensor, swung_tensor
 from fitting.trial.clocks import DRIFT_PRIOR_SD, LagUncertainty
@@ -226,7 +226,7 @@ def _causes(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
     yield "|---|---|"
     for cause in (*DEFECTS, None):
         found = list(pool.map(partial(_is_named, cause), seeds))
-        yield f"| {NO_DEFECT if cause is None else name_of(cause)} | {100 * np.mean(found):.0f} |"
+        yield f"| {NO_DEFECT if cause is None else NAMES[cause]} | {100 * np.mean(found):.0f} |"
     yield ""
 
 

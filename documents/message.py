@@ -10,30 +10,45 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Any, Generic, Self, TypeVar
 
 from documents.interval import CountingFormatter
 
+Figures = Mapping[str, float | str]
+"""Name, with the unit at its end, → number or name that the sentence shows. A code is shown as its sentence."""
+_SCALES = {"mm": 1e3, "ms": 1e3, "percent": 100.0, "per_minute": 60.0, "ppm": 1e6}
+"""Unit in which a template shows an SI figure (`{shift_m:mm .2f}`) → factor."""
+
 
 class Code(StrEnum):
-    """A stable code for programs, with the template of its sentence: NAME = "code", "{figure:.1f} N, expected …".
+    """A stable code for programs, with the template of its sentence: NAME = "code", "{force_n:.1f} N, expected …".
 
     A code keeps its meaning for ever. A new one may be added; one that is no longer used stays, so that old files open.
-    The part before its dot is the kind of the event, the part after it is the reason.
+    The part before its dot is the kind of the event, the part after it is the reason. Of several clauses, those whose
+    figures are given are shown.
     """
 
-    template: str
+    clauses: tuple[str, ...]
 
-    def __new__(cls, code: str, template: str = "") -> Self:
+    def __new__(cls, code: str, *clauses: str) -> Self:
         member = str.__new__(cls, code)
         member._value_ = code
-        member.template = template
+        member.clauses = clauses
         return member
+
+    def sentence(self, figures: Figures = MappingProxyType({})) -> str:
+        """A clause without capital or full stop in most cases. Raises KeyError if a figure is missing."""
+        shown = [clause for clause in self.clauses if fields_of(clause) <= figures.keys()]
+        return "".join(_FORMATTER.vformat(clause, (), figures) for clause in shown or self.clauses[:1])
+
+
+def fields_of(clause: str) -> set[str]:
+    """The figures that a clause shows."""
+    return {field for _, field, _, _ in _FORMATTER.parse(clause) if field}
 
 
 Code_co = TypeVar("Code_co", bound=Code, covariant=True)
-Figures = Mapping[str, float | str]
-"""Name, with the unit at its end, → number or name that the sentence shows."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +59,7 @@ class Message(Generic[Code_co]):
     figures: Figures = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return _FORMATTER.vformat(self.code.template, (), self.figures)
+        return self.code.sentence(self.figures)
 
     def to_plain(self) -> dict[str, object]:
         """The code and its figures, as JSON."""
@@ -62,15 +77,19 @@ class Message(Generic[Code_co]):
         return self.code.value.partition(".")[0]
 
 
-class _WithMinusSigns(CountingFormatter):
-    """Negative figures have a minus sign in the sentence and a hyphen in the JSON."""
+class _Formatter(CountingFormatter):
+    """Shows an SI figure in the unit that the template names, a code as its sentence, and a minus sign as one."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
-        text = super().format_field(value, format_spec)
+        if isinstance(value, Code):
+            return value.sentence()
+        unit, _, form = format_spec.rpartition(" ")
+        is_scaled = unit in _SCALES
+        text = super().format_field(_SCALES[unit] * value if is_scaled else value, form if is_scaled else format_spec)
         return f"−{text[1:]}" if re.fullmatch(r"-\d[\d.]*", text) else text
 
 
-_FORMATTER = _WithMinusSigns()
+_FORMATTER = _Formatter()
 
 
 def join_sentences(messages: Iterable[Message[Code]]) -> str:

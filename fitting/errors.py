@@ -17,8 +17,10 @@ FitError
 
 from __future__ import annotations
 
-from fitting.results.codes import FitErrorCode, FitOutcome, RejectionCode, TensorCode
-from fitting.results.sentences import Figures, Note
+from documents.message import Figures
+from fitting.results.codes import FitErrorCode, FitOutcome
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TensorCode
 
 
 class FitError(Exception):

@@ -25,8 +25,9 @@ from fitting.dynamic.damping import fit_damping, fit_swings
 from fitting.errors import UnusableTrial
 from fitting.laws.model_class import FRICTION, compare_classes, sample_pull
 from fitting.pull.pull import Pull, make_pulls, newest_first, of_test
-from fitting.results.codes import CauseCode, RejectionCode, TrialNoteCode, Verdict
+from fitting.results.codes import CauseCode, Verdict
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.spatial.tensors import fit_tensors
 from fitting.static.held_loads import fit_held_loads, fit_migration
 from fitting.trial.bounce import BounceTrial, calibrate

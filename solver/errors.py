@@ -136,10 +136,7 @@ class CoverageCode(Code):
         "few_scapula_markers",
         "two markers on the scapula: coordinate tasks decide part of its posture; add an acromion cluster",
     )
-    HUMERUS_NOT_DETERMINED = (
-        "humerus_not_determined",
-        "no marker on the upper arm: add a cluster or both epicondyles",
-    )
+    HUMERUS_NOT_DETERMINED = ("humerus_not_determined", "no marker on the upper arm: add a cluster or both epicondyles")
     AXIAL_ROTATION_UNCERTAIN = (
         "axial_rotation_uncertain",
         "axial rotation of the arm depends on the epicondyles alone and is uncertain; add a cluster or a forearm "
@@ -158,10 +155,7 @@ class ScalingCode(Code):
         "point_inside_surface",
         "{muscle}: a path point lies inside {surface}, unlike in the generic model",
     )
-    FIBRE_LENGTH = (
-        "fibre_length",
-        "{muscle}: its fibre is {figure:.2f} of the optimal length in the default posture",
-    )
+    FIBRE_LENGTH = ("fibre_length", "{muscle}: its fibre is {figure:.2f} of the optimal length in the default posture")
     PATH_LENGTH = (
         "path_length",
         "{muscle}: its path is {figure:.2f} times as long, relative to the median of all muscles",
@@ -170,8 +164,5 @@ class ScalingCode(Code):
         "fibre_length_in_motion",
         "{muscle}: its fibre reaches {figure:.2f} of the optimal length in the motion",
     )
-    PASSIVE_FORCE = (
-        "passive_force",
-        "{muscle}: its passive force reaches {figure:.2f} of the maximum isometric force",
-    )
+    PASSIVE_FORCE = ("passive_force", "{muscle}: its passive force reaches {figure:.2f} of the maximum isometric force")
     PATH_JUMP = "path_jump", "{muscle}: the length of its path jumps by {jump_mm:.0f} mm between two frames"

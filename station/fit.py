@@ -11,8 +11,8 @@ from documents.message import Message
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.cuffs.wearable_cuff import bushing_force
-from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.mass_checks import check_notes, read_checks, with_mass_checks
 from fitting.trial.trial import RejectedTrial, Trial, TrialReading, read_alone, read_protocol, read_trials

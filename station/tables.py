@@ -10,7 +10,8 @@ from rich.console import Console
 from documents.interval import between, bracketed, digits_of, plus_minus, rounded
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.published_method import PublishedFit
-from fitting.results.codes import NoteCode, TrialNoteCode
+from fitting.results.codes import NoteCode
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin
 from solver.suit.assessment import Assessment

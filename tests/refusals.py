@@ -8,10 +8,12 @@ from enum import StrEnum
 
 import pytest
 
+from documents.message import Figures
 from drivers.simulators.errors import SimulatorCode, SimulatorError
 from fitting.errors import CodedError
-from fitting.results.codes import FitErrorCode, RejectionCode, TensorCode, TrialNoteCode
-from fitting.results.sentences import Figures, Note
+from fitting.results.codes import FitErrorCode
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
 from recordings.errors import RecordingCode, RecordingError
 from solver.errors import SolverCode, SolverError
 from station.errors import StationError

@@ -20,8 +20,9 @@ from fitting.dynamic.cross_checks import ComplexStiffness
 from fitting.dynamic.damping import DampingFit
 from fitting.laws.model_class import ModelComparison
 from fitting.pull.pull import Pull
-from fitting.results.codes import EXPLAINED_BY, RejectionCode, Standing, TrialNoteCode, Verdict
+from fitting.results.codes import EXPLAINED_BY, Standing, Verdict
 from fitting.results.sentences import Note, verdict_text
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.spatial.tensors import Tensors
 from fitting.static.held_loads import HeldLoads, fit_migration
 from fitting.static.stiffness import trial_stiffness

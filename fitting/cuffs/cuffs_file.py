@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from documents.message import Figures
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import path_of, replaced
 from documents.validation import describe_error, faulty_key
@@ -24,7 +25,7 @@ from fitting.errors import CodedError
 from fitting.laws.model_class import KELVIN_VOIGT, ModelComparison
 from fitting.results.codes import EXPLAINED_BY, FitErrorCode, Verdict
 from fitting.results.cuffs_schema import FORMAT, CuffEntry, CuffsDocument, FigureEntry
-from fitting.results.sentences import Figures, Note
+from fitting.results.sentences import Note
 from fitting.spatial.tensors import Tensor, Tensors, entry_errors
 from fitting.static.held_loads import HeldLoads
 from fitting.trial.calibration import Calibration

@@ -17,7 +17,7 @@ from documents.results import Curve, EqualByFields, curves_svg, result_html
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, NoteCode, Verdict
 from fitting.results.cuffs_schema import POSSIBLE, is_covariance
-from fitting.results.sentences import Note, sentence_of, verdict_text
+from fitting.results.sentences import Note, verdict_text
 from fitting.uncertainty import NORMAL_95, Estimate, normal_estimate
 from recordings.manifest import DataOrigin, is_file_name
 from solver.cuff import CuffParameters, KelvinVoigt
@@ -179,7 +179,7 @@ class Cuff(EqualByFields):
             damping=self.damping.value,
             migration=self.migration.value,
             covariance=self.covariance,
-            source=" ".join(self.sources.values()) or sentence_of(Verdict.GIVEN),
+            source=" ".join(self.sources.values()) or Verdict.GIVEN.sentence(),
         )
 
     def without_migration(self) -> Cuff:

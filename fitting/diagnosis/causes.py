@@ -22,6 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from fitting.diagnosis.identification import MIN_LOADS, FittedPull
 from fitting.dynamic.cross_checks import ComplexStiffness
 from fitting.errors import UnusableTrial
@@ -29,7 +30,7 @@ from fitting.laws.model_class import FRICTION, GAIN, SLIP, SOFTENING, STIFFENING
 from fitting.pull.cuff_motion import LOOSE, SKIN_CORRELATION, pull_direction
 from fitting.pull.plateaus import MAX_FRICTION, MAX_SCALE_ERROR, Plateau, is_unloaded, load_scale
 from fitting.results.codes import CauseCode, FindingCode
-from fitting.results.sentences import Figures, name_of, sentence_of
+from fitting.results.sentences import NAMES
 from fitting.uncertainty import Estimate, Repeat, combine
 from solver.cuff import KelvinVoigt
 
@@ -75,12 +76,12 @@ class Finding:
 
     @property
     def name(self) -> str:
-        return name_of(self.code)
+        return NAMES[self.code]
 
     @property
     def sentence(self) -> str:
         error = {} if self.standard_error is None else {"standard_error": self.standard_error}
-        return sentence_of(self.code, {"value": self.value, **error, **self.more})
+        return self.code.sentence({"value": self.value, **error, **self.more})
 
 
 def find_all(
@@ -381,10 +382,7 @@ LAW_CAUSES = {
 
 @dataclass(frozen=True)
 class Cause:
-    """A possible cause; severity is its figure over the limit from which it is reported.
-
-    finding  the check that indicates it, if any
-    """
+    """A possible cause, and the check that indicates it; severity is its figure over the limit from which it counts."""
 
     code: CauseCode
     severity: float
@@ -393,12 +391,12 @@ class Cause:
 
     @property
     def name(self) -> str:
-        return name_of(self.code)
+        return NAMES[self.code]
 
     @property
     def sentence(self) -> str:
         found = {self.finding.code.value: self.finding.sentence} if self.finding else {}
-        return sentence_of(self.code, {"name": self.name, **found, **self.figures})
+        return self.code.sentence({"name": self.name, **found, **self.figures})
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from documents.message import Figures
 from documents.results import EqualByFields
 from fitting.dynamic.damping import DampingFit, Swings
 from fitting.pull.plateaus import Plateau, last_step
 from fitting.pull.pull import Pull, newest_first, of_test
-from fitting.results.codes import EXPLAINED_BY, FitOutcome, NoteCode, TrialNoteCode, Verdict, worst
-from fitting.results.sentences import Figures, Note
+from fitting.results.codes import EXPLAINED_BY, FitOutcome, NoteCode, Verdict, worst
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.static.held_loads import Creep, HeldLoads, fit_migration, held_load_notes
 from fitting.static.stiffness import StaticFit, StiffnessFit
 from fitting.trial.bounce import Oscillation

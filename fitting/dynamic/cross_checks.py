@@ -25,10 +25,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from documents.results import EqualByFields
 from fitting.dynamic.errors_in_variables import TAU, C, K, Solution, Swing
-from fitting.results.codes import FitOutcome, TrialNoteCode
-from fitting.results.sentences import Figures, Note
+from fitting.results.codes import FitOutcome
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.uncertainty import Estimate, normal_estimate, student_estimate
 from solver.cuff import KelvinVoigt
 

@@ -38,8 +38,9 @@ from fitting.dynamic.errors_in_variables import (
 )
 from fitting.errors import UnusableTrial
 from fitting.pull.pull import Pull, newest_first
-from fitting.results.codes import FitOutcome, RejectionCode, TrialNoteCode, worst
+from fitting.results.codes import FitOutcome, worst
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.bounce import Oscillation, find_oscillation
 from fitting.trial.timeline import REST
 from fitting.uncertainty import Estimate, Repeat, combine, normal_estimate

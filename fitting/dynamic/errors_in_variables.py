@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
 from fitting.pull.pull import Pull
-from fitting.results.codes import NEGLIGIBLE, FitOutcome, RejectionCode
+from fitting.results.codes import NEGLIGIBLE, FitOutcome
+from fitting.results.trial_codes import RejectionCode
 from fitting.spline import Spline, linear_combination, regularised, solve_banded
 from fitting.trial.bounce import Oscillation
 from fitting.uncertainty import Estimate

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.sentences import Figures, Note
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 
 if TYPE_CHECKING:
     from fitting.trial.trial import Trial  # the recorder uses only the poses of this file, and starts faster

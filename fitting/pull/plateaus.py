@@ -18,8 +18,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fitting.results.codes import TrialNoteCode
-from fitting.results.sentences import Figures, Note
+from documents.message import Figures
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.trial.calibration import find_mistake, level_bias
 from fitting.uncertainty import Estimate, normal_estimate
 from recordings.standard_gravity import g

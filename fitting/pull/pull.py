@@ -30,8 +30,8 @@ from fitting.pull.cuff_motion import (
     reference_posture,
 )
 from fitting.pull.plateaus import Plateau, check_steps, find_plateaus
-from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.calibration import code_width
 from fitting.trial.clocks import LONGEST_FORCE_GAP
 from fitting.trial.trial import Trial

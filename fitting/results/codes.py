@@ -1,34 +1,93 @@
-"""Codes of everything that a fit reports: stable names for programs. Their text is in fitting/results/sentences.py.
-
-A code never changes its meaning. New codes may be added; a code that is no longer used stays, so that old files open.
-"""
+"""Codes of everything that a fit reports on a donning, and of its errors; those on a trial are in trial_codes.py."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
 
+from documents.message import Code
 
-class Verdict(StrEnum):
+_ZEROS = "k and c are not affected, as each record has its own zero"
+_TANGENT = "k is the mean slope; read the tangent at the load that matters (exponential_law in cuffs.json)"
+_WITH_LOAD = (
+    " with the load, from {lowest_n_per_m:.0f} N/m at the lowest to {highest_n_per_m:.0f} N/m at the highest held load"
+)
+_EXPLAINS = "{law} explains {gain:percent .0f} % of the residual of a spring and a damper; "
+
+
+class Verdict(Code):
     """Which quantities are identified: the quantity, then after a dot the reason."""
 
-    IDENTIFIED = "identified"
-    GIVEN = "given"
-    NO_STATIC = "stiffness_not_identified.no_static_trial"
-    FEW_LOADS = "stiffness_not_identified.few_loads"
-    ONLY_ROSE = "stiffness_not_identified.load_only_rose"
-    STIFFNESS_UNCERTAIN = "stiffness_not_identified.wide_interval"
-    STIFFNESS_NOT_CONVERGED = "stiffness_not_identified.not_converged"
-    NO_DYNAMIC = "damping_not_identified.no_dynamic_trial"
-    LAG = "damping_not_identified.lag"
-    DAMPING_UNCERTAIN = "damping_not_identified.noise"
-    NEGATIVE = "damping_not_identified.negative"
-    DAMPING_NOT_CONVERGED = "damping_not_identified.not_converged"
-    FRICTION = "damping_not_identified.friction"
-    SCALE = "stiffness_and_damping_not_identified.gain_error"
-    SKIN = "stiffness_and_damping_not_identified.skin_motion"
-    NOT_UNLOADED = "migration_not_identified.not_unloaded"
-    MIGRATED_BEFORE = "migration_not_identified.unusable_trial_before"
+    IDENTIFIED = "identified", "stiffness, damping and migration are identified"
+    GIVEN = "given", "the figures are given, not fitted"
+    NO_STATIC = (
+        "stiffness_not_identified.no_static_trial",
+        "stiffness and migration are not identified: there is no usable static trial; record one",
+    )
+    FEW_LOADS = (
+        "stiffness_not_identified.few_loads",
+        "stiffness is not identified: fewer than three loads were held; hold each load for at least 4 s",
+    )
+    ONLY_ROSE = (
+        "stiffness_not_identified.load_only_rose",
+        "stiffness is not identified: the load only rose, and the loads are not on a line, so the cuff may have "
+        "slipped; remove the weights before the capture ends",
+    )
+    STIFFNESS_UNCERTAIN = (
+        "stiffness_not_identified.wide_interval",
+        "stiffness is not identified: its interval is wider than its value; hang on more weight",
+    )
+    STIFFNESS_NOT_CONVERGED = (
+        "stiffness_not_identified.not_converged",
+        "stiffness is not identified: the fit did not converge; check the held loads in the report, and record again",
+    )
+    NO_DYNAMIC = (
+        "damping_not_identified.no_dynamic_trial",
+        "damping is not identified: there is no usable dynamic trial; record one",
+    )
+    LAG = (
+        "damping_not_identified.lag",
+        "damping is not identified: the uncertainty of the lag between force and markers, times the stiffness, is too "
+        "large; record a bounce trial, sample the force at a higher rate, or let QTM start the acquisition (PFI0)",
+    )
+    DAMPING_UNCERTAIN = (
+        "damping_not_identified.noise",
+        "damping is not identified: noise makes its interval too wide; pull faster and farther",
+    )
+    NEGATIVE = (
+        "damping_not_identified.negative",
+        "damping is not identified: it is negative, and a cuff dissipates energy, so the lag between force and markers "
+        "is wrong; record a bounce trial",
+    )
+    DAMPING_NOT_CONVERGED = (
+        "damping_not_identified.not_converged",
+        "damping is not identified: the fit did not converge; check the swings in the report, and record again",
+    )
+    FRICTION = (
+        "damping_not_identified.friction",
+        "damping is not identified: the cuff has Coulomb friction, which dissipates too and is in the figure; fasten "
+        "the cuff tighter, or pull with a larger amplitude",
+    )
+    SCALE = (
+        "stiffness_and_damping_not_identified.gain_error",
+        "stiffness and damping are not identified: the load cell reads another force than the protocol's weights "
+        "exert; correct the scale of the cell or the planned weights in the configuration, and fit again",
+    )
+    SKIN = (
+        "stiffness_and_damping_not_identified.skin_motion",
+        "stiffness and damping are not identified: the anchor markers move relative to each other with the load, and "
+        "displacement is measured against them; fix them to bone or to a plate, and record again",
+    )
+    NOT_UNLOADED = (
+        "migration_not_identified.not_unloaded",
+        "migration is not identified: the first static trial does not start unloaded, or the last does not end "
+        "unloaded",
+    )
+    MIGRATED_BEFORE = (
+        "migration_not_identified.unusable_trial_before",
+        "migration is not identified: an earlier static recording of this donning cannot be used, and the cuff may "
+        "have migrated in it; don the cuff anew and record again",
+    )
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -37,71 +96,251 @@ class Verdict(StrEnum):
         return tuple(named.split("_and_")) if is_unidentified else ()
 
 
-class CauseCode(StrEnum):
+class CauseCode(Code):
     """A fault of the rig, or a property of the cuff beyond a spring and a damper."""
 
-    TARE = "cause.tare_with_weight"
-    ZERO_DRIFT = "cause.zero_drift"
-    DISPLACEMENT_ZERO = "cause.displacement_zero"
-    PULL_DIRECTION = "cause.pull_direction"
-    LOOSE_MARKER = "cause.loose_anchor_marker"
-    SKIN = "cause.skin_motion"
-    GAIN = "cause.gain_error"
-    LOADS = "cause.other_loads"
-    PULLEY = "cause.pulley_friction"
-    STIFFENING = "cause.stiffening"
-    SOFTENING = "cause.softening"
-    FRICTION = "cause.friction"
-    STANDARD_LINEAR_SOLID = "cause.standard_linear_solid"
-    CREEP = "cause.creep"
-    SLIP = "cause.slip"
+    TARE = (
+        "cause.tare_with_weight",
+        "{name}: ",
+        "{unloaded_force_between_records}",
+        "{start_from_static_zero}, or the force has another zero",
+        f"; {_ZEROS}; tare with the bare hook",
+    )
+    ZERO_DRIFT = (
+        "cause.zero_drift",
+        "{name}: ",
+        "{unloaded_force_between_records}",
+        "{start_from_static_zero}, or the force has another zero",
+        f"; {_ZEROS}; let the cell and its amplifier warm up",
+    )
+    DISPLACEMENT_ZERO = (
+        "cause.displacement_zero",
+        "{name}: ",
+        "{unloaded_place_between_records}: it was moved, or x has another zero there",
+        "{start_from_static_zero}, or the force has another zero",
+        f"; {_ZEROS}; do not touch cuff and anchor markers between the trials",
+    )
+    PULL_DIRECTION = (
+        "cause.pull_direction",
+        "{angle_of_pulls}: k and c are those of two directions; pull along one, with markers on the rope",
+    )
+    LOOSE_MARKER = (
+        "cause.loose_anchor_marker",
+        "{marker} moves by {rms_m:mm .1f} mm rms relative to the other anchor markers, which adds to the error of the "
+        "displacement; fix it, or remove it from anchor_markers",
+    )
+    SKIN = (
+        "cause.skin_motion",
+        "the anchor markers move relative to each other with the load (correlation {correlation:.2f}): skin moves "
+        "under one of them, and k is biased; fix that marker to bone or to a plate, and record again",
+    )
+    GAIN = (
+        "cause.gain_error",
+        "the load cell reads {gain:.4f} ± {standard_error:.4f} times the force of the protocol's weights: k and c are "
+        "{error:percent +.1f} % off, unless the weights are; check the load cell with a known mass",
+    )
+    LOADS = (
+        "cause.other_loads",
+        "the loads of the static test are {gain:.4f} ± {standard_error:.4f} times those of the protocol's weights, and "
+        "the load cell reads a known mass correctly: other weights were hung, or it is another test; correct the "
+        "planned weights, or record the trial again",
+    )
+    PULLEY = (
+        "cause.pulley_friction",
+        "friction of the pulley is {friction:percent .1f} ± {standard_error:percent .1f} % of the load; oil it",
+    )
+    STIFFENING = "cause.stiffening", _EXPLAINS + _TANGENT
+    SOFTENING = "cause.softening", _EXPLAINS + _TANGENT
+    FRICTION = "cause.friction", _EXPLAINS + "c depends on amplitude and frequency of the swing; swing as the suit will"
+    STANDARD_LINEAR_SOLID = (
+        "cause.standard_linear_solid",
+        _EXPLAINS
+        + "k and c hold at the swing's frequency (complex_stiffness in cuffs.json); swing as fast as the suit will",
+    )
+    CREEP = (
+        "cause.creep",
+        _EXPLAINS
+        + "k holds after the duration of the holds; hold as long as the suit will, and wait before migration is read",
+    )
+    SLIP = (
+        "cause.slip",
+        _EXPLAINS + "k is from the loads without slip; fasten the cuff tighter, or load it once before the first trial",
+    )
 
 
-class FindingCode(StrEnum):
+class FindingCode(Code):
     """The figure of a check D1 to D8; D7 and D8 have two."""
 
-    START = "start_from_static_zero"
-    STIFFNESS_RATIO = "dynamic_over_static_stiffness"
-    CURVATURE = "curvature"
-    HARMONICS = "harmonics"
-    DAMPING_POWER = "damping_over_frequency"
-    ANGLE = "angle_of_pulls"
-    UNLOADED_FORCE = "unloaded_force_between_records"
-    UNLOADED_POSITION = "unloaded_place_between_records"
-    FORCE_NOISE = "force_noise_swing_over_rest"
-    MARKER_CORRELATION = "marker_noise_correlation"
+    START = (
+        "start_from_static_zero",
+        "the dynamic record starts {value:mm .2f} ± {standard_error:mm .2f} mm from the static zero",
+        ", of which {migrated_m:mm .2f} mm are migration under the held loads",
+        "; with x counted from that zero, F − k x would be off by {force_n:+.1f} N",
+    )
+    STIFFNESS_RATIO = (
+        "dynamic_over_static_stiffness",
+        "dynamic stiffness is {value:.3f} ± {standard_error:.3f} times static stiffness "
+        "({dynamic_n_per_m:.0f} and {static_n_per_m:.0f} N/m)",
+    )
+    CURVATURE = (
+        "curvature",
+        "the held loads lie {value:.1f} ± {standard_error:.1f} N below a straight line in the middle of their range",
+    )
+    HARMONICS = (
+        "harmonics",
+        "the residual force is {second_n:.2f} N at twice and {third_n:.2f} N at three times the swing's frequency, and "
+        "{standard_error:.2f} N between them",
+    )
+    DAMPING_POWER = (
+        "damping_over_frequency",
+        "damping is proportional to the {value:+.2f} ± {standard_error:.2f} power of frequency from {lowest_hz:.2f} to "
+        "{highest_hz:.2f} Hz (a damper: 0, friction: −1)",
+    )
+    ANGLE = "angle_of_pulls", "the cuff moves in directions {value:.0f}° apart under held loads and in swings"
+    UNLOADED_FORCE = (
+        "unloaded_force_between_records",
+        "the unloaded force changes by {value:+.2f} ± {standard_error:.2f} N between the held loads and the swing",
+    )
+    UNLOADED_POSITION = (
+        "unloaded_place_between_records",
+        "the unloaded cuff moves by {value:mm +.2f} ± {standard_error:mm .2f} mm between the held loads and the swing",
+    )
+    FORCE_NOISE = (
+        "force_noise_swing_over_rest",
+        "the residual of the fit is {value:.2f} times the force noise of the resting cuff",
+    )
+    MARKER_CORRELATION = (
+        "marker_noise_correlation",
+        "the residuals of neighbouring marker frames have a correlation of {value:.2f}",
+        " (white noise: {white_noise:.0f}): the marker noise is correlated in time, or the law does not describe the "
+        "motion",
+    )
 
 
-class NoteCode(StrEnum):
+class NoteCode(Code):
     """A remark on the figures of a donning."""
 
-    STOPPED_LOADING = "note.stopped_loading"
-    STOPPED_UNLOADING = "note.stopped_unloading"
-    STOPPED_SWINGING = "note.stopped_swinging"
-    SLIPS_AGAIN = "note.slips_again"
-    FRICTION_OR_MOVED = "note.friction_or_moved"
-    SLIP_OR_FRICTION = "note.slip_or_friction"
-    FRICTION_OR_CREEP = "note.friction"
-    ONLY_ROSE = "note.load_only_rose"
-    STATIC_STIFFNESS_USED = "note.static_stiffness_used"
-    STIFFNESS_RATIO = "note.dynamic_over_static_stiffness"
-    DAMPING_INTERVAL = "note.damping_interval_holds_zero"
-    MIGRATION_INTERVAL = "note.migration_interval_wide"
-    MIGRATED_BEFORE = "note.migration_before_unknown"
-    MIXED_ORIGIN = "note.simulated_and_other_recordings"
-    NOT_CALIBRATED = "note.not_calibrated"
-    CREEPS = "note.creep"
-    YIELDS = "note.yields_under_load"
-    STIFFENS = "note.stiffening"
-    SOFTENS = "note.softening"
-    SHORT_HOLDS = "note.short_holds"
-    ZERO_DRIFT = "note.zero_drift_removed"
-    NO_ROPE = "note.direction_of_pull_unknown"
-    PUBLISHED_DAMPING = "note.published_damping"
-    KNOWN_MASS = "note.known_mass"
-    KNOWN_MASS_ZERO_DRIFT = "note.known_mass_zero_drift"
-    KNOWN_MASS_GAIN_DRIFT = "note.known_mass_gain_drift"
-    NO_SHIFT = "note.assessed_without_migration"
+    STOPPED_LOADING = (
+        "note.stopped_loading",
+        "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:weight}; record it again, and hang "
+        "all of them one by one",
+    )
+    STOPPED_UNLOADING = (
+        "note.stopped_unloading",
+        "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:weight} were taken off; record it "
+        "again, and take all of them off one by one",
+    )
+    STOPPED_SWINGING = (
+        "note.stopped_swinging",
+        "dynamic, repeat {repeat:.0f}: stopped after {found_s:.0f} of {planned_s:.0f} s of swinging; record it again, "
+        "and keep the weight swinging",
+    )
+    SLIPS_AGAIN = (
+        "note.slips_again",
+        "the cuff slips even at loads that it carried before, by {distance_m:mm .2f} mm from the first trial to the "
+        "last; stiffness is from the unloading branches only",
+    )
+    FRICTION_OR_MOVED = (
+        "note.friction_or_moved",
+        "loading and unloading branches differ, but the displacement at the same load is the same in every trial: "
+        "there is friction, or the cuff was put back between the trials; stiffness is from the unloading branches "
+        "only, which friction makes too stiff; remove the weights one by one",
+    )
+    SLIP_OR_FRICTION = (
+        "note.slip_or_friction",
+        "all weights were removed at once, so slip and Coulomb friction cannot be distinguished: stiffness is "
+        "{slipped_n_per_m:.0f} N/m if the cuff slipped, and down to {rubs_n_per_m:.0f} N/m with friction, and its "
+        "interval includes both; remove the weights one by one",
+    )
+    FRICTION_OR_CREEP = (
+        "note.friction",
+        "Coulomb friction of ± {friction_n:.1f} N at the cuff, or creep too small to show in the holds: at the same "
+        "load the displacement is larger while weights are removed than while they are added; stiffness is the slope "
+        "of the branches",
+    )
+    ONLY_ROSE = (
+        "note.load_only_rose",
+        "the load only rose; noise or creep explains all of its steps, so no slip is assumed",
+    )
+    STATIC_STIFFNESS_USED = (
+        "note.static_stiffness_used",
+        "the lag is too uncertain to fit damping alone; the stiffness of the held loads was used, which assumes that "
+        "static and dynamic stiffness are equal",
+    )
+    STIFFNESS_RATIO = "note.dynamic_over_static_stiffness", "dynamic stiffness is {ratio:.2f} times static stiffness"
+    DAMPING_INTERVAL = (
+        "note.damping_interval_holds_zero",
+        "the 95 % interval of damping includes zero ({low_n_s_per_m:.0f} to {high_n_s_per_m:.0f} N s/m); record more "
+        "dynamic trials, and a bounce if the lag is only declared",
+    )
+    MIGRATION_INTERVAL = (
+        "note.migration_interval_wide",
+        "the 95 % interval of migration is wider than its value ({low_m:mm .1f} to {high_m:mm .1f} mm); leave the cuff "
+        "unloaded for longer before the capture ends",
+    )
+    MIGRATED_BEFORE = (
+        "note.migration_before_unknown",
+        "the cuff migrated by {migration_m:mm .2f} mm from {file} on; its migration in {before}, recorded before, is "
+        "unknown",
+    )
+    MIXED_ORIGIN = (
+        "note.simulated_and_other_recordings",
+        "fitted from simulated and other recordings together; simulated: {simulated}",
+    )
+    NOT_CALIBRATED = (
+        "note.not_calibrated",
+        "lag ({lag_s:ms .2f} ± {lag_sd_s:ms .2f} ms) and gain (± {gain_sd:percent .2g} %) of the load cell are as "
+        "declared, not calibrated, and the intervals rely on them; fit with a bounce trial of the session, or record "
+        "one with `station record --test bounce`",
+    )
+    CREEPS = (
+        "note.creep",
+        "the cuff creeps by {fraction:percent .0f} ± {fraction_half_width:percent .0f} % with a time constant of about "
+        "{time_constant_s:.0f} s; stiffness is that {hold_s:.0f} s after a step, and {rest_n_per_m:.0f} ± "
+        "{rest_half_width_n_per_m:.0f} N/m at rest",
+    )
+    YIELDS = (
+        "note.yields_under_load",
+        "the cuff creeps under held loads, but also slips or has friction, so creep is not identified; stiffness is "
+        "that {hold_s:.0f} s after a step",
+    )
+    STIFFENS = "note.stiffening", "the cuff stiffens" + _WITH_LOAD
+    SOFTENS = "note.softening", "the cuff softens" + _WITH_LOAD
+    SHORT_HOLDS = (
+        "note.short_holds",
+        "holds of {hold_s:.1f} s are short: the cuff may not rest in them, and their noise is known less well, which "
+        "the interval of stiffness includes; hold each load for at least 4 s",
+    )
+    ZERO_DRIFT = (
+        "note.zero_drift_removed",
+        "the load cell's zero drifts by {drift_n_per_s:per_minute +.2f} N a minute, which is removed; let it warm up",
+    )
+    NO_ROPE = (
+        "note.direction_of_pull_unknown",
+        "no markers on the rope: the pull is taken to be along the displacement of the cuff. A cuff with another "
+        "stiffness across yields obliquely, and at an angle stiffness along the rope is larger by its inverse "
+        "cosine (2 % at 10°, 10 % at 25°), which the interval does not include; put two markers on the rope",
+    )
+    PUBLISHED_DAMPING = (
+        "note.published_damping",
+        "by the published method, damping is {damping_n_s_per_m:.0f} N s/m, {left:percent .0f} % of ours: the noise of "
+        "velocities that are differences of frames makes the slope over them smaller, by prediction to "
+        "{predicted:percent .0f} %",
+    )
+    KNOWN_MASS = (
+        "note.known_mass",
+        "known mass {mass_kg:g} kg read {found_n:.2f} ± {standard_error_n:.2f} N, of {expected_n:.2f} N ({at})",
+    )
+    KNOWN_MASS_ZERO_DRIFT = (
+        "note.known_mass_zero_drift",
+        "the load cell's zero drifted by {drift_n:+.2f} N between the first and last reading; fits leave it free",
+    )
+    KNOWN_MASS_GAIN_DRIFT = (
+        "note.known_mass_gain_drift",
+        "the load cell's gain drifted by {drift:percent +.2f} % between the first and last reading of {mass_kg:g} kg; "
+        "half of the drift is included in the uncertainty of the force",
+    )
+    NO_SHIFT = "note.assessed_without_migration", "migration is not identified: assessed as if the cuff did not migrate"
 
 
 EXPLAINED_BY: Mapping[StrEnum, tuple[Verdict, ...]] = {
@@ -115,184 +354,85 @@ EXPLAINED_BY: Mapping[StrEnum, tuple[Verdict, ...]] = {
     NoteCode.STOPPED_UNLOADING: (Verdict.ONLY_ROSE, Verdict.NOT_UNLOADED),
     NoteCode.STOPPED_SWINGING: (Verdict.NO_DYNAMIC, Verdict.DAMPING_UNCERTAIN, Verdict.DAMPING_NOT_CONVERGED),
 }
+
+
 """A trial that ended before its last step → verdicts that follow from it."""
 
 
-class RejectionCode(StrEnum):
-    """Why a recording is not used: it is unusable, or another recording replaces it."""
-
-    RECORDED_AGAIN = "rejected.recorded_again"
-    NOT_ACCEPTED = "rejected.not_accepted"
-    SET_ASIDE = "rejected.set_aside"
-    OTHER_TRIAL = "rejected.other_trial"
-    DAMAGED = "rejected.damaged"
-    UNREADABLE = "rejected.unreadable"
-    IS_BOUNCE = "rejected.is_bounce"
-    IS_WEARER_TRIAL = "rejected.is_wearer_trial"
-    NO_CUFF = "rejected.no_cuff"
-    NO_BOUNCE = "rejected.no_bounce"
-    NO_BODY = "rejected.no_body"
-    EMG_NO_CLOCK = "rejected.emg_without_clock"
-    OTHER_MARKERS = "rejected.other_markers"
-    NO_SAMPLES = "rejected.no_samples"
-    NUMBERS_GO_BACK = "rejected.numbers_go_back"
-    NO_OVERLAP = "rejected.no_overlap"
-    NO_FRAMES = "rejected.no_frames"
-    MISSING_MARKERS = "rejected.missing_markers"
-    SYNC_NOT_FINITE = "rejected.sync_not_finite"
-    SYNC_NEVER_RISES = "rejected.sync_never_rises"
-    SYNC_RISES_AGAIN = "rejected.sync_rises_again"
-    SYNC_INVERTED = "rejected.sync_inverted"
-    SYNC_STARTS_HIGH = "rejected.sync_starts_high"
-    FORCE_NOT_FINITE = "rejected.force_not_finite"
-    FORCE_MISSING = "rejected.force_missing"
-    FORCE_SATURATED = "rejected.force_saturated"
-    FORCE_CONSTANT = "rejected.force_constant"
-    FORCE_STUCK_MOVING = "rejected.force_stuck_while_moving"
-    FORCE_STUCK_QUIET = "rejected.force_stuck_without_noise"
-    FORCE_POLARITY = "rejected.force_polarity"
-    STEPS_APART = "rejected.steps_apart"
-    ZERO_DRIFT = "rejected.zero_drift"
-    ANCHOR_HIDDEN = "rejected.anchor_hidden"
-    ANCHOR_COLLINEAR = "rejected.anchor_collinear"
-    CUFF_HIDDEN = "rejected.cuff_hidden_at_start"
-    MARKERS_HIDDEN = "rejected.markers_hidden"
-    MARKERS_FROZEN = "rejected.markers_frozen"
-    DISPLACEMENT_UNIT = "rejected.displacement_unit"
-    NO_MOTION = "rejected.no_motion"
-    FEW_LOADS = "rejected.few_loads"
-    NOT_UNLOADED = "rejected.not_unloaded"
-    SHORT = "rejected.short"
-    NO_SWING = "rejected.no_swing"
-    FEW_CYCLES = "rejected.few_cycles"
-    FEW_SAMPLES = "rejected.few_samples_per_cycle"
-    SWING_HIDDEN = "rejected.swing_hidden"
-    SMALL_MOTION = "rejected.small_motion"
-    SLIPS_ON = "rejected.slips_throughout"
-    INDISTINCT = "rejected.stiffness_and_damping_indistinct"
-    BOUNCE_FEW_CYCLES = "rejected.bounce_few_cycles"
-    BOUNCE_FEW_SAMPLES = "rejected.bounce_few_samples_per_cycle"
-    BOUNCE_HIDDEN = "rejected.bounce_marker_hidden"
-    BOUNCE_STILL = "rejected.bounce_marker_still"
-    BOUNCE_GAPS = "rejected.bounce_gaps"
-    BOUNCE_POLARITY = "rejected.bounce_polarity"
-    BOUNCE_NOT_CONVERGED = "rejected.bounce_not_converged"
-
-
-class TrialNoteCode(StrEnum):
-    """A remark on a single trial: its subject, then after a dot the remark."""
-
-    DAMAGED = "recording.damaged"
-    INCOMPLETE = "recording.incomplete"
-    ASSIGNED = "recording.assigned"
-    WINDOW = "recording.window"
-    FORCE_LOST = "force.samples_lost"
-    FORCE_MISSING = "force.missing"
-    ZERO_DRIFT = "force.zero_drift"
-    FRAMES_LOST = "markers.frames_lost"
-    MARKERS_HIDDEN = "markers.hidden"
-    GHOSTS = "markers.ghosts"
-    LOOSE_MARKER = "markers.loose_anchor_marker"
-    SKIN = "markers.skin_motion"
-    LEAN = "markers.lean"
-    TURNS = "markers.cuff_turns"
-    SYNC_CERTIFICATE = "sync.certificate"
-    SYNC_BOUNCES = "sync.edge_bounces"
-    SYNC_DIPS = "sync.low_during_capture"
-    SYNC_SPIKES = "sync.high_beside_capture"
-    SYNC_EARLY = "sync.early_edge"
-    SYNC_BEFORE_FRAMES = "sync.edge_before_first_frame"
-    SYNC_LOW = "sync.low_at_start"
-    SYNC_NO_STOP = "sync.no_stop_edge"
-    SYNC_SHORT = "sync.short_pulse"
-    SYNC_ARRIVAL = "sync.aligned_by_arrival"
-    SYNC_CONTRADICTION = "sync.stop_edge_contradicts_frames"
-    SYNC_MISSING_FRAMES = "sync.frames_missing_at_end"
-    CLOCKS_OR_FRAMES = "sync.clock_ratio_or_missing_frames"
-    CLOCKS_OPEN = "sync.clock_ratio_open"
-    EMG_HOST_CLOCK = "emg.aligned_by_host_clock"
-    EMG_NO_SYNC = "emg.no_sync_line"
-    EMG_LEFT_OUT = "emg.left_out"
-    ANOTHER_LINE = "pull.another_line"
-    TURNED = "pull.motion_turned"
-    LOAD_FALLS = "weights.load_falls"
-    NO_WEIGHT = "weights.none_hung_on"
-    WEIGHT_GAIN = "weights.gain_error"
-    PULLEY = "weights.pulley_friction"
-    WRONG_LOAD = "weights.wrong_load"
-    FEW_WEIGHTS = "weights.some_not_hung_on"
-    ONE_BRANCH = "weights.single_unloading_branch"
-    START_LEFT_OUT = "swing.start_left_out"
-    POLARITY = "swing.polarity"
-    SMALL_MOTION = "swing.small_motion"
-    DISAGREES = "swing.cross_check_disagrees"
-    CHECK_NOT_CONVERGED = "swing.cross_check_not_converged"
-    COLOURED = "swing.marker_noise_correlated"
-    NOT_CONVERGED = "swing.not_converged"
-    BOUNCE_GAIN = "bounce.gain_error"
-    BOUNCES_NOT_CONVERGED = "bounce.spread_not_converged"
-    BOUNCE_TARED = "bounce.tared_with_weight"
-
-
-class FitErrorCode(StrEnum):
+class FitErrorCode(Code):
     """Why a file of the session, a reading of a known mass, a cuff or EMG cannot be used."""
 
-    PROTOCOL_UNREADABLE = "protocol_file.unreadable"
-    PROTOCOL_NOT_TOML = "protocol_file.not_toml"
-    PROTOCOL_INVALID = "protocol_file.invalid"
-    PROTOCOL_NO_RECORDING = "protocol_file.no_such_recording"
-    PROTOCOL_OUTSIDE = "protocol_file.step_outside_trial"
-    CUFFS_UNREADABLE = "cuffs_file.unreadable"
-    CUFFS_NOT_JSON = "cuffs_file.not_json"
-    CUFFS_MISSING = "cuffs_file.no_cuffs"
-    CUFFS_FORMAT = "cuffs_file.unknown_format"
-    CUFFS_NAME = "cuffs_file.name_is_path"
-    CUFFS_INVALID = "cuffs_file.invalid"
-    CHECKS_UNREADABLE = "mass_checks.unreadable"
-    CHECKS_INVALID = "mass_checks.invalid_line"
-    CHECK_SHORT = "mass_checks.few_samples"
-    NOT_IDENTIFIED = "cuff.not_identified"
-    CUFF_IMPOSSIBLE = "cuff.impossible_value"
-    CUFF_KEY = "cuff.unknown_key"
-    CUFF_NAME = "cuff.no_name"
-    CUFF_TWICE = "cuff.name_twice"
-    EMG_RATE = "emg.rate_too_low"
-    EMG_SHORT = "emg.too_short"
-    EMG_BAND = "emg.band_above_half_the_rate"
-    EMG_NO_CHANNEL = "emg.no_usable_channel"
-    EMG_MVC_SHORT = "emg.mvc_too_short"
-    EMG_OTHER_TIME = "emg.no_common_time"
-
-
-class TensorCode(StrEnum):
-    """Why there is no stiffness or damping in three dimensions."""
-
-    NO_ROPE = "tensor.no_rope_markers"
-    ROPE_HIDDEN = "tensor.rope_hidden"
-    ROPE_HIDDEN_IN_HOLD = "tensor.rope_hidden_in_a_hold"
-    ONE_LINE = "tensor.pulls_along_one_line"
-    ONE_PLANE = "tensor.pulls_in_one_plane"
-    EQUAL_LOADS = "tensor.equal_loads"
-    NOT_POSITIVE = "tensor.not_positive"
-    NO_SWING = "tensor.no_swing"
-    NOT_CONVERGED = "tensor.not_converged"
-
-
-class GainMistake(StrEnum):
-    """A common mistake in the scale of the load cell."""
-
-    CAPACITY_DOUBLED = "gain_mistake.capacity_doubled"
-    CAPACITY_HALVED = "gain_mistake.capacity_halved"
-    CAPACITY_TENFOLD = "gain_mistake.capacity_tenfold"
-    CAPACITY_TENTH = "gain_mistake.capacity_tenth"
-    CAPACITY_25_LB = "gain_mistake.cell_of_25_lb"
-    POUNDS_FOR_KILOGRAMS = "gain_mistake.pounds_for_kilograms"
-    KILOGRAMS_FOR_POUNDS = "gain_mistake.kilograms_for_pounds"
-    NEWTONS_FOR_POUNDS = "gain_mistake.newtons_for_pounds"
-    POUNDS_FOR_NEWTONS = "gain_mistake.pounds_for_newtons"
-    NEWTONS_FOR_KILOGRAMS = "gain_mistake.newtons_for_kilograms"
-    KILOGRAMS_FOR_NEWTONS = "gain_mistake.kilograms_for_newtons"
-    UNKNOWN = "gain_mistake.unknown"
+    PROTOCOL_UNREADABLE = "protocol_file.unreadable", "{file} cannot be read: {problem}"
+    PROTOCOL_NOT_TOML = "protocol_file.not_toml", "{file} {problem}"
+    PROTOCOL_INVALID = "protocol_file.invalid", "{file}: {problem}"
+    PROTOCOL_NO_RECORDING = (
+        "protocol_file.no_such_recording",
+        "{file}: steps_s names {recording}, expected a recording in the same folder; correct the name",
+    )
+    PROTOCOL_OUTSIDE = (
+        "protocol_file.step_outside_trial",
+        "{file} names a step of {recording} at {step_s:g} s, expected between {first_s:.1f} and {last_s:.1f} s after "
+        "its sync edge; correct the time",
+    )
+    CUFFS_UNREADABLE = "cuffs_file.unreadable", "{file} cannot be read: {problem}; make one with `station fit`"
+    CUFFS_NOT_JSON = "cuffs_file.not_json", "{file} is not a cuffs file: it {problem}; make one with `station fit`"
+    CUFFS_MISSING = (
+        "cuffs_file.no_cuffs",
+        '{file} is not a cuffs file, expected "cuffs" with an entry for every cuff; make one with `station fit`',
+    )
+    CUFFS_FORMAT = (
+        "cuffs_file.unknown_format",
+        "{file} has the format {found}, expected {expected:g}; open it with the station that wrote it, or fit the "
+        "session again",
+    )
+    CUFFS_NAME = "cuffs_file.name_is_path", "{file} has a cuff named {cuff}, expected a name that a file can have"
+    CUFFS_INVALID = "cuffs_file.invalid", "{file}: {problem}"
+    CHECKS_UNREADABLE = "mass_checks.unreadable", "{file} cannot be read: {problem}"
+    CHECKS_INVALID = (
+        "mass_checks.invalid_line",
+        "{file}, line {line:.0f}: expected a reading of a known mass, found {found}",
+    )
+    CHECK_SHORT = (
+        "mass_checks.few_samples",
+        "the load cell sent {samples:sample}, expected at least {expected:.0f}",
+        " ({device_errors})",
+        "; run `station check` to see whether the device answers",
+    )
+    NOT_IDENTIFIED = (
+        "cuff.not_identified",
+        "cuff {cuff} has no identified {missing} ({verdict}); measure it, or give a value with its standard error",
+    )
+    CUFF_IMPOSSIBLE = (
+        "cuff.impossible_value",
+        "cuff {cuff}: {figure} is {value:g} {unit}, expected {low:g} to {high:g} {unit}; give it in {unit}",
+    )
+    CUFF_KEY = "cuff.unknown_key", "cuff {cuff} has the key {key}, expected {expected}; rename it or leave it out"
+    CUFF_NAME = "cuff.no_name", "a cuff has the keys {keys} and no name; its name is its key in a mapping of cuffs"
+    CUFF_TWICE = "cuff.name_twice", "{count:.0f} cuffs have the name {cuff}, expected one; rename or choose one"
+    EMG_RATE = (
+        "emg.rate_too_low",
+        "the sampling rate of the EMG is {rate_hz:.4g} Hz, expected at least {lowest_hz:g} Hz; record it at 1000 "
+        "Hz or more",
+    )
+    EMG_SHORT = "emg.too_short", "the EMG lasts {duration_s:.3g} s, expected at least {least_s:g} s"
+    EMG_BAND = (
+        "emg.band_above_half_the_rate",
+        "the pass band of the EMG goes up to {highest_hz:g} Hz, expected below half of the sampling rate of "
+        "{rate_hz:.4g} Hz; record at a higher rate, or lower band_hz",
+    )
+    EMG_NO_CHANNEL = (
+        "emg.no_usable_channel",
+        "no EMG channel of {trial} is usable ({findings}); record it again, or export the raw signal",
+    )
+    EMG_MVC_SHORT = (
+        "emg.mvc_too_short",
+        "an MVC trial lasts {duration_s:.3g} s, expected at least its window of {window_s:g} s",
+    )
+    EMG_OTHER_TIME = (
+        "emg.no_common_time",
+        "EMG from {emg_start_s:g} to {emg_end_s:g} s and activations from {model_start_s:g} to {model_end_s:g} s have "
+        "no time in common; use files of the same trial",
+    )
 
 
 class FitOutcome(StrEnum):
@@ -309,6 +449,8 @@ class FitOutcome(StrEnum):
 
 
 NEGLIGIBLE = 0.01
+
+
 """Standard errors by which a parameter may change in the last round of a converged fit."""
 
 

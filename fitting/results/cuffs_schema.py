@@ -13,19 +13,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from documents.plain_data import shortened
-from fitting.results.codes import (
-    EXPLAINED_BY,
-    CauseCode,
-    FindingCode,
-    FitOutcome,
-    NoteCode,
-    RejectionCode,
-    Standing,
-    TensorCode,
-    TrialNoteCode,
-    Verdict,
-)
-from fitting.results.sentences import sentence_of
+from fitting.results.codes import EXPLAINED_BY, CauseCode, FindingCode, FitOutcome, NoteCode, Standing, Verdict
+from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
 from recordings.manifest import DataOrigin
 
 FORMAT = 1
@@ -85,7 +74,7 @@ class NoteEntry(_CodeEntry):
         """A note that leads a verdict becomes a sentence again."""
         if self.code in EXPLAINED_BY:
             try:
-                sentence_of(self.code, self.figures)
+                self.code.sentence(self.figures)
             except (KeyError, ValueError) as error:
                 found = shortened(self.figures)
                 raise ValueError(f"{self.code} has the figures {found}, expected those of a fit; remove it") from error

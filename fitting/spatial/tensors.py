@@ -23,12 +23,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from documents.results import EqualByFields
 from fitting.errors import CodedError, UnusableTrial
 from fitting.pull.plateaus import SAME_LOAD, Plateau
 from fitting.pull.pull import APART, Pull, angle_between, of_test
-from fitting.results.codes import NEGLIGIBLE, FitOutcome, TensorCode
-from fitting.results.sentences import Figures, Note
+from fitting.results.codes import NEGLIGIBLE, FitOutcome
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import TensorCode
 from fitting.trial.bounce import Oscillation, find_oscillation
 from fitting.uncertainty import NORMAL_95, Estimate, chi_square_limit, student_half_width
 

@@ -14,9 +14,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.sentences import Figures, Note
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.clocks import HOST_ALIGNMENT_SD, arrival_offset, find_edges
 from fitting.trial.timeline import Timeline
 from recordings.manifest import EmgAmplifier, Manifest

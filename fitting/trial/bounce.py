@@ -21,9 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from fitting.errors import NotConverged, UnusableTrial
-from fitting.results.codes import FitOutcome, RejectionCode, TrialNoteCode, worst
-from fitting.results.sentences import Figures, Note
+from fitting.results.codes import FitOutcome, worst
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.spline import Spline, regularised, solve_banded
 from fitting.trial.calibration import MAX_GAIN_ERROR, Calibration, find_mistake
 from fitting.trial.clocks import LagUncertainty

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from recordings.manifest import Timing
 
 DECLARED = "declared"

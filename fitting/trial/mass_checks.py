@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from documents.plain_data import parse_json
 from documents.regular_file import read_regular
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, NoteCode
-from fitting.results.sentences import Figures, Note
+from fitting.results.sentences import Note
 from fitting.trial.calibration import code_width, level_bias
 from recordings.standard_gravity import g
 

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode, TrialNoteCode
-from fitting.results.sentences import Figures, Note
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.calibration import code_width, full_scale, to_newtons
 from fitting.trial.clocks import (
     DRIFT_PRIOR_SD,

@@ -23,12 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationError
 
+from documents.message import Figures
 from documents.plain_data import PlainDataError, read_toml, shortened
 from documents.results import EqualByFields
 from documents.validation import Number, Positive, Section, describe_error, faulty_key
 from fitting.errors import CodedError, UnusableTrial
-from fitting.results.codes import FitErrorCode, RejectionCode, TrialNoteCode
-from fitting.results.sentences import Figures, Note
+from fitting.results.codes import FitErrorCode
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.bounce import BounceTrial, calibrate
 from fitting.trial.calibration import Calibration
 from fitting.trial.clocks import LagUncertainty

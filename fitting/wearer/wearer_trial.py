@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.analog_signals import AnalogSignals, build_analog_signals
 from fitting.trial.timeline import Timeline, build_timeline, require_labels
 from recordings.manifest import BodyMarkers, Manifest

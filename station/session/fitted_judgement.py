@@ -18,8 +18,9 @@ from fitting.cuffs.cuff_fit import SLIPPED, CuffFit, SessionFit, TrialFit, find_
 from fitting.diagnosis.identification import FittedPull
 from fitting.emg.channels import UNUSABLE, UnusableEmg, find_faults
 from fitting.errors import UnusableTrial
-from fitting.results.codes import EXPLAINED_BY, NoteCode, RejectionCode, Verdict
-from fitting.results.sentences import Note, sentence_of
+from fitting.results.codes import EXPLAINED_BY, NoteCode, Verdict
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode
 from fitting.trial.bounce import BounceTrial, fit_bounce
 from fitting.trial.timeline import zero_notes
 from fitting.trial.trial import RejectedTrial, Trial
@@ -82,7 +83,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
         return replace(
             judgement, advice="redo", reasons=reasons, notes=tuple(filter(None, notes)), verdicts=(), causes=()
         )
-    same = _unusable(sentence_of(RejectionCode.NOT_ACCEPTED, {"outcome": recorded.sentence}))
+    same = _unusable(RejectionCode.NOT_ACCEPTED.sentence({"outcome": recorded.sentence}))
     of_fit = (reason for reason in judgement.reasons if reason != same)
     return replace(judgement, advice="redo", reasons=(*reasons, *of_fit), notes=notes)
 
@@ -128,7 +129,7 @@ def _led_by_cause(judgement: Judgement, recorded: Recorded, path: Path) -> Judge
         return judgement
     others = tuple(reason for reason in judgement.reasons if reason.code not in GENERAL)
     general = (reason for reason in judgement.reasons if reason.code in GENERAL)
-    followed = (*map(str, general), *map(sentence_of, judgement.verdicts))
+    followed = (*map(str, general), *(verdict.sentence() for verdict in judgement.verdicts))
     notes = (*followed, *judgement.notes)
     return replace(judgement, advice="redo", reasons=(cause, *others), notes=notes, verdicts=(), causes=())
 

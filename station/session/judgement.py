@@ -8,8 +8,9 @@ from enum import StrEnum
 from typing import Literal
 
 from documents.message import Message
-from fitting.results.codes import EXPLAINED_BY, NoteCode, TrialNoteCode, Verdict
+from fitting.results.codes import EXPLAINED_BY, NoteCode, Verdict
 from fitting.results.sentences import Note, verdict_sentences
+from fitting.results.trial_codes import TrialNoteCode
 from station.journal import Choice
 from station.messages.session_messages import ReasonCode
 

@@ -12,7 +12,8 @@ from scipy import stats
 from fitting.diagnosis.identification import identify, interval_notes, migration_interval_notes
 from fitting.dynamic.damping import fit_swings
 from fitting.pull.pull import make_pulls
-from fitting.results.codes import NoteCode, TrialNoteCode, Verdict
+from fitting.results.codes import NoteCode, Verdict
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.session import fit_donning, fit_session
 from fitting.static.held_loads import fit_held_loads
 from fitting.trial.trial import build_trial

@@ -13,7 +13,8 @@ from fitting.dynamic.cross_checks import output_error
 from fitting.dynamic.errors_in_variables import estimate
 from fitting.errors import NotConverged
 from fitting.pull.pull import Pull, make_pulls
-from fitting.results.codes import FitOutcome, RejectionCode, TrialNoteCode, Verdict, worst
+from fitting.results.codes import FitOutcome, Verdict, worst
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.spatial.tensors import NoTensor, held_tensor, swung_tensor
 from fitting.trial.bounce import BounceTrial, calibrate, fit_bounce

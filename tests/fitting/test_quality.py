@@ -10,8 +10,8 @@ import pytest
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import MarkerQuality, marker_notes, marker_quality
 from fitting.pull.pull import require_live_force, require_plausible_displacement
-from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import find_rejection
 from fitting.trial.timeline import require_steady_zero, zero_drift, zero_notes
 from fitting.trial.trial import RejectedTrial, Trial, TrialReading, build_bounce, build_trial

@@ -11,8 +11,9 @@ import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import cuffs_json
-from fitting.results.codes import EXPLAINED_BY, NoteCode, RejectionCode, TrialNoteCode, Verdict
-from fitting.results.sentences import Note, sentence_of
+from fitting.results.codes import EXPLAINED_BY, NoteCode, Verdict
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.bounce import calibrate
 from fitting.trial.trial import RejectedTrial, Trial, build_bounce, build_trial, calibrated
@@ -150,7 +151,7 @@ def test_a_load_that_only_rose_is_not_a_stiffness() -> None:
     assert fit.stiffness is None
     assert Verdict.ONLY_ROSE in fit.verdicts
     assert Verdict.NOT_UNLOADED in fit.verdicts
-    assert sentence_of(Verdict.ONLY_ROSE) in fit.verdict, "without planned weights, no step is known to lack"
+    assert Verdict.ONLY_ROSE.sentence() in fit.verdict, "without planned weights, no step is known to lack"
 
 
 @pytest.mark.parametrize(
@@ -177,7 +178,7 @@ def test_a_short_swing_is_the_cause_of_a_damping_that_is_not_identified() -> Non
     (note,) = [note for note in fit.notes if note.code in EXPLAINED_BY]
     assert note.code is NoteCode.STOPPED_SWINGING and note.figures["found_s"] == pytest.approx(6.0, abs=0.5)
     assert fit.verdicts == (Verdict.NO_DYNAMIC,) and fit.verdict == str(note)
-    assert _fit([static, replace(short, swing_duration=5.0)]).verdict == sentence_of(Verdict.NO_DYNAMIC)
+    assert _fit([static, replace(short, swing_duration=5.0)]).verdict == Verdict.NO_DYNAMIC.sentence()
 
 
 def test_the_same_trials_give_the_same_bytes_in_any_order() -> None:

@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 
 import cuffstation as cs
 from documents.interval import plus_minus
-from fitting.results.codes import NoteCode, TrialNoteCode
+from fitting.results.codes import NoteCode
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.trial.trial import within
 from solver.errors import SolverCode
 from station.fit import SessionError

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
-from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.trial import RejectedTrial, Trial, read_alone
 from station.bench.bench_clock import BenchClock
 from station.bench.trial_recorder import TrialRecorder

@@ -12,8 +12,9 @@ from rich.console import Console
 from documents.interval import UNBROKEN
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit, TrialFit
 from fitting.cuffs.wearable_cuff import Cuff
-from fitting.results.codes import NoteCode, TensorCode, TrialNoteCode, Verdict
+from fitting.results.codes import NoteCode, Verdict
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import TensorCode, TrialNoteCode
 from fitting.spatial.tensors import Tensor, Tensors
 from fitting.uncertainty import Estimate
 from solver.suit.assessment import UncertaintySummary

@@ -12,8 +12,9 @@ import pytest
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_file import cuffs_json, read_cuffs
 from fitting.cuffs.wearable_cuff import covariance_of
-from fitting.results.codes import FitErrorCode, NoteCode, RejectionCode, Verdict
-from fitting.results.sentences import Note, sentence_of
+from fitting.results.codes import FitErrorCode, NoteCode, Verdict
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode
 from fitting.trial.trial import RejectedTrial
 from fitting.uncertainty import Estimate
 from tests.refusals import raises_refusal
@@ -66,10 +67,10 @@ def test_what_is_not_identified_is_null_and_the_verdict_says_why(tmp_path: Path)
     cuff = json.loads(text)["cuffs"]["hand"]
     assert cuff["damping_n_s_per_m"] == {"value": None, "standard_error": None, "ci95": None}
     assert cuff["verdict_codes"] == ["damping_not_identified.lag"]
-    assert cuff["verdict"] == sentence_of(Verdict.LAG)
+    assert cuff["verdict"] == Verdict.LAG.sentence()
     path = tmp_path / "cuffs.json"
     path.write_text(text, encoding="utf-8")
-    with raises_refusal(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping", verdict=sentence_of(Verdict.LAG)):
+    with raises_refusal(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping", verdict=Verdict.LAG.sentence()):
         read_cuffs(path)["hand"].parameters()
 
 
@@ -107,7 +108,7 @@ def test_a_trial_that_ended_early_does_not_lead_the_verdict_of_a_value_given_by_
     plain = json.loads(path.read_text(encoding="utf-8"))
     plain["cuffs"]["hand"]["damping_n_s_per_m"] = 210.0
     path.write_text(json.dumps(plain), encoding="utf-8")
-    assert read_cuffs(path)["hand"].verdict == sentence_of(Verdict.GIVEN)
+    assert read_cuffs(path)["hand"].verdict == Verdict.GIVEN.sentence()
 
 
 @pytest.mark.parametrize(
@@ -159,7 +160,7 @@ def test_a_file_written_by_hand_needs_only_values(tmp_path: Path) -> None:
     assert parameters.site == "waist"
     assert (parameters.stiffness, parameters.damping, parameters.migration) == (2140.0, 124.0, 0.012)
     np.testing.assert_array_equal(parameters.covariance, np.zeros((3, 3)))
-    assert parameters.source == sentence_of(Verdict.GIVEN)
+    assert parameters.source == Verdict.GIVEN.sentence()
 
 
 def test_a_key_that_a_later_station_adds_is_ignored(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ import pytest
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.diagnosis.causes import Diagnosis, Finding, causes_of
 from fitting.laws.model_class import ClassScore, ModelComparison
-from fitting.results.codes import CauseCode, FindingCode, NoteCode, TrialNoteCode, Verdict
+from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from tests.fitting.defects import Law, OddSession, Rig

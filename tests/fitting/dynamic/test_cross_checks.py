@@ -19,7 +19,8 @@ from fitting.dynamic.cross_checks import (
     without_lag,
 )
 from fitting.dynamic.errors_in_variables import C, K, Solution, Swing, estimate
-from fitting.results.codes import FitOutcome, TrialNoteCode
+from fitting.results.codes import FitOutcome
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published

@@ -13,7 +13,7 @@ from fitting.dynamic import errors_in_variables
 from fitting.dynamic.damping import Slip, find_slip, fit_damping
 from fitting.dynamic.errors_in_variables import LagPosterior, Solution, estimate, lag_from_magnitude
 from fitting.pull.pull import Pull
-from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.bounce import Oscillation, find_oscillation
 from fitting.trial.clocks import LagUncertainty

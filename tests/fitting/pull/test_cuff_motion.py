@@ -20,7 +20,8 @@ from fitting.pull.cuff_motion import (
 )
 from fitting.pull.plateaus import BATCH, find_plateaus, slow_noise
 from fitting.pull.pull import require_live_markers, turn_notes
-from fitting.results.codes import CauseCode, RejectionCode, TrialNoteCode
+from fitting.results.codes import CauseCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.clocks import LagUncertainty
 from fitting.trial.trial import Trial, build_trial

@@ -11,7 +11,8 @@ from scipy import stats
 
 from fitting.pull.plateaus import Plateau, check_steps, find_plateaus, find_steps, load_scale
 from fitting.pull.pull import make_pulls
-from fitting.results.codes import GainMistake, RejectionCode, TrialNoteCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
+from fitting.trial.calibration import GainMistake
 from fitting.trial.trial import Trial, build_trial
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published

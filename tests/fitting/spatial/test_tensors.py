@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.pull.pull import Pull, make_pulls
-from fitting.results.codes import RejectionCode, TensorCode, TrialNoteCode
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.spatial.tensors import NoTensor, Tensor, entries_of, held_tensor, require_span, swung_tensor, symmetric
 from tests.fitting.pulled_in_space import Space, directions, elbow, pulled

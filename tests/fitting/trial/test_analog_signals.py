@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.analog_signals import AnalogSignals, build_analog_signals
 from fitting.trial.timeline import Timeline, build_timeline
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell, Manifest, Timing

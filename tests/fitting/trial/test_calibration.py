@@ -9,9 +9,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.results.codes import GainMistake, RejectionCode, TrialNoteCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.bounce import BounceFit, BounceTrial, calibrate, fit_bounce
-from fitting.trial.calibration import Calibration, code_width, find_mistake, full_scale, level_bias
+from fitting.trial.calibration import (
+    Calibration,
+    GainMistake,
+    code_width,
+    find_mistake,
+    full_scale,
+    level_bias,
+)
 from fitting.trial.trial import build_bounce
 from fitting.uncertainty import normal_estimate
 from recordings.manifest import LoadCell, Timing

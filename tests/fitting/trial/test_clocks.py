@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.clocks import (
     DRIFT_PRIOR_SD,
     LARGEST_DRIFT,

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode, TrialNoteCode, Verdict
+from fitting.results.codes import Verdict
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.clocks import SyncEdges, find_edges, find_fall
 from fitting.trial.timeline import SyncCertificate

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.decimation import Decimator, decimate, highest_rate
 from fitting.trial.timeline import Timeline, align_by_sync_edge, build_timeline, certify
 from recordings.manifest import BodyMarkers, CuffSite, LoadCell, Manifest, Timing

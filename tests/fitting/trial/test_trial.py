@@ -18,8 +18,9 @@ from scipy.constants import g
 
 from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.errors import UnusableTrial
-from fitting.results.codes import FitErrorCode, RejectionCode
+from fitting.results.codes import FitErrorCode
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode
 from fitting.session import fit_session
 from fitting.trial.mass_checks import MassCheck, evaluate_reading, with_mass_checks
 from fitting.trial.trial import SessionProtocol, build_trial, read_alone, read_protocol, read_trial, read_trials

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.wearer.wearer_trial import CycleDetector, build_wearer_trial, elevation, elevation_of, find_cycles
 from recordings.manifest import BodyMarkers, EmgAmplifier
 from tests.fitting.trial.test_analog_signals import LABELS, MANIFEST, recorded

@@ -14,7 +14,7 @@ from drivers.device import Device
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from drivers.simulators.world import World
-from fitting.results.codes import TrialNoteCode
+from fitting.results.trial_codes import TrialNoteCode
 from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.contents import contents_of
 from recordings.samples import Item

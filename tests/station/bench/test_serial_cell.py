@@ -18,7 +18,7 @@ from drivers.errors import DeviceCode, DeviceUnavailable
 from drivers.serial_load_cell import SerialLoadCell
 from drivers.simulators.simulated_bench import Bench
 from fitting.errors import UnusableTrial
-from fitting.results.codes import RejectionCode
+from fitting.results.trial_codes import RejectionCode
 from fitting.trial.mass_checks import read_checks
 from fitting.trial.trial import read_trial
 from recordings.reader import open_recording

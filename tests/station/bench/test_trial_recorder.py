@@ -20,7 +20,7 @@ import pytest
 from documents.message import Message
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceUnavailable
-from fitting.results.codes import RejectionCode
+from fitting.results.trial_codes import RejectionCode
 from fitting.trial.trial import RejectedTrial, read_alone
 from recordings import writer
 from recordings.manifest import CuffSite

@@ -15,7 +15,8 @@ import pytest
 
 from documents.message import Message
 from fitting.cuffs.cuffs_file import read_cuffs
-from fitting.results.codes import RejectionCode, Standing
+from fitting.results.codes import Standing
+from fitting.results.trial_codes import RejectionCode
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.time_series_table import write_table
 from station.checksums import CHECKSUMS_FILE, JOURNAL_FILE, Checksums, write_checksums

@@ -12,10 +12,10 @@ import pytest
 
 from documents.message import Code, Message
 from drivers.errors import DeviceCode
-from fitting.results.sentences import SENTENCES as FITTED
 from solver.errors import CoverageCode, ScalingCode
 from station import messages
 from station.messages.bench_messages import TrialCode
+from tests.fitting.results.test_sentences import CODES as FITTED
 
 MODULES = [
     importlib.import_module(f"station.messages.{module.name}") for module in pkgutil.iter_modules(messages.__path__)
@@ -35,15 +35,18 @@ def test_codes_are_unique() -> None:
 
 @pytest.mark.parametrize("code", CODES)
 def test_every_code_has_a_sentence_that_its_figures_fill(code: Code) -> None:
-    fields = [(name, spec) for _, name, spec, _ in Formatter().parse(code.template) if name]
+    fields = [(name, spec) for clause in code.clauses for _, name, spec, _ in Formatter().parse(clause) if name]
     figures: dict[str, float | str] = {name: 2.0 if spec else "text" for name, spec in fields}
     sentence = str(Message(code, figures))
     assert sentence and "{" not in sentence and "\n" not in sentence
 
 
 def test_no_sentence_counts_one_thing_in_the_plural() -> None:
-    templates = [*(code.template for code in CODES), *("".join(clauses) for clauses in FITTED.values())]
-    assert [text for text in templates if re.search(r"\{(\w+s)(:\.0f)?\} ([\w-]+ )*\1\b", text)] == []
+    assert [
+        text
+        for text in map("".join, (code.clauses for code in (*CODES, *FITTED)))
+        if re.search(r"\{(\w+s)(:\.0f)?\} ([\w-]+ )*\1\b", text)
+    ] == []
 
 
 def test_a_device_s_error_is_among_the_codes_of_its_message() -> None:

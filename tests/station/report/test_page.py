@@ -13,8 +13,9 @@ import pandas as pd
 import pytest
 
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.results.codes import NoteCode, TensorCode
+from fitting.results.codes import NoteCode
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import TensorCode
 from fitting.session import fit_session
 from fitting.spatial.tensors import Tensor, Tensors
 from fitting.trial.trial import build_trial

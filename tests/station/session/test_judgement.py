@@ -14,8 +14,9 @@ import recordings.reader
 from documents.message import Message
 from fitting.cuffs.cuff_fit import SessionFit, TrialFit
 from fitting.errors import UnusableTrial
-from fitting.results.codes import NoteCode, RejectionCode, Verdict
-from fitting.results.sentences import Note, sentence_of
+from fitting.results.codes import NoteCode, Verdict
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode
 from fitting.uncertainty import Estimate
 from recordings.chunks import Damage, Entry
 from recordings.samples import Event
@@ -130,7 +131,7 @@ def test_an_earlier_trial_that_ended_early_leads_the_doubts_of_a_later_one(
     cuff = replace(fitted.cuffs["hand"], verdicts=verdicts, notes=(note,))
     monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings={"hand": {cuff.donning: cuff}}))
     later = judge_recording(session, DYNAMIC)
-    assert later.doubts == (str(note), sentence_of(Verdict.LAG)) and later.verdicts == verdicts
+    assert later.doubts == (str(note), Verdict.LAG.sentence()) and later.verdicts == verdicts
     itself = judge_recording(session, STATIC)
     assert itself.reasons == (Message(ReasonCode.WEIGHTS_MISSING, {"found": 3, "planned": 5}),)
     assert (itself.advice, itself.doubts) == ("redo", ())

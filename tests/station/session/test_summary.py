@@ -13,8 +13,9 @@ import pytest
 
 from documents.message import Message
 from drivers.simulators.settings import PersonSettings
-from fitting.results.codes import NoteCode, TrialNoteCode
-from fitting.results.sentences import Note, sentence_of
+from fitting.results.codes import NoteCode
+from fitting.results.sentences import Note
+from fitting.results.trial_codes import TrialNoteCode
 from solver.compile_ahead import COMPILER
 from station.assessment.assessment_inputs import InputError
 from station.checksums import JOURNAL_FILE
@@ -123,14 +124,14 @@ def test_a_cuff_without_migration_is_assessed_without_shift_and_named(tmp_path: 
     write_verdict(tmp_path, "cuff-hand_test-static_run-0.mcap", "redo", "the wearer coughed")
     summary = summarise(tmp_path)
     assert summary.rows[0]["migration [mm]"] == "not identified"
-    assert f"hand: {sentence_of(NoteCode.NO_SHIFT)}" in summary.findings
+    assert f"hand: {NoteCode.NO_SHIFT.sentence()}" in summary.findings
     assessed = json.loads((tmp_path / "assessment.json").read_text())
     hand = assessed["cuffs"]["hand"]
     assert (hand["migration_m"]["value"], hand["migration_m"]["ci95"]) == (0.0, None)
     assert hand["assumed_codes"] == [NoteCode.NO_SHIFT]
     both, yielding = (assessed["at_rigid_optimum"]["hand"][condition] for condition in ("both", "visco_elastic"))
     assert both["value"] == pytest.approx(yielding["value"], rel=1e-9), "no shift"
-    assert sentence_of(NoteCode.NO_SHIFT) in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert NoteCode.NO_SHIFT.sentence() in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_recording_that_was_assigned_is_fitted_as_the_other_trial(tmp_path: Path) -> None:
