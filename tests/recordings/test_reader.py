@@ -177,20 +177,19 @@ def test_reading_takes_no_more_memory_for_a_longer_file(tmp_path: Path) -> None:
     assert peaks[1] < 2 * peaks[0]
 
 
-def test_an_empty_file_is_refused_as_empty(tmp_path: Path) -> None:
-    (tmp_path / "a.mcap").touch()
-    with raises_refusal(RecordingCode.EMPTY):
-        open_recording(tmp_path / "a.mcap")
-
-
-def test_a_text_file_is_refused_as_no_recording(tmp_path: Path) -> None:
-    (tmp_path / "a.mcap").write_text("time,force\n" * 1000, encoding="utf-8")
-    with raises_refusal(RecordingCode.NOT_MCAP):
-        open_recording(tmp_path / "a.mcap")
-
-
-def test_a_missing_file_is_refused_as_missing(tmp_path: Path) -> None:
-    with raises_refusal(RecordingCode.UNREADABLE):
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (b"", RecordingCode.EMPTY),
+        (b"time,force\n" * 1000, RecordingCode.NOT_MCAP),
+        (None, RecordingCode.UNREADABLE),
+    ],
+    ids=["empty", "text", "missing"],
+)
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path, content: bytes | None, code: RecordingCode) -> None:
+    if content is not None:
+        (tmp_path / "a.mcap").write_bytes(content)
+    with raises_refusal(code):
         open_recording(tmp_path / "a.mcap")
 
 

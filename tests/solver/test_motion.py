@@ -111,19 +111,20 @@ def test_a_coordinate_without_a_column_keeps_its_default_on_request_but_not_all_
     assert "without data: elbow_flexion" in repr(differentiate(motion, None))
 
 
-@pytest.mark.parametrize("with_defaults", [True, False])
-def test_a_motion_of_another_model_is_called_that(tmp_path, with_defaults):
+@pytest.mark.parametrize(
+    ("names", "with_defaults", "naming"),
+    [
+        (("hip", "knee"), True, "raise.mot has no coordinate of the model"),
+        (("hip", "knee"), False, "raise.mot has no coordinate of the model"),
+        ((), True, "the model test should have coordinates"),
+        (("shoulder_elv", "elbow_flexion"), False, "elbow_flexion"),
+    ],
+)
+def test_a_motion_without_the_coordinates_of_the_model_is_refused(tmp_path, names, with_defaults, naming):
     path = tmp_path / "raise.mot"
     path.write_text(MOT.format(degrees="no"))
-    with raises_refusal(SolverCode.MISSING_COLUMN, naming="raise.mot has no coordinate of the model"):
-        read_motion(path, model("hip", "knee"), with_defaults=with_defaults)
-
-
-def test_a_model_without_coordinates_has_no_motion(tmp_path):
-    path = tmp_path / "raise.mot"
-    path.write_text(MOT.format(degrees="no"))
-    with raises_refusal(SolverCode.MISSING_COLUMN, naming="the model test should have coordinates"):
-        read_motion(path, model(), with_defaults=True)
+    with raises_refusal(SolverCode.MISSING_COLUMN, naming=naming):
+        read_motion(path, model(*names), with_defaults=with_defaults)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".sto", ".mot"])
@@ -134,13 +135,6 @@ def test_what_is_written_is_read_again(tmp_path, suffix):
     motion = read_motion(path, model("a", "b"))
     np.testing.assert_allclose(motion.time, time, atol=1e-12)
     np.testing.assert_allclose(motion.coordinates, values, rtol=1e-9)
-
-
-def test_a_missing_coordinate_is_named(tmp_path):
-    path = tmp_path / "raise.mot"
-    path.write_text(MOT.format(degrees="yes"))
-    with raises_refusal(SolverCode.MISSING_COLUMN, naming="elbow_flexion"):
-        read_motion(path, model("shoulder_elv", "elbow_flexion"))
 
 
 @pytest.mark.parametrize(

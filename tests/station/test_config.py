@@ -230,19 +230,13 @@ def test_a_session_may_begin_with_one_bounce_of_no_cuff(tmp_path: Path) -> None:
     assert first.next_free_run(tmp_path) == 2
 
 
-def test_a_rerecording_gets_the_next_number(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("runs", "following"), [((), 1), ((1, 2), 3), ((10,), 1)])
+def test_a_rerecording_gets_the_next_number(tmp_path: Path, runs: tuple[int, ...], following: int) -> None:
     spec = TrialSpec("hand", "static", 1)
-    assert spec.next_free_run(tmp_path) == 1
-    (tmp_path / spec.file_name(1)).touch()
-    (tmp_path / spec.file_name(2)).touch()
-    assert spec.next_free_run(tmp_path) == 3
+    for run in runs:
+        (tmp_path / spec.file_name(run)).touch()
+    assert spec.next_free_run(tmp_path) == following
     assert spec.file_name(3) == "cuff-hand_test-static_run-3.mcap"
-
-
-def test_run_1_does_not_count_as_run_10(tmp_path: Path) -> None:
-    spec = TrialSpec("hand", "static", 1)
-    (tmp_path / spec.file_name(10)).touch()
-    assert spec.next_free_run(tmp_path) == 1
 
 
 def test_the_wearer_s_trials_are_around_the_cuffs_those_without_the_suit_first() -> None:

@@ -203,14 +203,6 @@ def test_a_weight_by_name_is_that_of_the_muscle_or_of_the_coordinates_actuator()
     assert sorted(set(weights)) == [0.0, 1.0, 3.0, 7.0, 10.0]
 
 
-def test_a_weight_without_a_muscle_or_below_zero_is_refused():
-    mechanics = evaluate_motion(MODEL, decimate(SLOW, 10))
-    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="no_such_muscle"):
-        build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"no_such_muscle": 1.0}))
-    with raises_refusal(SolverCode.NEGATIVE_WEIGHT, naming="-1"):
-        build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"plane_elv": -1.0}))
-
-
 def test_a_stronger_reserve_takes_the_place_of_the_coordinates_own():
     stronger = with_reserves(MODEL, {"plane_elv": Reserve(20.0)})
     assert len(stronger.actuators) == len(MODEL.actuators)
@@ -241,14 +233,19 @@ def test_the_joint_whose_reaction_counts_may_have_another_name():
         solve_motion(renamed, motion)
 
 
-def test_a_model_without_muscles_is_refused():
-    with raises_refusal(SolverCode.NO_MUSCLES):
-        solve_motion(replace(MODEL, muscles=()), decimate(SLOW, 10))
-
-
-def test_an_unknown_free_coordinate_is_named():
-    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="elbow_twist"):
-        solve_motion(MODEL, SLOW, RedundancyOptions(free_coordinates=("elbow_twist",)))
+@pytest.mark.parametrize(
+    ("model", "options", "code", "naming"),
+    [
+        (MODEL, {"weights": {"no_such_muscle": 1.0}}, SolverCode.UNKNOWN_NAME, "no_such_muscle"),
+        (MODEL, {"weights": {"plane_elv": -1.0}}, SolverCode.NEGATIVE_WEIGHT, "-1"),
+        (MODEL, {"free_coordinates": ("elbow_twist",)}, SolverCode.UNKNOWN_NAME, "elbow_twist"),
+        (replace(MODEL, muscles=()), {}, SolverCode.NO_MUSCLES, ""),
+    ],
+    ids=["weight of no muscle", "negative weight", "unknown free coordinate", "no muscles"],
+)
+def test_a_problem_that_cannot_be_built_is_refused(model, options, code, naming):
+    with raises_refusal(code, naming):
+        solve_motion(model, decimate(SLOW, 10), RedundancyOptions(**options))
 
 
 def test_a_motion_in_which_nothing_can_be_evaluated_is_refused():

@@ -17,6 +17,7 @@ from solver.multibody.postures import postures
 from solver.personalisation.estimate import estimate_body, within_ranges
 from solver.personalisation.wearer_motion import WearerMotion, posture_errors, smooth_wearer
 from solver.stream.lag_window import PostureTracker
+from tests.refusals import raises_refusal
 from tests.solver.personalisation.measured_person import MARKERS, RATE, MeasuredPerson, measure_person
 from tests.solver.stream.streams import (
     FIRST,
@@ -78,9 +79,8 @@ def test_without_soft_tissue_the_noise_of_the_cameras_remains() -> None:
 
 @pytest.mark.parametrize("wrong", [-1e-3, np.nan, np.ones(2)])
 def test_a_wrong_size_is_refused(wrong: float) -> None:
-    with pytest.raises(ModelError) as refused:
+    with raises_refusal(SolverCode.WRONG_NOISE, kind=ModelError):
         solver({}, soft_tissue_m=wrong)
-    assert refused.value.code is SolverCode.WRONG_NOISE
 
 
 SOLVED = 20

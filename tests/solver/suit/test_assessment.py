@@ -186,25 +186,18 @@ def test_too_few_arm_cuffs_or_too_many_at_the_waist_are_refused(cuffs):
 
 
 @pytest.mark.parametrize(
-    ("key", "changed"),
+    ("cuff", "suit", "code", "naming"),
     [
-        ("reference_rest_length_m", {"reference_rest_length": 1.2}),
-        ("rest_lengths_m", {"rest_lengths": np.linspace(0.9, 1.2, 6)}),
+        ({}, {"reference_rest_length": 1.2}, SolverCode.CORD_SLACK, "reference_rest_length_m"),
+        ({}, {"rest_lengths": np.linspace(0.9, 1.2, 6)}, SolverCode.CORD_SLACK, "rest_lengths_m"),
+        ({"stiffness": -5.0}, {}, SolverCode.WRONG_CUFF, "-5 N/m"),
+        ({}, {"waist": replace(SUIT.waist, body="pelvis")}, SolverCode.SUIT_BODY, "pelvis"),
     ],
+    ids=["reference slack in all frames", "all lengths slack", "negative stiffness", "unknown body"],
 )
-def test_a_cord_that_is_slack_in_all_frames_is_refused(key, changed):
-    with raises_refusal(SolverCode.CORD_SLACK, naming=key):
-        coarse(HAND, suit=replace(SUIT, **changed))
-
-
-def test_a_negative_stiffness_is_refused():
-    with raises_refusal(SolverCode.WRONG_CUFF, naming="-5 N/m"):
-        coarse(replace(HAND, stiffness=-5.0))
-
-
-def test_a_suit_on_a_body_that_is_not_there_is_refused():
-    with raises_refusal(SolverCode.SUIT_BODY, naming="pelvis"):
-        coarse(HAND, suit=replace(SUIT, waist=replace(SUIT.waist, body="pelvis")))
+def test_a_suit_that_cannot_be_worn_is_refused(cuff, suit, code, naming):
+    with raises_refusal(code, naming):
+        coarse(replace(HAND, **cuff), suit=replace(SUIT, **suit))
 
 
 def test_a_motion_outside_a_joints_range_is_refused_with_the_time():
@@ -256,14 +249,15 @@ def test_at_the_edge_of_what_was_tried_there_is_none(lowest):
     assert found.edge == np.sign(lowest - 0.75)
 
 
-def test_a_width_that_goes_beyond_what_was_tried_is_unknown():
-    found = find_minimum(LENGTHS, parabola(0.63, 0.8, 1.0))
-    assert found.rest_length == pytest.approx(0.63)
+@pytest.mark.parametrize(
+    ("lowest", "cost", "curvature", "rest_length"),
+    [(0.63, 0.8, 1.0, 0.63), (0.733, 1.01, 10.0, 0.733)],
+    ids=["beyond what was tried", "saves nothing"],
+)
+def test_a_width_that_is_unknown_leaves_the_rest_length(lowest, cost, curvature, rest_length):
+    found = find_minimum(LENGTHS, parabola(lowest, cost, curvature))
+    assert found.rest_length == pytest.approx(rest_length)
     assert np.isnan(found.width)
-
-
-def test_a_suit_that_saves_nothing_has_no_width():
-    assert np.isnan(find_minimum(LENGTHS, parabola(0.733, 1.01, 10.0)).width)
 
 
 def test_a_curve_with_a_gap_has_no_optimum():

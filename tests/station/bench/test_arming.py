@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from documents.message import Message
-from drivers.errors import DeviceLost
 from recordings.samples import Event, Loss, Samples
 from station.bench.view import TrialState
 from station.messages.bench_messages import TrialCode
@@ -116,25 +115,6 @@ def test_the_hardware_trigger_starts_the_trial_with_the_first_sample() -> None:
     assert bench.writer.samples("/force")[0].sample_numbers[0] == 0
 
 
-def test_an_armed_trial_shows_level_and_time_left() -> None:
-    bench = Bench(timeout_s=10.0).arm()
-    bench.level = 0.3
-    bench.run(4.0)
-    armed = bench.trial.snapshot()
-    assert (armed.sync_level_v, armed.waited_s, armed.left_s) == pytest.approx((0.3, 4.0, 6.0))
-    bench.level, bench.capturing = 5.0, True
-    bench.run(1.0)
-    assert bench.trial.snapshot().left_s == 0.0
-
-
-def test_cancelling_while_armed_records_nothing() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
-    bench.trial.stop()
-    assert bench.trial.state is TrialState.FAILED
-    assert bench.writer.items == []
-
-
 def test_a_silent_daq_is_reported_while_armed() -> None:
     bench = Bench(timeout_s=60.0).arm()
     bench.daq_sends = False
@@ -142,21 +122,6 @@ def test_a_silent_daq_is_reported_while_armed() -> None:
     assert bench.trial.state is TrialState.FAILED
     (message,) = bench.trial.messages
     assert (message.code, message.figures["source"]) == (TrialCode.DEVICE_SILENT, "NI Dev1")
-
-
-def test_a_trial_that_is_cut_short_while_armed_records_nothing() -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
-    bench.trial.cut_short(Message(TrialCode.DISK_NEARLY_FULL))
-    assert (bench.trial.state, bench.writer.items) == (TrialState.FAILED, [])
-
-
-def test_the_capture_is_wanted_only_after_the_pre_roll() -> None:
-    bench = Bench().arm()
-    bench.run(1.5)
-    assert not bench.trial.wants_capture_start
-    bench.run(1.0)
-    assert bench.trial.wants_capture_start
 
 
 def _late(bench: Bench) -> list[Loss]:
@@ -308,16 +273,6 @@ def test_closing_waits_for_a_backlog_of_the_daq() -> None:
     bench.daq_sends = True
     bench.run(6.0)
     assert (bench.trial.state, bench.trial.lost_samples) == (TrialState.CLOSED, 0)
-
-
-def test_a_lost_device_fails_a_recording_trial_and_not_a_closing_one() -> None:
-    for closing, expected in ((False, TrialState.FAILED), (True, TrialState.CLOSED)):
-        bench = Bench().record()
-        if closing:
-            bench.stop_capture()
-        bench.trial.fail(DeviceLost("QTM is gone"))
-        bench.run(2.0)
-        assert bench.trial.state is expected
 
 
 def test_a_disconnected_device_may_be_silent_and_no_other() -> None:

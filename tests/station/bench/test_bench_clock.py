@@ -31,6 +31,7 @@ from station.console.running_view import streams_of
 from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from station.session.trial_daemon import Telemetry
+from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
 SHORT = {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}}
@@ -95,9 +96,8 @@ def test_a_server_that_is_not_a_clock_is_refused() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         other = threading.Thread(target=answer, args=(server,))
         other.start()
-        with pytest.raises(DeviceUnavailable) as caught:
+        with raises_refusal(DeviceCode.NO_ANSWER, kind=DeviceUnavailable):
             BenchClock(server.getsockname()[1]).__enter__()
-        assert caught.value.code is DeviceCode.NO_ANSWER
         other.join()
 
 
@@ -197,18 +197,16 @@ def client_port(text: str) -> str:
 def test_without_a_simulated_bench_the_clock_is_refused() -> None:
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]
-    with pytest.raises(DeviceUnavailable) as caught:
+    with raises_refusal(DeviceCode.NO_SERVER, kind=DeviceUnavailable):
         BenchClock(port).__enter__()
-    assert caught.value.code is DeviceCode.NO_SERVER
 
 
 def test_a_detached_clock_does_not_advance_the_world(simulated_bench: Callable[..., Bench]) -> None:
     clock = BenchClock(simulated_bench().ports["clock"])
     with clock:
         clock.step()
-    with pytest.raises(DeviceLost) as caught:
+    with raises_refusal(DeviceCode.CLOSED, kind=DeviceLost):
         clock.step()
-    assert caught.value.code is DeviceCode.CLOSED
 
 
 def test_the_manual_clock_advances_on_request_and_by_steps() -> None:

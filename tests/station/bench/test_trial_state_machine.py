@@ -192,14 +192,6 @@ def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
     assert "no_stop_edge" in bench.writer.events()
 
 
-def test_one_stop_closes_and_keeps_the_trial_and_a_second_ends_it_at_once() -> None:
-    bench = Bench().record(3.0)
-    bench.trial.stop()
-    assert bench.trial.state is TrialState.CLOSING
-    bench.trial.stop(at_once=True)
-    assert bench.trial.state is TrialState.CLOSED
-
-
 def test_a_trial_that_is_cut_short_is_closed_well_and_not_accepted() -> None:
     full = Message(TrialCode.DISK_NEARLY_FULL, {"folder": "monday", "free_mb": 40.0, "reserve_mb": 50.0})
     bench = Bench().record(1.0, armed_s=3.0)
@@ -229,12 +221,13 @@ def test_a_snapshot_has_the_time_that_an_armed_trial_has_waited_and_what_is_left
     assert bench.trial.snapshot() == Snapshot(TrialState.IDLE, bench.trial.messages)
     assert not bench.trial.wants_capture_start and not bench.trial.is_over
     bench.arm()
-    bench.run(1.0)
+    bench.level = 0.3
+    bench.run(1.5)
     assert not bench.trial.wants_capture_start
-    bench.run(2.0)
+    bench.run(1.0)
     shot = bench.trial.snapshot()
-    assert (shot.waited_s, shot.left_s, shot.recorded_s) == (pytest.approx(3.0), pytest.approx(7.0), 0.0)
-    assert (shot.sync_level_v, shot.edge_device_ns, shot.streams) == (0.0, None, tuple(STREAMS))
+    assert (shot.waited_s, shot.left_s, shot.recorded_s) == (pytest.approx(2.5), pytest.approx(7.5), 0.0)
+    assert (shot.sync_level_v, shot.edge_device_ns, shot.streams) == (0.3, None, tuple(STREAMS))
     assert bench.trial.wants_capture_start and not bench.trial.has_edge
     bench.clock.advance(10.0)
     assert bench.trial.snapshot().left_s == 0.0
@@ -344,6 +337,7 @@ def test_every_method_of_a_state_returns_a_state(state: TrialState, happening: s
     assert bench.trial.state is state
     HAPPENINGS[happening](bench.trial)
     assert bench.trial.state is NEXT[happening][list(TrialState).index(state)]
+    assert state is not ARMED or bench.writer.items == []
 
 
 @pytest.mark.parametrize("state", [IDLE, CLOSED, FAILED])

@@ -121,9 +121,8 @@ def test_a_file_whose_values_would_be_lost_is_not_replaced_by_the_participants(t
 @pytest.mark.parametrize("text", ["", "subject\tage\n", "participant_id\tage\tage\n", "participant_id\tage\nsub-1\n"])
 def test_another_table_is_no_participants_tsv(text: str, tmp_path: Path) -> None:
     (tmp_path / "participants.tsv").write_text(text, encoding="utf-8")
-    with pytest.raises(CatalogueError) as refused:
+    with raises_refusal(CatalogueCode.WRONG_PARTICIPANTS, kind=CatalogueError):
         update_catalogue(tmp_path, tmp_path / "out" / CATALOGUE_FILE)
-    assert refused.value.code == CatalogueCode.WRONG_PARTICIPANTS
     assert not (tmp_path / "out").exists()
 
 
@@ -150,9 +149,8 @@ def test_another_table_is_no_participants_tsv(text: str, tmp_path: Path) -> None
     ],
 )
 def test_sql_other_than_one_query_is_refused(sql: str, original: Path) -> None:
-    with pytest.raises(CatalogueError) as refused:
+    with raises_refusal(CatalogueCode.NO_QUERY, kind=CatalogueError):
         run_sql(original / CATALOGUE_FILE, sql)
-    assert refused.value.code == CatalogueCode.NO_QUERY
 
 
 @pytest.mark.parametrize(
@@ -167,9 +165,8 @@ def test_sql_other_than_one_query_is_refused(sql: str, original: Path) -> None:
     ],
 )
 def test_a_query_that_fails_is_refused(sql: str, original: Path) -> None:
-    with pytest.raises(CatalogueError) as refused:
+    with raises_refusal(CatalogueCode.WRONG_SQL, kind=CatalogueError):
         run_sql(original / CATALOGUE_FILE, sql)
-    assert refused.value.code == CatalogueCode.WRONG_SQL
 
 
 def test_values_that_json_does_not_have_are_printed_as_text(folder: Path, station: Callable[..., Ran]) -> None:
@@ -215,9 +212,8 @@ def test_participants_have_any_line_ends(tmp_path: Path, end: str) -> None:
 def test_participants_that_are_no_table_are_refused(tmp_path: Path, row: str) -> None:
     path = tmp_path / "participants.tsv"
     path.write_text(f"participant_id\tage\n{row}\n", newline="")
-    with pytest.raises(CatalogueError) as refused:
+    with raises_refusal(CatalogueCode.WRONG_PARTICIPANTS, kind=CatalogueError):
         read_participants(path)
-    assert refused.value.code == CatalogueCode.WRONG_PARTICIPANTS
 
 
 def test_an_interrupted_first_build_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,14 +287,12 @@ def test_another_database_is_not_overwritten(folder: Path, tmp_path: Path) -> No
     other = tmp_path / "other.duckdb"
     with duckdb.connect(str(other)) as connection:
         connection.execute("CREATE TABLE own (x INTEGER)")
-    with pytest.raises(CatalogueError) as refused:
+    with raises_refusal(CatalogueCode.OTHER_DATABASE, kind=CatalogueError):
         update_catalogue(folder, other)
-    assert refused.value.code == CatalogueCode.OTHER_DATABASE
     text = tmp_path / "notes.txt"
     text.write_text("mine", encoding="utf-8")
-    with pytest.raises(CatalogueError) as refused:
+    with raises_refusal(CatalogueCode.OTHER_DATABASE, kind=CatalogueError):
         update_catalogue(folder, text, is_rebuilt=True)
-    assert refused.value.code == CatalogueCode.OTHER_DATABASE
     assert text.read_text(encoding="utf-8") == "mine"
 
 
@@ -336,9 +330,8 @@ def test_a_catalogue_that_cannot_be_created_is_not_said_to_be_in_use_or_damaged(
         raise duckdb.IOException(f'IO Error: Cannot open file "{path}": Permission denied')
 
     monkeypatch.setattr(duckdb, "connect", connect)
-    with pytest.raises(CatalogueError) as refused:
+    with raises_refusal(CatalogueCode.NOT_CREATED, kind=CatalogueError):
         update_catalogue(folder, folder / "new.duckdb")
-    assert refused.value.code == CatalogueCode.NOT_CREATED
 
 
 def test_the_session_of_the_folder_itself_and_a_renamed_one_are_found(folder: Path) -> None:

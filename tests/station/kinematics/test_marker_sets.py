@@ -23,9 +23,9 @@ from station.kinematics.marker_checks import KinematicsError, find_in_markers
 from station.kinematics.marker_sets import MarkerSetError, place_marker_set, read_marker_set
 from station.kinematics.scale import ScaleInputs, scale_body
 from station.messages.kinematics_messages import KinematicsCode
+from tests.refusals import raises_refusal
 from tests.solver.references import SHARED
-from tests.station.kinematics.test_ik import SETUP as IK_SETUP
-from tests.station.kinematics.test_ik import TASK, run, trial
+from tests.station.kinematics.test_ik import TASK, run, trial, write_setup
 from tests.station.kinematics.test_scale import PAIR, SETUP, on_humerus
 
 MODEL = bundled_model()
@@ -109,9 +109,8 @@ def test_a_set_that_is_none_is_refused_with_a_code(
     path = str(tmp_path / name) if name.endswith(".toml") else name
     if text is not None:
         Path(path).write_text(text, encoding="utf-8")
-    with pytest.raises(MarkerSetError) as refused:
+    with raises_refusal(code, kind=MarkerSetError):
         place_marker_set(MODEL, path)
-    assert refused.value.code == code
 
 
 def test_one_marker_on_the_scapula_is_a_finding(tmp_path: Path) -> None:
@@ -241,9 +240,8 @@ def test_a_pair_of_markers_that_is_much_too_far_apart_scales_nothing(tmp_path: P
 
     setup = tmp_path / "scale.xml"
     setup.write_text(SETUP.format(pairs=PAIR.format(one=one, other=other), axes="Y", range="-1 9"), encoding="utf-8")
-    with pytest.raises(KinematicsError) as refused:
+    with raises_refusal(KinematicsCode.WRONG_FACTOR, kind=KinematicsError):
         scale_body(ScaleInputs(setup, "bundled", written_trial(tmp_path, apart)))
-    assert refused.value.code == KinematicsCode.WRONG_FACTOR
 
 
 def test_the_verb_ends_with_1_in_one_line_and_writes_nothing(tmp_path: Path, capsys, monkeypatch) -> None:
@@ -305,8 +303,7 @@ def hidden(*labels: str) -> Change:
 
 def test_a_marker_of_a_task_that_no_frame_shows_is_a_finding_and_does_not_cover_its_segment(tmp_path: Path) -> None:
     trial(tmp_path, frames=8)
-    tasks = "".join(TASK.format(name=name, weight=1) for name in NAMES)
-    (tmp_path / "ik.xml").write_text(IK_SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
+    write_setup(tmp_path / "ik.xml", "-1 9")
     complete = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
     written_trial(tmp_path, hidden(*UNSEEN))
     solved = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
@@ -319,8 +316,7 @@ def test_a_marker_of_a_task_that_no_frame_shows_is_a_finding_and_does_not_cover_
 
 def test_a_misspelt_label_of_a_task_is_a_finding(tmp_path: Path) -> None:
     trial(tmp_path, frames=8)
-    tasks = "".join(TASK.format(name=name, weight=1) for name in NAMES)
-    (tmp_path / "ik.xml").write_text(IK_SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
+    write_setup(tmp_path / "ik.xml", "-1 9")
     written_trial(tmp_path, lambda table: replace(table, labels=tuple("AAA" if n == "aa" else n for n in table.labels)))
     solved = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
     found = {finding.code: finding.figures for finding in solved.findings}
@@ -386,9 +382,8 @@ def test_a_prefix_that_no_label_has_is_refused(change: Change, tmp_path: Path) -
     """Before, labels without it were taken, and the origin among them was lost."""
     trial(tmp_path, frames=8)
     path = written_trial(tmp_path, change)
-    with pytest.raises(KinematicsError) as refused:
+    with raises_refusal(KinematicsCode.NO_SUCH_PREFIX, kind=KinematicsError):
         solve_postures(IkInputs("bundled", path, None, prefix="Anne_"))
-    assert refused.value.code == KinematicsCode.NO_SUCH_PREFIX
 
 
 def test_a_file_with_z_up_is_a_finding_and_is_turned_on_request(tmp_path: Path) -> None:

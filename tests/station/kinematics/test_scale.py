@@ -45,6 +45,12 @@ def on_humerus() -> list[str]:
     return [marker.name for marker in MODEL.markers if marker.body == MODEL.body_index("humerus")]
 
 
+def own_setup(range_s: str = "-1 9") -> str:
+    """Scales the humerus by two of its markers."""
+    one, other = on_humerus()[:2]
+    return SETUP.format(pairs=PAIR.format(one=one, other=other), axes="Y", range=range_s)
+
+
 def run(folder: Path, capsys, monkeypatch, **parts: str) -> tuple[int, str]:
     names = on_humerus()
     given = {"pairs": PAIR.format(one=names[0], other=names[1]), "axes": "Y", "range": "-1 9"} | parts
@@ -111,12 +117,10 @@ def test_a_set_up_that_does_not_fit_is_one_sentence(
 
 def test_a_wrong_manual_factor_is_not_attributed_to_markers(tmp_path: Path) -> None:
     trial(tmp_path, frames=5)
-    pairs = PAIR.format(one=on_humerus()[0], other=on_humerus()[1])
-    text = SETUP.format(pairs=pairs, axes="Y", range="-1 9").replace("1.1 1 1", "100 100 100")
+    text = own_setup().replace("1.1 1 1", "100 100 100")
     (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
-    with pytest.raises(KinematicsError) as refused:
+    with raises_refusal(KinematicsCode.WRONG_MANUAL_FACTOR, kind=KinematicsError):
         scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled"))
-    assert refused.value.code == KinematicsCode.WRONG_MANUAL_FACTOR
 
 
 @pytest.mark.shared
@@ -143,8 +147,7 @@ def test_a_load_is_the_likely_reason_of_a_heavy_hand_alone(body: str, codes: lis
 
 def placed(folder: Path, span: str, file: str = "trial.trc", more: str = "") -> ScaledBody:
     """Scaled by the first 0.1 s of trial.trc, with the markers placed at a pose of another file or time."""
-    pairs = PAIR.format(one=on_humerus()[0], other=on_humerus()[1])
-    text = SETUP.format(pairs=pairs, axes="Y", range="0 0.1").replace("1.1 1 1", "1 1 1")
+    text = own_setup("0 0.1").replace("1.1 1 1", "1 1 1")
     placer = PLACER.format(tasks=TASKS, file=file, range=span, more=more)
     (folder / "scale.xml").write_text(text.replace("</ScaleTool>", placer), encoding="utf-8")
     return scale_body(ScaleInputs(folder / "scale.xml", "bundled"))
@@ -198,7 +201,7 @@ def test_what_the_set_up_has_and_is_not_used_is_a_finding(tmp_path: Path) -> Non
 )
 def test_a_body_or_a_marker_that_the_model_lacks_is_a_finding(tmp_path: Path, old: str, new: str, named: str) -> None:
     trial(tmp_path, frames=5)
-    text = SETUP.format(pairs=PAIR.format(one=on_humerus()[0], other=on_humerus()[1]), axes="Y", range="-1 9")
+    text = own_setup()
     body = "<BodyScaleSet><objects><BodyScale name='ulna'><axes>Y</axes></BodyScale></objects></BodyScaleSet>"
     pairs = f"<MarkerPairSet><objects>{PAIR.format(one=on_humerus()[0], other='of_no_body')}</objects></MarkerPairSet>"
     other = f"<Measurement name='other'>{pairs}{body}</Measurement>"
@@ -219,7 +222,7 @@ def test_markers_on_bodies_that_the_model_lacks_are_findings(tmp_path: Path) -> 
     objects = f"<MarkerSet><objects>{marker.format('KNE')}</objects></MarkerSet>"
     (tmp_path / "set.xml").write_text(f"<OpenSimDocument Version='40000'>{objects}</OpenSimDocument>")
     maker = "<GenericModelMaker><marker_set_file>set.xml</marker_set_file></GenericModelMaker><ModelScaler>"
-    text = SETUP.format(pairs=PAIR.format(one=on_humerus()[0], other=on_humerus()[1]), axes="Y", range="-1 9")
+    text = own_setup()
     (tmp_path / "scale.xml").write_text(text.replace("<ModelScaler>", maker))
     made = scale_body(ScaleInputs(tmp_path / "scale.xml", str(tmp_path / "model.osim")))
     found = [finding.figures["markers"] for finding in made.findings if finding.code == KinematicsCode.UNATTACHED]
@@ -230,7 +233,7 @@ def test_markers_on_bodies_that_the_model_lacks_are_findings(tmp_path: Path) -> 
 
 def test_a_document_whose_root_is_the_tool_is_read(tmp_path: Path) -> None:
     trial(tmp_path, frames=5)
-    text = SETUP.format(pairs=PAIR.format(one=on_humerus()[0], other=on_humerus()[1]), axes="Y", range="")
+    text = own_setup("")
     text = text.replace('<OpenSimDocument Version="40000">', "").replace("</OpenSimDocument>", "")
     (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
     assert scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled")).factors["humerus"] == pytest.approx([1, 1, 1])
@@ -249,8 +252,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "ik.xml").write_text(text.replace("<IKTaskSet>", f"{named}<IKTaskSet>"))
     rows = "".join(f"{0.01 * k:.2f}\t0.5\n" for k in range(6))
     (tmp_path / "elbow.sto").write_text(f"elbow\nversion=1\ninDegrees=no\nendheader\ntime\telbow_flexion\n{rows}")
-    one, other = on_humerus()[:2]
-    text = SETUP.format(pairs=PAIR.format(one=one, other=other), axes="Y", range="-1 9")
+    text = own_setup()
     maker = "<GenericModelMaker><model_file>generic.osim</model_file></GenericModelMaker><ModelScaler>"
     (tmp_path / "scale.xml").write_text(text.replace("<ModelScaler>", maker))
     return tmp_path

@@ -27,6 +27,7 @@ from station.live.subscription import LiveSubscription, find_address
 from station.live.tap import LiveRequest, LiveTap
 from station.messages.live_messages import LiveCode
 from tests.drivers.pytest_on_loopback import passed_on_loopback
+from tests.refusals import raises_refusal
 from tests.station.command import Ran
 from tests.station.live.test_server import SETUP
 from tests.station.live.trials import TIGHT, Collected, PartOfTrial, generic_plan, part_of, solve
@@ -43,9 +44,8 @@ def test_the_outlet_is_off_by_default() -> None:
 
 def test_an_outlet_that_cannot_be_confined_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outlet_module.sys, "platform", "win32")
-    with pytest.raises(OutletRefused) as refused:
+    with raises_refusal(LiveCode.OUTLET_NOT_CONFINED, kind=OutletRefused):
         LslOutlet("live", "loopback").begin(SETUP)
-    assert refused.value.code == LiveCode.OUTLET_NOT_CONFINED
 
 
 def test_a_refused_outlet_is_a_finding_and_values_continue(wearer: WearerSession, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from station.live.published import NAN, UPDATE, LiveDelivery, LiveUpdate
 from station.live.tap import encode_message, encode_request
 from station.messages.live_messages import LiveCode
 from station.subject.assessed_subject import read_wearer_trials
+from tests.refusals import raises_refusal
 from tests.station.live.trials import TIGHT, Collected, generic_plan, part_of
 from tests.station.wearer import SPECS, WearerSession
 
@@ -135,9 +136,8 @@ def test_frames_that_come_while_the_body_is_prepared_are_counted(wearer: WearerS
 
 
 def test_a_trial_without_markers_on_the_body_is_refused() -> None:
-    with pytest.raises(LiveRefused) as refused:
+    with raises_refusal(LiveCode.NO_BODY, kind=LiveRefused):
         prepare_replay(GOLDEN / "format_1.mcap")
-    assert refused.value.code == LiveCode.NO_BODY
 
 
 def test_the_body_is_that_of_the_trials_before(wearer: WearerSession) -> None:

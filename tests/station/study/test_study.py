@@ -28,6 +28,7 @@ from station.study.study_document import (
     study_document,
 )
 from station.study.study_page import forest_chart
+from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused
 from tests.station.study.synthetic_sessions import CUFF_FACTORS, STIFFNESS, write_sessions
 
@@ -189,9 +190,8 @@ def test_the_bands_of_a_forest_plot_have_colours_of_their_own(document: StudyDoc
 def test_another_file_is_no_study_and_no_normative_table(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text('{"format": 2}', encoding="utf-8")
     for read, code in ((read_study, "study.wrong_file"), (read_normative, "normative.wrong_file")):
-        with pytest.raises(StudyError) as refused:
+        with raises_refusal(code, kind=StudyError):
             read(tmp_path / "other.json")
-        assert refused.value.code == code
 
 
 def test_two_volunteers_have_an_interval_with_one_degree_of_freedom(tmp_path: Path) -> None:
