@@ -159,20 +159,22 @@ def test_a_server_that_accepts_and_is_silent_is_unavailable(monkeypatch: pytest.
         driver(mute.getsockname()[1]).open()
 
 
-def test_a_server_that_falls_silent_while_it_opens_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys, "COMMAND_TIMEOUT_S", 0.2)
+@pytest.mark.parametrize(
+    ("settings", "code"),
+    [
+        (b"", DeviceCode.NO_ANSWER),
+        (packet(XML, b"<Q><General><Frequency>100</Frequency></General></Q>\0"), DeviceCode.UNUSABLE_SETTINGS),
+    ],
+    ids=["no answer", "no labels"],
+)
+def test_a_server_without_usable_settings_is_refused(
+    monkeypatch: pytest.MonkeyPatch, settings: bytes, code: DeviceCode
+) -> None:
+    if not settings:
+        monkeypatch.setattr(qualisys, "COMMAND_TIMEOUT_S", 0.2)
     with (
-        OtherQtm(lambda command: b"" if command.startswith(b"getparameters") else proper(command)) as qtm,
-        raises_refusal(DeviceCode.NO_ANSWER),
-    ):
-        driver(qtm.port).open()
-
-
-def test_settings_without_labels_are_refused() -> None:
-    bare = packet(XML, b"<Q><General><Frequency>100</Frequency></General></Q>\0")
-    with (
-        OtherQtm(lambda command: bare if command.startswith(b"getparameters") else proper(command)) as qtm,
-        raises_refusal(DeviceCode.UNUSABLE_SETTINGS),
+        OtherQtm(lambda command: settings if command.startswith(b"getparameters") else proper(command)) as qtm,
+        raises_refusal(code),
     ):
         driver(qtm.port).open()
 

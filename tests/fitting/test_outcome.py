@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -99,17 +100,19 @@ def test_a_stiffness_whose_fit_did_not_converge_is_not_identified(limit: str, mo
     assert fit.stiffness is None
 
 
-def test_a_stiffness_tensor_whose_fit_did_not_converge_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fitting.spatial.tensors.MOST_HELD_ROUNDS", 1)
+@pytest.mark.parametrize(
+    ("limit", "fit"),
+    [
+        ("MOST_HELD_ROUNDS", lambda: held_tensor(_in_space("static"), 0.0)),
+        ("SWUNG_ROUNDS", lambda: swung_tensor(_in_space("dynamic"), {}, 0.0)),
+    ],
+)
+def test_a_tensor_whose_fit_did_not_converge_is_not_identified(
+    limit: str, fit: Callable[[], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(f"fitting.spatial.tensors.{limit}", 1)
     with pytest.raises(NoTensor) as caught:
-        held_tensor(_in_space("static"), 0.0)
-    assert caught.value.outcome is FitOutcome.NOT_CONVERGED
-
-
-def test_a_damping_tensor_whose_fit_did_not_converge_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fitting.spatial.tensors.SWUNG_ROUNDS", 1)
-    with pytest.raises(NoTensor) as caught:
-        swung_tensor(_in_space("dynamic"), {}, 0.0)
+        fit()
     assert caught.value.outcome is FitOutcome.NOT_CONVERGED
 
 

@@ -108,17 +108,14 @@ def test_a_jump_within_a_block_keeps_every_number_and_time() -> None:
     assert back.device_time_ns.tolist() == [70, 80, 111, 120]
 
 
-def test_values_that_would_lose_bits_are_refused() -> None:
+def test_values_that_would_lose_bits_and_arrays_of_unequal_length_are_refused() -> None:
     block = frames(0, 3)
-    wide = Samples("/markers", block.sample_numbers, block.device_time_ns, 0, block.values.astype(np.float64))
-    with raises_refusal(RecordingCode.WRONG_BLOCK):
-        pack(wide)
-
-
-def test_a_block_of_unequal_arrays_is_refused() -> None:
-    block = scalars("/force", 0, 10)
-    with raises_refusal(RecordingCode.WRONG_BLOCK):
-        pack(Samples("/force", block.sample_numbers, block.device_time_ns[1:], 0, block.values))
+    for times_ns, values in (
+        (block.device_time_ns, block.values.astype(np.float64)),
+        (block.device_time_ns[1:], block.values),
+    ):
+        with raises_refusal(RecordingCode.WRONG_BLOCK):
+            pack(Samples("/markers", block.sample_numbers, times_ns, 0, values))
 
 
 @pytest.mark.parametrize(

@@ -363,14 +363,10 @@ def test_a_capture_starts_some_seconds_after_all_devices_stream(world: World) ->
     assert 13.0 <= world.capture.start <= 14.0
 
 
-def test_nothing_starts_while_one_of_them_is_silent(world: World) -> None:
-    put_at_the_pc(world, stream(), stream(is_on=False), delay_s=0.0)
-    world.clock.advance(10.0)
-    assert world.capture is None
-
-
-def test_a_client_in_control_is_left_alone(world: World) -> None:
-    put_at_the_pc(world, stream(), control=stream(), delay_s=0.0)
+@pytest.mark.parametrize("is_controlled", [False, True], ids=["one is silent", "a client is in control"])
+def test_nothing_starts_beside_a_silent_device_or_a_client_in_control(world: World, is_controlled: bool) -> None:
+    silent = () if is_controlled else (stream(is_on=False),)
+    put_at_the_pc(world, stream(), *silent, control=stream() if is_controlled else None, delay_s=0.0)
     world.clock.advance(10.0)
     assert world.capture is None
 

@@ -88,8 +88,20 @@ def _capture(numbers: list[int], stamps: list[float], arrival: list[float], edge
     return capture_frames(np.array(numbers), *seconds, 100.0, edge)
 
 
-def test_frames_whose_numbers_step_like_their_stamps_are_one_capture() -> None:
-    assert _capture([1, 2, 5, 6], [70, 71, 74, 75], [0, 1, 4, 5]) == slice(0, 4)
+@pytest.mark.parametrize(
+    ("numbers", "stamps", "arrival", "edge", "expected"),
+    [
+        ([1, 2, 5, 6], [70, 71, 74, 75], [0, 1, 4, 5], 0.0, slice(0, 4)),
+        ([811, 812, 1, 2, 3, 901], [50, 51, 0, 1, 2, 54], [-2, -1, 0, 1, 2, 3], 0.0, slice(2, 5)),
+        ([811, 812, 1, 2, 9, 10], [0] * 6, [-2, -1, 0, 1, 8, 9], 0.0, slice(2, 6)),
+        ([1, 2, 3, 1, 2], [1, 2, 3, 4, 5], [0, 1, 2, 300, 301], 3.0, slice(3, 5)),
+    ],
+    ids=["numbers step like stamps", "stamps start anew", "constant stamps", "the second of two, at the edge"],
+)
+def test_the_frames_of_a_capture_are_those_whose_numbers_step_like_their_stamps(
+    numbers: list[int], stamps: list[float], arrival: list[float], edge: float, expected: slice
+) -> None:
+    assert _capture(numbers, stamps, arrival, edge) == expected
 
 
 @pytest.mark.parametrize("after", [[900, 901], [2, 3]], ids=["forward", "backward"])
@@ -97,14 +109,6 @@ def test_numbers_that_jump_while_the_stamps_go_on_are_preview(after: list[int]) 
     numbers = [811, 812, 813, 1, 2, 3, 4, *after]
     arrival = list(range(-3, 6))
     assert _capture(numbers, list(range(50, 59)), arrival) == slice(3, 7)
-
-
-def test_stamps_that_start_anew_with_the_capture_separate_it_too() -> None:
-    assert _capture([811, 812, 1, 2, 3, 901], [50, 51, 0, 1, 2, 54], [-2, -1, 0, 1, 2, 3]) == slice(2, 5)
-
-
-def test_with_constant_stamps_the_numbers_alone_decide() -> None:
-    assert _capture([811, 812, 1, 2, 9, 10], [0] * 6, [-2, -1, 0, 1, 8, 9]) == slice(2, 6)
 
 
 @pytest.mark.parametrize(
@@ -119,10 +123,6 @@ def test_a_capture_ends_where_numbers_and_stamps_differ_by_more_than_one_and_a_h
     numbers: list[int], stamps: list[float], expected: slice
 ) -> None:
     assert _capture(numbers, stamps, [number - 1.0 for number in numbers]) == expected
-
-
-def test_of_two_captures_the_one_at_the_edge_counts() -> None:
-    assert _capture([1, 2, 3, 1, 2], [1, 2, 3, 4, 5], [0, 1, 2, 300, 301], edge=3.0) == slice(3, 5)
 
 
 def _seen(start: float, ratio: float, capture: float, interval: float) -> SyncEdges:

@@ -131,23 +131,24 @@ def test_an_elliptic_rim_goes_through_the_edge_marker_and_is_narrower_across():
         assert ray[0] == pytest.approx(np.hypot(ray[1], ray[2]))
 
 
-def test_a_rim_without_width_is_refused():
-    with raises_refusal(SolverCode.WRONG_GLENOID):
-        glenoid_cone(BARE, aspect=0.0)
+MOVED = tuple(
+    replace(marker, location=marker.location + 0.01) if marker.name == "HumHead_Center" else marker
+    for marker in BARE.markers
+)
 
 
-def test_a_marker_that_makes_no_cone_is_refused():
-    markers = tuple(
-        replace(marker, location=marker.location + 0.01) if marker.name == "HumHead_Center" else marker
-        for marker in BARE.markers
-    )
-    with raises_refusal(SolverCode.WRONG_GLENOID, naming="HumHead_Center"):
-        glenoid_cone(replace(BARE, markers=markers))
-
-
-def test_a_model_without_the_markers_is_refused_by_name():
-    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="Glenoid_Center"):
-        glenoid_cone(replace(BARE, markers=()))
+@pytest.mark.parametrize(
+    ("model", "aspect", "code", "naming"),
+    [
+        (BARE, 0.0, SolverCode.WRONG_GLENOID, ""),
+        (replace(BARE, markers=MOVED), 1.0, SolverCode.WRONG_GLENOID, "HumHead_Center"),
+        (replace(BARE, markers=()), 1.0, SolverCode.UNKNOWN_NAME, "Glenoid_Center"),
+    ],
+    ids=["rim without width", "marker that makes no cone", "no markers"],
+)
+def test_a_model_without_a_cone_is_refused(model, aspect, code, naming):
+    with raises_refusal(code, naming):
+        glenoid_cone(model, aspect=aspect)
 
 
 def test_a_reaction_meets_the_plane_where_its_line_through_the_head_does():

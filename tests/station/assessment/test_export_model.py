@@ -72,10 +72,16 @@ def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:
     assert len(list(root.iter("Body"))) == len(list(own.iter("Body"))) + 3
 
 
-def test_a_model_that_wears_the_suit_does_not_get_a_second_one() -> None:
+@pytest.mark.parametrize("change", ["wears a suit", "layout of OpenSim 3", "several files"])
+def test_the_suit_is_not_added_where_it_cannot_be_written(change: str) -> None:
     root, rigid = osim_document(bundled_model()), SuitScenario("rigid", None, None, np.array([0.7]))
-    add_suit(root, bundled_model(), read_suit(), rigid)
-    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE):
+    if change == "wears a suit":
+        add_suit(root, bundled_model(), read_suit(), rigid)
+    elif change == "layout of OpenSim 3":
+        root.set("Version", "30000")
+    else:
+        root.iter("ForceSet").__next__().set("file", "forces.xml")
+    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE, "one file" if change == "several files" else ""):
         add_suit(root, bundled_model(), read_suit(), rigid)
 
 
@@ -184,17 +190,3 @@ def test_a_suit_that_was_changed_beyond_the_exported_structure_is_refused(
     at = text.index(old, text.index("<PathSpring") if old.startswith("<") else 0)
     file.write_text(text[:at] + text[at:].replace(old, new, 1), encoding="utf-8")
     assert_one_sentence(station("rmr", "--model", file, "--output", tmp_path / "out.csv"), 1, words)
-
-
-def test_the_suit_is_not_added_to_a_document_in_the_layout_of_opensim_3() -> None:
-    root = osim_document(bundled_model())
-    root.set("Version", "30000")
-    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE):
-        add_suit(root, bundled_model(), read_suit(), SuitScenario("rigid", None, None, np.array([0.7])))
-
-
-def test_the_suit_is_not_added_to_a_document_of_several_files() -> None:
-    root = osim_document(bundled_model())
-    root.iter("ForceSet").__next__().set("file", "forces.xml")
-    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE, "one file"):
-        add_suit(root, bundled_model(), read_suit(), SuitScenario("rigid", None, None, np.array([0.7])))
