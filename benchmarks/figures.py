@@ -21,9 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.fitting import session_trials
 from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.session import fit_session
-from fitting.trial.trial import Trial, build_trial
+from fitting.trial.trial import Trial
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import build_redundancy
@@ -71,31 +72,23 @@ def _results(sessions: list[Path], *, with_motion: bool) -> Iterator[tuple[str, 
 
 def _simulated() -> Iterator[tuple[str, list[Trial]]]:
     for cause, (law, rig) in DEFECTS.items():
-        yield str(cause), _trials(OddSession(law, rig, 1, CLEAN), 1)
+        yield str(cause), session_trials(OddSession(law, rig, 1, CLEAN), 1)
     for name, law in STRONG.items():
-        yield name.replace(" ", "_"), _trials(OddSession(law, Rig(), 1, CLEAN), 2)
-    yield "late_and_drifting", _trials(OddSession(Law(), Rig(), 1, replace(CLEAN, lag=25e-3, zero_drift=2 / 60)), 1)
+        yield name.replace(" ", "_"), session_trials(OddSession(law, Rig(), 1, CLEAN), 2)
+    yield (
+        "late_and_drifting",
+        session_trials(OddSession(Law(), Rig(), 1, replace(CLEAN, lag=25e-3, zero_drift=2 / 60)), 1),
+    )
     for cuff in ("waist", "hand", "tube", "elbow"):
-        yield cuff, _trials(Session(published(cuff, hold=4.0, duration=12.0), 2), 2)
+        yield cuff, session_trials(Session(published(cuff, hold=4.0, duration=12.0), 2), 2)
     for change in ({"occlusion": 0.3}, {"unloads_at_once": True}, {"force_rate": 20.0}, {"amplitude": 1.0}):
         (name,) = change
-        yield name, _trials(Session(published("tube", hold=4.0, duration=12.0, **change), 2), 2)
+        yield name, session_trials(Session(published("tube", hold=4.0, duration=12.0, **change), 2), 2)
     random = np.random.default_rng(1)
     pulls = list(enumerate(directions(30), 1))
     space = elbow(random)
     for name, count in (("five_pulls", 5), ("two_pulls", 2)):
-        yield (
-            name,
-            [pulled(space, u, test, i, random) for i, u in pulls[:count] for test in ("static", "dynamic")],
-        )
-
-
-def _trials(session: Session, repeats: int) -> list[Trial]:
-    trials = []
-    for repeat in range(1, repeats + 1):
-        trials.append(build_trial(*session.static(repeat), f"s{repeat}", "s"))
-        trials.append(build_trial(*session.dynamic(repeat), f"d{repeat}", "d"))
-    return trials
+        yield name, [pulled(space, u, test, i, random) for i, u in pulls[:count] for test in ("static", "dynamic")]
 
 
 def _numbers(document: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -84,14 +84,8 @@ def _one(cuff: str, seed: int, rate: float, lag_sd: float, colour: float = 0.0) 
     if check(record, solution, 1.0).is_coloured:
         robust = output_error(record, float(solution.parameters[K]), float(solution.parameters[C])).estimates
         if robust:
-            found = (
-                robust[0].value,
-                robust[0].standard_error,
-                error[K],
-                robust[1].value,
-                robust[1].standard_error,
-                error[C],
-            )
+            stiffness, damping = ((one.value, one.standard_error) for one in robust)
+            found = (*stiffness, error[K], *damping, error[C])
     return tuple(float(value) / scale for value, scale in zip(found, (k, k, k, c, c, c), strict=True))
 
 
@@ -99,16 +93,8 @@ def _swing(cuff: str, seed: int, rate: float, lag_sd: float, colour: float) -> S
     """± 12 N at 1 Hz for 22.5 s with 0.51 N and 0.157 mm of noise."""
     k, c, _ = PUBLISHED[cuff]
     force_noise = 0.51 / math.sqrt(max(1.0, rate / 250.0))
-    return swing(
-        seed,
-        k=k,
-        c=c,
-        rate=min(rate, 250.0),
-        seconds=22.5,
-        colour=colour,
-        lag_sd=lag_sd,
-        force_noise=force_noise,
-    )
+    noise = {"colour": colour, "lag_sd": lag_sd, "force_noise": force_noise}
+    return swing(seed, k=k, c=c, rate=min(rate, 250.0), seconds=22.5, **noise)
 
 
 def _is_flagged(colour: float, cuff: str, seed: int) -> bool:
@@ -259,11 +245,15 @@ def _is_chosen(name: str, law: Law, seed: int) -> bool:
 
 
 def _donning(law: Law, rig: Rig, seed: int, repeats: int) -> list[Trial]:
-    session = OddSession(law, rig, seed, Truth(friction=1e9, migration=0.0, hold=6.0))
+    return session_trials(OddSession(law, rig, seed, Truth(friction=1e9, migration=0.0, hold=6.0)), repeats)
+
+
+def session_trials(session: Session, repeats: int, cuff: str = "") -> list[Trial]:
+    """Static and dynamic trials in turn."""
     trials = []
     for repeat in range(1, repeats + 1):
-        trials.append(build_trial(*session.static(repeat), f"s{repeat}", "s"))
-        trials.append(build_trial(*session.dynamic(repeat), f"d{repeat}", "d"))
+        trials.append(build_trial(*session.static(repeat), f"{cuff}s{repeat}", "s"))
+        trials.append(build_trial(*session.dynamic(repeat), f"{cuff}d{repeat}", "d"))
     return trials
 
 
@@ -309,12 +299,7 @@ def _repeats(runs: int, _pool: ProcessPoolExecutor) -> Iterator[str]:
 
 
 def _speed(_runs: int, _pool: ProcessPoolExecutor) -> Iterator[str]:
-    trials = []
-    for cuff in PUBLISHED:
-        session = Session(published(cuff), 3)
-        for repeat in (1, 2, 3):
-            trials.append(build_trial(*session.static(repeat), f"{cuff}-static-{repeat}", "s"))
-            trials.append(build_trial(*session.dynamic(repeat), f"{cuff}-dynamic-{repeat}", "d"))
+    trials = [trial for cuff in PUBLISHED for trial in session_trials(Session(published(cuff), 3), 3, cuff)]
     fit_session(trials[:2])
     for what, some in (
         ("one static and one dynamic trial, 30 s at 1 kHz", trials[:2]),

@@ -56,7 +56,7 @@ def main() -> None:
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     counts: dict[str, Counter[str]] = {".c3d": Counter(), ".trc": Counter()}
     with OtherReaders() as others:
-        for path in distinct_files(parser.parse_args().folders):
+        for path in distinct_files(parser.parse_args().folders, (".c3d", ".trc")):
             verdict, reason = judge(path, others)
             counts[path.suffix.lower()][verdict] += 1
             if verdict != "accepted right":
@@ -67,11 +67,11 @@ def main() -> None:
         print(f"{suffix:<6}" + "".join(f"{found[verdict]:>16}" for verdict in verdicts))
 
 
-def distinct_files(folders: Sequence[Path]) -> Iterator[Path]:
-    """The files in alphabetical order, each content once."""
+def distinct_files(folders: Sequence[Path], suffixes: Sequence[str]) -> Iterator[Path]:
+    """The files with one of the suffixes in alphabetical order, each content once."""
     seen = set()
     for path in sorted(path for folder in folders for path in folder.rglob("*")):
-        if path.suffix.lower() in (".c3d", ".trc") and path.is_file():
+        if path.suffix.lower() in suffixes and path.is_file():
             content = hashlib.sha256(path.read_bytes()).digest()
             if content not in seen:
                 seen.add(content)

@@ -16,7 +16,6 @@ the calls count.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.foreign import distinct_files
 from solver.errors import SolverError
 from solver.model import CoordinateLock, Model
 from solver.multibody.dynamics import equations_of_motion
@@ -73,9 +73,11 @@ def main() -> None:
     print("| model | muscles | accepted | length [m] | acceleration | inverse dynamics | time [µs] | ratio |")
     print("|---|---|---|---|---|---|---|---|")
     rows = []
-    for path, name in distinct_files(arguments.folders).items():
+    for path in distinct_files(arguments.folders, (".osim",)):
+        if not MUSCLE.search(path.read_bytes()):
+            continue
         row = examine(path, arguments.states, arguments.repeats, ignore_forces=arguments.ignore_forces)
-        row = replace(row, name=name)
+        row = replace(row, name=_title(path, arguments.folders))
         rows.append(row)
         print(row.markdown(), flush=True)
     opened = [row for row in rows if not row.problem.endswith(NEITHER)]
@@ -86,19 +88,11 @@ def main() -> None:
     print(_largest(accepted))
 
 
-def distinct_files(folders: Sequence[Path]) -> dict[Path, str]:
-    """The .osim files with muscles below the folders in alphabetical order, each content once, and their names.
-
-    A name is that of the repository's folder, and the path below it with _ for / and space.
-    """
-    found: dict[str, tuple[Path, str]] = {}
-    for path, parent in sorted((path, folder) for folder in folders for path in folder.rglob("*.osim")):
-        content = path.read_bytes()
-        if MUSCLE.search(content):
-            repository, *below = path.relative_to(parent).with_suffix("").parts
-            name = "/".join([repository, *(["_".join(below).replace(" ", "_")] if below else [])])
-            found.setdefault(hashlib.sha256(content).hexdigest(), (path, name))
-    return dict(found.values())
+def _title(path: Path, folders: Sequence[Path]) -> str:
+    """That of the repository's folder, and the path below it with _ for / and space."""
+    parent = next(folder for folder in folders if path.is_relative_to(folder))
+    repository, *below = path.relative_to(parent).with_suffix("").parts
+    return "/".join([repository, *(["_".join(below).replace(" ", "_")] if below else [])])
 
 
 def examine(path: Path, states: int, repeats: int, *, ignore_forces: bool) -> Row:

@@ -22,8 +22,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter, process_time
-from typing import Any
+from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +36,7 @@ OBJECTIVE_LIMIT, VIOLATION_LIMIT = 1e-6, 1e-8
 
 sys.path.insert(0, str(ROOT))
 
-from solver.bundled import (  # noqa: E402
-    bundled_model,
-    simulate_arm_raise,
-)
+from solver.bundled import bundled_model, simulate_arm_raise  # noqa: E402
 from solver.model import Model  # noqa: E402
 from solver.motion import Kinematics, decimate, differentiate, read_motion  # noqa: E402
 from solver.multibody.dynamics import equations_of_motion  # noqa: E402
@@ -60,13 +56,12 @@ from solver.redundancy.problem import (  # noqa: E402
 from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy  # noqa: E402
 
 Array = NDArray[np.float64]
-Clock = Callable[[], float]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=12, help="frames of the peer's sample")
-    parser.add_argument("--scenarios", type=int, default=300, help="scenarios of the design study")
+    parser.add_argument("--scenarios", type=int, default=300, help="scenarios whose memory is measured")
     parser.add_argument("--memory", action="store_true", help="only the memory that the largest study takes")
     arguments = parser.parse_args()
     model, kinematics, name = subject()
@@ -79,10 +74,7 @@ def main() -> int:
     peer, whole = side_by_side(model, kinematics, arguments.frames)
     print(f"whole frame, one core           {1e6 * whole:8.0f} µs")
     stations(model, kinematics)
-    single_frame(model, kinematics)
     is_agreed = further_scenario(problem)
-    both_processors(problem, arguments.scenarios)
-    linearity(problem, arguments.scenarios)
     run_again("--memory", "--scenarios", str(arguments.scenarios))
     print(f"ratio={peer / whole:.0f}" if peer else "ratio=none: there is no peer to compare with")
     return 0 if is_agreed else 1
@@ -91,24 +83,21 @@ def main() -> int:
 def subject() -> tuple[Model, Kinematics, str]:
     if not OSIM.exists():
         model = bundled_model()
-        return (
-            model,
-            differentiate(simulate_arm_raise(model)),
-            "bundled arm raise (no public data set beside the repository)",
-        )
+        motion = differentiate(simulate_arm_raise(model))
+        return model, motion, "bundled arm raise (no public data set beside the repository)"
     from solver.osim.model_reader import read_osim
 
     model = read_osim(OSIM)
     return model, differentiate(read_motion(MOTION, model)), "FLX01"
 
 
-def least(run: Callable[[], object], repeats: int = REPEATS, clock: Clock = process_time) -> float:
+def least(run: Callable[[], object], repeats: int = REPEATS) -> float:
     """The shortest of several runs [s], because other load only lengthens a run."""
     times = []
     for _ in range(repeats):
-        start = clock()
+        start = process_time()
         run()
-        times.append(clock() - start)
+        times.append(process_time() - start)
     return min(times)
 
 
@@ -176,13 +165,6 @@ def stations(model: Model, kinematics: Kinematics) -> None:
         print(f"    {name:<27} {1e6 * least(run) / len(kinematics.time):8.1f} µs")
 
 
-def single_frame(model: Model, kinematics: Kinematics) -> None:
-    one: dict[str, Any] = {n: v[100:101] for n, v in vars(kinematics).items() if isinstance(v, np.ndarray) and v.ndim}
-    frame = replace(kinematics, **one)
-    wall, processor = (least(lambda: solve_motion(model, frame), 100, clock) for clock in (perf_counter, process_time))
-    print(f"one frame alone                 {1e3 * wall:8.2f} ms by the clock, {1e3 * processor:.2f} ms of processor")
-
-
 def scenarios_of(problem: RedundancyProblem, count: int) -> LoadResponse:
     """Loads that increase and decrease over the motion, with different sizes and directions."""
     generator = np.random.default_rng(1)
@@ -230,40 +212,6 @@ def differences(
 
 def unsolved(solution: ScenarioSolutions) -> int:
     return int((solution.outcomes != FrameOutcome.SOLVED).sum())
-
-
-def both_processors(problem: RedundancyProblem, scenarios: int) -> None:
-    loads, workers = scenarios_of(problem, scenarios // 4), os.cpu_count() or 1
-    one, all_of_them = np.inf, np.inf
-    for _ in range(REPEATS):
-        one = min(one, least(lambda: solve_redundancy(problem, loads, workers=1), 1, perf_counter))
-        all_of_them = min(all_of_them, least(lambda: solve_redundancy(problem, loads), 1, perf_counter))
-    print(f"{workers} processors                    {one / all_of_them:8.2f} times as fast as one, by the clock")
-
-
-def linearity(problem: RedundancyProblem, scenarios: int) -> None:
-    """Frames and scenarios doubled twice, on one core: every fourth frame, there and back, and both twice."""
-    print("frames × scenarios: µs each")
-    parts, counts = [played(problem, times) for times in (1, 2, 4)], [scenarios // share for share in (4, 2, 1)]
-    seconds = np.empty((len(parts), len(counts)))
-    for i, part in enumerate(parts):
-        for j, count in enumerate(counts):
-            loads = scenarios_of(part, count)
-            seconds[i, j] = least(partial(solve_redundancy, part, loads, workers=1), 2)
-            print(f"    {len(part.time):4} × {count:<4} {1e6 * seconds[i, j] / count / len(part.time):8.1f} µs")
-    frames = np.log([len(part.time) for part in parts])
-    in_frames = np.polyfit(frames, np.log(seconds).mean(axis=1), 1)[0]
-    in_scenarios = np.polyfit(np.log(counts), np.log(seconds).mean(axis=0), 1)[0]
-    print(f"    grows with frames to the power {in_frames:.2f}, with scenarios to the power {in_scenarios:.2f}")
-
-
-def played(problem: RedundancyProblem, times: int) -> RedundancyProblem:
-    """Every fourth frame of the motion, alternately forwards and backwards, so that all lengths are equally hard."""
-    frames = len(problem.time)
-    decimated = np.arange(0, frames, 4)
-    order = np.resize(np.r_[decimated, decimated[::-1]], times * len(decimated))
-    arrays = {n: v for n, v in vars(problem).items() if isinstance(v, np.ndarray) and v.ndim and len(v) == frames}
-    return replace(problem, interval=4 * problem.interval, **{name: v[order] for name, v in arrays.items()})
 
 
 def memory(problem: RedundancyProblem, scenarios: int) -> None:

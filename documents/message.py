@@ -67,14 +67,21 @@ class Message(Generic[Code_co]):
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """The code, and that of its cause where there is one: the error of a device."""
-        cause = self.figures.get("code")
+        """The code, and that of its cause where it has one."""
+        cause = self.figures.get("reason_code")
         return (self.code.value, str(cause)) if cause else (self.code.value,)
 
     @property
     def kind(self) -> str:
         """The code without its reason: the kind of the event in a recording."""
         return self.code.value.partition(".")[0]
+
+
+def because(cause: object) -> Figures:
+    """Figures of the cause of a message, an error or another message: its sentence, and its code where it has one."""
+    text = cause.strerror if isinstance(cause, OSError) and cause.strerror else str(cause)
+    code = getattr(cause, "code", None)
+    return {"reason": text, "reason_code": str(code)} if code else {"reason": text}
 
 
 class _Formatter(CountingFormatter):

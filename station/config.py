@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import UNKNOWN_KEY, describe_error
 from documents.validation import Positive as StrictPositive
@@ -380,7 +380,7 @@ def load_config(path: Path) -> StationConfig:
         figures = {"path": str(path), "reason": str(error.strerror)}
         raise ConfigError(Message(ConfigCode.UNREADABLE, figures)) from error
     except PlainDataError as error:
-        raise ConfigError(Message(ConfigCode.WRONG_SYNTAX, {"path": str(path), "reason": str(error)})) from error
+        raise ConfigError(Message(ConfigCode.WRONG_SYNTAX, {"path": str(path), **because(error)})) from error
     return parse_config(data, str(path))
 
 

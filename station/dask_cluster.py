@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from distributed import Client, Future, LocalCluster, as_completed
 
-from documents.message import Message
+from documents.message import Message, because
 from station.errors import StationError
 from station.messages.study_messages import SweepCode
 
@@ -37,7 +37,7 @@ def connected(scheduler: str | None, workers: int) -> Iterator[Client]:
         try:
             client = stack.enter_context(Client(address, timeout=CONNECT_TIMEOUT))
         except (OSError, ValueError) as error:
-            figures = {"address": str(scheduler), "reason": str(error)}
+            figures = {"address": str(scheduler), **because(error)}
             raise ClusterError(Message(SweepCode.NO_SCHEDULER, figures)) from error
         yield client
 

@@ -17,7 +17,7 @@ from typing import Protocol
 
 from rich.console import Console
 
-from documents.message import Message
+from documents.message import Message, because
 from drivers.errors import DeviceError
 from drivers.simulators.settings import PUBLISHED_CUFFS
 from fitting.errors import UnusableTrial
@@ -269,7 +269,7 @@ def _record(folder: Path, planned: TrialSpec, attempt: Attempt, donnings: _Donni
     try:
         result = attempt(spec, is_new_donning=is_new_donning)
     except START_ERRORS as error:
-        result = TrialResult(None, 0, (Message(TrialCode.NOT_STARTED, {"text": str(error)}),), accepted=False)
+        result = TrialResult(None, 0, (Message(TrialCode.NOT_STARTED, because(error)),), accepted=False)
     if result.path is None:
         return RecordedTrial(spec, result, None, f"nothing was recorded: {result.sentence}")
     if spec.test in BODY_TESTS:

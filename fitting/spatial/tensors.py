@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from documents.message import Figures
+from documents.message import Figures, because
 from documents.results import EqualByFields
 from fitting.errors import CodedError, UnusableTrial
 from fitting.pull.plateaus import SAME_LOAD, Plateau
@@ -397,9 +397,7 @@ def _cut(pull: Pull, rope: NDArray[np.float64], oscillation: Oscillation | None)
     try:
         oscillation = oscillation or find_oscillation(pull.force_time, pull.force)
     except UnusableTrial as error:
-        raise NoTensor(
-            TensorCode.NO_SWING, {"file": trial.file, "reason": str(error), "reason_code": error.reason.code}
-        ) from error
+        raise NoTensor(TensorCode.NO_SWING, {"file": trial.file, **because(error)}) from error
     inside = (pull.marker_time >= max(oscillation.start - SETTLING, pull.force_time[0])) & (
         pull.marker_time <= min(oscillation.end + SETTLING, pull.force_time[-1])
     )

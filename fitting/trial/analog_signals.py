@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.message import Figures
+from documents.message import Figures, because
 from fitting.errors import UnusableTrial
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
@@ -138,7 +138,7 @@ def _times_by_offsets(tracks: Mapping[str, Track], timeline: Timeline, seconds: 
     Raises UnusableTrial if no offset was measured.
     """
     if EMG_CLOCK not in tracks or not len(tracks[EMG_CLOCK].values):
-        raise UnusableTrial(RejectionCode.EMG_NO_CLOCK, {"reason": str(reason), "reason_code": reason.code})
+        raise UnusableTrial(RejectionCode.EMG_NO_CLOCK, because(reason))
     offsets, sync = tracks[EMG_CLOCK], tracks["/sync"]
     jumped = np.flatnonzero(_clock_jumps(tracks[EMG]))
     before = offsets.host_time_ns <= tracks[EMG].host_time_ns[jumped[0]] if len(jumped) else np.array([False])
@@ -147,7 +147,7 @@ def _times_by_offsets(tracks: Mapping[str, Track], timeline: Timeline, seconds: 
     to_host = 1e-9 * float(offsets.host_time_ns[best] - offsets.device_time_ns[best])
     daq_seconds = sync.sample_numbers.astype(np.float64) / sync.stream.rate_hz
     edge = timeline.clock.start + arrival_offset(1e-9 * sync.host_time_ns.astype(np.float64), daq_seconds)
-    figures: Figures = {"standard_error_s": HOST_ALIGNMENT_SD, "reason": str(reason), "reason_code": reason.code}
+    figures: Figures = {"standard_error_s": HOST_ALIGNMENT_SD, **because(reason)}
     note = Note(TrialNoteCode.EMG_HOST_CLOCK, figures)
     return _Times(seconds + (to_host - edge), HOST_ALIGNMENT_SD, (note,))
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import because
 from fitting.errors import UnusableTrial
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
@@ -216,5 +217,5 @@ def _signals(
     try:
         signals = build_analog_signals(manifest, tracks, timeline)
     except UnusableTrial as error:
-        return {}, (Note(TrialNoteCode.EMG_LEFT_OUT, {"reason": str(error), "reason_code": error.reason.code}),)
+        return {}, (Note(TrialNoteCode.EMG_LEFT_OUT, because(error)),)
     return signals, tuple(note for found in signals.values() for note in found.notes)

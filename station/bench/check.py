@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from fitting.results.codes import FitErrorCode
 from fitting.trial.calibration import full_scale
 from fitting.trial.mass_checks import CHECKS_FILE, MassCheck, MassCheckError, evaluate_reading, read_checks
@@ -31,7 +31,6 @@ from station.bench.devices import devices_for, load_cell_for
 from station.bench.feed import DeviceFailed, DeviceFeed, DeviceOpened, FeedMessage, FeedQueue
 from station.bench.session_folder import bytes_free, bytes_needed
 from station.bench.trial_recorder import MakeDevices
-from station.bench.trial_state_machine import error_figures
 from station.clock import Clock, RealClock
 from station.config import StationConfig
 from station.journal import append_line, utc_now
@@ -98,7 +97,7 @@ class DeviceSurvey:
 
     def handle(self, message: FeedMessage) -> None:
         if isinstance(message, DeviceFailed):
-            self.errors[message.device] = Message(CheckCode.DEVICE_ERROR, error_figures(message.error))
+            self.errors[message.device] = Message(CheckCode.DEVICE_ERROR, because(message.error))
         elif isinstance(message, DeviceOpened):
             self.streams |= {stream.name: stream for stream in message.streams}
             self._streams_of[message.device] = [stream.name for stream in message.streams]
@@ -233,7 +232,7 @@ def check_device(survey: DeviceSurvey, device: str) -> CheckResult:
     if device in survey.errors:
         return CheckResult(device, survey.errors[device], is_good=False)
     if device in survey.unreadable and survey.is_silent(device):
-        message = Message(CheckCode.UNREADABLE, {"text": survey.unreadable[device]})
+        message = Message(CheckCode.UNREADABLE, because(survey.unreadable[device]))
         return CheckResult(device, message, is_good=False)
     identity = survey.identities.get(device)
     text = f": {identity.text}" if identity is not None and identity.text else ""

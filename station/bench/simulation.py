@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from documents.message import Message
+from documents.message import Message, because
 from station.child import DETACHED, Child
 from station.config import StationConfig, parse_config
 from station.end_signals import end_signals
@@ -196,7 +196,7 @@ def serve_until_stopped(
             execute_commands_in_thread(read_lines(sys.stdin), world, _log)
             _report_captures(world, stopped, in_turn=in_turn and trial is not None)
     except (ValueError, OSError, RuntimeError) as error:
-        raise SimulationError(Message(SimulationCode.NOT_POSSIBLE, {"reason": str(error)})) from error
+        raise SimulationError(Message(SimulationCode.NOT_POSSIBLE, because(error))) from error
 
 
 def _select(world: World, trial: TrialSpec) -> None:
@@ -204,7 +204,7 @@ def _select(world: World, trial: TrialSpec) -> None:
     try:
         world.select_trial(cuff, trial.test, trial.condition)
     except ValueError as error:
-        raise WrongTrial(Message(SimulationCode.NOT_POSSIBLE, {"reason": str(error)})) from error
+        raise WrongTrial(Message(SimulationCode.NOT_POSSIBLE, because(error))) from error
 
 
 def _report_captures(world: World, stopped: threading.Event, *, in_turn: bool) -> None:

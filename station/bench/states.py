@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from fitting.trial.clocks import BOUNCE
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.stream_watchdog import SHORT_S, SILENCE_TIMEOUT_S
@@ -251,7 +251,7 @@ class RecordingState(RecordedState):
             self._check_empty_capture(recorded_s)
             return self._close(Message(TrialCode.CAPTURE_ENDED))
         if event.kind == "capture_replaced":
-            return self.cut_short(Message(TrialCode.CAPTURE_REPLACED, {"text": event.text}))
+            return self.cut_short(Message(TrialCode.CAPTURE_REPLACED, because(event.text)))
         if event.kind == "numbering_restarted" and recorded_s > LATENESS_S:
             if self._renumbered_s is None:
                 self._renumbered_s = self.context.clock.station_s()

@@ -17,7 +17,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Protocol
 
-from documents.message import Message, join_sentences
+from documents.message import Message, because, join_sentences
 from documents.regular_file import locked
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
@@ -219,7 +219,7 @@ class TrialRecorder:
             if trial.has_edge:
                 items.write_summary()
         except RecordingError as error:
-            trial.abandon(str(error))
+            trial.abandon(error)
         self._show(trial)
         return _close(trial, writer, path, disk, manifest.origin)
 
@@ -285,7 +285,7 @@ def _close(
         writer.close(TrialOutcome(accepted, trial.state.value, trial.sentence, codes=codes))
     except RecordingError as error:
         place = disk.moved()
-        failed = place or Message(TrialCode.WRITE_FAILED, {"text": str(error)})
+        failed = place or Message(TrialCode.WRITE_FAILED, because(error))
         return TrialResult(None if place else path, trial.lost_samples, (failed,), origin, accepted=False)
     with suppress(OSError):  # the recording is complete; a reader reports that it has no checksum
         write_checksums(path)
@@ -404,5 +404,5 @@ class RecordedItems:
             align_by_sync_edge(self._manifest, self._decimator.tracks())
         except UnusableTrial as error:
             reason = error.reason
-            return Message(TrialCode.NOT_ALIGNED, {"reason": str(reason), "reason_code": reason.code})
+            return Message(TrialCode.NOT_ALIGNED, because(reason))
         return None

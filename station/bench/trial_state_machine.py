@@ -8,19 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from documents.message import Figures, Message, join_sentences
+from documents.message import Message, because, join_sentences
 from drivers.errors import DeviceError
+from recordings.errors import RecordingError
 from recordings.samples import Item, Stream
 from station.bench.states import Armed, Ended, Idle, State
 from station.bench.trial_context import DeviceFailure, ItemWriter, TrialContext, TrialRules
 from station.bench.view import Snapshot, TrialState
 from station.clock import Clock
 from station.messages.bench_messages import TrialCode
-
-
-def error_figures(error: DeviceError) -> Figures:
-    """Sentence and code of a device's error, for a message of the station."""
-    return {"text": str(error), "code": error.code.value}
 
 
 class TrialStateMachine:
@@ -114,7 +110,7 @@ class TrialStateMachine:
 
     def fail(self, error: DeviceError, device: str = "") -> None:
         """End the trial because a device is lost; without effect while it is closing."""
-        message = Message(TrialCode.DEVICE_LOST, error_figures(error))
+        message = Message(TrialCode.DEVICE_LOST, because(error))
         self._state = self._state.fail(DeviceFailure(message, device))
 
     def cut_short(self, message: Message[TrialCode]) -> None:
@@ -126,6 +122,6 @@ class TrialStateMachine:
         self._context.write_message(message)
         self._state = Ended(*self._state.messages, message, edge=self._state.edge)
 
-    def abandon(self, text: str) -> None:
-        """End the trial because nothing more can be written. text is the writer's error."""
-        self._state = Ended(Message(TrialCode.WRITE_FAILED, {"text": text}), edge=self._state.edge)
+    def abandon(self, error: RecordingError) -> None:
+        """End the trial because nothing more can be written."""
+        self._state = Ended(Message(TrialCode.WRITE_FAILED, because(error)), edge=self._state.edge)

@@ -23,7 +23,7 @@ import duckdb
 import pandas as pd
 
 from documents.interval import counted
-from documents.message import Message
+from documents.message import Message, because
 from documents.regular_file import LARGEST_TABLE, describe_failure, open_regular, read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
@@ -149,7 +149,7 @@ def _opened(path: Path, *, is_rebuilt: bool) -> Iterator[duckdb.DuckDBPyConnecti
     except duckdb.Error as error:
         raise _not_opened(path, error) from error
     except OSError as error:
-        figures = {"path": str(path), "reason": error.strerror or str(error)}
+        figures = {"path": str(path), **because(error)}
         raise CatalogueError(Message(CatalogueCode.NOT_CREATED, figures)) from error
 
 

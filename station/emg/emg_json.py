@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from documents.interval import bracketed, counted
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import read_json
 from documents.validation import DOCUMENT_ERRORS, describe_document_error
 from fitting.emg.change import RepeatUnit
@@ -203,7 +203,7 @@ def read_emg_document(path: Path) -> EmgDocument:
     try:
         return EmgDocument.model_validate(read_json(path))
     except OSError as error:
-        figures = {"path": str(path), "reason": str(error.strerror or error)}
+        figures = {"path": str(path), **because(error)}
         raise EmgFileError(Message(EmgCode.UNREADABLE, figures)) from error
     except DOCUMENT_ERRORS as error:
         figures = {"path": str(path), "reason": describe_document_error(error)}

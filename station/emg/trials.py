@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_serializer, model_validator
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from documents.plain_data import read_toml
 from documents.validation import DOCUMENT_ERRORS, Positive, Section, describe_document_error
 from fitting.emg.envelopes import MVC_WINDOW_S, PUBLISHED, EmgTrial, EnvelopeSettings
@@ -229,7 +229,7 @@ def read_emg_setup(path: Path | None) -> EmgSetup:
     try:
         return EmgSetup.model_validate({"channels": default["channels"], **read_toml(path)})
     except OSError as error:
-        figures = {"path": str(path), "reason": str(error.strerror or error)}
+        figures = {"path": str(path), **because(error)}
         raise ConfigError(Message(EmgCode.SETUP_UNREADABLE, figures)) from error
     except DOCUMENT_ERRORS as error:
         figures = {"path": str(path), "reason": describe_document_error(error)}

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
 from fitting.results.codes import Standing
@@ -246,7 +246,7 @@ def _ssh_keygen(*arguments: str, content: Path | None = None) -> subprocess.Comp
                 timeout=TIMEOUT_S,
             )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise SignatureError(Message(ChainCode.SSH_KEYGEN_FAILED, {"reason": str(error)})) from error
+        raise SignatureError(Message(ChainCode.SSH_KEYGEN_FAILED, because(error))) from error
 
 
 def _one_line(answer: subprocess.CompletedProcess[str]) -> str:

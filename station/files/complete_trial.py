@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from fitting.errors import UnusableTrial
 from fitting.trial import clocks
 from fitting.trial.clocks import find_edges
@@ -67,7 +67,7 @@ def _captured(recording: Recording) -> Track:
     try:
         edge = _edge_on_host(recording, recording.manifest)
     except UnusableTrial as error:
-        figures = {"path": recording.path.name, "reason": str(error)}
+        figures = {"path": recording.path.name, **because(error)}
         raise ImportRefused(Message(ImportCode.NO_EDGE, figures)) from error
     part = clocks.capture_frames(track.sample_numbers.astype(np.int64), device, host, track.stream.rate_hz, edge)
     return Track(

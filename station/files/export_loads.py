@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import cuff_motion, fit_pose, pull_direction, reference_posture
 from fitting.trial.trial import Trial, read_trial
@@ -57,7 +57,7 @@ def write_loads(trial: SynchronisedRecording, stem: Path, suffix: str, *, fills_
     try:
         direction, point = pull_on_cuff(read_trial(trial.path))
     except UnusableTrial as error:
-        raise ExportRefused(Message(ExportCode.NO_DIRECTION, {"file": file, "reason": str(error)})) from error
+        raise ExportRefused(Message(ExportCode.NO_DIRECTION, {"file": file, **because(error)})) from error
     time, force = trial.line.force_time, trial.line.force
     table = np.column_stack((force, direction, point))
     segments = find_segments(time, table)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.message import Message, join_sentences
+from documents.message import Message, because, join_sentences
 from fitting.trial.analog_signals import AnalogSignals, nearest_samples
 from fitting.wearer.wearer_trial import elevation_of, find_cycles
 from recordings.contents import contents_of
@@ -124,7 +124,7 @@ def _reason(error: ExportRefused | RecordingError) -> Message[ExportCode]:
         and isinstance(error.cause.code, ExportCode)
     ):
         return Message(error.cause.code, error.cause.figures)
-    return Message(ExportCode.NOT_EXPORTED, {"reason": str(error)})
+    return Message(ExportCode.NOT_EXPORTED, because(error))
 
 
 def _without_clock(path: Path, to: str, output: Path, error: NoCommonClock) -> tuple[list[Path], Message[ExportCode]]:

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from documents.regular_file import draft_folder, replace_file
 from fitting.errors import UnusableTrial
 from fitting.trial.clocks import find_edges
@@ -107,7 +107,7 @@ def import_trial(
 
 def notes_of(markers: MarkerTable) -> tuple[Message[ImportCode], ...]:
     """The notes of the reader of the file."""
-    return tuple(Message(ImportCode.MARKER_FILE, {"text": note}) for note in markers.notes)
+    return tuple(Message(ImportCode.MARKER_FILE, because(note)) for note in markers.notes)
 
 
 def _force_notes(force: Force, source: ForceSource) -> tuple[Message[ImportCode], ...]:
@@ -181,7 +181,7 @@ def _align_by_edge(force: Force, markers: MarkerTable, config: StationConfig, fi
     try:
         edge = find_edges(numbers / rate, force.sync, config.sync.threshold_v).rising
     except UnusableTrial as error:
-        raise ImportRefused(Message(ImportCode.NOT_USABLE, {"files": files, "reason": str(error)})) from error
+        raise ImportRefused(Message(ImportCode.NOT_USABLE, {"files": files, **because(error)})) from error
     frames = markers.frame_numbers
     if frames[0] < 1:
         figures: Figures = {"files": files, "before_s": -float(markers.time_s[0])}
@@ -334,7 +334,7 @@ def write_recording(
         writer.close(outcome)
         rejected = read_trials([draft])[1]
         if rejected:
-            reason = {"files": files, "reason": str(rejected[0].reason)}
+            reason = {"files": files, **because(rejected[0].reason)}
             raise ImportRefused(Message(ImportCode.NOT_USABLE, reason))
         if path.exists():
             raise ImportRefused(Message(ImportCode.FILE_EXISTS, {"path": str(path)}))

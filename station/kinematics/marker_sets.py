@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field, ValidationError
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, parse_toml, read_toml
 from documents.validation import Section, Vector, describe_error
 from solver.model import Marker, Model
@@ -71,7 +71,7 @@ def read_marker_set(name: str) -> LabelledMarkers:
     try:
         return LabelledMarkers.model_validate(read_toml(Path(name)))
     except (PlainDataError, OSError) as error:
-        raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, "reason": str(error)})) from error
+        raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, **because(error)})) from error
     except ValidationError as error:
         reason = describe_error(error)
         raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, "reason": reason})) from error

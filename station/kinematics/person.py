@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import counted
-from documents.message import Message
+from documents.message import Message, because
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.standard_gravity import g
 from solver.errors import CoverageCode, MotionError, ScalingCode, SolverCode
@@ -267,7 +267,7 @@ def _checked(model: Model, name: str, time: Array, postures: InverseKinematics, 
         solution = solve_motion(model, kinematics, RedundancyOptions())
         joint_time, force = solution.time, np.linalg.norm(solution.reaction[:, 3:], axis=1)
     except (ModelError, MotionError) as error:
-        figures = {"trial": name, "reason": str(error)}
+        figures = {"trial": name, **because(error)}
         findings.append(Message(PersonCode.JOINT_NOT_EVALUATED, figures))
     return TrialCheck(name, time, postures, _rms([postures]), ranges, joint_time, force)
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Protocol
 
-from documents.message import Message
+from documents.message import Message, because
 from recordings.manifest import Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import Event, Samples, Stream
@@ -229,10 +229,10 @@ class LiveEngine:
                 act(sink)
             except OSError as error:
                 self._sinks.remove(sink)
-                self._problems.append(Message(LiveCode.NO_FILE, {"reason": str(error.strerror or error)}))
+                self._problems.append(Message(LiveCode.NO_FILE, because(error)))
             except StationError as error:
                 self._sinks.remove(sink)
-                self._problems.append(Message(LiveCode.NO_OUTLET, {"reason": str(error)}))
+                self._problems.append(Message(LiveCode.NO_OUTLET, because(error)))
 
 
 def _lacks_muscles(values: LiveValues) -> bool:

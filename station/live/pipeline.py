@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.wearer_trial import CycleDetector, elevation_of
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell
@@ -198,7 +198,7 @@ class LivePipeline:
         try:
             ensure_markers_fit(model, "the first frame", names, tasks, seen @ rotation.T)
         except StationError as error:
-            self.refusal = Message(LiveCode.NO_FIT, {"reason": str(error)})
+            self.refusal = Message(LiveCode.NO_FIT, because(error))
             self._retry_ns = device_ns + int(1e9 * RETRY_S)
             return False
         self.refusal, self._columns, self._rotation, self._first_ns = None, columns, rotation, device_ns
@@ -471,5 +471,5 @@ def _scenarios(
     try:
         return live_scenarios(folder, config.live, body)
     except UNUSABLE as error:
-        findings.append(Message(LiveCode.NO_CUFFS, {"reason": str(error)}))
+        findings.append(Message(LiveCode.NO_CUFFS, because(error)))
         return live_scenarios(None, config.live.without_cuffs(), body)

@@ -22,7 +22,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from documents.message import Message
+from documents.message import Message, because
 from recordings.packing import Message as RecordedMessage
 from recordings.packing import pack, unpack
 from recordings.samples import Item, Samples, Stream
@@ -134,7 +134,7 @@ class LiveTap(BackgroundView):
         try:
             self._child = self._start()
         except OSError as error:
-            print(Message(LiveCode.NOT_STARTED, {"reason": error.strerror or str(error)}), file=sys.stderr, flush=True)
+            print(Message(LiveCode.NOT_STARTED, because(error)), file=sys.stderr, flush=True)
         super().__enter__()
         return self
 

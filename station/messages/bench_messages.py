@@ -32,11 +32,11 @@ class TrialCode(Code):
         "capture_ended.no_frames",
         "the mocap capture ended: the sync line is low and no more frames arrive",
     )
-    CAPTURE_REPLACED = "capture_replaced", "{text}"
+    CAPTURE_REPLACED = "capture_replaced", "{reason}"
     DURATION_REACHED = "duration_reached", "{duration_s:g} s recorded after the sync edge"
     OPERATOR_STOP = "operator_stop", "stopped by the operator"
     CANCELLED = "cancelled", "cancelled by the operator before the sync edge; nothing was recorded"
-    DEVICE_LOST = "device_lost", "{text} [{code}]"
+    DEVICE_LOST = "device_lost", "{reason} [{reason_code}]"
     DEVICE_SILENT = (
         "device_lost.silent",
         "{source} sent nothing on {stream} for {silence_s:.1f} s, expected {rate_hz:g} samples per second; check the "
@@ -63,15 +63,15 @@ class TrialCode(Code):
         "the disk of {folder} has {free_mb:.0f} MB left, expected at least {reserve_mb:.0f} MB: the trial was closed, "
         "and the samples so far are kept; free some space and record it again",
     )
-    WRITE_FAILED = "write_failed", "{text}"
+    WRITE_FAILED = "write_failed", "{reason}"
     RECORDING_MOVED = (
         "recording_moved",
         "{path} is no longer the file that was being recorded: it or its folder was renamed, removed or replaced by a "
         "copy during the trial, and the samples are under the new name; restore the old name, and record it again",
     )
-    NOT_STARTED = "not_started", "{text}"
-    RECORDER_KILLED = "recorder_killed", "the recorder was killed during the trial; {text}"
-    UNREADABLE = "unreadable", "{text}"
+    NOT_STARTED = "not_started", "{reason}"
+    RECORDER_KILLED = "recorder_killed", "the recorder was killed during the trial; {kept_s:.0f} s of it are kept"
+    UNREADABLE = "unreadable", "{reason}"
 
     NOT_ALIGNED = "not_aligned", "force and markers have no common time: {reason}; record the trial again"
     FRAMES_RENUMBERED = (
@@ -176,8 +176,8 @@ class CheckCode(Code):
     ANSWERS = "device.answers", "answers{identity}"
     ANSWERS_SIMULATED = "device.answers_simulated", "answers{identity}; the device is SIMULATED"
     NO_ANSWER = "device.no_answer", "{device} did not answer within {timeout_s:g} s; check its power and its cable"
-    DEVICE_ERROR = "device.error", "{text} [{code}]"
-    UNREADABLE = "device.unreadable", "{text}"
+    DEVICE_ERROR = "device.error", "{reason} [{reason_code}]"
+    UNREADABLE = "device.unreadable", "{reason}"
     RATE = "stream.rate", "{rate_hz:.1f} samples/s, nominal {nominal_hz:g}; {source}"
     WRONG_RATE = (
         "stream.wrong_rate",

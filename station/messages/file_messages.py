@@ -93,7 +93,7 @@ class ImportCode(Code):
         "lag is taken as {lag_sd_ms:.1f} ms, from half a force sample at {rate_hz:g} Hz; give --lag-sd-s, or import a "
         "bounce",
     )
-    MARKER_FILE = "import.marker_file", "{text}"
+    MARKER_FILE = "import.marker_file", "{reason}"
     FORCE_COLUMN = "import.force_column", "force from the column {column} of {file}: {least:.4g} to {most:.4g} {unit}"
 
     CUT_RECORDING = (
@@ -174,7 +174,7 @@ class ExportCode(Code):
         "linearly; the longest gap is {longest_s:.3g} s",
     )
     INCOMPLETE = "export.incomplete", "{file} is incomplete, and so is its export: {reasons}"
-    MODEL_NOTE = "export.model_note", "{text}"
+    MODEL_NOTE = "export.model_note", "{reason}"
 
     NO_SAMPLES = "replay.no_samples", "{path} contains no samples to replay"
     NO_SYNC_EDGE = (

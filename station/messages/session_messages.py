@@ -125,9 +125,9 @@ class CommandCode(Code):
 class ReasonCode(Code):
     """Reason to repeat a trial, or to doubt it."""
 
-    NOT_ACCEPTED = "reason.not_accepted", "{text}"
+    NOT_ACCEPTED = "reason.not_accepted", "{reason}"
     LOST_SAMPLES = "reason.lost_samples", "samples lost during the transfer: {samples}"
-    UNUSABLE = "reason.unusable", "{text}"
+    UNUSABLE = "reason.unusable", "{reason}"
     NO_STATIC_RESULT = (
         "reason.no_static_result",
         "this static trial yields neither stiffness nor damping; load the cuff with every step of the plan",
@@ -159,9 +159,12 @@ class ReasonCode(Code):
         "{symbol} is {value} {unit}, the mean of the earlier repeats is {mean} {unit}: {distance:.0f} standard errors "
         "apart",
     )
-    ZERO_DRIFT = "reason.zero_drift", "{text}"
+    ZERO_DRIFT = "reason.zero_drift", "{reason}"
     NOT_USED = "reason.not_used", "the fit does not use this recording"
-    FIT_FAILED = "reason.fit_failed", "the fit failed ({text}); the recording is stored: keep it, and report this error"
+    FIT_FAILED = (
+        "reason.fit_failed",
+        "the fit failed ({reason}); the recording is stored: keep it, and report this error",
+    )
     FIT_KILLED = (
         "reason.fit_killed",
         "the operating system killed the fit twice, probably because memory is short; close other programs. The "
@@ -176,8 +179,8 @@ class ReasonCode(Code):
         "marker {marker} moves by {range_mm:.0f} mm within the static pose, expected less than {highest_mm:.0f} mm",
     )
     CYCLES_MISSING = "reason.cycles_missing", "{found:arm cycle} found, expected {planned:.0f}"
-    EMG_UNUSABLE = "reason.emg_unusable", "EMG {channel}: {text}"
-    NO_EMG_CLOCK = "reason.no_emg_clock", "{text}"
+    EMG_UNUSABLE = "reason.emg_unusable", "EMG {channel}: {reason}"
+    NO_EMG_CLOCK = "reason.no_emg_clock", "{reason}"
 
 
 class VerdictCode(Code):

@@ -12,7 +12,7 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 from markupsafe import Markup
 
@@ -51,36 +51,30 @@ WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "referen
 
 
 class LocatedObject(dict[str, Any]):
-    """A JSON object of a known place."""
-
     source: Source
 
 
 class LocatedList(list[Any]):
-    """A JSON array of a known place."""
-
     source: Source
 
 
 class LocatedText(str):
-    """A JSON string of a known place."""
-
     source: Source
 
 
 class LocatedFloat(float):
-    """A JSON number of a known place."""
-
     source: Source
 
 
 class LocatedInteger(int):
-    """A JSON integer of a known place."""
-
     source: Source
 
 
-Located = TypeVar("Located", LocatedObject, LocatedList, LocatedText, LocatedFloat, LocatedInteger)
+_LOCATED: Mapping[type, type[LocatedText | LocatedFloat | LocatedInteger]] = {
+    str: LocatedText,
+    float: LocatedFloat,
+    int: LocatedInteger,
+}
 
 
 def located(value: Any, source: Source) -> Any:
@@ -88,17 +82,17 @@ def located(value: Any, source: Source) -> Any:
 
     Booleans and null are not replaced.
     """
+    copy: Any
     if isinstance(value, Mapping):
-        return _at(LocatedObject({key: located(part, source.child(key)) for key, part in value.items()}), source)
-    if isinstance(value, list | tuple):
-        return _at(LocatedList([located(part, source.child(index)) for index, part in enumerate(value)]), source)
-    if isinstance(value, str):
-        return _at(LocatedText(value), source)
-    if isinstance(value, float):
-        return _at(LocatedFloat(value), source)
-    if isinstance(value, int) and not isinstance(value, bool):
-        return _at(LocatedInteger(value), source)
-    return value
+        copy = LocatedObject({key: located(part, source.child(key)) for key, part in value.items()})
+    elif isinstance(value, list | tuple):
+        copy = LocatedList([located(part, source.child(index)) for index, part in enumerate(value)])
+    elif type(value) in _LOCATED:
+        copy = _LOCATED[type(value)](value)
+    else:
+        return value
+    copy.source = source
+    return copy
 
 
 @dataclass(frozen=True)
@@ -157,7 +151,7 @@ def worn(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -
 
 def saving(entry: Mapping[str, Any]) -> Shown:
     """`9.4 (2.0 to 15.1)`: per cent saved, from an effort relative to that with a slack cord; negative above 1."""
-    return UNKNOWN if _is_unknown(entry) else _of(entry, _percent(entry, -1.0))
+    return UNKNOWN if _is_unknown(entry) else _number(entry, _percent(entry, -1.0))
 
 
 def saving_in_words(entry: Mapping[str, Any]) -> Shown:
@@ -168,12 +162,12 @@ def saving_in_words(entry: Mapping[str, Any]) -> Shown:
     number, _, brackets = _percent(entry, sign).partition(" (")
     low, more, _ = brackets.removesuffix(")").partition(f"{UNBROKEN}or{UNBROKEN}more")
     interval = f" (95 % interval {low} %{more})" if brackets else ""
-    return _of(entry, f"{number} % {word} effort than with a slack cord{interval}")
+    return _number(entry, f"{number} % {word} effort than with a slack cord{interval}")
 
 
 def half_width(entry: Mapping[str, Any], scale: float = 1.0, digits: int = 0) -> Number:
     """`12.34 ± 0.13`."""
-    return _of(entry, plus_minus(entry["value"], entry["ci95"], scale, digits))
+    return _number(entry, plus_minus(entry["value"], entry["ci95"], scale, digits))
 
 
 def ends(entry: LocatedList, scale: float = 1.0) -> Number:
@@ -216,41 +210,28 @@ def _is_unknown(entry: Mapping[str, Any] | None) -> bool:
 
 
 def _bracketed(entry: Any, scale: float, digits: int, is_limited: bool) -> Number:  # noqa: FBT001
-    found = _figures_of(entry)
-    return _of(entry, bracketed(found["value"], found["ci95"], scale, digits, found["censored"], is_limited=is_limited))
+    value, ci95, censored = entry["value"], entry.get("ci95"), entry.get("censored")
+    return _number(entry, bracketed(value, ci95, scale, digits, censored, is_limited=is_limited))
 
 
-def _of(entry: Any, text: str) -> Number:
+def _number(entry: Any, text: str) -> Number:
     """Raises AttributeError for an entry without a place."""
-    found = _figures_of(entry)
-    value = found["value"]
-    return Number(text, tuple(value) if isinstance(value, list) else value, entry.source, found["ci95"])
-
-
-def _figures_of(entry: Mapping[str, Any]) -> dict[str, Any]:
-    ci95 = entry.get("ci95")
-    return {
-        "value": entry["value"],
-        "ci95": (ci95[0], ci95[1]) if ci95 else None,
-        "censored": entry.get("censored"),
-    }
+    value, ci95 = entry["value"], entry.get("ci95")
+    return Number(
+        text, tuple(value) if isinstance(value, list) else value, entry.source, (ci95[0], ci95[1]) if ci95 else None
+    )
 
 
 def _percent(entry: Mapping[str, Any], sign: float) -> str:
     """Change of an effort from that with a slack cord, times the sign."""
-    found = _figures_of(entry)
-    changes = sorted(sign * (end - 1.0) for end in found["ci95"] or ()) or None
-    bound = found["censored"] if sign > 0 else _BOUND_OF_SAVING.get(str(found["censored"]), found["censored"])
-    return bracketed(sign * (found["value"] - 1.0), changes, 100.0, 1, bound, is_limited=True)
+    changes = sorted(sign * (end - 1.0) for end in entry.get("ci95") or ()) or None
+    censored = entry.get("censored")
+    bound = censored if sign > 0 else _BOUND_OF_SAVING.get(str(censored), censored)
+    return bracketed(sign * (entry["value"] - 1.0), changes, 100.0, 1, bound, is_limited=True)
 
 
 def _minus(text: str) -> str:
     return text.replace("-", "−")
-
-
-def _at(value: Located, source: Source) -> Located:
-    value.source = source
-    return value
 
 
 class NumberRegister:
@@ -309,21 +290,21 @@ class NumberRegister:
 
     def _entry(self, number: Number) -> ReportedNumber:
         source, value = number.source, number.value
-        draws = self._provenance.draws(source) if number.ci95 or isinstance(value, str) else None
+        draws, seed = self._provenance.draws(source) if number.ci95 or isinstance(value, str) else (None, None)
         behind = self._provenance.recordings(source) if number.recordings is None else number.recordings
         return ReportedNumber(
             text=number.text,
-            value=[float(one) for one in value] if isinstance(value, tuple) else _unlocated(value),
+            value=[float(one) for one in value] if isinstance(value, tuple) else _plain(value),
             ci95=None if number.ci95 is None else [float(end) for end in number.ci95],
             unit="" if isinstance(value, str) else _unit(source),
             source=source,
             recordings=list(behind),
-            draws=draws.count if draws else None,
-            seed=draws.seed if draws else None,
+            draws=draws,
+            seed=seed,
         )
 
 
-def _unlocated(value: float | str) -> float | str:
+def _plain(value: float | str) -> float | str:
     return str(value) if isinstance(value, str) else float(value)
 
 
@@ -336,14 +317,6 @@ def _unit(source: Source) -> str:
             if key.endswith(f"_{suffix}"):
                 return UNITS[suffix]
     return ""
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Number of random draws, and the seed of their generator."""
-
-    count: int
-    seed: int
 
 
 @dataclass(frozen=True)
@@ -364,12 +337,12 @@ class Provenance:
             return tuple(dict.fromkeys(self._behind_assessment(keys, self.assessment)))
         return ()
 
-    def draws(self, source: Source) -> Draws | None:
-        """Draws behind the interval of an assessed number; None for other numbers."""
+    def draws(self, source: Source) -> tuple[int, int] | tuple[None, None]:
+        """Number of random draws behind the interval of an assessed number, and their seed."""
         if source.file != ASSESSMENT_FILE or self.assessment is None or source.keys[:1] in (["cuffs"], ["subject"]):
-            return None
+            return None, None
         settings = self.assessment.get("uncertainty")
-        return Draws(int(settings["people"]["value"]), int(settings["seed"]["value"])) if settings else None
+        return (int(settings["people"]["value"]), int(settings["seed"]["value"])) if settings else (None, None)
 
     def _behind_cuffs_file(self, keys: list[str]) -> Iterable[str]:
         plain = self.cuffs or {}
@@ -391,9 +364,5 @@ class Provenance:
         named = [name for name in keys if name in worn]
         if not named and not WITHOUT_CUFFS & set(keys):
             named = list(worn)
-        waist = assessment.get("waist_cuff")
-        behind = [file for name in dict.fromkeys([waist, *named]) if named and name for file in self._fitted_from(name)]
-        return [*behind, *wearer]
-
-    def _fitted_from(self, cuff: str) -> Iterable[str]:
-        return self._behind_cuffs_file(["cuffs", cuff])
+        worn_cuffs = dict.fromkeys([assessment.get("waist_cuff"), *named] if named else ())
+        return [*(file for name in worn_cuffs if name for file in self._behind_cuffs_file(["cuffs", name])), *wearer]

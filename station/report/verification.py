@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from documents.interval import counted
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError
 from documents.regular_file import read_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE
@@ -110,7 +110,7 @@ def rendered_numbers(folder: Path) -> Numbers | Fault:
     try:
         return render(read_results(folder))[1].numbers
     except (StationError, FitError, PlainDataError, OSError) as error:
-        return Message(NumberCode.FILE, {"file": str(folder), "reason": str(error)})
+        return Message(NumberCode.FILE, {"file": str(folder), **because(error)})
 
 
 def page_faults(key: str, number: ReportedNumber, page: MarkedPage) -> Iterator[Fault]:

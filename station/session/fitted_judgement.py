@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import bracketed, digits_of, rounded
-from documents.message import Message
+from documents.message import Message, because
 from fitting.cuffs.cuff_fit import SLIPPED, CuffFit, SessionFit, TrialFit, find_outliers, has_slipped
 from fitting.diagnosis.identification import FittedPull
 from fitting.emg.channels import UNUSABLE, UnusableEmg, find_faults
@@ -71,7 +71,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
     try:
         recorded = {entry.file: entry for entry in read_journal(folder).recorded}.get(file)
     except JournalError as error:
-        return Judgement(file, file, "redo", (_unusable(str(error)),))
+        return Judgement(file, file, "redo", (_unusable(error),))
     judgement = _judge(folder, file, recorded)
     reasons = tuple(_recorder_reasons(recorded))
     if recorded is None or not reasons:
@@ -83,8 +83,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
         return replace(
             judgement, advice="redo", reasons=reasons, notes=tuple(filter(None, notes)), verdicts=(), causes=()
         )
-    same = _unusable(RejectionCode.NOT_ACCEPTED.sentence({"outcome": recorded.sentence}))
-    of_fit = (reason for reason in judgement.reasons if reason != same)
+    of_fit = (one for one in judgement.reasons if one.figures.get("reason_code") != RejectionCode.NOT_ACCEPTED)
     return replace(judgement, advice="redo", reasons=(*reasons, *of_fit), notes=notes)
 
 
@@ -100,13 +99,13 @@ def _judge(folder: Path, file: str, recorded: Recorded | None) -> Judgement:
             return _judge_unfitted(reading, recorded)
         fitted = fit_donning_of(folder, reading)
     except (SessionError, JournalError, RecordingError, UnusableTrial) as error:
-        return Judgement(file, _title(recorded, file), "redo", (_unusable(str(error)),), marks=marks)
+        return Judgement(file, _title(recorded, file), "redo", (_unusable(error),), marks=marks)
     except Exception as error:  # an unexpected error must not stop the operator
-        reason = Message(ReasonCode.FIT_FAILED, {"text": f"{type(error).__name__}: {error}"})
+        reason = Message(ReasonCode.FIT_FAILED, {"reason": f"{type(error).__name__}: {error}"})
         return Judgement(file, _title(recorded, file), "accept", (reason,), marks=marks)
     trial, cuff = _find(fitted, file)
     if trial is None or cuff is None:
-        rejected = tuple(_unusable(str(trial.reason)) for trial in fitted.rejected if trial.file == file)
+        rejected = tuple(_unusable(trial.reason) for trial in fitted.rejected if trial.file == file)
         advice: Choice = "redo" if rejected else "accept"
         return Judgement(file, _title(recorded, file), advice, rejected or (Message(ReasonCode.NOT_USED),), marks=marks)
     return _judge_trial(trial, cuff, recorded, fitted.pulls.get(file), marks)
@@ -155,7 +154,7 @@ def _judge_trial(
     zero = () if fitted is None else zero_notes(trial.zero_drift, float(np.ptp(fitted.pull.force)))
     reasons = (
         *_reasons(trial, cuff, others),
-        *(Message(ReasonCode.ZERO_DRIFT, {"text": note}) for note in map(str, zero)),
+        *(Message(ReasonCode.ZERO_DRIFT, because(note)) for note in zero),
     )
     shown = set(map(str, reasons))
     return Judgement(
@@ -180,7 +179,7 @@ def _judge_unfitted(reading: BounceTrial | RejectedTrial, recorded: Recorded | N
     """Raises UnusableTrial if a bounce calibrates nothing."""
     if isinstance(reading, BounceTrial):
         return _judge_bounce(reading, recorded)
-    title, reason = _title(recorded, reading.file), _unusable(str(reading.reason))
+    title, reason = _title(recorded, reading.file), _unusable(reading.reason)
     return Judgement(reading.file, title, "redo", (reason,), marks=reading.marks)
 
 
@@ -218,8 +217,8 @@ def _judge_wearer(findings: WearerFindings, recorded: Recorded) -> Judgement:
     )
 
 
-def _unusable(text: str) -> Reason:
-    return Message(ReasonCode.UNUSABLE, {"text": text})
+def _unusable(cause: object) -> Reason:
+    return Message(ReasonCode.UNUSABLE, because(cause))
 
 
 def _figures(estimates: Mapping[str, Estimate | None]) -> tuple[Figure, ...]:
@@ -242,7 +241,7 @@ def _reasons(trial: TrialFit, cuff: CuffFit, others: Sequence[TrialFit]) -> Iter
     # An uncertain lag is the same in a repeated trial: only a bounce helps, as the verdict says.
     has_open_lag = trial.test == "dynamic" and Verdict.LAG in cuff.verdicts
     if trial.state == "unusable":
-        yield _unusable(str(trial.reason))
+        yield _unusable(trial.reason)
     elif trial.stiffness is None and trial.damping is None and not has_open_lag:
         yield Message(NO_RESULT[trial.test])
     if trial.migration is not None and has_slipped(trial):
@@ -263,7 +262,7 @@ def _reasons(trial: TrialFit, cuff: CuffFit, others: Sequence[TrialFit]) -> Iter
 
 def _recorder_reasons(recorded: Recorded | None) -> Iterator[Reason]:
     if recorded is not None and not recorded.accepted:
-        yield Message(ReasonCode.NOT_ACCEPTED, {"text": recorded.sentence})
+        yield Message(ReasonCode.NOT_ACCEPTED, {"reason": recorded.sentence})
     if recorded is not None and recorded.lost_samples:
         yield Message(ReasonCode.LOST_SAMPLES, {"samples": recorded.lost_samples})
 
@@ -458,14 +457,14 @@ def _emg(trial: WearerTrial) -> WearerFindings:
         emg = emg_of(trial)
         faults = dict(zip(emg.labels, find_faults(emg.values, emg.rate), strict=True))
     except EmgFileError as error:
-        return _found(Message(ReasonCode.NO_EMG_CLOCK, {"text": str(error)}))
+        return _found(Message(ReasonCode.NO_EMG_CLOCK, because(error)))
     except UnusableEmg as error:
         return _found(notes=(str(error),))
     rms = 1e6 * np.nanstd(emg.values, axis=0)
     texts = [(label, fault, FINDING_TEXT[fault]) for label, found in faults.items() for fault in found]
     return _found(
         *(
-            Message(ReasonCode.EMG_UNUSABLE, {"channel": label, "finding": fault.value, "text": text})
+            Message(ReasonCode.EMG_UNUSABLE, {"channel": label, "finding": fault.value, "reason": text})
             for label, fault, text in texts
             if fault in UNUSABLE
         ),

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from filelock import FileLock, Timeout
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.regular_file import describe_failure
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
@@ -276,7 +276,7 @@ def _recorded_from(path: Path) -> Recorded:
             path, killed = report.output, _describe_kill(report)
         manifest, outcome = recording.manifest, recording.outcome
     except RecordingError as error:
-        unreadable = Message(TrialCode.UNREADABLE, {"text": str(error)})
+        unreadable = Message(TrialCode.UNREADABLE, because(error))
         place = (path.name, None, "unreadable", 0, "")
         return Recorded(*place, accepted=False, lost_samples=0, sentence=str(unreadable), codes=(unreadable,))
     cuff = manifest.cuff.name if manifest.cuff else None
@@ -303,5 +303,5 @@ def _describe_kill(report: RecoveryReport) -> Message[TrialCode]:
     """The time that was kept for the operator; the damage to the file and to its streams as `details`."""
     streams = report.contents.streams.values()
     kept_s = max(((stream.last_device_time_ns - stream.first_device_time_ns) * 1e-9 for stream in streams), default=0)
-    figures = {"text": f"{kept_s:.0f} s of it are kept", "details": "; ".join(report.sentences())}
+    figures = {"kept_s": kept_s, "details": "; ".join(report.sentences())}
     return Message(TrialCode.RECORDER_KILLED, figures)

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from documents.interval import bracketed
-from documents.message import Message
+from documents.message import Message, because
 from fitting.uncertainty import Estimate
 from station.cuff_text import of_cuff
 from station.errors import StationError
@@ -147,20 +147,12 @@ def _assess(
         try:
             return assess_cuffs(worn, replace(inputs, subject=folder), progress=progress, **options), ()
         except (SolverError, FitError, StationError) as error:
-            figures = {"reason": str(error), "reason_code": _code_of(error)}
-            finding = Message(AssessmentCode.WEARER_NOT_ASSESSED, figures)
+            finding = Message(AssessmentCode.WEARER_NOT_ASSESSED, because(error))
     try:
         assessed = assess_cuffs(worn, inputs, progress=progress, **options)
     except (SolverError, FitError, StationError) as error:
         return None, (f"no assessment: {error}",)
     return replace(assessed, on_inputs=(finding, *assessed.on_inputs)), ()
-
-
-def _code_of(error: Exception) -> str:
-    """The stable code of an error of any layer."""
-    from fitting.errors import CodedError
-
-    return str(error.reason.code if isinstance(error, CodedError) else getattr(error, "code", ""))
 
 
 def _text(estimate: Estimate | None, scale: float, most_digits: int) -> str:

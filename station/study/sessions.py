@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from documents.message import Figures, Message, join_sentences
+from documents.message import Figures, Message, because, join_sentences
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, TrialEntry
@@ -92,7 +92,7 @@ def read_session(folder: Path) -> StudySession | Message[StudyCode]:
     try:
         journal, cuffs = read_journal(folder), read_cuffs_document(path)
     except (JournalError, CuffsFileError) as error:
-        return Message(StudyCode.UNREADABLE, {"session": str(folder), "reason": str(error)})
+        return Message(StudyCode.UNREADABLE, {"session": str(folder), **because(error)})
     if journal.setup is None or not journal.setup.subject:
         has_journal = (folder / JOURNAL_FILE).is_file()
         return Message(StudyCode.NO_VOLUNTEER if has_journal else StudyCode.NO_JOURNAL, {"session": str(folder)})

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.joint_force import JointForceRecord, interpolate_samples, read_joint_force
 from recordings.exchange.sample_tables import require_rising
@@ -146,7 +146,7 @@ class RefusedLift:
     @property
     def message(self) -> Message[ValidationCode]:
         """The lift and the sentence of its error."""
-        return Message(ValidationCode.LIFT_LEFT_OUT, {"lift": self.name, "reason": str(self.error)})
+        return Message(ValidationCode.LIFT_LEFT_OUT, {"lift": self.name, **because(self.error)})
 
 
 def validate_folder(folder: Path, progress: Progress = silent) -> tuple[list[SolvedVariant], list[RefusedLift]]:

@@ -193,7 +193,7 @@ def export(
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Write recordings, or a model with the suit, for other programs. Prints the paths of the files."""
-    from documents.message import Message
+    from documents.message import Message, because
     from solver.suit.suit import BUNDLED_SUIT
     from station.assessment.export_model import SuitToExport, write_suited_model
     from station.files.export_trial import Exported
@@ -216,7 +216,7 @@ def export(
         ensure_not_read([output], (model, suit, cuffs))
         with busy("writing the model"):
             suited = SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m)
-            remarks = [Message(ExportCode.MODEL_NOTE, {"text": text}) for text in write_suited_model(suited, output)]
+            remarks = [Message(ExportCode.MODEL_NOTE, because(note)) for note in write_suited_model(suited, output)]
             done = Exported((output,), tuple(remarks), ())
     for message in (*done.notes, *done.refused):
         print_message(str(message))

@@ -27,7 +27,7 @@ from station.protocol import TrialSpec, published_plan
 from tests.fitting.experiment import Session, published
 
 GOOD = ""
-SILENT = (Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent", "code": "device_lost.silent"}),)
+SILENT = (Message(TrialCode.DEVICE_LOST, {"reason": "QTM went silent", "reason_code": "device_lost.silent"}),)
 
 
 @pytest.fixture(scope="module")

@@ -143,7 +143,7 @@ def test_a_device_lost_during_a_trial_leaves_a_readable_file_that_is_not_accepte
     result = Rig(prepare=spoil).recorder().record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
     assert codes(result) == [TrialCode.DEVICE_LOST]
-    assert result.to_json()["codes"][0]["figures"]["code"] == DeviceCode.LOST
+    assert result.to_json()["codes"][0]["figures"]["reason_code"] == DeviceCode.LOST
     assert f"[{DeviceCode.LOST}]" in result.sentence
     assert len(open_recording(result.path).load("/force").values) > 3000
 

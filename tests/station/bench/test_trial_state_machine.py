@@ -9,6 +9,7 @@ import pytest
 
 from documents.message import Message
 from drivers.errors import DeviceLost
+from recordings.errors import RecordingError
 from recordings.samples import Event, Loss
 from station.bench.trial_state_machine import TrialStateMachine
 from station.bench.view import Snapshot, TrialState
@@ -255,9 +256,12 @@ def test_a_snapshot_counts_the_recording_from_the_edge_on_the_daq_s_clock() -> N
     [
         (
             lambda trial: trial.fail(DeviceLost("NI Dev1 is gone"), "NI Dev1"),
-            Message(TrialCode.DEVICE_LOST, {"text": "NI Dev1 is gone", "code": DeviceLost("").code.value}),
+            Message(TrialCode.DEVICE_LOST, {"reason": "NI Dev1 is gone", "reason_code": "device_lost"}),
         ),
-        (lambda trial: trial.abandon("disk full"), Message(TrialCode.WRITE_FAILED, {"text": "disk full"})),
+        (
+            lambda trial: trial.abandon(RecordingError("disk full")),
+            Message(TrialCode.WRITE_FAILED, {"reason": "disk full", "reason_code": "recording_failed"}),
+        ),
     ],
     ids=["device lost", "writing failed"],
 )
@@ -313,7 +317,7 @@ HAPPENINGS: dict[str, Callable[[TrialStateMachine], None]] = {
     "the disk is full": lambda trial: trial.cut_short(FULL),
     "the capture ends": lambda trial: trial.handle(Event("capture_stopped", "", 0, "QTM")),
     "the capture is replaced": lambda trial: trial.handle(Event("capture_replaced", "another's", 0, "QTM")),
-    "the writer fails": lambda trial: trial.abandon("the disk is gone"),
+    "the writer fails": lambda trial: trial.abandon(RecordingError("the disk is gone")),
     "a mark": lambda trial: trial.mark(),
     "time": lambda trial: trial.tick(),
 }

@@ -10,8 +10,8 @@ from string import Formatter
 
 import pytest
 
-from documents.message import Code, Message
-from drivers.errors import DeviceCode
+from documents.message import Code, Message, because
+from drivers.errors import DeviceCode, DeviceLost
 from solver.errors import CoverageCode, ScalingCode
 from station import messages
 from station.messages.bench_messages import TrialCode
@@ -50,5 +50,5 @@ def test_no_sentence_counts_one_thing_in_the_plural() -> None:
 
 
 def test_a_device_s_error_is_among_the_codes_of_its_message() -> None:
-    lost = Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent", "code": DeviceCode.LOST.value})
+    lost = Message(TrialCode.DEVICE_LOST, because(DeviceLost("QTM went silent")))
     assert lost.codes == ("device_lost", DeviceCode.LOST) and Message(TrialCode.CANCELLED).codes == ("cancelled",)

@@ -200,7 +200,11 @@ def test_a_dynamic_trial_whose_lag_is_unknown_is_doubtful_and_not_redone(
 def test_an_unusable_trial_has_its_reason(judged: Callable[..., Judgement]) -> None:
     judgement = judged(state="unusable", reason=Note(RejectionCode.NO_MOTION))
     assert judgement.advice == "redo"
-    assert judgement.reasons == (Message(ReasonCode.UNUSABLE, {"text": str(Note(RejectionCode.NO_MOTION))}),)
+    assert judgement.reasons == (
+        Message(
+            ReasonCode.UNUSABLE, {"reason": str(Note(RejectionCode.NO_MOTION)), "reason_code": "rejected.no_motion"}
+        ),
+    )
 
 
 class Work:
@@ -268,7 +272,7 @@ def test_a_trial_that_the_recorder_did_not_accept_has_the_reason_of_the_recorder
     finally:
         (session / "session.jsonl").write_bytes(journal)
     assert reasons == (
-        Message(ReasonCode.NOT_ACCEPTED, {"text": "NI Dev1 is gone: unplugged"}),
+        Message(ReasonCode.NOT_ACCEPTED, {"reason": "NI Dev1 is gone: unplugged"}),
         Message(ReasonCode.LOST_SAMPLES, {"samples": 12}),
     )
 
@@ -286,11 +290,11 @@ def test_the_reason_of_the_recorder_comes_first_where_nothing_is_fitted(
         monkeypatch.setattr("station.session.fitted_judgement.read_recording", unusable)
     (tmp_path / "a.mcap").write_text("no recording\n")
     cuff = None if test == "bounce" else "hand"
-    failed = (Message(TrialCode.WRITE_FAILED, {"text": "No space left on device"}),)
+    failed = (Message(TrialCode.WRITE_FAILED, {"reason": "No space left on device"}),)
     write_recorded(tmp_path, Recorded("a.mcap", cuff, test, 1, "1", False, 0, "No space left on device", codes=failed))
     judgement = judge_recording(tmp_path, "a.mcap")
     assert (judgement.advice, codes(judgement)) == ("redo", [ReasonCode.NOT_ACCEPTED, ReasonCode.UNUSABLE])
-    assert judgement.reasons[0].figures["text"] == "No space left on device"
+    assert judgement.reasons[0].figures["reason"] == "No space left on device"
 
 
 def test_a_trial_that_was_not_accepted_has_one_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -302,21 +306,21 @@ def test_a_trial_that_was_not_accepted_has_one_reason(tmp_path: Path, monkeypatc
 
     monkeypatch.setattr("station.session.fitted_judgement.read_recording", refused)
     write_recorded(tmp_path, Recorded("a.mcap", "hand", "static", 1, "1", False, 0, lost))
-    assert judge_recording(tmp_path, "a.mcap").reasons == (Message(ReasonCode.NOT_ACCEPTED, {"text": lost}),)
+    assert judge_recording(tmp_path, "a.mcap").reasons == (Message(ReasonCode.NOT_ACCEPTED, {"reason": lost}),)
 
 
 def test_the_fit_of_a_trial_whose_recorder_was_killed_gives_notes_and_no_reasons(
     session: Path, judged: Callable[..., Judgement]
 ) -> None:
     """It lacks its last steps because of the kill, not because the operator left them out."""
-    killed = Message(TrialCode.RECORDER_KILLED, {"text": "15 s of it are kept", "details": "damage at byte 185500"})
+    killed = Message(TrialCode.RECORDER_KILLED, {"kept_s": 15.0, "details": "damage at byte 185500"})
     journal = (session / "session.jsonl").read_bytes()
     write_recorded(session, Recorded(STATIC, "hand", "static", 1, "1", False, 0, str(killed), codes=(killed,)))
     try:
         judgement = judged(stiffness=None, damping=None)
     finally:
         (session / "session.jsonl").write_bytes(journal)
-    assert judgement.reasons == (Message(ReasonCode.NOT_ACCEPTED, {"text": str(killed)}),)
+    assert judgement.reasons == (Message(ReasonCode.NOT_ACCEPTED, {"reason": str(killed)}),)
     assert (judgement.advice, judgement.doubts) == ("redo", ())
     assert judgement.notes[:2] == ("damage at byte 185500", str(Message(ReasonCode.NO_STATIC_RESULT)))
 
@@ -344,7 +348,7 @@ def test_an_unexpected_error_keeps_the_recording(session: Path, monkeypatch: pyt
     monkeypatch.setattr(FIT, fail)
     judgement = judge_recording(session, STATIC)
     assert judgement.advice == "accept"
-    assert judgement.reasons == (Message(ReasonCode.FIT_FAILED, {"text": "ZeroDivisionError: oh"}),)
+    assert judgement.reasons == (Message(ReasonCode.FIT_FAILED, {"reason": "ZeroDivisionError: oh"}),)
 
 
 def test_a_drifted_zero_is_a_reason_to_redo(judged: Callable[..., Judgement]) -> None:

@@ -263,7 +263,7 @@ def test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_record
 def test_the_end_of_a_killed_recorder_is_stated_by_the_verdict_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    killed = Message(TrialCode.RECORDER_KILLED, {"text": ""})
+    killed = Message(TrialCode.RECORDER_KILLED, {"kept_s": 0.0})
     entry = Recorded("a.mcap", "hand", "static", 1, "1", False, 0, str(killed), codes=(killed,))
     adopted: list[tuple[Recorded, ...]] = [(), (entry,)]
     monkeypatch.setattr("station.session.reviewer.adopt_recordings", lambda _: adopted.pop(0))
