@@ -289,9 +289,10 @@ def test_items_of_the_last_three_seconds_are_kept() -> None:
 
 def test_daq_blocks_that_end_two_seconds_before_the_edge_are_left_out_and_other_items_are_not() -> None:
     early, last, frames = (arrived("/force", 0, 2.9, 5), arrived("/force", 0, 3.0, 5), arrived("/markers", 0, 1, 5))
+    one_sample = arrived("/force", 2.9, 2.9, 5)
     kept = [last, frames, lost("/force", 1.0), arrived("/force", 1.0, 0.9, 5), Event("mark", "", 0, "")]
     pre_roll = PreRoll()
-    for item in (early, *kept):
+    for item in (early, one_sample, *kept):
         pre_roll.append(item)
     assert pre_roll.take_from(5 * SECOND) == kept
 
