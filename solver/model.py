@@ -293,7 +293,8 @@ class Model:
     array with such an axis: bodies (ground first), coordinates, muscles, then actuators behind the muscles in controls.
     forces are passive loads on its bodies. left_out names the parts of its file that are switched off or were ignored
     on request, lacking those of them whose loads act in OpenSim and are not known. unattached names the markers of its
-    file on bodies that it lacks; they are not among markers.
+    file on bodies that it lacks; they are not among markers. unused names what the files of its added actuators have
+    and is not read.
     """
 
     name: str
@@ -311,6 +312,7 @@ class Model:
     left_out: tuple[str, ...] = ()
     lacking: tuple[str, ...] = ()
     unattached: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self, gravity=(3,))

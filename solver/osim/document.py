@@ -23,6 +23,8 @@ MOST_QUOTED = 40
 TRUE, FALSE = ("true", "1"), ("false", "0")
 SWITCHES = {"apply": "false", "appliesForce": "false", "isDisabled": "true"}
 """Properties, and the value by which an element is not used."""
+DRAWN = dict.fromkeys(("Appearance", "VisibleObject", "default_color"), ".*")
+"""Elements of markers and forces that change only their pictures, for Element.unused."""
 
 BYTE_ORDER_MARKS = {
     codecs.BOM_UTF32_LE: "utf-32",

@@ -25,7 +25,7 @@ import scipy
 from solver.errors import SolverCode
 from solver.model import GROUND, Actuator, Body, CoordinateForce, Marker, Model, ModelError, Muscle, WrapSurface
 from solver.multibody.loads import ForceElement
-from solver.osim.document import Element, read_document
+from solver.osim.document import DRAWN, Element, read_document
 from solver.osim.earlier_versions import as_version_4, force_set_as_version_4, is_earlier
 from solver.osim.force_reader import (
     ACTUATORS,
@@ -74,7 +74,8 @@ def read_osim_model(
         raise document.refusal("is not an OpenSim document; give an .osim file", SolverCode.WRONG_DOCUMENT)
     model = document.child("Model")
     model = with_defaults(as_version_4(model) if is_earlier(document) else model)
-    model = with_force_sets(model, [read_document(path) for path in actuators])
+    added = [_force_set_document(read_document(path)) for path in actuators]
+    model = with_force_sets(model, [force for document in added for force in _forces(document)])
     model = with_own_names(with_components_in_sets(model), "JointSet")
     ignored = _unsupported_forces(model) if ignore_forces else []
     ignored += [] if ignore_forces or needs_paths else _without_followed_path(model)
@@ -83,7 +84,9 @@ def read_osim_model(
         model = _without(model, left_out)
     names = tuple(map(_named, _inert(model) + left_out))
     lacking = tuple(element.name for element in ignored if not element.tag.endswith("Controller"))
-    return replace(_model(model), left_out=names, lacking=lacking)
+    read = replace(_model(model), left_out=names, lacking=lacking)
+    unused = [text for document in added for text in _without(document, left_out).unused(DRAWN)]
+    return replace(read, unused=tuple(dict.fromkeys(unused)))
 
 
 MASSLESS = 2e-14  # kg; OpenSim sets the inertia of such a body to zero
@@ -334,9 +337,8 @@ class Obstacles:
         )
 
 
-def with_force_sets(model: Element, documents: Sequence[Element]) -> Element:
-    """The <Model> with the forces of these documents behind its own. ModelError for a document without a force."""
-    added = [force for document in documents for force in _forces(document)]
+def with_force_sets(model: Element, added: Sequence[Element]) -> Element:
+    """The <Model> with these forces behind its own."""
     if not added:
         return model
     own = model.find("ForceSet") or Element(model.file, model.line, "ForceSet", {}, [], [""])
@@ -346,13 +348,24 @@ def with_force_sets(model: Element, documents: Sequence[Element]) -> Element:
     return replace(model, children=[*(part for part in model.children if part.tag != "ForceSet"), force_set])
 
 
-def _forces(document: Element) -> list[Element]:
-    """Objects of the document's ForceSet; its defaults are its own."""
-    force_set = document.find("ForceSet") if document.tag == "OpenSimDocument" else None
+def _force_set_document(document: Element) -> Element:
+    """An OpenSimDocument with the ForceSet in the layout of OpenSim 4; its defaults are its own. ModelError without it.
+
+    A ForceSet that is the root has no version; OpenSim reads it as an earlier one.
+    """
+    force_set = document.own("ForceSet")
     if force_set is None:
         sentence = "has no ForceSet; give a file of actuators as OpenSim's tools append it to a model"
         raise document.refusal(sentence, SolverCode.WRONG_DOCUMENT)
-    force_set = with_defaults(force_set_as_version_4(force_set) if is_earlier(document) else force_set)
+    is_root = force_set is document
+    read = with_defaults(force_set_as_version_4(force_set) if is_root or is_earlier(document) else force_set)
+    others = [] if is_root else [child for child in document.children if child is not force_set]
+    return Element(document.file, document.line, "OpenSimDocument", {}, [read, *others])
+
+
+def _forces(document: Element) -> list[Element]:
+    """Objects of the document's ForceSet. ModelError for none."""
+    force_set = document.child("ForceSet")
     forces = force_set.members("objects")
     if not forces:
         raise force_set.refusal("has no forces; add actuators, or do not give this file", SolverCode.WRONG_DOCUMENT)

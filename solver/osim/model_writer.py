@@ -40,7 +40,7 @@ from solver.model import (
     ScapulothoracicMotion,
     WrapSurface,
 )
-from solver.osim.document import Element, read_document
+from solver.osim.document import DRAWN, Element, read_document
 from solver.osim.elements import (
     VERSION,
     add,
@@ -250,8 +250,9 @@ def _add_coupler(objects: Xml.Element, model: Model, constraint: CoordinateCoupl
     add_values(made, independent_coordinate_names=" ".join(names), dependent_coordinate_name=dependent)
 
 
-def read_marker_set(path: Path, model: Model) -> tuple[tuple[Marker, ...], tuple[str, ...]]:
-    """Markers of a MarkerSet on bodies of the model, and the names of those on bodies that it lacks.
+def read_marker_set(path: Path, model: Model) -> tuple[tuple[Marker, ...], tuple[str, ...], tuple[str, ...]]:
+    """Markers of a MarkerSet on bodies of the model, the names of those on bodies that it lacks, and what the file has
+    and is not used, as Element.unused.
 
     Files of OpenSim 4 name a frame (socket_parent_frame), those of OpenSim 3 a body. Raises ModelError, with the line,
     for any other file, and for a marker that names no frame.
@@ -262,7 +263,8 @@ def read_marker_set(path: Path, model: Model) -> tuple[tuple[Marker, ...], tuple
         raise root.refusal("has no MarkerSet; give OpenSim's file of one", SolverCode.WRONG_DOCUMENT)
     read = {one.name: _marker(one, model) for one in found.members("objects") if one.tag == "Marker"}
     unattached = tuple(name for name, marker in read.items() if marker is None)
-    return tuple(marker for marker in read.values() if marker is not None), unattached
+    unused = tuple(root.unused(DRAWN))
+    return tuple(marker for marker in read.values() if marker is not None), unattached, unused
 
 
 def with_markers(model: Model, markers: Sequence[Marker]) -> Model:

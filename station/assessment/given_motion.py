@@ -79,6 +79,7 @@ FINDINGS = {
     "load_on_ground": (AssessmentCode.LOAD_ON_GROUND, "loads"),
     "loads_data_elsewhere": (AssessmentCode.LOADS_DATA_ELSEWHERE, "files"),
     "loads_unused": (AssessmentCode.LOADS_UNUSED, "elements"),
+    "actuators_unused": (AssessmentCode.ACTUATORS_UNUSED, "elements"),
 }
 """Code of the finding of a note, and the figure that the note is in its sentence."""
 UNITS = {"rotation": "rad", "translation": "m", "coupled": "rad or m"}
@@ -166,6 +167,7 @@ def read_given_motion(
     loads = loads_of(inputs.external_loads, model, kinematics.time)
     on_inputs = motion_checks(model, whole) | range_checks(motion, cut.start, cut.end)
     on_inputs |= load_checks(inputs.external_loads, loads, model, kinematics)
+    on_inputs |= {"actuators_unused": ", ".join(model.unused)} if model.unused else {}
     if suited is not None:
         loads += suited.loads(whole, cut.every)
     return GivenMotion(model, suited, kinematics, loads, on_inputs)

@@ -76,11 +76,17 @@ SWAYING, MOVING = 0.02, 0.10
 def setup_findings(file: str, setup: IkSetup | ScaleSetup, unknown: Collection[str]) -> tuple[Finding, ...]:
     """Findings on a set-up: elements that are not used, files that are elsewhere, and the names that are unknown."""
     found = {
-        KinematicsCode.UNUSED_ELEMENTS: ("elements", setup.unused),
         KinematicsCode.FILE_ELSEWHERE: ("files", setup.moved),
         KinematicsCode.NOT_IN_MODEL: ("names", unknown),
     }
-    return tuple(Message(code, {"file": file, key: ", ".join(names)}) for code, (key, names) in found.items() if names)
+    others = (Message(code, {"file": file, key: ", ".join(names)}) for code, (key, names) in found.items() if names)
+    return *unused_findings(file, setup.unused), *others
+
+
+def unused_findings(file: str, elements: Collection[str]) -> tuple[Finding, ...]:
+    """A finding on the elements of a file that are not used, if there are any."""
+    figures: Figures = {"file": file, "elements": ", ".join(elements)}
+    return (Message(KinematicsCode.UNUSED_ELEMENTS, figures),) if elements else ()
 
 
 def unattached_findings(file: str, markers: Collection[str]) -> tuple[Finding, ...]:

@@ -34,6 +34,7 @@ from station.kinematics.marker_checks import (
     seen_markers,
     setup_findings,
     unattached_findings,
+    unused_findings,
 )
 from station.messages.kinematics_messages import KinematicsCode
 from station.sources import BUNDLED
@@ -79,9 +80,10 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     name = str(inputs.model or named_file(inputs.setup, setup.model_file, "model", "--model"))
     generic, _, odd = model_with_markers(name, inputs.marker_set)
     if setup.marker_set_file is not None:
-        added, unattached = read_marker_set(setup.marker_set_file, generic)
+        added, unattached, unused = read_marker_set(setup.marker_set_file, generic)
         generic = with_markers(generic, added)
         odd += unattached_findings(setup.marker_set_file.name, unattached)
+        odd += unused_findings(setup.marker_set_file.name, unused)
     file = inputs.markers or named_file(inputs.setup, setup.marker_file, "markers' file", "--markers")
     table = read_body_markers(file, [marker.name for marker in generic.markers], inputs.prefix)
     observed = _in_range(file, table, setup.time_range)

@@ -257,6 +257,10 @@ class AssessmentCode(Code):
         "read: {files}.",
     )
     LOADS_UNUSED = "loads.unused_elements", "Elements of the external loads that are not used: {elements}."
+    ACTUATORS_UNUSED = (
+        "actuators.unused_elements",
+        "Elements of the files of actuators that are not used: {elements}.",
+    )
 
 
 class DecisionCode(Code):

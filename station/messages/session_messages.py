@@ -215,6 +215,10 @@ class TerminalCode(Code):
         "terminal.summary_failed",
         "fit, assessment or report failed ({error}); the recordings are complete: keep them, and report this error",
     )
+    MVC_NOT_READ = (
+        "terminal.mvc_not_read",
+        "EMG stays in µV, because the process that reads {file} was killed twice; check the computer's free memory",
+    )
     NOTE_AFTER_REPORT = (
         "terminal.note_after_report",
         "the note is stored; the report does not have it until it is written again",

@@ -58,6 +58,7 @@ class Reviewer:
         self.stages: list[StageProgress] = []
         self.is_judging = False
         self._decided_s = -math.inf
+        self._mvc_killed_by = ""  # file of the MVC trial that killed the worker once
         self._worker = Worker()
 
     @property
@@ -142,7 +143,6 @@ class Reviewer:
             self._session.is_recorded_elsewhere = adopted is None
             if any(code.code is TrialCode.RECORDER_KILLED for recorded in adopted or () for code in recorded.codes):
                 self._session.message = ""  # the verdict states it
-            await self._read_mvc(self._session.folder)
             plan = self._session.plan
             file = plan.undecided.file if plan is not None and plan.undecided is not None else None
             if file is not None and (self._session.judgement is None or self._session.judgement.file != file):
@@ -150,11 +150,14 @@ class Reviewer:
                     self._session.judgement = await self.in_worker(_judge, self._session.folder, file)
                 except WorkerKilled:
                     self._session.judgement = judgement_without_fit(file)
+            await self._read_mvc(self._session.folder)
         finally:
             self.is_judging = False
 
     async def _read_mvc(self, folder: Path) -> None:
-        """Read the EMG of the last usable MVC trial, also of one that another console recorded."""
+        """Read the EMG of the last usable MVC trial, also of one that another console recorded. If the worker is killed
+        twice by it, EMG stays in microvolts.
+        """
         journal = self._session.journal
         usable = [trial for trial in journal.recorded if trial.accepted and trial.file not in journal.redone]
         file = next((trial.file for trial in reversed(usable) if trial.condition == "mvc"), "")
@@ -164,7 +167,10 @@ class Reviewer:
                 if file:
                     found = await self.in_worker(_read_largest_emg, folder / file)
             except WorkerKilled:
-                file = ""  # it is read again in a second
+                if self._mvc_killed_by != file:
+                    self._mvc_killed_by = file
+                    return
+                self._session.message = str(Message(TerminalCode.MVC_NOT_READ, {"file": file}))
             if self._session.folder == folder:
                 self._session.mvc_file, self._session.mvc_uv = file, found
 

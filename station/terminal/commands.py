@@ -131,7 +131,8 @@ def parse_argument(action: Action, text: str) -> Command:
     return Command(action, text, trial)
 
 
-Request = Command | UnknownCommand
+Request = Command | UnknownCommand | None
+"""None: the input has ended, and no further command follows."""
 
 
 class SessionOutput(Protocol):
@@ -151,6 +152,7 @@ class CommandQueue:
         self, requests: asyncio.Queue[Request], output: SessionOutput, list_plan: Callable[[], PlanListed]
     ) -> None:
         self._requests, self._output, self._list_plan = requests, output, list_plan
+        self.has_ended = False
 
     @property
     def is_empty(self) -> bool:
@@ -161,6 +163,9 @@ class CommandQueue:
         try:
             request = await asyncio.wait_for(self._requests.get(), within_s)
         except TimeoutError:
+            return None
+        if request is None:
+            self.has_ended = True
             return None
         if isinstance(request, UnknownCommand):
             self.refuse(request)
@@ -183,7 +188,7 @@ class CommandQueue:
         self.refuse(CommandRefused(Message(code, figures)))
 
 
-Post = Callable[[Command | UnknownCommand], None]
+Post = Callable[[Request], None]
 PROMPTS = {Action.REDO: "reason? ", Action.REDON: "reason? ", Action.NEXT: "number of the trial? #"}
 """After these keys, text is typed up to Enter."""
 
@@ -252,6 +257,7 @@ def listen_to_lines(post: Post) -> None:
         for line in read_lines(sys.stdin):
             if line.strip():
                 post(_parse_line(line))
+        post(None)
 
     threading.Thread(target=read, name="commands", daemon=True).start()
 

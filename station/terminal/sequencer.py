@@ -37,6 +37,7 @@ from station.terminal.events import (
     TrialSkipped,
     VerdictGiven,
     Waiting,
+    WarningCode,
     WarningRaised,
 )
 
@@ -45,6 +46,9 @@ JOURNAL_POLL_S = 1.0
 """Wall seconds between two reads of the journal while a decision is awaited."""
 FIRST_RETRY_S, LAST_RETRY_S = 2.0, 15.0
 """Wall seconds before arming is tried again; doubled after every failure."""
+REMINDER_ATTEMPTS, UNATTENDED_ATTEMPTS = 4, 40
+"""Attempts to arm after which the reason is shown again (about a minute), and after which a session without further
+input ends (about 10 min)."""
 NEEDS_OTHER_FOLDER = (RefusalCode.SIMULATED_DEVICES, RefusalCode.MIXED_ORIGIN, RefusalCode.PATH_TOO_LONG)
 """Refusals of a trial that every further attempt would meet, too."""
 BETWEEN = ("arm", "redo", "redon", "undo", "skip", "next", "trials", "finish", "end")
@@ -70,7 +74,7 @@ class SessionSequencer:
         self._is_paused = self._is_ended = self.is_complete = self.is_refused = False
         self._is_started = False  # the operator started the next trial
         self._redo: Command | None = None  # of the running trial
-        self._retry_s = FIRST_RETRY_S
+        self._attempts = 0  # to arm, since the last trial that began
         self._recorded: set[str] = set()  # files of trials that were recorded here
         self._last_decision = LastDecision(controller)
         self._shown: list[Event] = []  # events that are not repeated
@@ -201,9 +205,7 @@ class SessionSequencer:
         try:
             await runner.arm()
         except (CommandRefused, SimulationError, OSError) as error:
-            self._output.show_event(WarningRaised("not_armed", str(error), self._retry_s))
-            await self._wait_longer()
-            return
+            return await self._retry("not_armed", str(error))
         live, monitor = runner.live, TrialMonitor(self._output.show_event)
         while live is not None and runner.live is live:
             command = await self._commands.next(POLL_S)
@@ -212,8 +214,7 @@ class SessionSequencer:
             monitor.update(live)
             self._output.show_trial(live)
         self._output.show_trial(None)
-        if runner.ended is not None:
-            await self._finish_trial(runner.ended, last)
+        return None if runner.ended is None else await self._finish_trial(runner.ended, last)
 
     async def _handle_during(self, command: Command, live: LiveTrial) -> Command | None:
         """Execute a command while a trial runs. Returns a command that cancels it and is to be executed afterwards."""
@@ -257,7 +258,7 @@ class SessionSequencer:
         if recorded is not None and recorded.file:
             self._shown.clear()
             self._reset_start()
-            self._retry_s = FIRST_RETRY_S
+            self._attempts = 0
             self._recorded.add(recorded.file)
             codes = tuple(code for message in recorded.codes for code in message.codes)
             outcome = recorded.file, recorded.accepted, recorded.lost_samples, recorded.sentence, codes
@@ -268,21 +269,28 @@ class SessionSequencer:
             else:
                 self._commands.refuse_with(CommandCode.TOO_LATE, action=command.action.value)
         elif trial.refusal is not None:
-            self.is_refused = trial.refusal_code in NEEDS_OTHER_FOLDER
-            self._is_ended = self._is_ended or self.is_refused
-            retry_s = None if self.is_refused else LAST_RETRY_S
-            self._show_once(WarningRaised("not_ready", trial.refusal, retry_s, trial.refusal_code))
-            if not self.is_refused:
-                await self._wait_longer()
+            await self._retry("not_ready", trial.refusal, trial.refusal_code)
         elif recorded is not None and not recorded.file:
             self._reset_start()
             cause = recorded.codes[0].code.value if recorded.codes else ""
             self._show_once(WarningRaised("not_recorded", recorded.sentence, FIRST_RETRY_S, cause))
             await self._wait(FIRST_RETRY_S)
 
-    async def _wait_longer(self) -> None:
-        retry_s, self._retry_s = self._retry_s, min(2 * self._retry_s, LAST_RETRY_S)
-        await self._wait(retry_s)
+    async def _retry(self, code: WarningCode, sentence: str, cause: str = "") -> None:
+        """Show why no trial can begin, now and then again, and wait for the next attempt, or end a session that no
+        further attempt helps and one without an operator.
+        """
+        self._attempts += 1
+        is_unattended = self._commands.has_ended and self._attempts >= UNATTENDED_ATTEMPTS
+        self.is_refused = is_unattended or cause in NEEDS_OTHER_FOLDER
+        warning = WarningRaised(code, sentence, None if self.is_refused else LAST_RETRY_S, cause)
+        if self._attempts % REMINDER_ATTEMPTS == 0:
+            self._shown = [event for event in self._shown if event != warning]
+        self._show_once(warning)
+        if self.is_refused:
+            self._is_ended = True
+        else:
+            await self._wait(min(FIRST_RETRY_S * 2 ** min(self._attempts - 1, REMINDER_ATTEMPTS), LAST_RETRY_S))
 
     # -- the verdict ---------------------------------------------------------------------------------------------
 

@@ -112,7 +112,7 @@ def record(
     seed: Annotated[int, typer.Option(help="Seed of the simulated devices.", rich_help_panel=PLAN)] = 1,
     headless: Annotated[
         bool,
-        typer.Option("--headless", help="Write events as JSON lines, read commands as lines.", rich_help_panel=PLAN),
+        typer.Option("--headless", help="Write events as JSON lines, as --format json does.", rich_help_panel=PLAN),
     ] = False,
 ) -> None:
     """Record one trial, or without --test the whole session with a verdict after each trial.
@@ -132,7 +132,15 @@ def record(
         names = tuple(name.strip() for name in cuffs.split(",") if name.strip())
         setup = plan_session(settings, session, _subject(session, subject), operator, names, repeats)
         raise typer.Exit(
-            run_session(settings, session, setup, is_headless=headless, is_simulated=simulated, speed=speed, seed=seed)
+            run_session(
+                settings,
+                session,
+                setup,
+                is_headless=headless or format == "json",
+                is_simulated=simulated,
+                speed=speed,
+                seed=seed,
+            )
         )
     if subject or operator or cuffs or repeats or simulated or headless:
         raise typer.BadParameter(

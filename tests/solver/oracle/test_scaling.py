@@ -276,7 +276,7 @@ def test_opensim_takes_over_our_marker_set_and_reads_it_as_we_do(files: Path) ->
 
     opensim.MarkerSet(str(path)).printToXML(str(files / "printed.xml"))
     for file in (path, files / "printed.xml"):
-        back, _ = read_marker_set(file, MODEL)
+        back, *_ = read_marker_set(file, MODEL)
         assert [(each.name, each.body, each.location.tolist(), each.is_fixed) for each in back] == [
             (each.name, each.body, each.location.tolist(), each.is_fixed) for each in added
         ]

@@ -234,8 +234,8 @@ NEW = (
 def test_a_marker_of_either_format_is_read(tmp_path: Path, version: int, marker: str, is_fixed: bool) -> None:
     path = tmp_path / "markers.xml"
     path.write_text(DOCUMENT.format(version=version, markers=marker), encoding="utf-8")
-    (found,), unattached = read_marker_set(path, MODEL)
-    assert unattached == ()
+    (found,), unattached, unused = read_marker_set(path, MODEL)
+    assert (unattached, unused) == ((), ())
     assert (found.name, found.body, found.is_fixed) == ("C7", MODEL.body_index("thorax"), is_fixed)
     assert found.location.tolist() == [0.0, 0.1, 0.0]
     model = with_markers(MODEL, [found])
@@ -269,8 +269,8 @@ def test_a_marker_on_a_body_that_the_model_lacks_is_left_out_and_named(
     other = marker.replace("C7", "ASIS").replace("thorax", "pelvis")
     path = tmp_path / "markers.xml"
     path.write_text(DOCUMENT.format(version=version, markers=marker + other), encoding="utf-8")
-    (found,), unattached = read_marker_set(path, MODEL)
-    assert (found.name, unattached) == ("C7", ("ASIS",))
+    (found,), unattached, unused = read_marker_set(path, MODEL)
+    assert (found.name, unattached, unused) == ("C7", ("ASIS",), ())
 
 
 def test_tasks_may_be_in_a_file_of_their_own(tmp_path: Path) -> None:

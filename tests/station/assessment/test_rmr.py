@@ -17,13 +17,14 @@ from pyarrow import parquet
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.muscle import MuscleOutcome
+from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from solver.time_series_table import read_table, write_table
 from station import sources
 from station.assessment.assessment_json import describe_unconverged, describe_unsolved
-from station.assessment.given_motion import MotionCut, MuscleInputs
+from station.assessment.given_motion import MotionCut, MuscleInputs, motion_findings, read_given_motion
 from station.assessment.rmr import SolvedMotion, solve_muscles, solved_columns, write_solved
-from station.messages.assessment_messages import InputCode
+from station.messages.assessment_messages import AssessmentCode, InputCode
 from station.report.rmr_figures import draw_solved
 from tests.refusals import raises_refusal
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in, write_motion
@@ -434,6 +435,29 @@ def test_with_activation_dynamics_the_leg_costs_no_less(step: Step) -> None:
 def test_other_documents_are_no_actuator_files(step: Step) -> None:
     with raises_refusal(SolverCode.WRONG_DOCUMENT, naming="ForceSet"):
         solve(replace(step, actuators=step.loads))
+
+
+@pytest.mark.parametrize("version", ["40000", "30000"])
+def test_elements_of_actuators_that_are_not_used_are_named(step: Step, tmp_path: Path, version: str) -> None:
+    """Misspelt, repeated, and beside the ForceSet; OpenSim ignores them without a message."""
+    text = step.actuators.read_text()
+    text = text.replace("<optimal_force>", "<optimalforce>7</optimalforce><optimal_force>", 1).replace("40000", version)
+    text = text.replace("</max_control>", "</max_control><max_control>1</max_control>", 1)
+    text = text.replace("</ForceSet>", "</ForceSet><ForceSet/><ControllerSet name='all'/><note>1</note>")
+    (tmp_path / "odd.xml").write_text(text)
+    inputs = MuscleInputs(step.motion, str(step.model), step.loads, actuators=(tmp_path / "odd.xml",))
+    notes = read_given_motion(inputs, FIFTH).notes
+    named = ["<max_control> 1", "<optimalforce> 7", "<note> 1"]
+    assert notes["actuators_unused"] == ", ".join(f"{element} (line 1)" for element in named)
+    assert AssessmentCode.ACTUATORS_UNUSED in [finding.code for finding in motion_findings(notes)]
+
+
+def test_a_force_set_that_is_the_root_of_its_file_is_read(step: Step, tmp_path: Path) -> None:
+    """OpenSim reads it as of an earlier version."""
+    text = re.sub("</?OpenSimDocument.*?>", "", step.actuators.read_text())
+    (tmp_path / "root.xml").write_text(text)
+    models = [read_osim(step.model, actuators=[file]) for file in (step.actuators, tmp_path / "root.xml")]
+    assert models[0].actuators == models[1].actuators
 
 
 def test_a_file_without_actuators_is_refused(step: Step, tmp_path: Path) -> None:

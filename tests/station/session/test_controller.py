@@ -427,7 +427,18 @@ def test_the_mvc_is_that_of_the_last_usable_trial_of_the_session_whoever_recorde
     assert (controller.session.mvc_file, controller.session.mvc_uv) == ("", {}), "the worker was killed"
     run(controller.reviewer.process_recordings())
     assert (controller.session.mvc_file, controller.session.mvc_uv) == ("2.mcap", {"2.mcap": 240.0})
+    kills += [WorkerKilled(), WorkerKilled()]
     write_verdict(folder, "2.mcap", "redo", "an electrode fell off")
+    run(controller.reviewer.process_recordings())
+    run(controller.reviewer.process_recordings())
+    assert (controller.session.mvc_file, controller.session.mvc_uv) == ("1.mcap", {}), "not read a third time"
+    assert controller.session.message == str(Message(TerminalCode.MVC_NOT_READ, {"file": "1.mcap"}))
+    write_verdict(folder, "1.mcap", "redo", "an electrode fell off")
+    write_verdict(folder, "2.mcap", "accept", "")
+    run(controller.reviewer.process_recordings())
+    assert controller.session.mvc_uv == {"2.mcap": 240.0}
+    write_verdict(folder, "2.mcap", "redo", "an electrode fell off")
+    write_verdict(folder, "1.mcap", "accept", "")
     run(controller.reviewer.process_recordings())
     assert controller.session.mvc_uv == {"1.mcap": 240.0}
 

@@ -29,7 +29,7 @@ PATIENCE_S = 200.0
 
 Kind = TypeVar("Kind", bound=Event)
 Answer = Callable[[Event], str | None]
-"""The operator's command after an event, as a line; None: no command."""
+"""The operator's command after an event, as a line; None: no command; "": the input ends."""
 
 
 @contextmanager
@@ -57,7 +57,7 @@ class ScriptedOutput:
         self.events.append(event)
         line = self._answer(event)
         if line is not None:
-            self._requests.put_nowait(parse_command(line))
+            self._requests.put_nowait(parse_command(line) if line else None)
 
     def show_trial(self, live: LiveTrial | None) -> None: ...
 

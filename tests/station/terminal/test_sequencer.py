@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import qtm_rt
 
+from drivers.errors import DeviceCode
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
@@ -27,6 +28,7 @@ from station.terminal.events import (
     NextTrial,
     PlanListed,
     SessionClosed,
+    SessionOpened,
     StateChanged,
     SummaryStarted,
     TrialEnded,
@@ -246,12 +248,41 @@ def test_a_session_ends_if_its_folder_is_not_for_the_data_of_these_devices(
         return _RefusedTrial()
 
     monkeypatch.setattr(TrialProcess, "start", start)
-    monkeypatch.setattr(SessionSequencer, "_wait_longer", None)  # another attempt fails the test
+    monkeypatch.setattr(SessionSequencer, "_wait", None)  # another attempt fails the test
     config = load_config(write_config(tmp_path))
     output = lead(None, config, tmp_path / "monday", answers())
     (warning,) = output.of(WarningRaised)
     assert (warning.cause, warning.retry_s) == (RefusalCode.SIMULATED_DEVICES, None)
     assert output.events[-1] == output.of(SessionClosed)[0]
+
+
+def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The reason is shown at once and about once a minute."""
+    waits: list[float] = []
+
+    async def start(*_: object) -> _RefusedTrial:
+        trial = _RefusedTrial()
+        trial.refusal_code = DeviceCode.NO_ANSWER
+        return trial
+
+    async def wait(sequencer: SessionSequencer, seconds: float) -> None:
+        waits.append(seconds)
+        await asyncio.sleep(0)
+
+    monkeypatch.setattr(TrialProcess, "start", start)
+    monkeypatch.setattr(SessionSequencer, "_wait", wait)
+    monkeypatch.setattr("station.terminal.sequencer.POLL_S", 0.001)
+    config = load_config(write_config(tmp_path))
+    script = answers((lambda event: isinstance(event, SessionOpened), ""))
+    output = lead(None, config, tmp_path / "monday", script)
+    assert waits[:5] == [2.0, 4.0, 8.0, 15.0, 15.0]
+    assert 500.0 < sum(waits) < 600.0
+    warnings = output.of(WarningRaised)
+    assert [warning.retry_s for warning in warnings] == [15.0] * 10 + [None]
+    assert {warning.cause for warning in warnings} == {DeviceCode.NO_ANSWER}
+    assert not output.of(SessionClosed)[0].is_complete
 
 
 @pytest.mark.slow
