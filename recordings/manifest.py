@@ -241,6 +241,11 @@ class Manifest:
         return DataOrigin.of_devices(self.devices)
 
     @property
+    def is_force_used(self) -> bool:
+        """Whether the trial needs the load cell; one of the wearer does only where the cell is in the suit's cord."""
+        return self.body is None or self.body.is_cord_measured
+
+    @property
     def begins_at_edge(self) -> bool:
         """Whether session time 0 is the sync edge; otherwise it is origin_s on the device clocks."""
         return self.start in ("sync_edge", "pfi0")

@@ -181,7 +181,12 @@ def _move(trial: Trial, motion: CuffMotion) -> _Moved:
     quality = replace(quality, loose=motion.loose)
     is_missing, missing_notes = _missing_force(trial)
     motion = replace(motion, displacement=np.where(is_missing[:, None], np.nan, motion.displacement))
-    return _Moved(trial, motion, quality, missing_notes + marker_notes(quality) + turn_notes(motion.turn, force))
+    notes = missing_notes + marker_notes(quality) + turn_notes(motion.turn, force)
+    common = float(np.mean(np.isfinite(motion.displacement).all(axis=1)))
+    if common < 1 - OCCLUSION_LIMIT:
+        figures = {"share": common, "limit": 1 - OCCLUSION_LIMIT}
+        raise UnusableTrial(RejectionCode.LITTLE_IN_COMMON, figures)
+    return _Moved(trial, motion, quality, notes)
 
 
 def _missing_force(trial: Trial) -> tuple[NDArray[np.bool_], tuple[Note, ...]]:

@@ -97,6 +97,11 @@ class RejectionCode(Code):
         "rejected.force_not_finite",
         f"force has {{count:.0f}} of {{total:.0f}} samples that are not finite numbers; {_AGAIN}",
     )
+    LITTLE_IN_COMMON = (
+        "rejected.little_in_common",
+        "force and cuff are both known in {share:percent .0f} % of the marker frames, expected at least "
+        "{limit:percent .0f} %; check the connection of the load cell and what hides the markers, and record again",
+    )
     FORCE_MISSING = (
         "rejected.force_missing",
         "the force is missing in {share:percent .0f} % of the marker frames, expected at most {limit:percent .0f} %; "

@@ -152,11 +152,14 @@ class Timeline:
 
 
 def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tuple[str, ...]) -> Timeline:
-    """Align "/force", "/sync" and the markers with these labels. Raises UnusableTrial."""
-    force, frames = _numbered_track(tracks, "/force"), _numbered_track(tracks, "/markers")
+    """Align "/force", "/sync" and the markers with these labels. Raises UnusableTrial.
+
+    A force that the trial does not need neither limits the timeline nor has gaps.
+    """
+    force, frames = _force_track(manifest, tracks), _numbered_track(tracks, "/markers")
     require_labels(labels, frames.stream.labels)
-    raw = force.values[:, 0].astype(np.float64)
-    if manifest.body is None or manifest.body.is_cord_measured:  # otherwise the load cell is not in use
+    raw = np.empty(0) if force is None else force.values[:, 0].astype(np.float64)
+    if force is not None and manifest.is_force_used:
         require_sound_force(raw, _full_scale(manifest, force.stream), force.stream.unit)
     aligned = (
         align_by_sync_edge(manifest, tracks) if manifest.begins_at_edge else _align_as_declared(manifest, force, frames)
@@ -166,10 +169,11 @@ def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tupl
     marker_time = first_frame + np.arange(len(grid)) / frames.stream.rate_hz
     lag = _declared_lag(manifest, aligned.edge_sd, aligned.drift)
     force_time = aligned.force_time + lag.value
-    in_force, in_frames = _overlap(force_time, marker_time)
+    limiting = force_time if manifest.is_force_used else marker_time
+    in_frames, end = _overlap(limiting, marker_time)
+    in_force = (force_time >= 0) & (force_time <= end)
     newtons = to_newtons(raw, manifest.load_cell)
-    end = min(force_time[-1], marker_time[-1])
-    force_gaps = _gaps(force.numbers, force_time, end)
+    force_gaps = _gaps(force.numbers, force_time, end) if force is not None and manifest.is_force_used else ()
     frame_gaps = _gaps(frames.numbers, first_frame + frames.seconds - frames.seconds[0], end)
     return Timeline(
         force_time=force_time[in_force],
@@ -224,6 +228,13 @@ def _numbered_track(tracks: Mapping[str, Track], name: str) -> NumberedTrack:
     return NumberedTrack(track.stream, numbers, device_time, host_time, track.values)
 
 
+def _force_track(manifest: Manifest, tracks: Mapping[str, Track]) -> NumberedTrack | None:
+    """None without samples of a force that the trial does not need."""
+    track = tracks.get("/force")
+    is_empty = track is None or not len(track.sample_numbers)
+    return None if is_empty and not manifest.is_force_used else _numbered_track(tracks, "/force")
+
+
 @dataclass(frozen=True)
 class AlignedStreams:
     """Force and markers on session time, before the correction of the declared lag.
@@ -247,17 +258,18 @@ class AlignedStreams:
     stop_contradiction: float = 0.0
 
 
-def _align_as_declared(manifest: Manifest, force: NumberedTrack, frames: NumberedTrack) -> AlignedStreams:
+def _align_as_declared(manifest: Manifest, force: NumberedTrack | None, frames: NumberedTrack) -> AlignedStreams:
     """Both device clocks show origin_s at session time 0; two separate clocks then drift apart."""
     clock = ClockFit(manifest.origin_s, 1.0, np.zeros((2, 2)), has_both_edges=False)
     first_frame = float(frames.device_time[0]) - manifest.origin_s
     drift = 0.0 if manifest.start == "one_clock" else DRIFT_PRIOR_SD
-    return AlignedStreams(clock.session_time(force.device_time), frames, first_frame, clock, drift)
+    device_time = np.empty(0) if force is None else force.device_time
+    return AlignedStreams(clock.session_time(device_time), frames, first_frame, clock, drift)
 
 
 def align_by_sync_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> AlignedStreams:
     """Align by the sync edge, at which frame 1 is exposed. Tracks may be decimated. Raises UnusableTrial."""
-    force, frames = _numbered_track(tracks, "/force"), _numbered_track(tracks, "/markers")
+    force, frames = _force_track(manifest, tracks), _numbered_track(tracks, "/markers")
     edges, edge_clock = _edges(manifest, tracks)
     frames = _without_preview(frames, edge_clock, edges)
     frame = 1 / frames.stream.rate_hz
@@ -308,13 +320,15 @@ def _without_preview(frames: NumberedTrack, edge_clock: NumberedTrack, edges: Sy
 
 
 def _force_time(
-    manifest: Manifest, force: NumberedTrack, edge_clock: NumberedTrack, clock: ClockFit, middle: float
+    manifest: Manifest, force: NumberedTrack | None, edge_clock: NumberedTrack, clock: ClockFit, middle: float
 ) -> tuple[NDArray[np.float64], float, float]:
     """Session time (n,) [s] of the force samples; its standard uncertainty in this trial [s] and in all trials [s/s].
 
     Two edges determine the clock ratio. Its uncertainty, at the middle of the trial [s], is independent in every trial,
     except for the position of the stop edge in the last frame, which may be common to all trials.
     """
+    if force is None:
+        return np.empty(0), clock.time_sd(0.0), DRIFT_PRIOR_SD
     if manifest.load_cell.source != "daq":
         offset = arrival_offset(force.host_time, force.device_time)
         time = force.device_time + offset - _edge_on_host(edge_clock, clock.start)
@@ -358,10 +372,8 @@ def _on_frame_grid(frames: NumberedTrack, labels: tuple[str, ...]) -> NDArray[np
     return grid
 
 
-def _overlap(
-    force_time: NDArray[np.float64], marker_time: NDArray[np.float64]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Masks of force samples and frames between the edge and the end of the shorter stream."""
+def _overlap(force_time: NDArray[np.float64], marker_time: NDArray[np.float64]) -> tuple[NDArray[np.bool_], float]:
+    """Mask of the frames between the edge and the end of the shorter stream, and that end [s]."""
     start, end = max(0.0, force_time[0], marker_time[0]), min(force_time[-1], marker_time[-1])
     in_force = (force_time >= 0) & (force_time <= end)
     in_frames = (marker_time >= -1e-9) & (marker_time <= end)
@@ -376,7 +388,7 @@ def _overlap(
             "expected_s": SHORTEST,
         }
         raise UnusableTrial(RejectionCode.NO_OVERLAP, figures)
-    return in_force, in_frames
+    return in_frames, float(end)
 
 
 def _gaps(numbers: NDArray[np.int64], time: NDArray[np.float64], end: float) -> tuple[tuple[float, float], ...]:

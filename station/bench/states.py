@@ -16,7 +16,7 @@ from fitting.trial.clocks import BOUNCE
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.stream_watchdog import SHORT_S, SILENCE_TIMEOUT_S
 from station.bench.sync_line import LATENESS_S, PRE_ROLL_S, Edge, FallingEdges, PreRoll, wrong_polarity
-from station.bench.trial_context import NEEDED, DeviceFailure, TrialContext
+from station.bench.trial_context import DeviceFailure, TrialContext
 from station.bench.view import OPENING, TrialState
 from station.messages.bench_messages import TrialCode
 
@@ -231,9 +231,6 @@ RECORDING = Message(TrialCode.RECORDING)
 CAPTURE_ENDS = ("capture_ended", "capture_replaced")
 """Kinds of messages after which no frame belongs to the capture."""
 
-ADDITIONAL = ("/emg", "/analog")
-"""Streams without which a trial goes on; their silence is noted and counted."""
-
 
 class RecordingState(RecordedState):
     name = TrialState.RECORDING
@@ -280,7 +277,7 @@ class RecordingState(RecordedState):
         return self._close(Message(TrialCode.DURATION_REACHED, {"duration_s": duration_s}), end_ns)
 
     def tick(self) -> State:
-        for streams in (NEEDED, ADDITIONAL):
+        for streams in (self.context.needed, self.context.additional):
             if silence := self.context.silence(streams, self.edge.station_s):
                 return self.fail(silence)
         return self._check_renumbering() or self._check_quiet_capture_end()
@@ -414,9 +411,12 @@ class Closing(RecordedState):
         if awaited and now_s - last_arrival_s < timeout_s and now_s - self._end.noticed_s < LONGEST_CLOSING_S:
             return self
         for stream, short_s in short:
-            self._is_accepted = False
             figures: Figures = {"source": stream.source, "stream": stream.name, "missing_s": short_s}
-            self.messages = (Message(TrialCode.END_MISSING, figures),)
+            missing = Message(TrialCode.END_MISSING, figures)
+            if stream.name in self.context.needed:
+                self._is_accepted, self.messages = False, (missing,)
+            elif not watchdog.absence(stream.name):  # otherwise a note says so
+                self.context.notes.append(missing)
         return self.finish()
 
     def stop(self, *, at_once: bool) -> State:

@@ -82,16 +82,22 @@ class SyncLine:
         return settled
 
     def _crossings(self, samples: Samples) -> list[Edge]:
-        """Crossings of the threshold in this block, also one between the previous block and this one."""
-        volts = samples.values[:, 0].astype(np.float64)
+        """Crossings of the threshold in this block, also one between the previous block and this one.
+
+        A sample that is no number shows no level: the line keeps that of the sample before.
+        """
+        known = np.flatnonzero(np.isfinite(samples.values[:, 0]))
+        if not len(known):
+            return []
+        volts = samples.values[known, 0].astype(np.float64)
         before = np.concatenate(([volts[0] if self.level_v is None else self.level_v], volts[:-1]))
         crossings = np.flatnonzero((before >= self.threshold_v) != (volts >= self.threshold_v))
         self.level_v = float(volts[-1])
         return [
             Edge(
                 rising=bool(volts[i] >= self.threshold_v),
-                sample_number=int(samples.sample_numbers[i]),
-                device_time_ns=int(samples.device_time_ns[i]),
+                sample_number=int(samples.sample_numbers[known[i]]),
+                device_time_ns=int(samples.device_time_ns[known[i]]),
                 from_v=float(before[i]),
                 to_v=float(volts[i]),
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,9 +36,8 @@ class DeviceFailure:
 
 
 NEEDED = ("/force", "/sync", "/markers")
-"""Streams whose silence or loss ends a trial, where its devices have them."""
-MEASURED = ("/force", "/markers")
-"""Those of which a fit needs more than the edges."""
+"""Streams whose silence or loss ends a trial, where its devices have them; of all but /sync a fit needs more than the
+edges. A trial goes on without others, whose silence is noted and counted."""
 
 
 class TrialContext:
@@ -56,6 +56,8 @@ class TrialContext:
         device_by_stream: Mapping[str, str],
     ) -> None:
         self.rules, self.writer, self.clock, self.streams = rules, writer, clock, tuple(streams)
+        self.needed = tuple(name for name in NEEDED if name != "/force" or rules.is_force_needed)
+        self.additional = tuple(stream.name for stream in streams if stream.name not in self.needed)
         self.watchdog = StreamWatchdog(clock, streams, device_by_stream)
         self.shortfall = Shortfall(streams, self.watchdog)
         self.first_frame = FirstFrameCheck(streams)
@@ -64,6 +66,7 @@ class TrialContext:
         self.notes: list[Message[TrialCode]] = []
         self.lost_samples = self.marks = self.latest_device_ns = 0
         self._recorded, self._lost = Counter[str](), Counter[str]()
+        self._gaps: dict[str, list[tuple[float, float]]] = {}  # stream → begin and end [s] on the host's clock
 
     def record_arrival(self, item: Item) -> None:
         """Restart the silence timer of a stream that delivered samples, update its clock, check the first frame."""
@@ -87,6 +90,7 @@ class TrialContext:
             rate_hz = sum(stream.rate_hz for stream in self.streams if stream.name == item.stream)
             if item.stream == "/markers" or item.count > LONGEST_FORCE_GAP * rate_hz:
                 self._lost[item.stream] += item.count
+                self._add_gap(item, item.count / rate_hz if rate_hz else 0.0)
         elif isinstance(item, Samples):
             self._recorded[item.stream] += len(item.device_time_ns)
         self.writer.write(item)
@@ -98,11 +102,13 @@ class TrialContext:
 
     def mostly_lost(self) -> list[Message[TrialCode]]:
         """A message for each measured stream that lost more than the fit of a cuff accepts; it bridges short gaps."""
-        messages = []
-        for stream in self.streams:
+        messages, duration_s = list[Message[TrialCode]](), 0.0
+        measured = [stream for stream in self.streams if stream.name in self.needed and stream.name != "/sync"]
+        for stream in measured:
             lost = self._lost[stream.name]
-            share = lost / max(1, lost + self._recorded[stream.name])
-            if stream.name in MEASURED and share > OCCLUSION_LIMIT:
+            total = max(1, lost + self._recorded[stream.name])
+            share, duration_s = lost / total, max(duration_s, total / stream.rate_hz)
+            if share > OCCLUSION_LIMIT:
                 figures: Figures = {
                     "source": stream.source,
                     "stream": stream.name,
@@ -110,7 +116,19 @@ class TrialContext:
                     "limit_percent": 100 * OCCLUSION_LIMIT,
                 }
                 messages.append(Message(TrialCode.MOSTLY_LOST, figures))
+        lost_s = _length([gap for stream in measured for gap in self._gaps.get(stream.name, ())])
+        if not messages and lost_s > OCCLUSION_LIMIT * duration_s:
+            common = {"common_s": max(0.0, duration_s - lost_s), "duration_s": duration_s}
+            messages.append(Message(TrialCode.LITTLE_IN_COMMON, {**common, "limit_percent": 100 * OCCLUSION_LIMIT}))
         return messages
+
+    def _add_gap(self, loss: Loss, seconds: float) -> None:
+        """Gaps of one block end together; they lie one before the other."""
+        gaps, end_s = self._gaps.setdefault(loss.stream, []), loss.host_time_ns * 1e-9
+        if gaps and end_s - seconds < gaps[-1][1]:
+            before = gaps.pop()
+            seconds, end_s = seconds + before[1] - before[0], max(end_s, before[1])
+        gaps.append((end_s - seconds, end_s))
 
     def event(self, kind: str, text: str) -> Event:
         return Event(kind, text, self.clock.utc_ns(), "station")
@@ -123,7 +141,7 @@ class TrialContext:
 
     def can_continue_without(self, failure: DeviceFailure) -> bool:
         """Whether no stream of the failed device is needed; the failure is then a note on the trial."""
-        if self.watchdog.is_needed(failure.device, NEEDED):
+        if self.watchdog.is_needed(failure.device, self.needed):
             return False
         self.watchdog.mark_lost(failure.device, failure.cause)
         self.notes.append(failure.message)
@@ -145,6 +163,15 @@ class TrialContext:
         return DeviceFailure(message, self.watchdog.device_of(stream.name), "silent")
 
 
+def _length(gaps: Sequence[tuple[float, float]]) -> float:
+    """Seconds in at least one of the gaps (begin, end)."""
+    length, covered_to = 0.0, -math.inf
+    for begin, end in sorted(gaps):
+        length += max(0.0, end - max(begin, covered_to))
+        covered_to = max(covered_to, end)
+    return length
+
+
 POST_ROLL_S = 0.5
 """Station seconds recorded after the end of the capture, so that the falling edge of the sync line is in the file."""
 
@@ -158,6 +185,7 @@ class TrialRules:
     timeout_s: float
     duration_s: float | None
     post_roll_s: float = POST_ROLL_S
+    is_force_needed: bool = True
 
 
 LATENESS = 0.1

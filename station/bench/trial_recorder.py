@@ -206,6 +206,7 @@ class TrialRecorder:
             self._config.sync.timeout_s,
             duration_s,
             self._post_roll_s,
+            manifest.is_force_used,
         )
         items, disk = RecordedItems(writer, manifest, streams), DiskMonitor(path, self._clock)
         trial = TrialStateMachine(rules, items, self._clock)

@@ -94,6 +94,11 @@ class TrialCode(Code):
         "{source} sent no frame of the capture; check that it tracks the markers and streams 3D data in real time",
     )
     END_MISSING = "end_missing", "{source} sent nothing on {stream} in the last {missing_s:.1f} s of the trial"
+    LITTLE_IN_COMMON = (
+        "little_in_common",
+        "force and markers were both received in {common_s:.1f} s of {duration_s:.1f} s, expected at least "
+        "{limit_percent:g} %; check the connections of both devices, and record again",
+    )
     MOSTLY_LOST = (
         "mostly_lost",
         "{source} lost {lost_percent:.1f} % of the samples on {stream}, expected at most {limit_percent:g} %; check "
