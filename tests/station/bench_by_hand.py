@@ -36,15 +36,23 @@ class Writer:
 class Bench:
     """Devices by hand: a DAQ that sends a block every 0.1 station seconds and a mocap that sends while capturing."""
 
-    def __init__(self, start: str = "sync_edge", timeout_s: float = 10.0, duration_s: float | None = None) -> None:
-        self.clock, self.writer = ManualClock(), Writer()
-        rules = TrialRules(start, 2.5, timeout_s, duration_s)  # type: ignore[arg-type]
+    def __init__(
+        self,
+        start: str = "sync_edge",
+        timeout_s: float = 10.0,
+        duration_s: float | None = None,
+        force_device: str = "NI Dev1",
+        *,
+        is_force_needed: bool = True,
+    ) -> None:
+        self.clock, self.writer, self.force_device = ManualClock(), Writer(), force_device
+        rules = TrialRules(start, 2.5, timeout_s, duration_s, is_force_needed=is_force_needed)  # type: ignore[arg-type]
         self.trial = TrialStateMachine(rules, self.writer, self.clock)
         self.sample, self.frame, self.level, self.capturing = 0, 1, 0.0, False
-        self.daq_sends = self.mocap_sends = True
+        self.daq_sends = self.mocap_sends = self.force_is_sent = True
 
     def arm(self) -> Bench:
-        self.trial.arm(STREAMS, {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM"})
+        self.trial.arm(STREAMS, {"/force": self.force_device, "/sync": "NI Dev1", "/markers": "QTM"})
         return self
 
     def record(self, recorded_s: float = 2.0, *, armed_s: float = 1.0) -> Bench:
@@ -71,7 +79,7 @@ class Bench:
     def send_daq(self, volts: np.ndarray) -> None:
         numbers = np.arange(self.sample, self.sample + len(volts), dtype=np.uint64)
         self.sample += len(volts)
-        for stream in ("/force", "/sync"):
+        for stream in ("/force", "/sync") if self.force_is_sent else ("/sync",):
             values = volts[:, None] if stream == "/sync" else np.zeros((len(volts), 1))
             times = numbers.astype(np.int64) * 1_000_000
             self.trial.handle(Samples(stream, numbers, times, self.clock.utc_ns(), values))

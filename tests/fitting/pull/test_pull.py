@@ -89,6 +89,22 @@ def test_the_share_of_frames_without_force_is_stated_apart_from_hidden_markers(
     assert TrialNoteCode.MARKERS_HIDDEN not in {note.code for note in pulls[0].notes}
 
 
+@pytest.mark.parametrize(("hidden_from", "is_refused"), [(0.0, True), (0.6, False)])
+def test_force_and_cuff_must_be_known_together_in_half_of_the_frames(hidden_from: float, *, is_refused: bool) -> None:
+    """The last 40 % are without force; 40 % of the markers are hidden at another time, or at the same."""
+    trial = _static("hand", 4.0, 1000.0)
+    begin, end = trial.marker_time[[0, -1]]
+    frames = len(trial.marker_time)
+    markers = trial.markers.copy()
+    markers[round(hidden_from * frames) : round((hidden_from + 0.4) * frames)] = np.nan
+    gap = (end - 0.4 * (end - begin), end + 1.0)
+    pulls, reasons = make_pulls([replace(trial, markers=markers, force_gaps=(gap,))])
+    assert len(pulls) != is_refused
+    if is_refused:
+        assert reasons["s"].code is RejectionCode.LITTLE_IN_COMMON
+        assert reasons["s"].figures["share"] == pytest.approx(0.2, abs=0.01)
+
+
 # Held loads in a trial's force.
 
 

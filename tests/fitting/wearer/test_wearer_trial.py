@@ -34,6 +34,25 @@ def test_emg_without_a_common_clock_is_left_out_with_a_note_and_the_markers_stay
     assert len(trial.time) and TrialNoteCode.EMG_LEFT_OUT in [note.code for note in trial.notes]
 
 
+@pytest.mark.parametrize("samples", [0, 4000])
+def test_a_load_cell_that_is_not_used_does_not_limit_the_trial(samples: int) -> None:
+    tracks = recorded()
+    whole = build_wearer_trial(MANIFEST, tracks, "a.mcap", "0" * 64)
+    force = tracks["/force"]
+    kept = np.flatnonzero(np.arange(samples) % 2000 < 1500)  # with gaps
+    cut = {name: getattr(force, name)[kept] for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")}
+    short = build_wearer_trial(MANIFEST, tracks | {"/force": replace(force, **cut)}, "a.mcap", "0" * 64)
+    np.testing.assert_array_equal(short.markers, whole.markers)
+    assert short.is_whole and len(short.force) < max(1, samples)
+    assert whole.body is not None
+    used = replace(MANIFEST, body=replace(whole.body, is_cord_measured=True))
+    if not samples:
+        with raises_refusal(RejectionCode.NO_SAMPLES, stream="/force"):
+            build_wearer_trial(used, tracks | {"/force": replace(force, **cut)}, "a.mcap", "0" * 64)
+    else:
+        assert not build_wearer_trial(used, tracks | {"/force": replace(force, **cut)}, "a.mcap", "0" * 64).is_whole
+
+
 def test_hidden_markers_are_counted() -> None:
     tracks = recorded()
     values = tracks["/markers"].values.copy()

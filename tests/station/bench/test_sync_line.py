@@ -190,6 +190,16 @@ def test_a_level_counts_from_5_ms_on_whatever_the_blocks(
         assert line.level_v == volts[-1] and line.is_high is (volts[-1] >= THRESHOLD)
 
 
+@pytest.mark.parametrize("lost", [np.nan, np.inf])
+@pytest.mark.parametrize("size", [1, 3, 30])
+def test_a_sample_that_is_no_number_keeps_the_level_of_the_sample_before(lost: float, size: int) -> None:
+    """At both levels for longer than a glitch, and at the edge, which is at the first number."""
+    volts = [lost, 0.0, *[lost] * 8, 0.0, lost, *[5.0] * 2, *[lost] * 8, 5.0]
+    line = SyncLine(THRESHOLD)
+    assert [edge for i in range(0, 22, size) for edge in line.update(block(volts[i : i + size], i))] == [rise(12)]
+    assert line.level_v == 5.0
+
+
 def test_an_empty_block_changes_nothing() -> None:
     line = SyncLine(THRESHOLD)
     assert line.update(block([])) == [] and line.level_v is None and not line.is_high

@@ -183,6 +183,36 @@ def test_a_trial_that_lost_more_than_half_of_what_the_fit_needs_is_not_accepted(
     assert (TrialCode.MOSTLY_LOST in bench.codes) != is_accepted
 
 
+@pytest.mark.parametrize(("is_at_once", "is_accepted"), [(False, False), (True, True)])
+def test_force_and_markers_must_be_there_together_in_half_of_the_trial(*, is_at_once: bool, is_accepted: bool) -> None:
+    """40 % of either are lost: in the same seconds, or in others."""
+    bench = Bench().record(0.1, armed_s=2.5)
+    for i in range(20):
+        bench.run(0.1)
+        for stream, count in (("/markers", 14), ("/force", 140)):
+            if i % 2 == (stream == "/force" and not is_at_once):
+                bench.trial.handle(Loss(stream, "skipped", 0, count, 0, bench.clock.utc_ns()))
+    bench.stop_capture()
+    bench.run(2.0)
+    assert (bench.trial.state is TrialState.CLOSED) == is_accepted
+    assert (bench.codes == [TrialCode.CAPTURE_ENDED]) == is_accepted
+    assert (TrialCode.LITTLE_IN_COMMON in bench.codes) != is_accepted
+
+
+@pytest.mark.parametrize(("is_needed", "state"), [(True, TrialState.FAILED), (False, TrialState.CLOSED)])
+@pytest.mark.parametrize("silent_s", [0.8, 8.0])
+def test_a_force_that_the_trial_does_not_need_does_not_end_it(
+    *, is_needed: bool, state: TrialState, silent_s: float
+) -> None:
+    bench = Bench(force_device="indicator", is_force_needed=is_needed).record(2.0)
+    bench.force_is_sent = False
+    bench.run(silent_s)
+    bench.stop_capture()
+    bench.run(6.0)
+    assert bench.trial.state is state
+    assert {TrialCode.DEVICE_SILENT, TrialCode.END_MISSING} & set(bench.codes), "said in any case"
+
+
 def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
     bench = Bench().record()
     bench.stop_capture()
