@@ -152,10 +152,7 @@ class Timeline:
 
 
 def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tuple[str, ...]) -> Timeline:
-    """Align "/force", "/sync" and the markers with these labels. Raises UnusableTrial.
-
-    A force that the trial does not need neither limits the timeline nor has gaps.
-    """
+    """Align "/force", if it is used, "/sync" and the markers with these labels. Raises UnusableTrial."""
     force, frames = _force_track(manifest, tracks), _numbered_track(tracks, "/markers")
     require_labels(labels, frames.stream.labels)
     raw = np.empty(0) if force is None else force.values[:, 0].astype(np.float64)
@@ -169,8 +166,7 @@ def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tupl
     marker_time = first_frame + np.arange(len(grid)) / frames.stream.rate_hz
     lag = _declared_lag(manifest, aligned.edge_sd, aligned.drift)
     force_time = aligned.force_time + lag.value
-    limiting = force_time if manifest.is_force_used else marker_time
-    in_frames, end = _overlap(limiting, marker_time)
+    in_frames, end = _overlap(force_time if manifest.is_force_used else marker_time, marker_time)
     in_force = (force_time >= 0) & (force_time <= end)
     newtons = to_newtons(raw, manifest.load_cell)
     force_gaps = _gaps(force.numbers, force_time, end) if force is not None and manifest.is_force_used else ()

@@ -287,7 +287,8 @@ def _marker(element: Element, model: Model) -> Marker | None:
     if not frame:
         raise element.refusal(f"names no frame; name a body of {model.name}", SolverCode.UNKNOWN_NAME)
     name = frame.rsplit("/", 1)[-1]
-    location, is_fixed = np.asarray(element.numbers("location", 3)), element.flag("fixed")
     if name not in {body.name for body in model.bodies}:
+        element.sought.update(("location", "fixed"))
         return None
-    return Marker(element.name, model.body_index(name), location, is_fixed)
+    location = np.asarray(element.numbers("location", 3))
+    return Marker(element.name, model.body_index(name), location, element.flag("fixed"))

@@ -75,9 +75,9 @@ class FakeCapture:
 
 
 class FakeMocap:
-    def __init__(self, clock: Clock, capture: FakeCapture) -> None:
+    def __init__(self, clock: Clock, capture: FakeCapture, labels: tuple[str, ...] = ("anchor_1", "cuff_1")) -> None:
         self.name = "QTM fake"
-        self.streams = (Stream("/markers", "mm", ("anchor_1", "cuff_1"), 100.0, self.name),)
+        self.streams = (Stream("/markers", "mm", labels, 100.0, self.name),)
         self.identity = DeviceIdentity(self.name, "", None)
         self._clock, self._capture, self._sent, self._reported = clock, capture, 0, 0
 
@@ -94,7 +94,7 @@ class FakeMocap:
             items.append(Event("capture_started", "capture started", self._clock.utc_ns(), self.name))
         if due > self._sent:
             numbers = np.arange(self._sent + 1, due + 1, dtype=np.uint64)
-            values = np.ones((len(numbers), 2, 4), dtype=np.float32)
+            values = np.ones((len(numbers), len(self.streams[0].labels), 4), dtype=np.float32)
             times = (numbers.astype(np.int64) - 1) * 10_000_000
             items.append(Samples("/markers", numbers, times, self._clock.utc_ns(), values))
             self._sent = due

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +11,21 @@ import pytest
 from drivers.errors import DeviceLost
 from drivers.lsl import LslEmg
 from drivers.nidaq import NiDaq
+from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.manifest import BodyMarkers, CuffSite
-from recordings.samples import Loss, Samples, Stream
+from recordings.samples import Item, Loss, Samples, Stream
 from station.bench.devices import devices_for
 from station.bench.simulation import simulator_settings
+from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import TrialState
 from station.clock import ManualClock
 from station.config import parse_config
 from station.messages.bench_messages import TrialCode
+from station.protocol import TrialSpec
 from tests.drivers.pytest_on_loopback import passed_on_loopback
+from tests.drivers.test_lsl import FakeOutlet, offer
 from tests.station.bench_by_hand import STREAMS, Bench
+from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
 
 EMG = Stream("/emg", "uV", ("a", "b"), 100.0, "LSL outlet amp at pc")
 LSL_CONFIG = {"emg": {"source": "lsl", "stream": "amp", "sync_channel": "t"}, "body": {"markers": ["a", "b", "c"]}}
@@ -109,6 +114,57 @@ def test_an_amplifier_that_is_lost_before_the_capture_does_not_disarm_the_trial(
     bench.start_capture()
     bench.run(1.0)
     assert bench.codes[0] is TrialCode.RECORDING
+
+
+class PlayedOutlet(LslEmg):
+    """The driver on an outlet that sends 1 kHz of station time with these stamps: (n,) s → (n,) s."""
+
+    def __init__(self, clock: ManualClock, stamped: Callable[[np.ndarray], np.ndarray]) -> None:
+        super().__init__(stream="amp", host_clock=clock.utc_ns)
+        self._clock, self._stamped, self._sent, self.outlet = clock, stamped, 0, FakeOutlet()
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        due = round(self._clock.station_s() * 1000)
+        if due > self._sent:
+            stamps = self._stamped(np.arange(self._sent, due) / 1000)
+            self._sent = due
+            return self._items(np.ones((len(stamps), 2)), stamps)
+        return []
+
+
+def one_wrong(stamp: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda time_s: np.where(np.round(time_s, 3) == 5.0, stamp, time_s)
+
+
+def jump(seconds: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda time_s: np.where(time_s >= 5.0, time_s + seconds, time_s)
+
+
+STAMPS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    **{f"one of {stamp:g}": one_wrong(stamp) for stamp in (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e9)},
+    **{f"jump of {seconds:g} s": jump(seconds) for seconds in (1e9, 2e5, -2e5, 1e300, np.inf, np.nan)},
+    "all of 0": lambda time_s: np.zeros(len(time_s)),
+    "there and back": lambda time_s: time_s + 2e5 * (np.round(time_s) % 2),
+}
+
+
+@pytest.mark.parametrize("name", STAMPS)
+def test_stamps_that_are_wrong_end_no_trial_and_lose_no_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """From the driver through recorder and file to the fit."""
+    clock = ManualClock()
+    capture = FakeCapture(clock, 3.0, 4.0)
+    emg = PlayedOutlet(clock, STAMPS[name])
+    offer(monkeypatch, emg.outlet)
+    devices = [FakeDaq(clock, capture), FakeMocap(clock, capture, ("a", "b", "c")), emg]
+    config = parse_config({**LSL_CONFIG, "emg": {"source": "lsl", "stream": "amp"}}, "test")
+    recorder = TrialRecorder(config, clock, make_devices=lambda *_: devices)  # type: ignore[arg-type,return-value]
+    result = recorder.record(tmp_path, TrialSpec(None, "motion", 1, condition="unsuited"))
+    assert result.accepted and result.path is not None
+    assert result.lost_samples <= 8000, "the rate allows no more in 8 s"
+    trial = read_wearer_trial(result.path)
+    assert len(trial.time) == 400 and np.isfinite(trial.markers).all()
 
 
 def test_an_outlet_is_a_device_of_the_wearer_s_trials_only(tmp_path: Path) -> None:

@@ -351,6 +351,10 @@ EDITS: dict[str, Callable[[list[bytes]], object]] = {
     "deleted": lambda lines: lines.pop(3),
     "last deleted": lambda lines: lines.pop(),
     "duplicated": lambda lines: lines.insert(2, lines[2]),
+    "last two deleted": lambda lines: lines.__delitem__(slice(-2, None)),
+    "last without its end": lambda lines: lines.append(lines.pop()[:-1]),
+    "last cut": lambda lines: lines.append(lines.pop()[:20]),
+    "flipped above a line that was begun": lambda lines: (flip(lines), lines.append(b'{"kind"')),
     "last duplicated": lambda lines: lines.append(lines[-1]),
     "inserted": lambda lines: lines.insert(1, b'{"kind": "donned", "at": "", "format": 1, "cuff": "hand"}\n'),
     "appended": lambda lines: lines.append(b'{"kind": "donned", "at": "", "format": 1, "cuff": "hand"}\n'),
@@ -387,10 +391,11 @@ def test_a_report_of_an_edited_journal_says_so(journal: Path, station: Station) 
 
 
 def test_a_journal_may_be_longer_than_its_hash_in_the_list(journal: Path, station: Station) -> None:
-    """The list was not written after the last line, because its computer lost power."""
+    """The list was not written after the last line, because its computer lost power, or while it wrote another line."""
     listed = (journal.parent / CHECKSUMS_FILE).read_bytes()
     write_mark(journal.parent, STATIC, 5, "after the list")
     (journal.parent / CHECKSUMS_FILE).write_bytes(listed)
+    journal.write_bytes(journal.read_bytes() + b'{"kind": "ver')
     ran = station("verify", journal.parent, "--format", "json")
     assert ran.code == 0 and standings(ran)[JOURNAL_FILE] == AS_RECORDED
 
