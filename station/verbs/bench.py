@@ -128,19 +128,11 @@ def record(
             raise typer.BadParameter("--cuff, --condition, --repeat, --duration, --donning, --rrd, --rerun need --test")
         from station.terminal.run import plan_session, practice_folder, run_session
 
-        session = practice_folder(session) if simulated else session
+        session, headless = practice_folder(session) if simulated else session, headless or format == "json"
         names = tuple(name.strip() for name in cuffs.split(",") if name.strip())
         setup = plan_session(settings, session, _subject(session, subject), operator, names, repeats)
         raise typer.Exit(
-            run_session(
-                settings,
-                session,
-                setup,
-                is_headless=headless or format == "json",
-                is_simulated=simulated,
-                speed=speed,
-                seed=seed,
-            )
+            run_session(settings, session, setup, is_headless=headless, is_simulated=simulated, speed=speed, seed=seed)
         )
     if subject or operator or cuffs or repeats or simulated or headless:
         raise typer.BadParameter(
