@@ -202,8 +202,8 @@ def differences(
     A reaches, in rows of length 1), of a bound, or of the cone [kN].
     """
     effort, expected = ((problem.weights * s.controls[0] ** 2).sum(axis=1) for s in (found, known))
-    x, A = found.controls[0], problem.acceleration_matrix
-    target = problem.acceleration_target - loads.acceleration[0][:, problem.tracked]
+    x, A = found.controls[0], problem.matrix
+    target = problem.target[0] - loads.acceleration[0][:, problem.tracked]
     gap = np.linalg.pinv(A, rcond=1e-9) @ (A @ x[..., None] - target[..., None])
     a = x[:, : problem.time_constants.shape[1]]
     outside = max(float(-a.min()), float(a.max()) - 1.0, float(-found.cone_slack.min()) / CONE_FORCE_SCALE)

@@ -75,11 +75,13 @@ def _compile_solving() -> None:
     """The muscle-redundancy problem, and then dynamics."""
     import numpy as np
 
-    from solver.redundancy.problem import FrameSequence
+    from solver.redundancy.problem import RedundancyProblem
     from solver.redundancy.sequence import solve_sequence
 
-    one, equation, no_cone = np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 3, 1))
-    problem = FrameSequence(one, equation, equation, no_cone, np.eye(1, 3)[None], rise=one, fall=one)
+    one, equation, reaction = np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 1, 6))
+    problem = RedundancyProblem(
+        one, 1.0, one, np.ones((2, 1)), equation, equation, one > 0, np.zeros((1, 6, 1)), reaction, np.eye(3)[None]
+    )
     solve_sequence(problem, progress=lambda *_: None, workers=1)
     _compile_dynamics()
 

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from solver.redundancy.effort import Effort
-from solver.redundancy.problem import FrameOutcome, FrameSequence, Outcomes, determined
+from solver.redundancy.problem import FrameOutcome, Outcomes, RedundancyProblem
 
 Array = NDArray[np.float64]
 
@@ -112,24 +112,24 @@ def least_violation(problem: ConicProblem) -> Array:
     return x
 
 
-def solve_frame_with_clarabel(sequence: FrameSequence, bounds: Array) -> tuple[Array, Outcomes]:
-    """x (scenarios, controls) and outcomes (scenarios,) of a sequence of one frame, with activations within bounds
+def solve_frame_with_clarabel(problem: RedundancyProblem, bounds: Array) -> tuple[Array, Outcomes]:
+    """x (scenarios, controls) and outcomes (scenarios,) of a problem of one frame, with activations within bounds
     (scenarios, 2, muscles).
     """
-    rows, to_rows = _reachable_rows(sequence.matrix[0])
-    lower, upper = widest = sequence.widest_bounds()
-    muscles = len(sequence.rise)
-    problem = ConicProblem(
-        weights=determined(sequence.weights, sequence.matrix, sequence.cone_matrix),
+    rows, to_rows = _reachable_rows(problem.matrix[0])
+    lower, upper = widest = problem.widest_bounds()
+    muscles = problem.muscles
+    conic = ConicProblem(
+        weights=problem.determined_weights,
         equality_matrix=rows,
-        equality_target=sequence.target[:, 0] @ to_rows.T,
+        equality_target=problem.target[:, 0] @ to_rows.T,
         lower=np.concatenate([bounds[:, 0], lower[:, muscles:]], axis=1),
         upper=np.concatenate([bounds[:, 1], upper[:, muscles:]], axis=1),
-        cone_matrix=sequence.cone_matrix[0],
-        cone_offset=sequence.cone_offset[:, 0],
-        cubed=muscles if sequence.exponent == 3 else 0,
+        cone_matrix=problem.cone_matrix[0],
+        cone_offset=problem.cone_offset[:, 0],
+        cubed=muscles if problem.exponent == 3 else 0,
     )
-    return _solve_frame(problem, widest)
+    return _solve_frame(conic, widest)
 
 
 def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, Outcomes]:

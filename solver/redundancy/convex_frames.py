@@ -25,7 +25,7 @@ from solver.model import ModelError
 from solver.redundancy.conic import solve_frame_with_clarabel
 from solver.redundancy.effort import Effort
 from solver.redundancy.frames import solve_frames
-from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, FrameSequence, Outcomes
+from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, Outcomes, RedundancyProblem
 from solver.redundancy.reduced_problem import ActivationRates, WarmStart
 from solver.redundancy.reduction import Reduction, reduce_frames
 
@@ -71,7 +71,7 @@ class ReducedFrame:
     target  t (m,) of the reduced problem;  multipliers (m,) of the last solution, where the next one starts
     """
 
-    sequence: FrameSequence
+    problem: RedundancyProblem
     effort: Effort
     reduction: Reduction
     target: Array
@@ -79,10 +79,10 @@ class ReducedFrame:
 
     def solve(self, point: ForcePoint, bounds: Array) -> FrameStep:
         """Solve the problem linearised at a point, within bounds (2, muscles)."""
-        muscles, reduction, rise = len(point.gain), self.reduction, self.sequence.rise
+        muscles, reduction, unknowns = len(point.gain), self.reduction, self.problem.muscles
         rows = reduction.rows[0].copy()
         target = self.target - rows[:, :muscles] @ point.force_at_rest
-        cost, shift, scale = reduction.cost.copy(), np.zeros(len(rise)), 1.0
+        cost, shift, scale = reduction.cost.copy(), np.zeros(unknowns), 1.0
         if self.effort.has_quadratic_steps:
             slope, curvature = self.effort.slopes(point.activations), self.effort.curvatures(point.activations)
             bent = curvature - (self.multipliers @ rows[:, :muscles]) * point.curvature
@@ -92,19 +92,19 @@ class ReducedFrame:
             if self.effort.cost is not None:
                 scale = 0.5 * h.mean()
         rows[:, :muscles] *= point.gain
-        widest = self.sequence.widest_activations - shift
+        widest = self.problem.widest_activations - shift
         allowed = widest.copy()
         allowed[:, :muscles] = bounds - shift[:muscles]
-        unlimited = np.full(len(rise), np.inf)
+        unlimited = np.full(unknowns, np.inf)
         start = WarmStart(allowed[None], self.multipliers[None] / scale)
         quadratic = reduction._replace(cost=cost / scale, rows=rows[None], effort=reduction.effort * scale)
         rates = ActivationRates(unlimited, unlimited, widest)
         found = solve_frames(quadratic, (target - rows @ shift)[None, None], rates, start)
         self.multipliers[:] = scale * start.multipliers[0]
-        unknowns = found.a[0, 0] + shift
-        activations = unknowns[:muscles].clip(*self.sequence.widest_activations[:, :muscles])
-        unknowns[:muscles] = point.force_at_rest + point.gain * activations
-        forces = reduction.x(unknowns[None, None], scale * found.v, self.sequence.target)[0, 0]
+        a = found.a[0, 0] + shift
+        activations = a[:muscles].clip(*self.problem.widest_activations[:, :muscles])
+        a[:muscles] = point.force_at_rest + point.gain * activations
+        forces = reduction.x(a[None, None], scale * found.v, self.problem.target)[0, 0]
         return FrameStep(activations, forces, OUTCOME_OF_CODE[found.codes[0, 0]])
 
 
@@ -112,20 +112,20 @@ class ReducedFrame:
 class ClarabelFrame:
     """A frame for Clarabel: the reference, and what the compiled solver cannot reduce."""
 
-    sequence: FrameSequence
+    problem: RedundancyProblem
     multipliers: Array
 
     def solve(self, point: ForcePoint, bounds: Array) -> FrameStep:
         """As ReducedFrame.solve; the curvature is neglected."""
-        sequence, muscles = self.sequence, len(point.gain)
-        scale, offset = np.ones(len(sequence.weights)), np.zeros(len(sequence.weights))
+        problem, muscles = self.problem, len(point.gain)
+        scale, offset = np.ones(len(problem.weights)), np.zeros(len(problem.weights))
         scale[:muscles], offset[:muscles] = point.gain, point.force_at_rest
         linear = replace(
-            sequence,
-            matrix=sequence.matrix * scale,
-            target=sequence.target - sequence.matrix @ offset,
-            cone_matrix=sequence.cone_matrix * scale,
-            cone_offset=sequence.cone_offset + sequence.cone_matrix @ offset,
+            problem,
+            matrix=problem.matrix * scale,
+            target=problem.target - problem.matrix @ offset,
+            reaction_matrix=problem.reaction_matrix * scale,
+            reaction_at_rest=problem.reaction_at_rest + problem.reaction_matrix @ offset,
         )
         controls, outcomes = solve_frame_with_clarabel(linear, bounds[None])
         activations = controls[0, :muscles].clip(0.0, 1.0)
@@ -133,21 +133,21 @@ class ClarabelFrame:
 
 
 def force_frame(
-    sequence: FrameSequence, multipliers: Array, *, is_reference: bool = False
+    problem: RedundancyProblem, multipliers: Array, *, is_reference: bool = False
 ) -> ReducedFrame | ClarabelFrame:
-    """The problem of a sequence of one frame and scenario whose first controls are muscle forces.
+    """A problem of one frame and scenario whose first controls are muscle forces.
 
     multipliers  of the frame before, or of another length without one;  is_reference  for Clarabel in any case
     """
-    reducible = None if is_reference else sequence.reducible()
+    reducible = None if is_reference else problem.reducible()
     reduction = None if reducible is None else reduce_frames(reducible)
     if reducible is None or reduction is None:
-        return ClarabelFrame(sequence, multipliers)
-    muscles, rows = len(sequence.rise), reduction.rows.shape[1]
-    weights = np.concatenate([reducible.weights[:muscles], sequence.weights[muscles:]])
+        return ClarabelFrame(problem, multipliers)
+    muscles, rows = problem.muscles, reduction.rows.shape[1]
+    weights = np.concatenate([reducible.weights[:muscles], problem.weights[muscles:]])
     guess = multipliers if len(multipliers) == rows else np.zeros(rows)
-    target = reduction.targets(sequence.target, sequence.cone_offset)[0, 0]
-    return ReducedFrame(reducible, replace(sequence.effort, weights=weights), reduction, target, guess)
+    target = reduction.targets(problem.target, problem.cone_offset)[0, 0]
+    return ReducedFrame(reducible, replace(problem.effort, weights=weights), reduction, target, guess)
 
 
 class ConvexFrames:
@@ -157,25 +157,25 @@ class ConvexFrames:
         self._guesses = [np.zeros(0)] * scenarios
         self._multipliers = [np.zeros(0)] * scenarios
 
-    def solve(self, sequence: FrameSequence, bounds: Array) -> tuple[Array, Outcomes]:
-        """x (scenarios, controls) and outcomes (scenarios,) of a sequence of one frame, with activations within bounds
+    def solve(self, problem: RedundancyProblem, bounds: Array) -> tuple[Array, Outcomes]:
+        """x (scenarios, controls) and outcomes (scenarios,) of a problem of one frame, with activations within bounds
         (scenarios, 2, muscles).
 
         Raises ModelError for a problem that only Clarabel solves: it has no other costs than powers.
         """
-        found = [self._solve(sequence.scenario(i), i, within) for i, within in enumerate(bounds)]
+        found = [self._solve(problem.scenario(i), i, within) for i, within in enumerate(bounds)]
         outcomes = np.array([step.outcome for step in found], dtype=object)
         return np.array([step.forces for step in found]), outcomes
 
-    def _solve(self, sequence: FrameSequence, scenario: int, bounds: Array) -> FrameStep:
-        frame = force_frame(sequence, self._multipliers[scenario])
+    def _solve(self, problem: RedundancyProblem, scenario: int, bounds: Array) -> FrameStep:
+        frame = force_frame(problem, self._multipliers[scenario])
         if isinstance(frame, ClarabelFrame):
             raise ModelError(
                 "a cost function of activations needs muscles with weights above 0, actuators with two limits or none, "
                 "and free actuators that the motion determines, and the problem has others; change weights or limits",
                 SolverCode.UNSUPPORTED,
             )
-        muscles, guess = len(sequence.rise), self._guesses[scenario]
+        muscles, guess = problem.muscles, self._guesses[scenario]
         guess = guess if len(guess) == muscles else np.full(muscles, FIRST_GUESS)
         found = _least_effort(frame, guess.clip(*bounds), bounds)
         self._guesses[scenario], self._multipliers[scenario] = found.activations, frame.multipliers

@@ -13,7 +13,7 @@ of F, so that the steps converge fast. With cubes of the activations F'' is negl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,15 +26,13 @@ from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ForcePoint, F
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import Mechanics, ResponseMaps, response_maps
 from solver.redundancy.problem import (
-    SOLVED_OUTCOMES,
     FrameOutcome,
-    FrameSequence,
     LoadResponse,
+    Outcomes,
+    RedundancyProblem,
     build_redundancy,
-    frame_sequence,
-    no_loads,
 )
-from solver.redundancy.sequence import ScenarioSolutions, scenario_solutions
+from solver.redundancy.sequence import Progress, ScenarioSolutions, scenario_solutions, solve_in_turn, solve_runs
 from solver.tendons.fiber import (
     ElasticForces,
     FiberHistory,
@@ -61,7 +59,7 @@ def solve_elastic(
     model: Model,
     mechanics: Mechanics,
     options: RedundancyOptions,
-    progress: Callable[[int, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
     loads: Sequence[ExternalForce] = (),
     response: LoadResponse | None = None,
 ) -> tuple[ScenarioSolutions, tuple[ElasticForces, ...]]:
@@ -74,82 +72,83 @@ def solve_elastic(
     """
     _ensure_dynamic(model, options)
     problem = build_redundancy(model, replace(mechanics, maps=_maps_per_force(model, mechanics, loads)), options)
-    is_finite = problem.is_finite
-    response = response or no_loads(problem)
-    shape, muscles = response.reaction.shape[:2], len(model.muscles)
-    controls, activations = np.full((*shape, problem.weights.size), np.nan), np.full((*shape, muscles), np.nan)
-    outcomes = np.empty(shape, dtype=object)
-    outcomes.fill(FrameOutcome.NOT_FINITE)  # np.full would leave plain strings
-    forces = tuple(with_rigid_tendons(mechanics.forces, one) for one in activations)
-    whole = frame_sequence(problem, response)
-    progress(0, outcomes.size)
-    for scenario, frame in np.ndindex(*shape):
-        if frame == 0:
-            solver = _ElasticFrames(model, mechanics, whole.scenario(scenario), options)
-        step = solver.solve(frame, forces[scenario]) if is_finite[frame] else None
-        if step is None:
-            forces[scenario].passive[frame] = forces[scenario].tension[frame] = np.nan
-        else:
-            activations[scenario, frame], controls[scenario, frame], outcomes[scenario, frame] = step
-        if step is None or step.outcome in UNSOLVED:  # slack fibres would need many frames to become taut
-            solver.restart()
-        progress(scenario * shape[1] + frame + 1, outcomes.size)
-    return _without_infeasible(scenario_solutions(problem, response, controls, outcomes), activations, forces)
+    is_finite, problem = problem.is_finite, problem.with_loads(response) if response else problem
+    elastic = [_ElasticFrames(model, mechanics, options) for _ in problem.target]
 
+    def solve_frame(frame: RedundancyProblem, bounds: Array) -> tuple[Array, Outcomes]:
+        steps = [one.solve(frame.scenario(i), bounds[i]) for i, one in enumerate(elastic)]
+        controls = np.array([np.append(step.activations, step.forces[len(step.activations) :]) for step in steps])
+        return controls, np.array([step.outcome for step in steps], dtype=object)
 
-def _without_infeasible(
-    solution: ScenarioSolutions, activations: Array, forces: tuple[ElasticForces, ...]
-) -> tuple[ScenarioSolutions, tuple[ElasticForces, ...]]:
-    """With activations in the place of the forces, and NaN where INFEASIBLE."""
-    is_infeasible = solution.outcomes == FrameOutcome.INFEASIBLE
-    solution.controls[..., : activations.shape[-1]] = np.where(is_infeasible[..., None], np.nan, activations)
-    for one, is_none in zip(forces, is_infeasible, strict=True):
-        one.tension[is_none] = np.nan
-    return solution, forces
+    def solve_run(run: RedundancyProblem, progress: Progress, _workers: int | None) -> tuple[Array, Outcomes]:
+        for one in elastic:
+            one.restart()
+        return solve_in_turn(run, solve_frame, progress)
+
+    controls, outcomes = solve_runs(solve_run, problem, is_finite, progress)
+    activations = controls[..., : problem.muscles].copy()
+    controls[..., : problem.muscles] = [one.linear_forces for one in elastic]
+    solution = scenario_solutions(problem, controls, outcomes)
+    is_infeasible, is_missing = outcomes == FrameOutcome.INFEASIBLE, outcomes == FrameOutcome.NOT_FINITE
+    solution.controls[..., : problem.muscles] = np.where(is_infeasible[..., None], np.nan, activations)
+    for scenario, one in enumerate(elastic):
+        one.forces.tension[is_infeasible[scenario] | is_missing[scenario]] = np.nan
+        one.forces.passive[is_missing[scenario]] = np.nan
+    return solution, tuple(one.forces for one in elastic)
 
 
 class _ElasticFrames:
-    """Fibres and activations of the frames before, and the solution of the next one.
+    """Fibres of the frames before in one scenario, and the solution of the next frame.
 
-    Forces here are over the greatest isometric ones.
+    forces, linear_forces (frames, muscles) are filled; forces but those over the greatest isometric ones.
     """
 
-    def __init__(self, model: Model, mechanics: Mechanics, sequence: FrameSequence, options: RedundancyOptions) -> None:
-        self._sequence, self._paths = sequence, mechanics.paths
-        self._interval, self._is_reference = mechanics.kinematics.interval, options.solver == "clarabel"
+    def __init__(self, model: Model, mechanics: Mechanics, options: RedundancyOptions) -> None:
+        self._time, self._interval = mechanics.kinematics.time, mechanics.kinematics.interval
+        self._paths, self._is_reference = mechanics.paths, options.solver == "clarabel"
         self._tables = fiber_tables(model)
         self._strength = _strength(model)
         self._active, self._passive = (
             part / self._strength for part in (mechanics.forces.active, mechanics.forces.passive)
         )
         self._settled = allocate_settled(len(self._tables.muscle))
+        self.linear_forces = np.full(self._active.shape, np.nan)
+        self.forces = with_rigid_tendons(mechanics.forces, self.linear_forces)
         self.restart()
 
     def restart(self) -> None:
-        """The next frame is a first one: fibres in equilibrium, any activation."""
+        """The next frame is a first one: fibres in equilibrium."""
         muscles = len(self._strength)
         self._gain = np.zeros(muscles)
         self._history = FiberHistory(self._tables, self._interval)
-        self._bounds = self._sequence.widest_activations
         self._guess, self._curvature = np.full(muscles, FIRST_GUESS), np.zeros(muscles)
         self._multipliers = np.zeros(0)
 
-    def solve(self, frame: int, forces: ElasticForces) -> FrameStep | None:
-        """The frame's solution, None where a force is not finite; the row of forces is filled."""
+    def solve(self, problem: RedundancyProblem, bounds: Array) -> FrameStep:
+        """The solution of a problem of one frame and scenario; NaN where a force is not finite."""
+        frame = int(np.searchsorted(self._time, problem.time[0]))
+        step = self._solve(problem, frame, bounds)
+        if step is None:
+            nothing = np.full(len(problem.weights), np.nan)
+            step = FrameStep(nothing[: problem.muscles], nothing, FrameOutcome.NOT_FINITE)
+        self.linear_forces[frame] = step.forces[: problem.muscles]
+        if step.outcome in (*UNSOLVED, FrameOutcome.NOT_FINITE):  # slack fibres need many frames to become taut
+            self.restart()
+        return step
+
+    def _solve(self, problem: RedundancyProblem, frame: int, bounds: Array) -> FrameStep | None:
         start = self._history.start(self._paths.speeds[frame, self._tables.muscle])
-        linear = force_frame(
-            self._sequence.cut(slice(frame, frame + 1)), self._multipliers, is_reference=self._is_reference
-        )
+        linear = force_frame(problem, self._multipliers, is_reference=self._is_reference)
         point = self._first_point(frame, start)
-        small_step = SMALL_STEP if self._sequence.cost is None else SMALL_STEP_OF_COST
+        small_step = SMALL_STEP if problem.cost is None else SMALL_STEP_OF_COST
         change, share, infeasible = np.zeros(len(point.gain)), 1.0, 0
         for _ in range(ITERATIONS):
             if not np.isfinite(point.force + point.gain).all():
                 return None
-            found = linear.solve(point, self._bounds)
+            found = linear.solve(point, bounds)
             infeasible += found.outcome is FrameOutcome.INFEASIBLE
             before, change = change, found.activations - point.activations
-            share = 1.0 if self._sequence.effort.has_quadratic_steps else _relaxation(share, before, change)
+            share = 1.0 if problem.effort.has_quadratic_steps else _relaxation(share, before, change)
             expected, is_small = point.force + point.gain * change, np.abs(change).max() <= small_step
             if is_small:
                 point = self._point(frame, start, found.activations, point)
@@ -161,9 +160,9 @@ class _ElasticFrames:
                 point = self._point(frame, start, a, point)
         else:
             found = found._replace(outcome=FrameOutcome.NOT_CONVERGED)
-        self._keep(point, found, linear.multipliers)
-        forces.tension[frame] = point.force * self._strength
-        fill_frame(forces, frame, self._tables, self._paths.lengths[frame, self._tables.muscle], self._settled)
+        self._keep(point, linear.multipliers)
+        self.forces.tension[frame] = point.force * self._strength
+        fill_frame(self.forces, frame, self._tables, self._paths.lengths[frame, self._tables.muscle], self._settled)
         return found
 
     def _first_point(self, frame: int, start: StepStart) -> ForcePoint:
@@ -190,13 +189,11 @@ class _ElasticFrames:
         force[chosen], gain[chosen] = self._settled.force, self._settled.gain
         return force, gain
 
-    def _keep(self, point: ForcePoint, found: FrameStep, multipliers: Array) -> None:
+    def _keep(self, point: ForcePoint, multipliers: Array) -> None:
         """What the next frame starts from."""
         self._history.keep(self._settled)
         self._guess, self._gain, self._curvature = point.activations, point.gain, point.curvature
         self._multipliers = multipliers
-        is_known = np.array([found.outcome in SOLVED_OUTCOMES])
-        self._bounds = self._sequence.reachable(found.activations[None], is_known)[0]
 
 
 def _ensure_dynamic(model: Model, options: RedundancyOptions) -> None:

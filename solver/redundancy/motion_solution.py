@@ -34,7 +34,7 @@ from solver.multibody.postures import Postures
 from solver.muscle import MuscleOutcome
 from solver.redundancy.effort import RedundancyOptions, tracked_coordinates
 from solver.redundancy.mechanics import Mechanics, contact_points, evaluate_motion, glenoid_cone
-from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, FrameSequence, Outcomes, build_redundancy
+from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, Outcomes, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import BlockSolver, RunSolver, solve_redundancy
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _solve_in_blocks(motion: _Motion, progress: Callable[[int, int], None]) -> M
         for block in blocks:
             part = motion.cut(block)
             mechanics = _evaluate(part)
-            parts.append(_solve(part, mechanics, solve_run=lambda sequence, *_: run.solve(sequence)))
+            parts.append(_solve(part, mechanics, solve_run=lambda problem, *_: run.solve(problem)))
             ensure_regular(mechanics.equations, parts[-1])
             progress(block.stop, frames)
     except SolverError:  # an irregular motion, or an error of this block alone
@@ -139,7 +139,7 @@ def _solve(
 ) -> MotionSolution:
     model, options = motion.model, motion.options
     problem = build_redundancy(model, mechanics, options)
-    ensure_balanced(model, problem.acceleration_matrix, mechanics.equations.mobility, problem.tracked)
+    ensure_balanced(model, problem.matrix, mechanics.equations.mobility, problem.tracked)
     muscle_outcomes = mechanics.muscle_outcomes
     if options.tendons == "elastic":
         from solver.redundancy.elastic import solve_elastic  # the compiler behind it takes long to import
@@ -324,7 +324,7 @@ class BlockRun:
     def __init__(self) -> None:
         self._solver = BlockSolver()
 
-    def solve(self, block: FrameSequence) -> tuple[Array, Outcomes]:
+    def solve(self, block: RedundancyProblem) -> tuple[Array, Outcomes]:
         """As solve_sequence. Raises IrregularMotion where the compiled solver cannot solve the block, or not as those
         before.
         """

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,28 +88,31 @@ def are_solved(outcomes: Outcomes) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class RedundancyProblem:
-    """The matrices of every frame; loads and bounds are left open, so one problem serves many scenarios.
+    """The problems of all frames of all scenarios. Scenarios have A, A_F, the cone and w in common, b and F₀ their own;
+    without loads (with_loads) there is one.
 
     time            (frames,) [s];  interval [s] over which activations may change
-    weights         (controls,);  reserves come after the muscles
+    weights         w (controls,);  reserves come after the muscles
     time_constants  (2, muscles) of activation and deactivation [s]; 0 without activation dynamics
-    acceleration_matrix  A (frames, tracked, controls);  acceleration_target  q̈ − q̈₀ (frames, tracked) [rad/s², m/s²]
+    matrix          A (frames, tracked, controls);  target  b = q̈ − q̈₀ (scenarios, frames, tracked) [rad/s², m/s²]
     tracked         (coordinates,) whether the acceleration is tracked: not of free ones, nor where a lock or a coupler
                     determines it
-    reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
+    reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (scenarios, frames, 6) moment [N m], force [N] in
+                    ground
     cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
     solver, exponent, cost  as in RedundancyOptions
-    control_limits  (2, actuators) least and greatest control; None is no limits
+    control_limits  (2, actuators) least and greatest control, infinite without a limit; None is no limits
     has_activation_dynamics  False where every frame is solved by itself
     activation_limits  (2, muscles) least and greatest activation; None is 0 and 1
+    order           (controls,) index in x of every column, None for the same order
     """
 
     time: Array
     interval: float
     weights: Array
     time_constants: Array
-    acceleration_matrix: Array
-    acceleration_target: Array
+    matrix: Array
+    target: Array
     tracked: NDArray[np.bool_]
     reaction_matrix: Array
     reaction_at_rest: Array
@@ -119,17 +123,141 @@ class RedundancyProblem:
     has_activation_dynamics: bool = True
     activation_limits: Array | None = None
     cost: ActivationCost | None = None
+    order: NDArray[np.int64] | None = None
+
+    @property
+    def muscles(self) -> int:
+        """Number of them."""
+        return int(self.time_constants.shape[1])
 
     @property
     def effort(self) -> Effort:
         """Of x (…, controls), (10)."""
-        return Effort(self.weights, self.time_constants.shape[1], self.exponent, self.cost)
+        return Effort(self.weights, self.muscles, self.exponent, self.cost)
 
     @property
     def is_finite(self) -> NDArray[np.bool_]:
         """(frames,) False where the model has no finite accelerations, and nothing is solved."""
-        known = np.concatenate([self.acceleration_target, self.reaction_at_rest], axis=-1)
-        return np.asarray(np.isfinite(known).all(axis=-1))
+        known = np.concatenate([self.target, self.reaction_at_rest], axis=-1)
+        return np.asarray(np.isfinite(known).all(axis=(0, -1)))
+
+    @cached_property
+    def cone_matrix(self) -> Array:
+        """C (frames, k, controls), scaled so that 1e-8 is small: C x + c is to lie in the cone."""
+        return np.asarray(self.cone / CONE_FORCE_SCALE @ self.reaction_matrix[:, 3:])
+
+    @cached_property
+    def cone_offset(self) -> Array:
+        """c (scenarios, frames, k), scaled as C."""
+        return each_frame(self.cone / CONE_FORCE_SCALE, self.reaction_at_rest[..., 3:])
+
+    @property
+    def rates(self) -> ActivationRates:
+        """How activations may change."""
+        widest = np.ascontiguousarray(self.widest_activations)
+        return ActivationRates(*self.rates_over(self.interval), widest)
+
+    @property
+    def widest_activations(self) -> Array:
+        """(2, muscles)."""
+        if self.activation_limits is not None:
+            return self.activation_limits
+        return np.repeat([[0.0], [1.0]], self.muscles, axis=1)
+
+    def with_loads(self, loads: LoadResponse) -> RedundancyProblem:
+        """A scenario for each of these additional loads."""
+        return replace(
+            self,
+            target=self.target - loads.acceleration[..., self.tracked],
+            reaction_at_rest=self.reaction_at_rest + loads.reaction,
+        )
+
+    def cut(self, frames: slice) -> RedundancyProblem:
+        """These frames alone."""
+        return replace(
+            self,
+            time=self.time[frames],
+            matrix=self.matrix[frames],
+            target=self.target[:, frames],
+            reaction_matrix=self.reaction_matrix[frames],
+            reaction_at_rest=self.reaction_at_rest[:, frames],
+            cone=self.cone[frames],
+        )
+
+    def scenario(self, chosen: int | slice) -> RedundancyProblem:
+        """This scenario alone, or these."""
+        own = slice(chosen, chosen + 1) if isinstance(chosen, int) else chosen
+        return replace(self, target=self.target[own], reaction_at_rest=self.reaction_at_rest[own])
+
+    def widest_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds (scenarios, controls) in any frame."""
+        lower, upper = np.full((2, len(self.target), len(self.weights)), [[[-np.inf]], [[np.inf]]])
+        lower[:, : self.muscles], upper[:, : self.muscles] = self.widest_activations
+        if self.control_limits is not None:
+            lower[:, self.muscles :], upper[:, self.muscles :] = self.control_limits
+        return lower, upper
+
+    def rates_over(self, interval: float | Array) -> tuple[Array, Array]:
+        """Rise and fall (muscles,) over an interval [s], or (scenarios, muscles) over one for each (scenarios, 1);
+        infinite for muscles without activation dynamics.
+        """
+        shape = np.broadcast_shapes(np.shape(interval), self.time_constants[0].shape)
+        rise, fall = np.full((2, *shape), np.inf)
+        for rate, constant in zip((rise, fall), self.time_constants, strict=True):
+            is_limited = (constant > 0.0) & self.has_activation_dynamics
+            np.divide(interval, constant, out=rate, where=np.broadcast_to(is_limited, shape))
+        return rise, fall
+
+    def reachable(
+        self, activations: Array, is_known: NDArray[np.bool_], interval: float | Array | None = None
+    ) -> Array:
+        """Bounds (scenarios, 2, muscles) an interval after activations (scenarios, muscles), the problem's or another;
+        the widest where these are not known.
+        """
+        least, greatest = self.widest_activations
+        rise, fall = self.rates_over(self.interval if interval is None else interval)
+        with np.errstate(invalid="ignore"):
+            slowest, fastest = reachable(activations.clip(0, 1), rise, fall)
+        within = np.stack([np.fmax(slowest, least), np.fmin(fastest, greatest)], axis=1)
+        return np.where(is_known[:, None, None], within, self.widest_activations)
+
+    @property
+    def determined_weights(self) -> Array:
+        """w, but 1 for a control without effect in any frame: without a weight its value would be undetermined."""
+        first = self.cut(slice(1))
+        is_moving = first.matrix.any(axis=(0, 1)) | first.cone_matrix.any(axis=(0, 1))
+        if not is_moving.all():  # in the first frame, as usual
+            is_moving = self.matrix.any(axis=(0, 1)) | self.cone_matrix.any(axis=(0, 1))
+        return np.where(is_moving, self.weights, np.maximum(self.weights, 1.0))
+
+    def reducible(self) -> RedundancyProblem | None:
+        """The problem as reduction.py takes it: a control without effect in all frames has a weight, so that its value
+        is determined, and actuators with two limits are bounded as activations without dynamics, behind the muscles.
+
+        None where only Clarabel solves it: with an actuator limited on one side or to one value, and with actuators
+        limited on both where activations count by their cubes, because the effort of a control is its square.
+        """
+        weighted = replace(self, weights=self.determined_weights)
+        if self.control_limits is None or not np.isfinite(self.control_limits).any():
+            return weighted
+        limits = np.asarray(self.control_limits)
+        is_limited = np.isfinite(limits)
+        is_bounded = is_limited.all(axis=0)
+        is_fit = is_bounded & (limits[0] < limits[1]) | ~is_limited.any(axis=0)
+        if (self.cost is None and self.exponent != 2) or not is_fit.all():
+            return None
+        actuators = self.muscles + np.concatenate([np.flatnonzero(is_bounded), np.flatnonzero(~is_bounded)])
+        order = np.concatenate([np.arange(self.muscles), actuators])
+        return replace(
+            weighted,
+            weights=weighted.weights[order],
+            matrix=self.matrix[:, :, order],
+            reaction_matrix=self.reaction_matrix[:, :, order],
+            time_constants=np.hstack([self.time_constants, np.zeros((2, int(is_bounded.sum())))]),
+            control_limits=None,
+            activation_limits=np.concatenate([self.widest_activations, limits[:, is_bounded]], axis=1),
+            order=order,
+        )
 
 
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
@@ -164,11 +292,11 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
                 [muscle.deactivation_time_constant for muscle in model.muscles],
             ]
         ),
-        acceleration_matrix=matrix,
-        acceleration_target=(kinematics.accelerations - maps.acceleration_at_rest)[:, tracked],
+        matrix=matrix,
+        target=(kinematics.accelerations - maps.acceleration_at_rest)[None, :, tracked],
         tracked=tracked,
         reaction_matrix=reaction_matrix,
-        reaction_at_rest=maps.reaction_at_rest,
+        reaction_at_rest=maps.reaction_at_rest[None],
         cone=cone,
         solver=options.solver,
         control_limits=np.array([[actuator.min_control, actuator.max_control] for actuator in model.actuators])
@@ -191,162 +319,6 @@ class LoadResponse:
 
     acceleration: Array
     reaction: Array
-
-
-def no_loads(problem: RedundancyProblem) -> LoadResponse:
-    """One scenario without additional loads."""
-    frames, coordinates = len(problem.time), len(problem.tracked)
-    return LoadResponse(np.zeros((1, frames, coordinates)), np.zeros((1, frames, 6)))
-
-
-@dataclass(frozen=True, eq=False)
-class FrameSequence:
-    """The problems of all frames of all scenarios. Scenarios have A, C and w in common, b and c their own.
-
-    weights     w (controls,);  matrix A (frames, tracked, controls);  target b (scenarios, frames, tracked)
-    cone_matrix C (frames, k, controls);  cone_offset c (scenarios, frames, k); k = 3, or 0 where there is no cone;
-                both scaled so that 1e-8 is small
-    rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation; infinite
-                for muscles without activation dynamics
-    limits      (2, actuators) least and greatest control, infinite without a limit; None for no limits
-    exponent    p of the activations;  cost, one of the user's own in place of their power
-    activation_limits  (2, muscles) least and greatest activation; None for 0 and 1
-    order       (controls,) index in x of every column, None for the same order
-    """
-
-    weights: Array
-    matrix: Array
-    target: Array
-    cone_matrix: Array
-    cone_offset: Array
-    rise: Array
-    fall: Array
-    limits: Array | None = None
-    exponent: int = 2
-    activation_limits: Array | None = None
-    cost: ActivationCost | None = None
-    order: NDArray[np.int64] | None = None
-
-    @property
-    def effort(self) -> Effort:
-        """Of the muscles and actuators."""
-        return Effort(self.weights, len(self.rise), self.exponent, self.cost)
-
-    @property
-    def rates(self) -> ActivationRates:
-        """How activations may change."""
-        return ActivationRates(self.rise, self.fall, np.ascontiguousarray(self.widest_activations))
-
-    @property
-    def widest_activations(self) -> Array:
-        """(2, muscles)."""
-        if self.activation_limits is not None:
-            return self.activation_limits
-        return np.repeat([[0.0], [1.0]], len(self.rise), axis=1)
-
-    def cut(self, frames: slice) -> FrameSequence:
-        """These frames alone."""
-        return replace(
-            self,
-            matrix=self.matrix[frames],
-            target=self.target[:, frames],
-            cone_matrix=self.cone_matrix[frames],
-            cone_offset=self.cone_offset[:, frames],
-        )
-
-    def scenario(self, chosen: int | slice) -> FrameSequence:
-        """This scenario alone, or these."""
-        own = slice(chosen, chosen + 1) if isinstance(chosen, int) else chosen
-        return replace(self, target=self.target[own], cone_offset=self.cone_offset[own])
-
-    def widest_bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds (scenarios, controls) in any frame."""
-        scenarios, muscles, controls = len(self.target), len(self.rise), len(self.weights)
-        lower, upper = np.full((scenarios, controls), -np.inf), np.full((scenarios, controls), np.inf)
-        lower[:, :muscles], upper[:, :muscles] = self.widest_activations
-        if self.limits is not None:
-            lower[:, muscles:], upper[:, muscles:] = self.limits
-        return lower, upper
-
-    def reachable(
-        self, activations: Array, is_known: NDArray[np.bool_], rates: tuple[Array, Array] | None = None
-    ) -> Array:
-        """Bounds (scenarios, 2, muscles) an interval after activations (scenarios, muscles); the widest where these are
-        not known. rates: rise and fall over another interval than the sequence's.
-        """
-        least, greatest = self.widest_activations
-        with np.errstate(invalid="ignore"):
-            slowest, fastest = reachable(activations.clip(0, 1), *(rates or (self.rise, self.fall)))
-        within = np.stack([np.fmax(slowest, least), np.fmin(fastest, greatest)], axis=1)
-        return np.where(is_known[:, None, None], within, self.widest_activations)
-
-    def reducible(self) -> FrameSequence | None:
-        """The sequence as reduction.py takes it: a control without effect in all frames has a weight, so that its value
-        is determined, and actuators with two limits are bounded as activations without dynamics, behind the muscles.
-
-        None where only Clarabel solves it: with an actuator limited on one side or to one value, and with actuators
-        limited on both where activations count by their cubes, because the effort of a control is its square.
-        """
-        weighted = replace(self, weights=determined(self.weights, self.matrix, self.cone_matrix))
-        if self.limits is None or not np.isfinite(self.limits).any():
-            return weighted
-        limits = np.asarray(self.limits)
-        is_limited = np.isfinite(limits)
-        is_bounded = is_limited.all(axis=0)
-        is_fit = is_bounded & (limits[0] < limits[1]) | ~is_limited.any(axis=0)
-        if (self.cost is None and self.exponent != 2) or not is_fit.all():
-            return None
-        muscles, without_dynamics = len(self.rise), np.full(int(is_bounded.sum()), np.inf)
-        actuators = muscles + np.concatenate([np.flatnonzero(is_bounded), np.flatnonzero(~is_bounded)])
-        order = np.concatenate([np.arange(muscles), actuators])
-        return replace(
-            weighted,
-            weights=weighted.weights[order],
-            matrix=self.matrix[:, :, order],
-            cone_matrix=self.cone_matrix[:, :, order],
-            rise=np.concatenate([self.rise, without_dynamics]),
-            fall=np.concatenate([self.fall, without_dynamics]),
-            limits=None,
-            activation_limits=np.concatenate([self.widest_activations, limits[:, is_bounded]], axis=1),
-            order=order,
-        )
-
-
-def activation_rates(problem: RedundancyProblem, interval: float | Array) -> tuple[Array, Array]:
-    """Rise and fall (muscles,) over an interval [s], or (scenarios, muscles) over one for each (scenarios, 1)."""
-    shape = np.broadcast_shapes(np.shape(interval), problem.time_constants[0].shape)
-    rise, fall = np.full((2, *shape), np.inf)
-    for rate, constant in zip((rise, fall), problem.time_constants, strict=True):
-        is_limited = (constant > 0.0) & problem.has_activation_dynamics
-        np.divide(interval, constant, out=rate, where=np.broadcast_to(is_limited, shape))
-    return rise, fall
-
-
-def frame_sequence(problem: RedundancyProblem, loads: LoadResponse) -> FrameSequence:
-    """The problems of all frames and scenarios as the solvers take them."""
-    cone = problem.cone / CONE_FORCE_SCALE
-    rise, fall = activation_rates(problem, problem.interval)
-    return FrameSequence(
-        weights=problem.weights,
-        matrix=problem.acceleration_matrix,
-        target=problem.acceleration_target - loads.acceleration[..., problem.tracked],
-        cone_matrix=cone @ problem.reaction_matrix[:, 3:],
-        cone_offset=each_frame(cone, (problem.reaction_at_rest + loads.reaction)[..., 3:]),
-        rise=rise,
-        fall=fall,
-        limits=problem.control_limits,
-        exponent=problem.exponent,
-        cost=problem.cost,
-        activation_limits=problem.activation_limits,
-    )
-
-
-def determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
-    """w, but 1 for a control without effect in these frames: without a weight its value would be undetermined."""
-    is_moving = matrix[:1].any(axis=(0, 1)) | cone_matrix[:1].any(axis=(0, 1))
-    if not is_moving.all():  # in the first frame, as usual
-        is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
-    return np.where(is_moving, weights, np.maximum(weights, 1.0))
 
 
 def idle_controls(matrix: Array, reaction_matrix: Array) -> NDArray[np.bool_]:

@@ -27,7 +27,7 @@ from solver.checks import read_only
 from solver.compiled import compiled, compiled_for_python
 from solver.dense import aligned, copy, inner_product, padded
 from solver.multibody.rotations import each_frame
-from solver.redundancy.problem import FrameSequence
+from solver.redundancy.problem import RedundancyProblem
 
 Array = NDArray[np.float64]
 NO_RANK = -1
@@ -77,11 +77,11 @@ class Reduction(NamedTuple):
         return x
 
 
-def reduce_frames(sequence: FrameSequence, rank: int | None = None) -> Reduction | None:
+def reduce_frames(problem: RedundancyProblem, rank: int | None = None) -> Reduction | None:
     """Reduce A and C of all frames. None where the problem has another structure: a muscle without weight, free
     actuators that A leaves undetermined, or frames of different rank, or of another than the given one.
     """
-    matrix, cone_matrix, weights, unknowns = sequence.matrix, sequence.cone_matrix, sequence.weights, len(sequence.rise)
+    matrix, cone_matrix, weights, unknowns = problem.matrix, problem.cone_matrix, problem.weights, problem.muscles
     is_free = weights == 0
     (frames, tracked, controls), free, cone = matrix.shape, int(is_free.sum()), cone_matrix.shape[1]
     if is_free[:unknowns].any() or free > tracked:
@@ -90,7 +90,7 @@ def reduce_frames(sequence: FrameSequence, rank: int | None = None) -> Reduction
     reserve_weights = weights[~is_free][unknowns:]
 
     def allocate(frames: int, m: int) -> Reduction:
-        exponent, order = sequence.exponent, sequence.order
+        exponent, order = problem.exponent, problem.order
         return Reduction(
             equalities=m - cone,
             rank=m - cone + free,

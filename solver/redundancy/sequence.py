@@ -23,14 +23,10 @@ from solver.redundancy.conic import solve_frame_with_clarabel
 from solver.redundancy.problem import (
     OUTCOME_OF_CODE,
     FrameOutcome,
-    FrameSequence,
     LoadResponse,
     Outcomes,
     RedundancyProblem,
-    activation_rates,
     are_solved,
-    frame_sequence,
-    no_loads,
 )
 from solver.redundancy.reduced_problem import Codes, WarmStart
 
@@ -40,8 +36,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
-SolveFrame = Callable[[FrameSequence, Array], tuple[Array, Outcomes]]
-RunSolver = Callable[[FrameSequence, Progress, "int | None"], tuple[Array, Outcomes]]
+SolveFrame = Callable[[RedundancyProblem, Array], tuple[Array, Outcomes]]
+RunSolver = Callable[[RedundancyProblem, Progress, "int | None"], tuple[Array, Outcomes]]
 
 FRAMES_AT_ONCE = 100  # between two reports of progress; their reduced rows stay in the cache
 SOLUTIONS_AT_ONCE = 16384  # scenarios × frames of which a worker finds residuals and reactions
@@ -84,13 +80,11 @@ def solve_redundancy(
     Scenarios are divided among workers (threads), by default as many as processors; Clarabel uses one. solve_run
     replaces the problem's solver, as for a single frame that starts from the frame before (FrameByFrame).
     """
-    loads = loads or no_loads(problem)
-    sequence = frame_sequence(problem, loads)
-    solve_run = solve_run or SOLVERS[problem.solver]
-    controls, outcomes = solve_runs(solve_run, sequence, problem.is_finite, progress, workers)
-    muscles = controls[..., : len(sequence.rise)]
-    muscles.clip(*sequence.widest_activations, out=muscles)
-    return scenario_solutions(problem, loads, controls, outcomes, min(len(outcomes), workers or PROCESSORS))
+    is_finite, problem = problem.is_finite, problem.with_loads(loads) if loads else problem
+    controls, outcomes = solve_runs(solve_run or SOLVERS[problem.solver], problem, is_finite, progress, workers)
+    muscles = controls[..., : problem.muscles]
+    muscles.clip(*problem.widest_activations, out=muscles)
+    return scenario_solutions(problem, controls, outcomes, min(len(outcomes), workers or PROCESSORS))
 
 
 class FrameByFrame:
@@ -104,36 +98,34 @@ class FrameByFrame:
 
     def solve(self, problem: RedundancyProblem, loads: LoadResponse | None = None) -> ScenarioSolutions:
         """Solve a problem of one frame, at its time [s], later than that of the frame before, for all scenarios."""
-        return solve_redundancy(
-            problem, loads, workers=1, solve_run=lambda sequence, *_: self._solve(problem, sequence)
-        )
+        return solve_redundancy(problem, loads, workers=1, solve_run=lambda one, *_: self._solve(one))
 
     def forget(self, scenario: int) -> None:
         """Start a scenario anew: its activations may be anything in the next frame."""
         self._time[scenario] = -np.inf
 
-    def _solve(self, problem: RedundancyProblem, sequence: FrameSequence) -> tuple[Array, Outcomes]:
+    def _solve(self, problem: RedundancyProblem) -> tuple[Array, Outcomes]:
         now, solve = float(problem.time[0]), self._solve_reduced
-        rates = activation_rates(problem, np.minimum(now - self._time, LONGEST)[:, None])
-        bounds = sequence.reachable(self._activations, np.isfinite(self._time), rates)
+        interval = np.minimum(now - self._time, LONGEST)[:, None]
+        bounds = problem.reachable(self._activations, np.isfinite(self._time), interval)
         if problem.solver == "clarabel":
             solve = solve_frame_with_clarabel
         elif problem.cost is not None:
             self._convex = self._convex or _convex_frames(len(bounds))
             solve = self._convex.solve
-        controls, outcomes = solve(sequence, bounds)
+        controls, outcomes = solve(problem, bounds)
         is_known = are_solved(outcomes)
-        self._activations = np.where(is_known[:, None], controls[:, : len(sequence.rise)], 0.0)
+        self._activations = np.where(is_known[:, None], controls[:, : problem.muscles], 0.0)
         self._time = np.where(is_known, now, -np.inf)
         return controls[:, None], outcomes[:, None]
 
-    def _solve_reduced(self, sequence: FrameSequence, bounds: Array) -> tuple[Array, Outcomes]:
+    def _solve_reduced(self, problem: RedundancyProblem, bounds: Array) -> tuple[Array, Outcomes]:
         from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
 
-        reducible = sequence.reducible()
+        reducible = problem.reducible()
         reduction = None if reducible is None else reduce_frames(reducible)
         if reducible is None or reduction is None:
-            return solve_frame_with_clarabel(sequence, bounds)
+            return solve_frame_with_clarabel(problem, bounds)
         rows = reduction.rows.shape[1]
         start = first_start(reducible.rates.widest, len(bounds), rows)
         if self._multipliers.shape[1] == rows:
@@ -145,38 +137,44 @@ class FrameByFrame:
 
 
 def solve_runs(
-    solve_run: RunSolver, sequence: FrameSequence, is_finite: NDArray[np.bool_], progress: Progress, workers: int | None
+    solve_run: RunSolver,
+    problem: RedundancyProblem,
+    is_finite: NDArray[np.bool_],
+    progress: Progress,
+    workers: int | None = None,
 ) -> tuple[Array, Outcomes]:
     """x and outcomes of solve_run in each run of finite frames; the others are left out: NaN, NOT_FINITE.
 
     After such a frame activations start anywhere in their range, as after any frame that is not solved.
     """
     if is_finite.all():
-        return solve_run(sequence, progress, workers)
-    scenarios, frames = sequence.target.shape[:2]
-    controls = np.full((scenarios, frames, len(sequence.weights)), np.nan)
+        return solve_run(problem, progress, workers)
+    scenarios, frames = problem.target.shape[:2]
+    controls = np.full((scenarios, frames, len(problem.weights)), np.nan)
     outcomes = np.empty((scenarios, frames), dtype=object)
     outcomes.fill(FrameOutcome.NOT_FINITE)  # np.full would leave plain strings
     edges = np.flatnonzero(np.diff(is_finite, prepend=False, append=False))
     for start, end in edges.reshape(-1, 2).tolist():
         run, count = slice(start, end), partial(_count_from, progress, start, frames)
-        controls[:, run], outcomes[:, run] = solve_run(sequence.cut(run), count, workers)
+        controls[:, run], outcomes[:, run] = solve_run(problem.cut(run), count, workers)
     return controls, outcomes
 
 
-def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | None = None) -> tuple[Array, Outcomes]:
+def solve_sequence(
+    problem: RedundancyProblem, progress: Progress, workers: int | None = None
+) -> tuple[Array, Outcomes]:
     """x (scenarios, frames, controls) and outcomes; x is the point of least violation where INFEASIBLE.
 
     By the compiled solver, or by Clarabel if the problem does not have the structure that it needs (reducible above,
     reduce_frames in reduction.py).
     """
-    if sequence.cost is not None:
-        return _solve_in_turn(sequence, _convex_frames(len(sequence.target)).solve, progress)
-    reducible = sequence.reducible()
+    if problem.cost is not None:
+        return solve_in_turn(problem, _convex_frames(len(problem.target)).solve, progress)
+    reducible = problem.reducible()
     if reducible is None:
-        return solve_sequence_with_clarabel(sequence, progress)
-    scenarios, frames = sequence.target.shape[:2]
-    controls = np.empty((scenarios, frames, len(sequence.weights)))
+        return solve_sequence_with_clarabel(problem, progress)
+    scenarios, frames = problem.target.shape[:2]
+    controls = np.empty((scenarios, frames, len(problem.weights)))
     codes = np.empty((scenarios, frames), dtype=np.int8)
     workers = min(scenarios, workers or PROCESSORS)
     solver = BlockSolver(workers)
@@ -186,7 +184,7 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
         for start in range(0, frames, FRAMES_AT_ONCE):
             block = slice(start, min(start + FRAMES_AT_ONCE, frames))
             if not solver.solve(reducible.cut(block), controls[:, block], codes[:, block], spread):
-                return solve_sequence_with_clarabel(sequence, progress)
+                return solve_sequence_with_clarabel(problem, progress)
             progress(block.stop, frames)
     outcomes: Outcomes = OUTCOME_OF_CODE[codes]
     return controls, outcomes
@@ -203,7 +201,9 @@ class BlockSolver:
         self._starts: list[WarmStart] = []
         self._first: tuple[Array, int] | None = None
 
-    def solve(self, block: FrameSequence, controls: Array, codes: Codes, spread: Callable[..., Iterable[None]]) -> bool:
+    def solve(
+        self, block: RedundancyProblem, controls: Array, codes: Codes, spread: Callable[..., Iterable[None]]
+    ) -> bool:
         """Fill x (scenarios, frames, controls) and codes (scenarios, frames) of a reducible block; `spread` maps over
         the workers. False if the block does not have the structure that reduction.py needs, or that of those before.
         """
@@ -230,34 +230,34 @@ def first_start(widest: Array, scenarios: int, rows: int) -> WarmStart:
     return WarmStart(np.tile(widest, (scenarios, 1, 1)), np.zeros((scenarios, rows)))
 
 
-def solve_reduced(sequence: FrameSequence, reduction: Reduction, start: WarmStart) -> tuple[Array, Codes]:
-    """x (scenarios, frames, controls) and codes (scenarios, frames) of a reducible sequence from a start."""
+def solve_reduced(problem: RedundancyProblem, reduction: Reduction, start: WarmStart) -> tuple[Array, Codes]:
+    """x (scenarios, frames, controls) and codes (scenarios, frames) of a reducible problem from a start."""
     from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
 
-    t = reduction.targets(sequence.target, sequence.cone_offset)
-    solution = solve_frames(reduction, t, sequence.rates, start)
-    return reduction.x(solution.a, solution.v, sequence.target), solution.codes
+    t = reduction.targets(problem.target, problem.cone_offset)
+    solution = solve_frames(reduction, t, problem.rates, start)
+    return reduction.x(solution.a, solution.v, problem.target), solution.codes
 
 
 def solve_sequence_with_clarabel(
-    sequence: FrameSequence,
+    problem: RedundancyProblem,
     progress: Progress,
     workers: int | None = None,  # noqa: ARG001 (it uses one thread)
 ) -> tuple[Array, Outcomes]:
     """solve_sequence by Clarabel: the reference, slower by two orders of magnitude."""
-    return _solve_in_turn(sequence, solve_frame_with_clarabel, progress)
+    return solve_in_turn(problem, solve_frame_with_clarabel, progress)
 
 
-def _solve_in_turn(sequence: FrameSequence, solve: SolveFrame, progress: Progress) -> tuple[Array, Outcomes]:
-    """solve_sequence frame by frame, all scenarios of a frame at once."""
-    (scenarios, frames), muscles = sequence.target.shape[:2], len(sequence.rise)
-    controls = np.empty((scenarios, frames, len(sequence.weights)))
+def solve_in_turn(problem: RedundancyProblem, solve: SolveFrame, progress: Progress) -> tuple[Array, Outcomes]:
+    """x (scenarios, frames, controls) and outcomes, frame by frame, all scenarios of a frame at once."""
+    scenarios, frames = problem.target.shape[:2]
+    controls = np.empty((scenarios, frames, len(problem.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
-    bounds = np.tile(sequence.widest_activations, (scenarios, 1, 1))
+    bounds = np.tile(problem.widest_activations, (scenarios, 1, 1))
     progress(0, frames)
     for frame in range(frames):
-        controls[:, frame], outcomes[:, frame] = solve(sequence.cut(slice(frame, frame + 1)), bounds)
-        bounds = sequence.reachable(controls[:, frame, :muscles], are_solved(outcomes[:, frame]))
+        controls[:, frame], outcomes[:, frame] = solve(problem.cut(slice(frame, frame + 1)), bounds)
+        bounds = problem.reachable(controls[:, frame, : problem.muscles], are_solved(outcomes[:, frame]))
         progress(frame + 1, frames)
     return controls, outcomes
 
@@ -277,7 +277,7 @@ SOLVERS: Mapping[str, RunSolver] = {"interior_point": solve_sequence, "clarabel"
 
 
 def scenario_solutions(
-    problem: RedundancyProblem, loads: LoadResponse, controls: Array, outcomes: Outcomes, workers: int = 1
+    problem: RedundancyProblem, controls: Array, outcomes: Outcomes, workers: int = 1
 ) -> ScenarioSolutions:
     """Reaction and residuals of x (scenarios, frames, controls) with their outcomes, which are set here: x becomes NaN
     where INFEASIBLE, and the outcome NOT_CONVERGED where x should produce the accelerations and does not.
@@ -289,7 +289,7 @@ def scenario_solutions(
     solutions = ScenarioSolutions(controls, outcomes, missed, coordinates, np.empty((*shape, 6)), np.empty(shape))
     step = max(1, min(SOLUTIONS_AT_ONCE // max(1, scenarios), math.ceil(frames / max(1, workers))))
     parts = [slice(start, start + step) for start in range(0, frames, step)]
-    fill = partial(_fill_frames, problem, loads, solutions)
+    fill = partial(_fill_frames, problem, solutions)
     if workers <= 1:
         for part in parts:
             fill(part)
@@ -299,13 +299,12 @@ def scenario_solutions(
     return solutions
 
 
-def _fill_frames(problem: RedundancyProblem, loads: LoadResponse, solutions: ScenarioSolutions, part: slice) -> None:
+def _fill_frames(problem: RedundancyProblem, solutions: ScenarioSolutions, part: slice) -> None:
     controls, outcomes = solutions.controls[:, part], solutions.outcomes[:, part]
-    matrix, reaction_matrix = problem.acceleration_matrix[part], problem.reaction_matrix[part]
-    target = problem.acceleration_target[part] - loads.acceleration[:, part, problem.tracked]
-    size = np.linalg.norm(target, axis=-1)
-    residual = np.subtract(each_frame(matrix, controls), target, out=target)
-    reaction = problem.reaction_at_rest[part] + loads.reaction[:, part] + each_frame(reaction_matrix, controls)
+    matrix, target = problem.matrix[part], problem.target[:, part]
+    size, residual = np.linalg.norm(target, axis=-1), each_frame(matrix, controls)
+    residual -= target
+    reaction = problem.reaction_at_rest[:, part] + each_frame(problem.reaction_matrix[part], controls)
     ray = each_frame(problem.cone[part], reaction[..., 3:])
     has_cone = problem.cone.shape[1] > 0
     solutions.reaction[:, part] = reaction

@@ -78,9 +78,9 @@ def cheapest_reserves(published: Published) -> Array:
     """x of the published activations with what they lack, in the space that A reaches, given at the least effort."""
     problem, activations = published.problem, published.activations
     muscles = activations.shape[1]
-    left, sizes, right = np.linalg.svd(problem.acceleration_matrix, full_matrices=False)
+    left, sizes, right = np.linalg.svd(problem.matrix, full_matrices=False)
     rank = int((sizes > 1e-9 * sizes[:, :1]).sum(axis=1).max())
-    wanted = each_frame(np.swapaxes(left[..., :rank], 1, 2), problem.acceleration_target) / sizes[:, :rank]
+    wanted = each_frame(np.swapaxes(left[..., :rank], 1, 2), problem.target[0]) / sizes[:, :rank]
     lacking = wanted - each_frame(right[:, :rank, :muscles], activations)
     scale = np.sqrt(np.maximum(problem.weights[muscles:], 1e-9))
     inverse = np.linalg.pinv(right[:, :rank, muscles:] / scale, rcond=1e-14)
@@ -89,14 +89,14 @@ def cheapest_reserves(published: Published) -> Array:
 
 def with_room(problem: RedundancyProblem, controls: Array) -> Array:
     """F at rest, moved along the cone's axis as far as the reaction under these controls is outside."""
-    reaction = problem.reaction_at_rest.copy()
+    reaction = problem.reaction_at_rest[0].copy()
     if problem.cone.shape[1]:
         ray = each_frame(problem.cone, (reaction + each_frame(problem.reaction_matrix, controls))[:, 3:])
         outside = np.maximum(np.hypot(ray[:, 1], ray[:, 2]) - ray[:, 0], 0.0)
         assert outside.max() < 20.0  # of some hundreds
         axis = problem.cone[:, 0]
         reaction[:, 3:] += (outside / (axis**2).sum(axis=1))[:, None] * axis
-    return reaction
+    return reaction[None]
 
 
 def main() -> None:

@@ -67,7 +67,7 @@ def test_nor_does_it_for_no_more_than_what_the_published_activations_bring_about
     own = replace(
         problem,
         interval=1e3,
-        acceleration_target=each_frame(problem.acceleration_matrix, alone),
+        target=each_frame(problem.matrix, alone)[None],
         reaction_at_rest=with_room(problem, alone),
     )
     found = solve_redundancy(own)

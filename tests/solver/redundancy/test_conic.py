@@ -124,7 +124,7 @@ def test_the_least_violation_of_a_distant_target_is_that_of_bounded_least_square
 
 
 def cubes(sequence, controls):
-    muscles = len(sequence.rise)
+    muscles = sequence.muscles
     weighted = sequence.weights * np.concatenate([controls[..., :muscles] ** 3, controls[..., muscles:] ** 2], axis=-1)
     return weighted.sum(axis=-1)
 
@@ -140,9 +140,9 @@ def test_muscles_share_by_the_root_of_their_moment_arms():
 
 def test_a_muscle_that_would_have_to_push_rests():
     problem = replace(two_muscles([[1.0, 1.0]]), exponent=3)
-    against = problem.acceleration_matrix.copy()
+    against = problem.matrix.copy()
     against[..., 1] = -1.0
-    controls = solve_redundancy(replace(problem, acceleration_matrix=against)).controls[0, 0]
+    controls = solve_redundancy(replace(problem, matrix=against)).controls[0, 0]
     assert controls[1] == 0.0
     assert 3 * controls[0] + controls[2] == pytest.approx(1.0, abs=1e-9)
 
@@ -182,17 +182,16 @@ def test_frames_of_the_arm_raise_agree_with_sequential_quadratic_programming(fra
 
 def only(problem: RedundancyProblem, frame: int) -> RedundancyProblem:
     """One frame, so that no activation is bounded by the frame before."""
-    names = ("time", "acceleration_matrix", "acceleration_target", "reaction_matrix", "reaction_at_rest", "cone")
-    return replace(problem, **{name: getattr(problem, name)[frame : frame + 1] for name in names})
+    return problem.cut(slice(frame, frame + 1))
 
 
 def by_sequential_quadratic_programming(problem, feasible):
     """scipy's SLSQP from activations of 0.3, with the accelerations that `feasible` produces."""
     muscles, weights = problem.time_constants.shape[1], problem.weights
-    _, sizes, right = np.linalg.svd(problem.acceleration_matrix[0])
+    _, sizes, right = np.linalg.svd(problem.matrix[0])
     rows = right[: int((sizes > 1e-9 * sizes[0]).sum())]
     cone = problem.cone[0] / 1e3
-    C, c = cone @ problem.reaction_matrix[0, 3:], cone @ problem.reaction_at_rest[0, 3:]
+    C, c = cone @ problem.reaction_matrix[0, 3:], cone @ problem.reaction_at_rest[0, 0, 3:]
 
     def slopes(x):
         return np.r_[3 * (weights * x**2)[:muscles], 2 * (weights * x)[muscles:]]
@@ -229,7 +228,7 @@ def test_conditions_of_optimality_hold_for_free_muscles_of_the_arm_raise():
         muscles = len(MODEL.muscles)
         is_free = np.r_[(x[:muscles] > 1e-3) & (x[:muscles] < 1), np.full(len(x) - muscles, fill_value=True)]
         slopes = np.r_[3 * (alone.weights * x**2)[:muscles], 2 * (alone.weights * x)[muscles:]]
-        rows = alone.acceleration_matrix[0].T
+        rows = alone.matrix[0].T
         multipliers = np.linalg.lstsq(rows[is_free], slopes[is_free], rcond=1e-12)[0]
         np.testing.assert_allclose((rows @ multipliers)[is_free], slopes[is_free], atol=1e-8)
         resting = np.flatnonzero(~is_free & (np.r_[x[:muscles], np.ones(len(x) - muscles)] == 0.0))
@@ -255,7 +254,7 @@ def test_a_whole_motion_is_solved_with_less_extreme_activations():
 def test_an_infeasible_frame_is_that_of_squares():
     problem = two_muscles([[1.0, 1.0]], cone=CONE_ALONG_Y)
     out = problem.reaction_at_rest.copy()
-    out[0, 4] = -50.0
+    out[0, 0, 4] = -50.0
     solutions = [solve_redundancy(replace(problem, reaction_at_rest=out, exponent=p)) for p in (2, 3)]
     assert [solution.outcomes[0, 0] for solution in solutions] == [FrameOutcome.INFEASIBLE] * 2
     assert solutions[0].cone_slack[0, 0] == pytest.approx(solutions[1].cone_slack[0, 0])

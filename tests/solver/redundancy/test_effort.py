@@ -14,7 +14,7 @@ from solver.motion import decimate, differentiate
 from solver.redundancy.effort import ActivationCost, RedundancyOptions, Reserve, with_reserves
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy, no_loads
+from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import FrameByFrame, solve_redundancy
 from solver.stream.stream_solver import StreamSolver
 from tests.refusals import raises_refusal
@@ -60,10 +60,10 @@ def test_the_effort_is_the_least_that_sequential_least_squares_finds(cost: Activ
 def by_least_squares(problem: RedundancyProblem, feasible, cost: ActivationCost):
     """SLSQP from activations of 0.3, with the accelerations that `feasible` produces."""
     weights = problem.weights
-    _, sizes, right = np.linalg.svd(problem.acceleration_matrix[0])
+    _, sizes, right = np.linalg.svd(problem.matrix[0])
     rows = right[: int((sizes > 1e-9 * sizes[0]).sum())]
     cone = problem.cone[0] / 1e3
-    matrix, offset = cone @ problem.reaction_matrix[0, 3:], cone @ problem.reaction_at_rest[0, 3:]
+    matrix, offset = cone @ problem.reaction_matrix[0, 3:], cone @ problem.reaction_at_rest[0, 0, 3:]
 
     def effort(x):
         return weights[:MUSCLES] @ cost.value(x[:MUSCLES]) + weights[MUSCLES:] @ x[MUSCLES:] ** 2
@@ -119,9 +119,8 @@ def test_activations_change_no_faster_with_a_cost_and_too_fast_is_an_outcome() -
 def test_frames_that_come_one_by_one_have_the_activations_of_the_whole_motion() -> None:
     problem = build_redundancy(MODEL, evaluate_motion(MODEL, SLOW), RedundancyOptions(cost=power(3)))
     whole, stream = solve_redundancy(problem), FrameByFrame(1, MUSCLES)
-    loads: LoadResponse = no_loads(only(problem, 0))
     for frame in range(3):
-        found = stream.solve(only(problem, frame), loads)
+        found = stream.solve(only(problem, frame))
         np.testing.assert_allclose(found.controls[0, 0], whole.controls[0, frame], rtol=0, atol=1e-7)
 
 

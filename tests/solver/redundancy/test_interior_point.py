@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linprog
 
 from solver.redundancy.conic import ConicOutcome
-from solver.redundancy.problem import FrameOutcome, FrameSequence
+from solver.redundancy.problem import CONE_FORCE_SCALE, FrameOutcome, RedundancyProblem
 from solver.redundancy.reduction import reduce_frames
 from solver.redundancy.sequence import solve_sequence, solve_sequence_with_clarabel
 
@@ -29,26 +29,29 @@ def random_sequence(seed, frames=4, scenarios=2, reach=0.3, cone=3):
     wanted = reach * generator.uniform(size=(scenarios, 1, 15)) * (generator.uniform(size=(scenarios, 1, 15)) < 0.5)
     wanted = wanted * np.linspace(1, 1.2, frames)[:, None]
     target = np.einsum("fij,sfj->sfi", matrix, wanted)
-    cone_matrix = np.tile(generator.normal(size=(cone, 15)), (frames, 1, 1))
-    offset = np.zeros((scenarios, frames, cone))
+    reaction, at_rest = np.zeros((frames, 6, 15)), np.zeros((scenarios, frames, 6))
     if cone:
-        cone_matrix[:, 0] *= 0.3
-        ray = np.einsum("fij,sfj->sfi", cone_matrix, wanted)
-        offset[..., 0] = np.hypot(ray[..., 1], ray[..., 2]) - ray[..., 0] + 0.02
-    return FrameSequence(
+        reaction[:, 3:] = generator.normal(size=(cone, 15))
+        reaction[:, 3] *= 0.3
+        ray = np.einsum("fij,sfj->sfi", reaction[:, 3:], wanted)
+        at_rest[..., 3] = np.hypot(ray[..., 1], ray[..., 2]) - ray[..., 0] + 0.02
+    return RedundancyProblem(
+        time=np.arange(float(frames)),
+        interval=1.0,
         weights=np.array([1.0] * 10 + [10.0] * 3 + [0.0] * 2),
+        time_constants=np.full((2, 10), 0.2),
         matrix=matrix,
         target=target,
-        cone_matrix=cone_matrix,
-        cone_offset=offset,
-        rise=np.full(10, 5.0),
-        fall=np.full(10, 5.0),
+        tracked=np.ones(5, bool),
+        reaction_matrix=reaction,
+        reaction_at_rest=at_rest,
+        cone=np.tile(CONE_FORCE_SCALE * np.eye(cone, 3), (frames, 1, 1)),
     )
 
 
 def violation(sequence, controls):
     """Largest one of a bound, of the cone, and of the equalities, which all can be met here."""
-    muscles = controls[..., : len(sequence.rise)]
+    muscles = controls[..., : sequence.muscles]
     gaps = [np.abs(np.einsum("fij,sfj->sfi", sequence.matrix, controls) - sequence.target).max(), -muscles.min()]
     gaps.append(muscles.max() - 1)
     if sequence.cone_matrix.shape[1]:
@@ -91,10 +94,10 @@ def test_bounds_and_cone_are_active_in_these_problems():
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_cone_out_of_reach_is_infeasible_and_missed_by_as_little_as_can_be(seed, distance):
     sequence = random_sequence(seed)
-    lifted = sequence.cone_offset.copy()
-    lifted[0, 1, 0] -= distance  # more than muscles between their bounds can make good
-    sequence = replace(sequence, cone_offset=lifted, weights=np.array([1.0] * 15))
-    sequence = replace(sequence, cone_matrix=np.where(np.arange(15) < 10, sequence.cone_matrix, 0))
+    lifted = sequence.reaction_at_rest.copy()
+    lifted[0, 1, 3] -= distance  # more than muscles between their bounds can make good
+    sequence = replace(sequence, reaction_at_rest=lifted, weights=np.array([1.0] * 15))
+    sequence = replace(sequence, reaction_matrix=np.where(np.arange(15) < 10, sequence.reaction_matrix, 0))
     (controls, outcomes), (reference, known) = (
         solve(sequence, silent) for solve in (solve_sequence, solve_sequence_with_clarabel)
     )
@@ -103,7 +106,7 @@ def test_a_cone_out_of_reach_is_infeasible_and_missed_by_as_little_as_can_be(see
     assert (np.delete(outcomes.ravel(), 1) == FrameOutcome.SOLVED).all()
 
     def missed(x):
-        ray = sequence.cone_matrix[1] @ x[0, 1] + lifted[0, 1]
+        ray = sequence.cone_matrix[1] @ x[0, 1] + sequence.cone_offset[0, 1]
         return np.hypot(ray[1], ray[2]) - ray[0]
 
     assert missed(controls) > 1
@@ -116,7 +119,10 @@ def test_accelerations_out_of_reach_without_reserves_are_infeasible_too():
     sequence = random_sequence(3, cone=0)
     kept = np.r_[:10, 13:15]
     sequence = replace(
-        sequence, weights=sequence.weights[kept], matrix=sequence.matrix[..., kept], cone_matrix=np.zeros((4, 0, 12))
+        sequence,
+        weights=sequence.weights[kept],
+        matrix=sequence.matrix[..., kept],
+        reaction_matrix=sequence.reaction_matrix[..., kept],
     )
     assert (solve_sequence(sequence, silent)[1] == FrameOutcome.SOLVED).any()
     beyond = replace(sequence, target=1e3 * sequence.target)
@@ -151,13 +157,7 @@ def test_a_solution_does_not_show_where_it_came_from():
     # the last frame of a long way, and that frame alone, with bounds that do not bind
     sequence = random_sequence(5, frames=6)
     whole, _ = solve_sequence(sequence, silent)
-    last = {
-        name: getattr(sequence, name)[..., -1:, :]
-        if name in {"target", "cone_offset"}
-        else getattr(sequence, name)[-1:]
-        for name in ("matrix", "target", "cone_matrix", "cone_offset")
-    }
-    alone, _ = solve_sequence(replace(sequence, **last), silent)
+    alone, _ = solve_sequence(sequence.cut(slice(5, 6)), silent)
     np.testing.assert_allclose(alone[:, 0], whole[:, -1], atol=1e-9)
 
 
@@ -191,7 +191,7 @@ def test_limited_actuators_and_activations_are_solved_as_by_clarabel(seed):
     inner = np.full((2, 5), [[-np.inf], [np.inf]])
     inner[:, :2] = least - 0.1 * (greatest - least), greatest - 0.1 * (greatest - least)
     activations = np.repeat([[0.01], [0.8]], 10, axis=1)
-    limited = replace(sequence, limits=inner, activation_limits=activations)
+    limited = replace(sequence, control_limits=inner, activation_limits=activations)
     ours, outcomes = solve_sequence(limited, silent)
     theirs, expected = solve_sequence_with_clarabel(limited, silent)
     np.testing.assert_array_equal(outcomes, expected)
@@ -232,7 +232,7 @@ def test_frames_are_infeasible_where_linear_programming_finds_no_point(scale):
 
 def test_without_activation_dynamics_every_frame_is_solved_by_itself():
     sequence = random_sequence(3, frames=6)
-    still = replace(sequence, rise=np.full(10, np.inf), fall=np.full(10, np.inf))
+    still = replace(sequence, has_activation_dynamics=False)
     together = solve_sequence(still, silent)[0]
     alone = [solve_sequence(still.cut(slice(i, i + 1)), silent)[0][:, 0] for i in range(6)]
     np.testing.assert_allclose(together, np.stack(alone, axis=1), atol=1e-9)

@@ -62,11 +62,11 @@ def two_muscles(target, interval=1.0, cone=None):
         interval=interval,
         weights=np.array([1.0, 1.0, 10.0]),
         time_constants=np.array([[0.01, 0.01], [0.04, 0.04]]),
-        acceleration_matrix=matrix,
-        acceleration_target=target,
+        matrix=matrix,
+        target=target[None],
         tracked=np.ones(2, dtype=bool),
         reaction_matrix=reaction,
-        reaction_at_rest=np.zeros((frames, 6)),
+        reaction_at_rest=np.zeros((1, frames, 6)),
         cone=np.zeros((frames, 0, 3)) if cone is None else np.tile(cone, (frames, 1, 1)),
     )
 
@@ -179,7 +179,7 @@ def test_without_the_cone_the_effort_is_smaller_and_the_head_leaves():
 def test_a_free_coordinate_is_not_tracked_and_saves_effort():
     options = RedundancyOptions(free_coordinates=("plane_elv", "axial_rot"))
     problem = build_redundancy(MODEL, evaluate_motion(MODEL, SLOW), options)
-    assert problem.acceleration_matrix.shape[1] == 15
+    assert problem.matrix.shape[1] == 15
     tracked, free = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, options)
     assert (free.activations**2).sum() < (tracked.activations**2).sum()
 

@@ -63,11 +63,11 @@ def problem_of(matrix: list[list[float]], weights: list[float], target: list[flo
         interval=1.0,
         weights=np.array(weights),
         time_constants=np.array([[0.01, 0.01], [0.04, 0.04]]),
-        acceleration_matrix=np.array([matrix]),
-        acceleration_target=np.array([target]),
+        matrix=np.array([matrix]),
+        target=np.array([[target]]),
         tracked=np.ones(len(matrix), dtype=bool),
         reaction_matrix=np.zeros((1, 6, len(weights))),
-        reaction_at_rest=np.zeros((1, 6)),
+        reaction_at_rest=np.zeros((1, 1, 6)),
         cone=np.zeros((1, 0, 3)),
         solver=solver,
     )
@@ -97,7 +97,7 @@ def test_a_prescribed_coordinate_accelerates_by_its_function_and_takes_no_muscle
 def test_nothing_is_dropped_where_nothing_is_locked() -> None:
     mechanics = evaluate_motion(MODEL, SLOW)
     problem = build_redundancy(MODEL, mechanics, RedundancyOptions())
-    assert np.array_equal(problem.acceleration_matrix, mechanics.maps.acceleration_per_control)
+    assert np.array_equal(problem.matrix, mechanics.maps.acceleration_per_control)
     assert np.array_equal(problem.reaction_matrix, mechanics.maps.reaction_per_control)
 
 
@@ -120,10 +120,10 @@ def test_a_frame_of_lower_rank_takes_no_equation_from_the_others(solver: Solver)
     both = replace(
         whole,
         time=np.arange(2.0),
-        acceleration_matrix=np.array([whole.acceleration_matrix[0], [[3.0, 1.0, 1.0], [0.0, 0.0, 0.0]]]),
-        acceleration_target=np.tile(whole.acceleration_target, (2, 1)),
+        matrix=np.array([whole.matrix[0], [[3.0, 1.0, 1.0], [0.0, 0.0, 0.0]]]),
+        target=np.tile(whole.target, (1, 2, 1)),
         reaction_matrix=np.zeros((2, 6, 3)),
-        reaction_at_rest=np.zeros((2, 6)),
+        reaction_at_rest=np.zeros((1, 2, 6)),
         cone=np.zeros((2, 0, 3)),
     )
     found = solve_redundancy(both)
