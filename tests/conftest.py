@@ -6,8 +6,10 @@ import gc
 import os
 import sys
 from collections.abc import Generator
+from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -34,6 +36,17 @@ def no_claims_in_the_home_folder(tmp_path_factory: pytest.TempPathFactory) -> Ge
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("drivers.nidaq_session.FOLDER", str(tmp_path_factory.mktemp("claims")))
         yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def recorders_end(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
+    """A recorder outlives its console, by design: what a test leaves running would slow down all that follow."""
+    yield
+    folder = tmp_path_factory.getbasetemp()
+    for process in psutil.process_iter():
+        with suppress(psutil.Error, OSError):
+            if os.name == "posix" and process.pid != os.getpid() and folder in Path(process.cwd()).parents:
+                process.kill()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

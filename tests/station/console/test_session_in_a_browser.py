@@ -28,7 +28,6 @@ from tests.station.console.browsing import (
     until,
 )
 from tests.station.console.served import ServedConsole, write_config
-from tests.station.session.benched import simulated_bench
 
 pytestmark = pytest.mark.timeout(600)
 
@@ -159,11 +158,11 @@ def correct_in_the_list(page: Page) -> None:
 
 
 def test_frozen_closed_and_many_pages_do_not_affect_the_recording(polite_browser: Browser, tmp_path: Path) -> None:
-    """Six pages starve a small machine: the simulated world slows down, and no sample is lost."""
+    """Four pages starve a small machine: the simulated world slows down, and no sample is lost."""
     with ServedConsole(write_config(tmp_path, hold_s=4.0), "--simulated", "--speed", "3") as console:
         page = open_page(polite_browser, console.address)
         begin(page)
-        others = [open_page(polite_browser, console.address) for _ in range(5)]
+        others = [open_page(polite_browser, console.address) for _ in range(3)]
         for other in others:
             seen(other, "next: hand")
         page.keyboard.press("a")
@@ -171,41 +170,16 @@ def test_frozen_closed_and_many_pages_do_not_affect_the_recording(polite_browser
         frozen = others[1].context.new_cdp_session(others[1])
         frozen.send("Debugger.enable")
         frozen.send("Debugger.pause")  # the page answers nothing any more
-        for other in others[2:4]:
-            other.close()
+        others[2].close()
         others[0].get_by_role("button", name="Arm (a)").wait_for(state="detached")
         page.keyboard.press("a")  # a second start, while the first runs: the key does nothing
         seen(others[0], "Keep (k)")
     assert_whole(the_recording(tmp_path))
 
 
-def test_two_operators_see_the_same_and_only_one_trial_runs_although_a_page_is_closed(
-    browser: Browser, tmp_path: Path
-) -> None:
-    with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "6") as console:
-        one, other = open_page(browser, console.address), open_page(browser, console.address)
-        begin(one)
-        seen(other, "next: hand, static, repeat 1")
-        arm = [page.get_by_role("button", name="Arm (a)") for page in (one, other)]
-        for button in arm:  # without waiting: the second click may come before the page has changed
-            button.dispatch_event("click")
-        for page in (one, other):
-            runs(page)
-        other.keyboard.press("m")
-        one.close()
-        again = open_page(browser, console.address)
-        stop_or_keep = again.get_by_role("button", name="Stop (s)").or_(again.get_by_role("button", name="Keep (k)"))
-        expect(stop_or_keep).to_be_visible()
-        for page in (again, other):
-            seen(page, "Keep (k)")
-        again.keyboard.press("k")
-        seen(other, "next: hand, dynamic, repeat 1")
-    assert_whole(the_recording(tmp_path))
-    assert len(list((tmp_path / "sessions").rglob("*.mcap"))) == 1
-
-
-def kill_and_restart(browser: Browser, config: Path, *options: str) -> None:
+def test_the_trial_of_a_killed_console_with_simulated_devices_is_not_lost(browser: Browser, tmp_path: Path) -> None:
     """The new console returns to the trial, or offers its session if the trial has ended meanwhile."""
+    config, options = write_config(tmp_path, hold_s=3.0), ("--simulated", "--speed", "2")
     with ServedConsole(config, *options) as console:
         page = open_page(browser, console.address)
         begin(page)
@@ -224,20 +198,6 @@ def kill_and_restart(browser: Browser, config: Path, *options: str) -> None:
         seen(page, "Keep (k)")
         page.keyboard.press("k")
         seen(page, "next: hand, dynamic, repeat 1")
-
-
-def test_a_console_killed_during_a_trial_resumes_when_it_is_started_again(browser: Browser, tmp_path: Path) -> None:
-    """The bench is one that does not end with the console, at the wall's pace; its clock waits for the recorder."""
-    with simulated_bench(tmp_path, speed=1.0, test="static", hold_s=2.0) as (bench, _):
-        ports = bench.ready["ports"]
-        config = write_config(tmp_path, hold_s=2.0, ni=ports["ni"], qtm=ports["qtm"], sessions="sessions/simulated")
-        config.write_text(f"{config.read_text()}[simulation.ports]\nclock = {ports['clock']}\n")
-        kill_and_restart(browser, config, "--speed", "1")
-    assert_whole(the_recording(tmp_path))
-
-
-def test_the_trial_of_a_killed_console_with_simulated_devices_is_not_lost(browser: Browser, tmp_path: Path) -> None:
-    kill_and_restart(browser, write_config(tmp_path, hold_s=3.0), "--simulated", "--speed", "2")
     assert_whole(the_recording(tmp_path))
 
 
@@ -295,14 +255,11 @@ def test_a_rehearsal_by_keyboard_is_readable_on_a_tablet_in_light_and_dark(brows
     assert not (tmp_path / "sessions").exists()
 
 
-def test_a_session_ended_during_a_trial_has_its_report_and_is_resumed(browser: Browser, tmp_path: Path) -> None:
+def test_two_operators_share_a_session_that_is_ended_during_a_trial_and_resumed(
+    browser: Browser, tmp_path: Path
+) -> None:
     with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "5") as console:
-        page = open_page(browser, console.address, 1366, 768)
-        begin(page)
-        page.keyboard.press("a")
-        seen(page, "Keep (k)")
-        page.keyboard.press("k")
-        seen(page, "next: hand, dynamic")
+        page = record_with_two_operators(browser, console)
         page.keyboard.press("a")
         seen(page, "pull the spring")
         page.keyboard.press("e")
@@ -310,6 +267,8 @@ def test_a_session_ended_during_a_trial_has_its_report_and_is_resumed(browser: B
         page.keyboard.press("y")
         seen(page, "1 of 2 trials of the plan are accepted")
         seen(page, "waits for a decision; the fit uses it unless it is redone")
+        assert_whole(the_recording(tmp_path))
+        assert len(list((tmp_path / "sessions").rglob("*.mcap"))) == 2, "two clicks on Arm began one static trial"
         page.keyboard.press("f")
         page.get_by_role("link", name="Open the report").wait_for(timeout=patience_ms(400.0))
         assert page.request.get(f"{console.address}report").ok
@@ -320,6 +279,30 @@ def test_a_session_ended_during_a_trial_has_its_report_and_is_resumed(browser: B
         expect(row).to_contain_text("1 of 2 trials")
         expect(page.get_by_role("button", name="Resume P01, session 1")).to_be_visible()  # above the list
         expect(row).to_contain_text(f"{datetime.now().astimezone():%Y}")
+
+
+def record_with_two_operators(browser: Browser, console: ServedConsole) -> Page:
+    """Both see the same, only one trial runs, and it is recorded although the page that began it is closed."""
+    one, other = open_page(browser, console.address), open_page(browser, console.address)
+    begin(one)
+    seen(other, "next: hand, static, repeat 1")
+    arm = [page.get_by_role("button", name="Arm (a)") for page in (one, other)]
+    for button in arm:  # without waiting: the second click may come before the page has changed
+        button.dispatch_event("click")
+    for page in (one, other):
+        runs(page)
+    other.keyboard.press("m")
+    one.close()
+    again = open_page(browser, console.address, 1366, 768)
+    stop_or_keep = again.get_by_role("button", name="Stop (s)").or_(again.get_by_role("button", name="Keep (k)"))
+    expect(stop_or_keep).to_be_visible()
+    for page in (again, other):
+        seen(page, "Keep (k)")
+    again.keyboard.press("k")
+    seen(other, "next: hand, dynamic, repeat 1")
+    other.close()
+    seen(again, "next: hand, dynamic")
+    return again
 
 
 def press_tab_until(page: Page, button: str) -> None:
