@@ -8,11 +8,10 @@ SolverError
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from enum import StrEnum
-from typing import Protocol
 
-from documents.message import Code
+from documents.message import Code, Message
 
 
 class SolverCode(StrEnum):
@@ -102,19 +101,7 @@ class MotionError(SolverError):
     general_code = SolverCode.MOTION
 
 
-class CodedFinding(Protocol):
-    """A stable code and the figures of its sentence, which str() renders. The solver adds none to its results, the
-    station those that its terminal prints.
-    """
-
-    @property
-    def code(self) -> StrEnum: ...
-
-    @property
-    def figures(self) -> Mapping[str, float | str]: ...
-
-
-def describe_codes(findings: Iterable[CodedFinding]) -> str:
+def describe_codes(findings: Iterable[Message[Code]]) -> str:
     """The last part of a repr: every code once; empty without findings."""
     codes = ", ".join(dict.fromkeys(finding.code for finding in findings))
     return f"; findings: {codes}" if codes else ""

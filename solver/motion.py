@@ -12,9 +12,10 @@ import scipy
 from numpy.typing import NDArray
 
 from documents.interval import counted
+from documents.message import Code, Message
 from documents.results import EqualByFields, labelled_dataset
 from solver.checks import ensure_at_least, ensure_known, ensure_type
-from solver.errors import CodedFinding, MotionError, SolverCode, describe_codes
+from solver.errors import MotionError, SolverCode, describe_codes
 from solver.model import Model
 from solver.time_series_table import FEWEST_SAMPLED, LONGEST_STEP_S, TableHeader, ensure_seconds, read_table
 
@@ -97,7 +98,7 @@ class Kinematics(EqualByFields):
     row_counts: tuple[int, int] | None = None
     repeated_rows: int = 0
     unused: tuple[str, ...] = ()
-    findings: tuple[CodedFinding, ...] = ()
+    findings: tuple[Message[Code], ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -22,6 +22,7 @@ from typing import TypeVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from documents.message import Message
 from solver.constraint import ConstantDistanceConstraint, PointOnLineConstraint, WeldConstraint
 from solver.errors import ScalingCode, SolverCode
 from solver.forces.actuators import PathActuator, PointActuator, PointToPointActuator, TorqueActuator
@@ -331,8 +332,7 @@ LARGEST_JUMP = 0.010  # m, of a path's length from one frame to the next, beyond
 LARGEST_PASSIVE_FORCE = 0.5  # over the maximum isometric force
 
 
-@dataclass(frozen=True)
-class ScalingFinding:
+def _finding(code: ScalingCode, muscle: str, figure: float, surface: str = "") -> Message[ScalingCode]:
     """A muscle that does not fit the scaled body, with the figure that shows it.
 
     figure  POINT_INSIDE_SURFACE: depth as part of the surface's size; FIBRE_LENGTH: normalised fibre length in the
@@ -340,14 +340,10 @@ class ScalingFinding:
             normalised fibre length farthest outside FIBRE_RANGE; PASSIVE_FORCE: over the maximum isometric force;
             PATH_JUMP [m]
     """
-
-    code: ScalingCode
-    muscle: str
-    figure: float
-    surface: str = ""
+    return Message(code, {"muscle": muscle, "figure": figure, "surface": surface, "jump_mm": 1e3 * figure})
 
 
-def check_scaling(generic: Model, scaled: Model) -> tuple[ScalingFinding, ...]:
+def check_scaling(generic: Model, scaled: Model) -> tuple[Message[ScalingCode], ...]:
     """Findings in the default posture on a model that was scaled from a generic one; both with the same muscles."""
     before, after = _in_default_posture(generic), _in_default_posture(scaled)
     lengths = [evaluate_paths(model, state).lengths for model, state in ((generic, before), (scaled, after))]
@@ -357,9 +353,9 @@ def check_scaling(generic: Model, scaled: Model) -> tuple[ScalingFinding, ...]:
     found = []
     for index, muscle in enumerate(scaled.muscles):
         if not LENGTH_RANGE[0] <= ratios[index] <= LENGTH_RANGE[1]:
-            found.append(ScalingFinding(ScalingCode.PATH_LENGTH, muscle.name, float(ratios[index])))
+            found.append(_finding(ScalingCode.PATH_LENGTH, muscle.name, float(ratios[index])))
         if _is_usual(old_fibres[index]) and not _is_usual(fibres[index]):
-            found.append(ScalingFinding(ScalingCode.FIBRE_LENGTH, muscle.name, float(fibres[index])))
+            found.append(_finding(ScalingCode.FIBRE_LENGTH, muscle.name, float(fibres[index])))
         found += _inside(generic, scaled, index, before, after)
     return tuple(found)
 
@@ -380,18 +376,18 @@ class MuscleRanges:
     jump: Array
 
     @property
-    def findings(self) -> tuple[ScalingFinding, ...]:
+    def findings(self) -> tuple[Message[ScalingCode], ...]:
         """Muscles outside FIBRE_RANGE, pulled passively, or whose path jumps."""
         found = []
         for index, name in enumerate(self.muscles):
             outside = [fibre for fibre in (self.longest[index], self.shortest[index]) if not _is_usual(fibre)]
             if outside:
-                found.append(ScalingFinding(ScalingCode.FIBRE_LENGTH_IN_MOTION, name, float(outside[0])))
+                found.append(_finding(ScalingCode.FIBRE_LENGTH_IN_MOTION, name, float(outside[0])))
             ratio = self.passive[index] / self.max_isometric_forces[index]
             if ratio > LARGEST_PASSIVE_FORCE:
-                found.append(ScalingFinding(ScalingCode.PASSIVE_FORCE, name, float(ratio)))
+                found.append(_finding(ScalingCode.PASSIVE_FORCE, name, float(ratio)))
             if self.jump[index] > LARGEST_JUMP:
-                found.append(ScalingFinding(ScalingCode.PATH_JUMP, name, float(self.jump[index])))
+                found.append(_finding(ScalingCode.PATH_JUMP, name, float(self.jump[index])))
         return tuple(found)
 
 
@@ -436,7 +432,7 @@ def _is_usual(fibre: float) -> bool:
     return bool(FIBRE_RANGE[0] - ROUND_OFF <= fibre <= FIBRE_RANGE[1] + ROUND_OFF)
 
 
-def _inside(generic: Model, scaled: Model, index: int, before: Postures, after: Postures) -> list[ScalingFinding]:
+def _inside(generic: Model, scaled: Model, index: int, before: Postures, after: Postures) -> list[Message[ScalingCode]]:
     """Points that lie in a surface of their path, and did not before."""
     found = []
     muscle, old = scaled.muscles[index], generic.muscles[index]
@@ -448,7 +444,7 @@ def _inside(generic: Model, scaled: Model, index: int, before: Postures, after: 
             level = _level(surface, point, after)
             if level < 1.0 <= _level(old_surface, old_point, before):
                 code = ScalingCode.POINT_INSIDE_SURFACE
-                found.append(ScalingFinding(code, muscle.name, 1.0 - level, surface.name))
+                found.append(_finding(code, muscle.name, 1.0 - level, surface.name))
     return found
 
 

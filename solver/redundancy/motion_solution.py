@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import counted
+from documents.message import Code, Message
 from documents.results import EqualByFields, curves_svg, labelled_dataset, result_html
-from solver.errors import CodedFinding, SolverCode, SolverError, describe_codes
+from solver.errors import SolverCode, SolverError, describe_codes
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.dynamics import EquationsOfMotion, JointReactions, ReactionRequest, is_bypassed, joint_reactions
@@ -225,7 +226,7 @@ class MotionSolution(EqualByFields):
     muscle_outcomes: NDArray[np.object_]
     joint_reactions: JointReactions
     fibers: ElasticForces | None = None
-    findings: tuple[CodedFinding, ...] = ()
+    findings: tuple[Message[Code], ...] = ()
 
     @property
     def unsolved(self) -> int:

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import bracketed, counted
+from documents.message import Code, Message
 from documents.results import EqualByFields, curves_svg, labelled_dataset, result_html
 from solver.cuff import CuffParameters, by_site
-from solver.errors import CodedFinding, SolverCode, describe_codes
+from solver.errors import SolverCode, describe_codes
 from solver.muscle import MuscleOutcome
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.decision import Basis, CuffDecision, DecisionRule
@@ -164,7 +165,7 @@ class Assessment(EqualByFields):
     outcomes: Mapping[FrameOutcome, int]
     muscle_outcomes: Mapping[MuscleOutcome, int]
     has_glenoid_cone: bool = True
-    findings: tuple[CodedFinding, ...] = ()
+    findings: tuple[Message[Code], ...] = ()
 
     def __repr__(self) -> str:
         columns = ["condition", "cuff", *TABLE]

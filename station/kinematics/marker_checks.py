@@ -35,7 +35,7 @@ from solver.personalisation.segment_masses import (
     upper_arm_length,
     usual_masses,
 )
-from solver.scaling import ScalingFinding, largest_motion
+from solver.scaling import largest_motion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.kinematics_messages import KinematicsCode, PersonCode
@@ -279,11 +279,6 @@ class WrongTrials(PersonError):
 
 def refuse(code: Code, **figures: float | str) -> PersonError:
     return PersonError(Message(code, figures))
-
-
-def scaling_finding(finding: ScalingFinding) -> Finding:
-    figures: Figures = {"muscle": finding.muscle, "figure": finding.figure, "surface": finding.surface}
-    return Message(finding.code, {**figures, "jump_mm": 1e3 * finding.figure})
 
 
 def tendon_finding(change: TendonChange) -> Finding:

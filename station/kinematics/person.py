@@ -56,7 +56,6 @@ from station.kinematics.marker_checks import (
     lock_findings,
     read_body_markers,
     refuse,
-    scaling_finding,
     tendon_finding,
 )
 from station.kinematics.scale import left_out_notes
@@ -175,7 +174,7 @@ def person_of_trials(
     ensure_mass_fits(inputs.body_mass, upper_arm_length(estimate.model))
     names = [Path(file).stem for file in tables]
     findings += estimate_findings(estimate, names)
-    findings += [scaling_finding(finding) for finding in check_scaling(generic, estimate.model)]
+    findings += check_scaling(generic, estimate.model)
     model = set_arm_masses(estimate.model, inputs.body_mass)
     model = hold_load(model, held) if held else model
     if not inputs.keeps_tendons:
@@ -257,7 +256,7 @@ def _checked(model: Model, name: str, time: Array, postures: InverseKinematics, 
     coordinates = _filled(postures.coordinates)
     ranges = muscle_ranges(model, coordinates)
     shown = {(finding.code, finding.figures.get("muscle")) for finding in findings}
-    for finding in map(scaling_finding, ranges.findings):
+    for finding in ranges.findings:
         if (finding.code, finding.figures["muscle"]) not in shown:
             findings.append(finding)
     joint_time, force = np.zeros(0), np.zeros(0)

@@ -30,7 +30,6 @@ from station.kinematics.marker_checks import (
     mass_findings,
     pose_findings,
     read_body_markers,
-    scaling_finding,
     seen_markers,
     setup_findings,
     unattached_findings,
@@ -93,7 +92,7 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     _ensure_plausible(file, setup, factors)
     scaling = Scaling(factors, setup.mass, setup.keeps_masses, inputs.scales_joined_points)
     scaled = scale_model(generic, scaling)
-    findings = [*odd, *map(scaling_finding, check_scaling(generic, scaled)), *mass_findings(scaled)]
+    findings = [*odd, *check_scaling(generic, scaled), *mass_findings(scaled)]
     if setup.mass is not None:
         ensure_model_mass_fits(scaled, setup.mass)
     findings += _marker_findings(generic, table, setup.marker_names)
