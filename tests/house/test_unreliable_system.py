@@ -5,6 +5,7 @@ Calls of the C library are replaced; those of Wine use the same.
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -46,6 +47,16 @@ int clock_gettime(clockid_t clock, struct timespec *now) {
     return result;
 }
 """
+DECIDE_TWICE = """
+import sys, time
+from pathlib import Path
+from station.bench.trial_recorder import start_time_after_all
+folder = Path(sys.argv[1])
+for _ in range(2):
+    _, message = start_time_after_all(folder, time.time_ns())
+    print(message and message.code.value)
+    (folder / "now").touch()
+"""
 SESSION = Path("simulated", "monday")
 PLAN = ("--config", "station.toml", "--simulated", "--speed", "30", "--subject", "P01", "--session", str(SESSION))
 PATIENCE_S = 240.0
@@ -60,10 +71,8 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(params=["this system", "Windows"])
-def program(request: pytest.FixtureRequest) -> str:
-    if request.param == "this system":
-        return sys.executable
+@pytest.fixture
+def windows_python() -> str:
     windows = ROOT / ".ci" / "windows-python"
     if shutil.which("wine") is None or subprocess.run([windows, "-V"], check=False).returncode:  # noqa: S603
         pytest.skip("Windows' Python cannot be made")
@@ -84,9 +93,11 @@ def bench(folder: Path) -> None:
     path.write_text(path.read_text().replace('control = "start"', 'control = "none"'))
 
 
+@pytest.mark.parametrize("system", ["this system", "Windows"])
 def test_a_drive_that_refuses_to_flush_is_refused_before_the_first_trial(
-    tmp_path: Path, calls: Path, program: str
+    tmp_path: Path, calls: Path, system: str, request: pytest.FixtureRequest
 ) -> None:
+    program = sys.executable if system == "this system" else request.getfixturevalue("windows_python")
     bench(tmp_path)
     variables = {"LD_PRELOAD": str(calls), "FLUSH_FAILS_WITH": str(calls)}
     with Headless(tmp_path, *PLAN, program=program, variables=variables) as terminal:
@@ -96,14 +107,30 @@ def test_a_drive_that_refuses_to_flush_is_refused_before_the_first_trial(
 
 
 def test_a_clock_that_is_set_back_by_an_hour_between_two_trials_is_a_note_of_the_second(
-    tmp_path: Path, calls: Path, program: str
+    tmp_path: Path, calls: Path
 ) -> None:
     bench(tmp_path)
     signal = tmp_path / "now"
     variables = {"LD_PRELOAD": str(calls), "CLOCK_SET_BACK_WITH": str(signal)}
-    with Headless(tmp_path, *PLAN, program=program, variables=variables) as terminal:
+    with Headless(tmp_path, *PLAN, program=sys.executable, variables=variables) as terminal:
         terminal.until("trial_ended")
         signal.touch()
         terminal.until("trial_ended")
     first, second = ([message.code for message in one.codes] for one in read_journal(tmp_path / SESSION).recorded)
     assert (TrialCode.CLOCK_SET_BACK in first, TrialCode.CLOCK_SET_BACK in second) == (False, True)
+
+
+def test_a_clock_that_is_set_back_is_noticed_on_windows(tmp_path: Path, calls: Path, windows_python: str) -> None:
+    """The decision alone, by the clock and the files' times that Windows tells; the session around it is above."""
+    shutil.copy(ROOT / "tests" / "recordings" / "golden" / "format_1.mcap", tmp_path)
+    (tmp_path / "format_1.mcap").touch()
+    variables = {"LD_PRELOAD": str(calls), "CLOCK_SET_BACK_WITH": str(tmp_path / "now")}
+    ran = subprocess.run(  # noqa: S603
+        [windows_python, "-c", DECIDE_TWICE, str(tmp_path)],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=scaled_timeout(PATIENCE_S),
+        env={**os.environ, **variables},
+    )
+    assert ran.stdout.split() == ["None", TrialCode.CLOCK_SET_BACK.value]
