@@ -60,13 +60,20 @@ def lab_folder(parent: Path, *, has_wearer: bool = False) -> Path:
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a whole session, recorded with commands on a pipe that end in CRLF."""
+    """A folder with a whole session, recorded as docs/terminal.md starts it: by the shell, which opens the file."""
     folder = lab_folder(tmp_path_factory.mktemp("lab"))
-    with Headless(folder, *PLAN, "--session", str(SESSION)) as terminal:
-        terminal.until("state_changed", state="recording")
-        terminal.send("mark\r")
-        assert terminal.until("session_closed")["is_complete"]
-        assert terminal.child.wait(scaled_timeout(PATIENCE_S)) == 0
+    words = [sys.executable, "-m", "station", "record", "--headless", *PLAN, "--session", str(SESSION)]
+    ran = subprocess.run(  # noqa: S602  (our own words)
+        f"{subprocess.list2cmdline(words)} >> monday.jsonl",
+        shell=True,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        check=False,
+        timeout=scaled_timeout(PATIENCE_S),
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert ran.returncode == 0, ran.stderr
     return folder
 
 
@@ -82,6 +89,13 @@ def station(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         timeout=scaled_timeout(PATIENCE_S),
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
+
+
+def test_a_task_without_standard_input_records_the_plan_into_a_file(lab: Path) -> None:
+    events = [json.loads(line) for line in (lab / "monday.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert events[-1]["event"] == "session_closed" and events[-1]["is_complete"]
+    recordings = list((lab / SESSION).glob("*.mcap"))
+    assert len(recordings) == 2 and all(contents_of(path).complete for path in recordings)
 
 
 @pytest.mark.parametrize(("verb", "name"), [("fit", "cuffs.json"), ("report", "report.html")])
@@ -130,26 +144,6 @@ def test_the_page_is_served_without_a_bench(lab: Path) -> None:
         assert b"<html" in urllib.request.urlopen(console.address).read().lower()  # noqa: S310  (our own page)
 
 
-def test_a_task_without_standard_input_records_the_plan_into_a_file(tmp_path: Path) -> None:
-    """As docs/terminal.md starts it: by the shell, which opens the file."""
-    folder = lab_folder(tmp_path)
-    words = [sys.executable, "-m", "station", "record", "--headless", *PLAN, "--session", str(SESSION)]
-    ran = subprocess.run(  # noqa: S602  (our own words)
-        f"{subprocess.list2cmdline(words)} >> monday.jsonl",
-        shell=True,
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        check=False,
-        timeout=scaled_timeout(PATIENCE_S),
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    events = [json.loads(line) for line in (folder / "monday.jsonl").read_text(encoding="utf-8").splitlines()]
-    assert ran.returncode == 0, ran.stderr
-    assert events[-1]["event"] == "session_closed" and events[-1]["is_complete"]
-    assert all(contents_of(path).complete for path in (folder / SESSION).glob("*.mcap"))
-
-
 @pytest.mark.timeout(1200)
 def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments(tmp_path: Path) -> None:
     """The station recovers the file of a killed recorder. The recorder of a killed terminal records its trial to the
@@ -186,9 +180,11 @@ def test_motions_are_recorded_whole_although_their_live_process_is_killed_at_ran
                 child.kill()
                 killed += 1
             assert terminal.until("trial_ended")["accepted"]
-            terminal.send("redo again")
+            terminal.send("redo again\r")  # on a pipe of Windows, lines end in CRLF
     assert killed > LIVE_KILLS / 2, "a trial may end before"
-    recorded = read_journal(folder / SESSION).recorded
+    journal = read_journal(folder / SESSION)
+    assert {verdict.reason for verdict in journal.verdicts.values()} == {"again"}
+    recorded = journal.recorded
     assert len(recorded) >= LIVE_KILLS and {one.test for one in recorded} <= {"pose", "motion"}
     for one in recorded:
         contents = contents_of(folder / SESSION / one.file)
