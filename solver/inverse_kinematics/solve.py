@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from math import comb, pi
+from math import pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -364,13 +364,13 @@ def _merit(problem: Problem, seen: Array, value: Array, q: Array, work: IkWorksp
 
 LEAST_CURVATURE = 1e-9  # m²/rad²: a marker with a tenth of the weight, 0.1 mm from the axis
 HELD_ABOVE = 1e-4  # square of a coordinate's part in a direction without curvature
-DIFFERENCES, NOISE_STEP = 6, 0.030
-"""Order of the differences that show the noise, and their step [s]."""
+NOISE_STEP = 0.030  # s; of the sixth differences that show the noise
+NOISE_WEIGHTS = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])
+NOISE_GAIN = float(np.sqrt((NOISE_WEIGHTS**2).sum()))  # their standard deviation in white noise of 1
 MOST_MEDIANS = 25.0
 """Median sizes of a difference; a greater one is a jump or an exchange. Noise in motion is several times that at
 rest."""
-LEAST_FRAMES = 2
-"""Sixth differences of a marker from which its noise is estimated."""
+LEAST_FRAMES = 2  # sixth differences of a marker from which its noise is estimated
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,16 +396,15 @@ def posture_uncertainty(
     sigma = np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(tasks.markers),))
     if not (np.isfinite(sigma).all() and sigma.min(initial=0.0) >= 0.0):
         raise ModelError("the noise of each marker should be finite and not negative [m]", SolverCode.WRONG_NOISE)
-    problem = build_problem(model, tasks)
-    work = allocate_workspace(model, problem)
-    return uncertainty_of_postures(problem, work, (observed, solution.coordinates, solution.multipliers), sigma)
+    problem, solved = build_problem(model, tasks), (observed, solution.coordinates, solution.multipliers)
+    return uncertainty_of_postures(problem, allocate_workspace(model, problem), solved, [(sigma, 0.0)])[0]
 
 
 def uncertainty_of_postures(
-    problem: Problem, work: IkWorkspace, solved: tuple[Array, ...], sigma: Array, of_targets: float | Array = 0.0
-) -> PostureUncertainty:
-    """With the tables of the compiled solver. solved: observed, q and λ (frames, rows) of the constraints; sigma
-    (markers,) [m] and of_targets (coordinates,): noise of markers and of targets.
+    problem: Problem, work: IkWorkspace, solved: tuple[Array, ...], causes: Sequence[tuple[Array, float | Array]]
+) -> list[PostureUncertainty]:
+    """From one or more causes, with the tables of the compiled solver. solved: observed, q and λ (frames, rows) of the
+    constraints; a cause is the noise of markers (markers,) [m] and that of targets (coordinates,).
     """
     observed, q, multipliers = solved
     weights = np.where(np.isfinite(observed).all(axis=2), problem.markers.weight, 0.0)
@@ -414,18 +413,21 @@ def uncertainty_of_postures(
     is_posed = (total[:, 0] > 0.0) if weights.shape[1] else np.full(len(q), problem.pull.weight.max() > 0.0)
     posed = np.where(is_posed[:, None], q, np.nan)
     hessians, _, _, _, rows = linearise_frames(problem, work, posed, (observed, shares), problem.pull, multipliers)
-    pull = problem.pull._replace(weight=(problem.pull.weight * of_targets) ** 2)
-    spread = linearise_frames(problem, work, posed, (observed, shares**2 * sigma**2), pull).hessian
     bounds = problem.bounds
     is_at_bound = ((q <= bounds.lowest) | (q >= bounds.highest)) & ~bounds.is_locked
     response, loose = _response(hessians, rows, bounds.is_locked | is_at_bound)
-    covariance = response @ spread @ response
-    covariance[np.isnan(q[:, 0])] = np.nan
     is_held = np.diagonal(loose, axis1=1, axis2=2) < HELD_ABOVE
     is_moved = (np.diagonal(hessians, axis1=1, axis2=2) > LEAST_CURVATURE) | (rows != 0.0).any(axis=1)
     is_held &= is_moved | ~is_at_bound  # one that nothing moves may happen to stand at its bound
-    variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)
-    return PostureUncertainty(covariance, np.where(is_held, np.sqrt(variance), np.inf), is_held)
+    found = []
+    for sigma, of_targets in causes:
+        pull = problem.pull._replace(weight=(problem.pull.weight * of_targets) ** 2)
+        spread = linearise_frames(problem, work, posed, (observed, shares**2 * sigma**2), pull).hessian
+        covariance = response @ spread @ response
+        covariance[np.isnan(q[:, 0])] = np.nan
+        variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)
+        found.append(PostureUncertainty(covariance, np.where(is_held, np.sqrt(variance), np.inf), is_held))
+    return found
 
 
 def estimate_marker_noise(observed: Array, interval: float) -> Array:
@@ -437,13 +439,12 @@ def estimate_marker_noise(observed: Array, interval: float) -> Array:
     below 3 Hz hardly enters. interval between frames [s]. NaN for a marker that is not seen for long enough.
     """
     step = max(1, round(NOISE_STEP / interval))
-    weights = np.array([(-1.0) ** k * comb(DIFFERENCES, k) for k in range(DIFFERENCES + 1)])
-    count = len(observed) - DIFFERENCES * step
+    count = len(observed) - (len(NOISE_WEIGHTS) - 1) * step
     if count < 1:
         return np.full(observed.shape[1], np.nan)
-    sixth = sum(weight * observed[k * step : k * step + count] for k, weight in enumerate(weights))
+    sixth = sum(weight * observed[k * step : k * step + count] for k, weight in enumerate(NOISE_WEIGHTS))
     noise = [_rms_without_jumps(values[np.isfinite(values)]) for values in np.moveaxis(np.asarray(sixth), 1, 0)]
-    return np.asarray(np.array(noise) / np.sqrt((weights**2).sum()))
+    return np.asarray(np.array(noise) / NOISE_GAIN)
 
 
 def _rms_without_jumps(differences: Array) -> float:

@@ -6,7 +6,7 @@ are replaced by their linear and quadratic models,
 
     minimise  ½ Σ h (a − a₀)² + g (a − a₀) + Σ w r²,   g = w φ',   h = w φ'' − (Mᵀ v) F'',   v the multipliers before
 
-which has the form of reduced_problem.py in a − (a₀ − g / h). Its solution is the next a₀ (sequential quadratic
+which has the form of problem.py in a − (a₀ − g / h). Its solution is the next a₀ (sequential quadratic
 programming; Nocedal and Wright, Numerical Optimization, 2006, chapter 18). With rigid tendons the problem is convex and
 its points stay within all constraints along a step, so that a step is shortened until the effort falls, and the
 iteration ends at the least effort.
@@ -25,8 +25,14 @@ from solver.model import ModelError
 from solver.redundancy.conic import solve_frame_with_clarabel
 from solver.redundancy.effort import Effort
 from solver.redundancy.frames import solve_frames
-from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, Outcomes, RedundancyProblem
-from solver.redundancy.reduced_problem import ActivationRates, WarmStart
+from solver.redundancy.problem import (
+    OUTCOME_OF_CODE,
+    ActivationRates,
+    FrameOutcome,
+    Outcomes,
+    RedundancyProblem,
+    WarmStart,
+)
 from solver.redundancy.reduction import Reduction, reduce_frames
 
 Array = NDArray[np.float64]

@@ -3,7 +3,7 @@
 Newton's method from the multipliers of the previous frame nearly always converges. Where it does not, an interior-point
 method converges and Newton's method finishes, so that a solution does not depend on the starting point.
 
-Newton's method on the optimality conditions of the problem of one frame (reduced_problem.py), from a guess of v.
+Newton's method on the optimality conditions of the problem of one frame (problem.py), from a guess of v.
 
 Stationarity makes a a function of v alone, a = Mᵀ v / q clamped to its bounds. What remains are the equalities, and
 λ = projection of λ − s onto the cone: equations with kinks, for which Newton's method still converges fast (semismooth;
@@ -33,7 +33,7 @@ from solver.redundancy.interior_point import (
     project,
     project_rows,
 )
-from solver.redundancy.reduced_problem import (
+from solver.redundancy.problem import (
     BEYOND_RATE,
     INFEASIBLE,
     NOT_CONVERGED,

@@ -1,4 +1,4 @@
-"""A primal-dual interior-point method for the problem of one frame (reduced_problem.py), from a cold start.
+"""A primal-dual interior-point method for the problem of one frame (problem.py), from a cold start.
 
 Mehrotra's predictor and corrector, with the Nesterov-Todd scaling W of the cone, W λ = W⁻¹ s. z (2, n) are the
 multipliers of the lower and upper bounds; every step is a system of the few rows of M,
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled
 from solver.dense import Order, columns_times, copy, divide, factor, inner_product, rows_times_rows
 from solver.redundancy import effort
-from solver.redundancy.reduced_problem import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, FrameProblem
+from solver.redundancy.problem import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, FrameProblem
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ first along the columns of f, then along the longest column that remains, make o
            ( 0  0 )    unreachable
 
 and with f in its place the cone's rows become H (a, r) + h. The r of least effort are r = (M_r / 2w)ᵀ v, M = (G, H), so
-that of M (a, r) there remains M a + R v with R = M_r (2w)⁻¹ M_rᵀ, the form of reduced_problem.py. In the
+that of M (a, r) there remains M a + R v with R = M_r (2w)⁻¹ M_rᵀ, the form of problem.py. In the
 published problem a, r and f are 33, 9 and 8, and v has 6 + 3 entries.
 """
 

@@ -22,13 +22,14 @@ from solver.multibody.rotations import each_frame
 from solver.redundancy.conic import solve_frame_with_clarabel
 from solver.redundancy.problem import (
     OUTCOME_OF_CODE,
+    Codes,
     FrameOutcome,
     LoadResponse,
     Outcomes,
     RedundancyProblem,
+    WarmStart,
     are_solved,
 )
-from solver.redundancy.reduced_problem import Codes, WarmStart
 
 if TYPE_CHECKING:
     from solver.redundancy.convex_frames import ConvexFrames

@@ -115,10 +115,8 @@ class PostureTracker:
         self._last = found
         problem, work = self._tracking.problem, self._tracking.work
         of_skin = self._errors.at(work.pose.poses["rotation"])
-        stated, soft_tissue = (
-            uncertainty_of_postures(problem, work, (observed[None], found[None], multipliers[None]), *sigmas)
-            for sigmas in ((noise,), of_skin)
-        )
+        solved = observed[None], found[None], multipliers[None]
+        stated, soft_tissue = uncertainty_of_postures(problem, work, solved, [(noise, 0.0), of_skin])
         held = stated.is_held[0]
         return FramePosture(outcome, found, self._points(), stated.covariance[0], soft_tissue.covariance[0], held)
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.inverse_kinematics.marker_fit import MarkerTracks, exchanged_pairs
+from solver.inverse_kinematics.solve import NOISE_GAIN, NOISE_STEP, NOISE_WEIGHTS
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,7 @@ LONGEST_EXTRAPOLATION = 0.05
 """s; over a longer gap a jump cannot be distinguished from motion."""
 BACK_WITHIN = 0.03
 """m; a marker that was left out is used again when it is not farther from the model than before by more."""
-ORDER, STEP = 6, 0.030
-"""Order of the differences, and their step [s]."""
+ORDER = len(NOISE_WEIGHTS) - 1
 NOISE_MEMORY = 10.0
 """s; after which an observation has 1/e of its weight."""
 ASSUMED, ASSUMED_FRAMES = 5e-4, 5
@@ -117,8 +116,6 @@ class RunningMarkerNoise:
     """Standard deviation of the white noise of each marker, from the frames so far."""
 
     def __init__(self, markers: int) -> None:
-        weights = np.array([(-1.0) ** k * comb(ORDER, k) for k in range(ORDER + 1)])
-        self._weights = weights / np.sqrt((weights**2).sum())
         self._frames: deque[tuple[float, Array]] = deque()
         self._sum = np.full(markers, ASSUMED_FRAMES * ASSUMED**2)
         self._count = np.full(markers, float(ASSUMED_FRAMES))
@@ -133,7 +130,7 @@ class RunningMarkerNoise:
         """Take a frame, positions (markers, 3) [m] with NaN where hidden; frames off an even grid do not count."""
         self._frames.append((time, positions))
         interval = self._interval()
-        step = max(1, round(STEP / interval)) if interval else 1
+        step = max(1, round(NOISE_STEP / interval)) if interval else 1
         while len(self._frames) > ORDER * step + 1:
             self._frames.popleft()
         if len(self._frames) <= ORDER * step:
@@ -143,7 +140,7 @@ class RunningMarkerNoise:
         grid = times[-1] - step * interval * np.arange(ORDER, -1, -1)
         if np.abs(times - grid).max() > UNEVEN * interval:
             return
-        difference = np.tensordot(self._weights, np.array([places for _, places in chosen]), 1)
+        difference = np.tensordot(NOISE_WEIGHTS / NOISE_GAIN, np.array([places for _, places in chosen]), 1)
         square = (difference**2).mean(axis=1)
         with np.errstate(invalid="ignore"):
             counts = square <= LARGEST_RATIO**2 * self._sum / self._count  # False for NaN

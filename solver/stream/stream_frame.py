@@ -130,8 +130,3 @@ class StreamFrame:
     exchanged: tuple[tuple[str, str], ...]
     lost: tuple[str, ...]
     suits: Mapping[str, StreamSuitFrame]
-
-    @property
-    def has_coordinates(self) -> bool:
-        """Whether coordinates, speeds and accelerations are given."""
-        return bool(np.isfinite(self.coordinates).all())

@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 from solver.compiled import compiled, compiled_for_python
 from solver.errors import SolverCode
 from solver.functions.bezier import value_and_slope
-from solver.functions.bezier_chain import INTERVALS, BezierChain
 from solver.functions.muscle_curves import (
+    INTERVALS,
+    BezierChain,
     DeGrooteFreglyCurves,
     DeGrooteFreglyTendon,
     MillardCurves,
@@ -461,7 +462,7 @@ class ElasticForces:
 def elastic_forces(
     model: Model,
     lengths: Array,
-    lengthening_speeds: Array,
+    speeds: Array,
     activations: Array,
     interval: float,
     initial_fibers: Array | None = None,
@@ -473,17 +474,15 @@ def elastic_forces(
     falls with the square of the interval. Raises ModelError without an elastic tendon, or for other shapes.
     """
     tables = fiber_tables(model)
-    _ensure_shapes(model, lengths, lengthening_speeds, activations)
-    chosen = tables.muscle
-    forces = with_rigid_tendons(muscle_forces(model, lengths, lengthening_speeds), activations)
+    _ensure_shapes(model, lengths, speeds, activations)
+    chosen, forces = tables.muscle, with_rigid_tendons(muscle_forces(model, lengths, speeds), activations)
     history, settled = FiberHistory(tables, interval), allocate_settled(len(chosen))
     for frame, path in enumerate(np.ascontiguousarray(lengths[:, chosen])):
         if frame == 0 and initial_fibers is not None:
             settled.length[:] = np.maximum(initial_fibers[chosen] / tables.scales[:, 0], tables.scales[:, 6])
             fill_given(tables, path, settled)
         else:
-            start = history.start(lengthening_speeds[frame, chosen])
-            fill_settled(tables, path, activations[frame, chosen], start, settled)
+            fill_settled(tables, path, activations[frame, chosen], history.start(speeds[frame, chosen]), settled)
         history.keep(settled)
         fill_frame(forces, frame, tables, path, settled)
     return forces

@@ -313,7 +313,7 @@ def test_targets_that_follow_a_coordinate_count_in_posture_and_covariance() -> N
     problem = build_problem(model, tasks)
     work = allocate_workspace(model, problem)
     posed = observed, solution.coordinates, solution.multipliers
-    stated = uncertainty_of_postures(problem, work, posed, np.zeros(len(model.markers)), sigma)
+    (stated,) = uncertainty_of_postures(problem, work, posed, [(np.zeros(len(model.markers)), sigma)])
     np.testing.assert_allclose(stated.covariance[0], covariance, atol=1e-5 * covariance.max())
     alone = solve_inverse_kinematics(model, observed, replace(tasks, coordinate_slopes={}, leader="")).coordinates[0]
     assert np.abs(alone - q).max() > 0.01

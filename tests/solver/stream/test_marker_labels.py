@@ -90,7 +90,7 @@ def test_a_person_who_leaves_and_returns_elsewhere_begins_a_new_motion() -> None
     found = stream(pushed, solver({}))
     assert outcomes(found[:20]) == [StreamOutcome.SOLVED] * 20
     assert outcomes(found[20 : 20 + away]) == [StreamOutcome.NO_MARKERS] * away
-    assert not any(frame.has_coordinates or frame.suits for frame in found[20 : 20 + away])
+    assert all(np.isnan(frame.coordinates).all() and not frame.suits for frame in found[20 : 20 + away])
     back = found[20 + away :]
     assert outcomes(back) == [StreamOutcome.SOLVED] * 20
     moved = MODEL.coordinate_index("shoulder_elv")
