@@ -1,12 +1,14 @@
 """Which cuff to choose: probabilities of statements about the efforts of drawn people.
 
 A difference matters if it reaches the smallest effect of interest. Two cuffs are equivalent if their difference is
-smaller (Lakens et al. 2018, Adv. Methods Pract. Psychol. Sci. 1:259, equivalence testing); the probabilities are the
-shares of the people for whom a statement is true.
+smaller (Lakens et al. 2018, Adv. Methods Pract. Psychol. Sci. 1:259, equivalence testing). The probabilities are those
+of a smoothed distribution of the drawn people: the share of 100 people for whom a statement is true has a standard error
+of 2 points at 95 %, so that the largest shares would be overestimates.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,6 +16,7 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from solver.suit.quantity import MOST_UNKNOWN, interval_of_draws
@@ -23,6 +26,9 @@ Basis = Literal["at_reference", "at_best"]
 """Every cuff at the suit's reference rest length, or each at its own best rest length."""
 BASES: Mapping[Basis, str] = {"at_reference": "at_reference", "at_best": "lowest_cost"}
 """Basis → field of CurveReadouts with the effort."""
+
+NORMAL_QUARTILES = 1.349
+"""Distance of the quartiles of a normal distribution in standard deviations."""
 
 
 class DecisionOutcome(StrEnum):
@@ -117,18 +123,35 @@ def decide(efforts: Mapping[str, Array], rule: DecisionRule | None = None) -> Cu
 def compare(efforts: Mapping[str, Array], cuffs: tuple[str, str], relevant_difference: float) -> PairProbability:
     """Probabilities for two cuffs from finite efforts (people,)."""
     difference = efforts[cuffs[0]] - efforts[cuffs[1]]
-    first = float((difference <= -relevant_difference).mean())
-    second = float((difference >= relevant_difference).mean())
-    equivalent = float((np.abs(difference) < relevant_difference).mean())
-    return PairProbability(cuffs, float(difference.mean()), interval_of_draws(difference), first, second, equivalent)
+    first = _probability(-difference - relevant_difference)
+    second = _probability(difference - relevant_difference)
+    ends = interval_of_draws(difference)
+    return PairProbability(cuffs, float(difference.mean()), ends, first, second, 1 - first - second)
 
 
 def _joint(
     efforts: Mapping[str, Array], leading: Sequence[str], worse: Sequence[str], relevant_difference: float
 ) -> float:
     """Of several leading cuffs, that they lie within the relevant difference; of one, that all others are worse."""
+    if len(leading) == 2:
+        return compare(efforts, (leading[0], leading[1]), relevant_difference).equivalent
     led = np.array([efforts[name] for name in leading])
     if len(leading) > 1:
-        return float((np.ptp(led, axis=0) < relevant_difference).mean())
+        return 1 - _probability(np.ptp(led, axis=0) - relevant_difference)
     others = np.array([efforts[name] for name in worse])
-    return float((others.min(axis=0) - led[0] >= relevant_difference).mean())
+    return _probability(others.min(axis=0) - led[0] - relevant_difference)
+
+
+def _probability(margin: Array) -> float:
+    """That the margin of the next person is at least 0, from those of drawn people (people,).
+
+    Normal kernels of Silverman's bandwidth around values that are shrunk to the mean, so that mean and variance remain
+    those of the values (Silverman and Young 1987, Biometrika 74:469); the share itself if half of the values are equal.
+    """
+    mean, variance = float(margin.mean()), float(margin.var())
+    spread = min(math.sqrt(variance), float(np.subtract(*np.quantile(margin, [0.75, 0.25]))) / NORMAL_QUARTILES)
+    width = 0.9 * spread * len(margin) ** -0.2
+    if width == 0.0:
+        return float((margin >= 0).mean())
+    shrunk = mean + (margin - mean) / math.sqrt(1 + width**2 / variance)
+    return float(scipy.special.ndtr(shrunk / width).mean())

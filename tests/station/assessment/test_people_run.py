@@ -18,6 +18,7 @@ from fitting.results.codes import Standing
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import differentiate
 from solver.multibody.postures import points_in_ground, postures
+from solver.suit.decision import compare
 from solver.suit.suit import read_suit
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.sources import BodySpread
@@ -174,10 +175,12 @@ def test_the_decision_is_that_of_the_table_of_people(plain: dict[str, Any], fold
         for cuff in ("hand", "elbow")
     }
     own = {cuff: plain["at_rigid_optimum"][cuff]["both"]["value"] for cuff in efforts}
-    difference = np.subtract(*(drawn[1:] - drawn[0] + own[cuff] for cuff, drawn in efforts.items()))
+    drawn = {cuff: effort[1:] - effort[0] + own[cuff] for cuff, effort in efforts.items()}
     (pair,) = plain["decision"]["at_reference"]["pairs"]
     assert pair["cuffs"] == ["hand", "elbow"]
-    assert pair["first_saves_more"]["value"] == pytest.approx((difference <= -0.02).mean())
+    expected = compare(drawn, ("hand", "elbow"), 0.02).first_saves_more
+    assert pair["first_saves_more"]["value"] == pytest.approx(expected)
+    assert expected == pytest.approx(np.mean(drawn["hand"] - drawn["elbow"] <= -0.02), abs=0.05)
     assert plain["decision"]["at_best"]["code"] in set(DecisionCode)
     assert plain["inputs"]["budget"].startswith("uncertainty.toml ")
 
