@@ -36,7 +36,7 @@ LAG_SD = 2e-3
 HOOK = 2.0
 """N that hang on the cuff without weights."""
 OBLIQUE = math.radians(25.0)
-USUAL = {"note.not_calibrated", "note.direction_of_pull_unknown", "note.published_damping", "sync.certificate"}
+USUAL = {"note.not_calibrated", "note.published_damping", "sync.certificate"}
 Found = tuple[Estimate, float]
 
 
@@ -53,7 +53,7 @@ class Condition:
     lag_sd: float | None = None
 
 
-CONDITIONS = {
+_OF_LAW_AND_RIG = {
     "clean": Condition(),
     "20 Hz": Condition(truth={"force_rate": 20.0}),
     "50 Hz": Condition(truth={"force_rate": 50.0}),
@@ -71,6 +71,12 @@ CONDITIONS = {
     "skin 0.05 mm/N": Condition(rig=Rig(skin=0.05e-3)),
     "pull at 25°": Condition(rig=Rig(static_angle=OBLIQUE, dynamic_angle=OBLIQUE, ratio=0.5)),
 }
+CONDITIONS = {
+    **{name: replace(one, truth={**one.truth, "has_rope_markers": True}) for name, one in _OF_LAW_AND_RIG.items()},
+    "without rope markers": Condition(),
+    "pull at 25° without rope markers": _OF_LAW_AND_RIG["pull at 25°"],
+}
+"""Two markers show the direction of the rope, unless the name says otherwise."""
 
 
 @dataclass(frozen=True)

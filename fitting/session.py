@@ -15,9 +15,11 @@ from fitting.diagnosis.causes import diagnose
 from fitting.diagnosis.identification import (
     MIN_LOADS,
     FittedPull,
+    along_unknown_rope,
     fitted_pulls,
     identify,
     notes_on,
+    shows_rope,
     started_before,
     used_pulls,
 )
@@ -142,7 +144,21 @@ def fit_donning(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
         pulls=fitted,
         classes=classes,
     )
-    return _diagnosed(fit, in_order) if in_order else fit
+    return _with_direction_error(_diagnosed(fit, in_order) if in_order else fit, along_line)
+
+
+def _with_direction_error(fit: CuffFit, along_line: Sequence[Pull]) -> CuffFit:
+    """The fit whose k and c include that the direction of the rope is unknown, if no markers show it.
+
+    The diagnosis compares the trials along their common displacement, without this error.
+    """
+    if shows_rope(of_test(along_line, "static")):
+        return fit
+    stiffness, damping = along_unknown_rope(fit.stiffness), fit.damping
+    if not shows_rope(along_line):
+        damping = along_unknown_rope(damping)
+    covariance = covariance_of((stiffness, damping, fit.migration))
+    return replace(fit, stiffness=stiffness, damping=damping, covariance=covariance)
 
 
 def _undamaged(fitted: Mapping[str, FittedPull]) -> list[FittedPull]:

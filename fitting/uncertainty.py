@@ -26,8 +26,8 @@ class Estimate:
     """A number, its standard error and its 95 % interval, in the unit of the number.
 
     The interval may be wider than 1.96 standard errors: few repeats make a standard error itself uncertain.
-    parts    standard error by cause ("noise", "lag", "gain", "drift", "codes", "settling", "between_repeats"); their
-             squares add up
+    parts    standard error by cause ("noise", "lag", "gain", "drift", "codes", "settling", "between_repeats",
+             "friction", "direction"); their squares add up
     bound    Cramér-Rao bound of the standard error, with the errors common to all trials; None if unknown
     outcome  of the iteration that combines repeats
     """

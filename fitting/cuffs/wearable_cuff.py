@@ -239,11 +239,13 @@ def _estimate_of(cuff: str, quantity: str, figure: Figure | None) -> Estimate | 
 
 
 def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
-    """Covariance of k, c and migration of one donning, 0 for None. A wrong gain of the load cell scales k and c alike;
-    their other errors, and that of migration, are independent.
+    """Covariance of k, c and migration of one donning, 0 for None. A wrong gain of the load cell or direction of the
+    pull scales k and c alike; their other errors, and that of migration, are independent.
     """
-    by_gain = [math.copysign(one.parts.get("gain", 0.0), one.value) if one else 0.0 for one in estimates]
-    covariance = np.outer(by_gain, by_gain)
+    covariance = np.zeros((len(estimates), len(estimates)))
+    for cause in ("gain", "direction"):
+        scaled = [math.copysign(one.parts.get(cause, 0.0), one.value) if one else 0.0 for one in estimates]
+        covariance += np.outer(scaled, scaled)
     np.fill_diagonal(covariance, [one.standard_error**2 if one else 0.0 for one in estimates])
     return covariance
 

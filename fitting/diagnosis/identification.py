@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -182,6 +182,37 @@ def _judge_migration(
     return (None, Verdict.MIGRATED_BEFORE) if before else (migration, None)
 
 
+LARGEST_RATIO = 2.0
+"""Of the stiffnesses of a cuff along orthogonal axes: 2.1 to 4.2 N/mm at the upper arm, means of 21 people (Schiebl et
+al. 2025, Sensors 25:4605, linear regression of the group; 2.3 to 4.6 N/mm as means of single regressions)."""
+MOST_OBLIQUE = (LARGEST_RATIO + 1) / (2 * math.sqrt(LARGEST_RATIO))
+"""Largest inverse cosine of the angle between a force and the displacement that it causes (Kantorovich's inequality)."""
+
+
+def shows_rope(pulls: Sequence[Pull]) -> bool:
+    """Whether markers on the rope show the direction of at least one of the pulls."""
+    return any(pull.motion.rope is not None for pull in pulls)
+
+
+def along_unknown_rope(estimate: Estimate | None) -> Estimate | None:
+    """Stiffness or damping along a rope whose direction is unknown, from the displacement along itself.
+
+    Displacement d and force F alone do not determine the direction: for every unit vector u with u·d > 0 there is a
+    symmetric positive definite K with K d = F u. Along u it is larger by the inverse cosine of the angle to d. Every
+    angle that LARGEST_RATIO permits is possible, so that the interval extends to the largest value.
+    """
+    if estimate is None:
+        return None
+    most = estimate.scaled(MOST_OBLIQUE)
+    part = abs(most.value - estimate.value) / math.sqrt(3)
+    return replace(
+        estimate,
+        standard_error=math.hypot(estimate.standard_error, part),
+        ci95=(min(estimate.ci95[0], most.ci95[0]), max(estimate.ci95[1], most.ci95[1])),
+        parts={**estimate.parts, "direction": part},
+    )
+
+
 SAME_STIFFNESS = (0.8, 1.25)
 """Range of the ratio of dynamic to static stiffness that needs no note."""
 NO_MIGRATION = 0.5e-3
@@ -295,7 +326,8 @@ def _migration_notes(static: Sequence[Pull], before: Sequence[str]) -> tuple[Not
 
 def _direction_notes(static: Sequence[Pull]) -> tuple[Note, ...]:
     """A note if no markers on the rope show the direction of the pull."""
-    return (Note(NoteCode.NO_ROPE),) if static and all(pull.motion.rope is None for pull in static) else ()
+    figures: Figures = {"ratio": LARGEST_RATIO, "more": MOST_OBLIQUE - 1}
+    return (Note(NoteCode.NO_ROPE, figures),) if static and not shows_rope(static) else ()
 
 
 def _origin_notes(trials: Sequence[Trial], origins: set[DataOrigin]) -> tuple[Note, ...]:

@@ -318,8 +318,9 @@ class NoteCode(Code):
     NO_ROPE = (
         "note.direction_of_pull_unknown",
         "no markers on the rope: the pull is taken to be along the displacement of the cuff. A cuff with another "
-        "stiffness across yields obliquely, and at an angle stiffness along the rope is larger by its inverse "
-        "cosine (2 % at 10°, 10 % at 25°), which the interval does not include; put two markers on the rope",
+        "stiffness across yields obliquely, and stiffness and damping along the rope are larger: by up to "
+        "{more:percent .0f} % if the stiffnesses differ by a factor of up to {ratio:g}, which the intervals include; "
+        "put two markers on the rope",
     )
     PUBLISHED_DAMPING = (
         "note.published_damping",

@@ -94,7 +94,7 @@ class OddSession(Session):
         read = load + self.rig.dynamic_zero * is_dynamic
         if is_dynamic and self.rig.swing_noise:
             read = read + self.rig.swing_noise * (time > 2.5) * self.random.standard_normal(len(time))
-        return self.assemble(test, repeat, time, read, shifts)
+        return self.assemble(test, repeat, time, read, shifts, np.cos(angle) * PULL + np.sin(angle) * ACROSS)
 
 
 def _answer(

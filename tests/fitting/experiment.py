@@ -28,6 +28,8 @@ ANCHOR = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], 
 CUFF = np.array([0.03, 0.07, 0.12])
 PULL = np.array([0.36, 0.48, 0.80])
 WEIGHTS = (15.0, 30.0, 45.0, 60.0, 75.0)
+ROPE = np.array([[0.18], [0.42]])
+"""Metres along the rope from the cuff to the markers on it."""
 STEP = 2.5e-4
 """Seconds of the integration."""
 
@@ -64,6 +66,7 @@ class Truth:
     sway: float = 2e-3
     sway_angle: float = 5e-3
     occlusion: float = 0.0
+    has_rope_markers: bool = False
     anchor: NDArray[np.float64] = field(default_factory=lambda: ANCHOR)
     lab_rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
 
@@ -127,16 +130,31 @@ class Session:
         return np.searchsorted(time, frame_time - STEP / 2)
 
     def assemble(
-        self, test: str, repeat: int, time: NDArray[np.float64], load: NDArray[np.float64], shifts: NDArray[np.float64]
+        self,
+        test: str,
+        repeat: int,
+        time: NDArray[np.float64],
+        load: NDArray[np.float64],
+        shifts: NDArray[np.float64],
+        pull: NDArray[np.float64] = PULL,
     ) -> tuple[Manifest, dict[str, Track]]:
-        """What both instruments make of a load (n,) [N] and of how markers move on the body, (frames, markers, 3)."""
+        """What both instruments make of a load (n,) [N] and of how markers move on the body, (frames, markers, 3).
+
+        pull (3,) is the direction of the rope. Markers on it move with the last of the others, the cuff's.
+        """
         truth = self.truth
         start_ns = 1_700_000_000_000_000_000 + int(self.trials * 120e9)
         self.trials += 1
-        tracks = {**self._daq(time, load, start_ns), "/markers": self._mocap(shifts, start_ns)}
-        labels = tuple(f"anchor_{i + 1}" for i in range(len(truth.anchor)))
+        body, labels = np.vstack((truth.anchor, CUFF)), tuple(f"anchor_{i + 1}" for i in range(len(truth.anchor)))
+        rope: tuple[str, ...] = ()
+        if truth.has_rope_markers:
+            rope = ("rope_1", "rope_2")
+            body = np.vstack((body, CUFF + ROPE * pull))
+            shifts = np.concatenate((shifts, shifts[:, [-1, -1]]), axis=1)
+        tracks = self._daq(time, load, start_ns)
+        tracks["/markers"] = self._mocap(body + shifts, (*labels, "cuff_1", *rope), start_ns)
         manifest = Manifest(
-            cuff=CuffSite(truth.cuff, "waist" if truth.cuff == "waist" else "arm", labels, ("cuff_1",)),
+            cuff=CuffSite(truth.cuff, "waist" if truth.cuff == "waist" else "arm", labels, ("cuff_1",), rope),
             test=test,  # type: ignore[arg-type]
             repeat=repeat,
             run=repeat,
@@ -170,11 +188,10 @@ class Session:
         step = self.truth.volts_per_code
         return volts if step == 0 else step * np.round(volts / step)
 
-    def _mocap(self, shifts: NDArray[np.float64], start_ns: int) -> Track:
-        """Frame 1 is exposed at the edge."""
-        truth, count = self.truth, len(shifts)
+    def _mocap(self, body: NDArray[np.float64], labels: tuple[str, ...], start_ns: int) -> Track:
+        """Markers (frames, markers, 3) on the body, seen in the laboratory. Frame 1 is exposed at the edge."""
+        truth, count = self.truth, len(body)
         frame_time = np.arange(count) / truth.marker_rate
-        body = np.vstack((truth.anchor, CUFF)) + shifts
         sway = truth.sway * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         turn = truth.sway_angle * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         lab = np.einsum("fij,fmj->fmi", _rotations(turn), body) + sway[:, None]
@@ -183,7 +200,6 @@ class Session:
         values = np.concatenate((1e3 * lab, np.full((*lab.shape[:2], 1), 0.5)), axis=2).astype(np.float32)
         for marker in range(values.shape[1]):
             values[self._hidden(count), marker] = np.nan
-        labels = (*(f"anchor_{i + 1}" for i in range(len(truth.anchor))), "cuff_1")
         return track("/markers", "mm", labels, truth.marker_rate, np.arange(1, count + 1), frame_time, start_ns, values)
 
     def _remembered(self, white: NDArray[np.float64]) -> NDArray[np.float64]:

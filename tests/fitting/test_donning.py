@@ -128,7 +128,7 @@ def test_weights_that_come_off_at_once_leave_friction_and_slip_open(
 
 @pytest.mark.parametrize("cuff", ["hand", "waist", "tube", "elbow"])
 def test_a_cuff_that_stays_out_farther_than_friction_holds_it_has_slipped(cuff: str) -> None:
-    session = Session(published(cuff, unloads_at_once=True), 1)
+    session = Session(published(cuff, unloads_at_once=True, has_rope_markers=True), 1)
     fit = fit_donning([build_trial(*session.static(1), "s", "s")])
     assert "friction" not in fit.stiffness.parts
     assert fit.stiffness.standard_error < 0.01 * fit.stiffness.value

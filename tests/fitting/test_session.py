@@ -11,22 +11,28 @@ import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import cuffs_json
+from fitting.diagnosis.identification import along_unknown_rope
 from fitting.results.codes import EXPLAINED_BY, NoteCode, Verdict
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.bounce import calibrate
 from fitting.trial.trial import RejectedTrial, Trial, build_bounce, build_trial, calibrated
+from fitting.uncertainty import normal_estimate
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounced
+from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import PUBLISHED, Session, published
 from tests.refusals import figures_by_code
 
 
 @cache
-def _donning(cuff: str, repeats: int = 1, seed: int = 1, rate: float = 1000.0) -> tuple[tuple[Trial, ...], float]:
+def _donning(
+    cuff: str, repeats: int = 1, seed: int = 1, rate: float = 1000.0, *, has_rope_markers: bool = False
+) -> tuple[tuple[Trial, ...], float]:
     """Static and dynamic trials, alternating, and how far the cuff had slipped after the last static one."""
-    session = Session(published(cuff, force_rate=rate, hold=4.0, duration=16.0), seed)
+    truth = published(cuff, force_rate=rate, hold=4.0, duration=16.0, has_rope_markers=has_rope_markers)
+    session = Session(truth, seed)
     trials, slip = [], 0.0
     for repeat in range(1, repeats + 1):
         trials.append(build_trial(*session.static(repeat), f"{cuff}-static-{repeat}", f"s{repeat}"))
@@ -77,11 +83,40 @@ def test_a_fit_says_whether_a_bounce_calibrated_lag_and_gain() -> None:
 
 def test_a_wrong_gain_of_the_load_cell_scales_stiffness_and_damping_alike() -> None:
     gain_sd = 0.02
-    fit = _fit([replace(trial, gain_sd=gain_sd) for trial in _donning("tube")[0]])
+    fit = _fit([replace(trial, gain_sd=gain_sd) for trial in _donning("tube", has_rope_markers=True)[0]])
     stiffness, damping, _ = _values(fit)
     assert fit.covariance[0, 1] == pytest.approx(gain_sd**2 * stiffness * damping, rel=1e-3)
     assert fit.covariance[1, 0] == fit.covariance[0, 1]
     assert not fit.covariance[2, :2].any()
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
+def test_without_rope_markers_the_intervals_contain_the_figures_along_an_oblique_rope(ratio: float) -> None:
+    angle = np.radians(35.0)
+    along = 1 / (np.cos(angle) ** 2 + np.sin(angle) ** 2 / ratio)
+    session = OddSession(Law(), Rig(static_angle=angle, dynamic_angle=angle, ratio=ratio), 1)
+    fit = _fit([build_trial(*session.static(1), "s", "s"), build_trial(*session.dynamic(1), "d", "d")])
+    for estimate, truth in ((fit.stiffness, along * Law().stiffness), (fit.damping, along * Law().damping)):
+        assert estimate and estimate.ci95[0] < truth < estimate.ci95[1]
+        assert sum(part**2 for part in estimate.parts.values()) == pytest.approx(estimate.standard_error**2)
+    assert fit.stiffness and fit.damping
+    shared = fit.stiffness.parts["direction"] * fit.damping.parts["direction"]
+    assert fit.covariance[0, 1] == pytest.approx(shared + fit.stiffness.parts["gain"] * fit.damping.parts["gain"])
+    assert NoteCode.NO_ROPE in [note.code for note in fit.notes]
+
+
+def test_the_figure_along_an_unknown_rope_is_in_its_interval_for_every_direction_of_the_pull() -> None:
+    """A bound that is attained: some of the pulls reach most of it."""
+    random, ratios = np.random.default_rng(0), []
+    for _ in range(200):
+        axes, _ = np.linalg.qr(random.standard_normal((3, 3)))
+        pull = random.standard_normal(3)
+        pull /= np.linalg.norm(pull)
+        displacement = axes @ np.diag([1e-3, 7e-4, 5e-4]) @ axes.T @ pull
+        found = along_unknown_rope(normal_estimate(1 / float(np.linalg.norm(displacement)), 1e-9))
+        assert found and found.ci95[0] <= 1 / float(pull @ displacement) <= found.ci95[1]
+        ratios.append(1 / float(pull @ displacement) / found.ci95[1])
+    assert max(ratios) > 0.99
 
 
 @pytest.mark.parametrize("cuff", ["waist", "tube"])

@@ -77,7 +77,7 @@ def test_where_nothing_is_wrong_no_cause_is_named(seed: int) -> None:
 
 @pytest.mark.parametrize("hold", [0.6, 1.5, 3.0])
 def test_short_holds_are_reported_as_such_and_not_as_another_cause(hold: float) -> None:
-    truth = Truth(friction=1e9, migration=0.0, duration=12.0, hold=hold, hold_jitter=hold / 6)
+    truth = Truth(friction=1e9, migration=0.0, duration=12.0, hold=hold, hold_jitter=hold / 6, has_rope_markers=True)
     fit = _fitted(OddSession(Law(), Rig(), 4, truth))
     assert fit.diagnosis.causes == ()
     if hold == 0.6:  # the loads are not held
