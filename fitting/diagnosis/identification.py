@@ -186,7 +186,7 @@ LARGEST_RATIO = 2.0
 """Of the stiffnesses of a cuff along orthogonal axes: 2.1 to 4.2 N/mm at the upper arm, means of 21 people (Schiebl et
 al. 2025, Sensors 25:4605, linear regression of the group; 2.3 to 4.6 N/mm as means of single regressions)."""
 MOST_OBLIQUE = (LARGEST_RATIO + 1) / (2 * math.sqrt(LARGEST_RATIO))
-"""Largest inverse cosine of the angle between a force and the displacement that it causes (Kantorovich's inequality)."""
+"""Largest inverse cosine of the angle between a force and its displacement (Kantorovich's inequality)."""
 
 
 def shows_rope(pulls: Sequence[Pull]) -> bool:

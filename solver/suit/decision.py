@@ -2,8 +2,8 @@
 
 A difference matters if it reaches the smallest effect of interest. Two cuffs are equivalent if their difference is
 smaller (Lakens et al. 2018, Adv. Methods Pract. Psychol. Sci. 1:259, equivalence testing). The probabilities are those
-of a smoothed distribution of the drawn people: the share of 100 people for whom a statement is true has a standard error
-of 2 points at 95 %, so that the largest shares would be overestimates.
+of a smoothed distribution of the drawn people: the share of 100 people for whom a statement is true has a standard
+error of 2 points at 95 %, so that the largest shares would be overestimates.
 """
 
 from __future__ import annotations
