@@ -67,7 +67,7 @@ def _values(node: ast.AST) -> Iterator[str]:
         values: list[ast.expr] = [
             value for key, value in zip(node.keys, node.values, strict=True) if isinstance(key, ast.Attribute)
         ]
-    elif isinstance(node, ast.ClassDef) and any("Enum" in ast.unparse(base) for base in node.bases):
+    elif isinstance(node, ast.ClassDef) and any(ast.unparse(base).endswith(("Enum", "Code")) for base in node.bases):
         values = [member for line in node.body if isinstance(line, ast.Assign) for member in ast.walk(line.value)]  # type: ignore[misc]
     else:
         return
