@@ -29,6 +29,7 @@ from fitting.pull.cuff_motion import (
     pull_direction,
     reference_posture,
 )
+from fitting.pull.exchanged_labels import require_own_labels
 from fitting.pull.plateaus import Plateau, check_steps, find_plateaus
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
@@ -117,7 +118,9 @@ def make_pulls(trials: Sequence[Trial]) -> tuple[list[Pull], dict[str, Note]]:
         try:
             if trial.cuff != trials[0].cuff:
                 raise UnusableTrial(RejectionCode.OTHER_MARKERS)
-            reference = reference or reference_posture(trial)
+            if reference is None:
+                require_own_labels(trial)
+                reference = reference_posture(trial)
             moved.append(_move(trial, cuff_motion(trial, reference)))
         except UnusableTrial as error:
             reasons[trial.file] = error.reason

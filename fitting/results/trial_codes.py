@@ -97,6 +97,12 @@ class RejectionCode(Code):
         "rejected.force_not_finite",
         f"force has {{count:.0f}} of {{total:.0f}} samples that are not finite numbers; {_AGAIN}",
     )
+    LABELS_EXCHANGED = (
+        "rejected.labels_exchanged",
+        "the labels {anchor} of the anchor and {cuff} of the cuff are exchanged in the whole trial: the anchor bends "
+        "by {rms_m:mm .1f} mm rms as labelled, and by {exchanged_m:mm .1f} mm with them exchanged; correct them in the "
+        "mocap system, and record or import again",
+    )
     LITTLE_IN_COMMON = (
         "rejected.little_in_common",
         "force and cuff are both known in {share:percent .0f} % of the marker frames, expected at least "

@@ -105,6 +105,20 @@ def test_force_and_cuff_must_be_known_together_in_half_of_the_frames(hidden_from
         assert reasons["s"].figures["share"] == pytest.approx(0.2, abs=0.01)
 
 
+@pytest.mark.parametrize("own", ["anchor_1", "anchor_3"])
+@pytest.mark.parametrize("cuff", PUBLISHED)
+def test_labels_of_anchor_and_cuff_that_are_exchanged_from_the_first_trial_on_are_named(cuff: str, own: str) -> None:
+    trial = _static(cuff, 4.0, 1000.0)
+    other = trial.cuff.cuff_markers[0]
+    places = [trial.labels.index(own), trial.labels.index(other)]
+    markers = trial.markers.copy()
+    markers[:, places] = markers[:, places[::-1]]
+    pulls, reasons = make_pulls([replace(trial, markers=markers)])
+    assert pulls == [] and reasons["s"].code is RejectionCode.LABELS_EXCHANGED
+    assert (reasons["s"].figures["anchor"], reasons["s"].figures["cuff"]) == (own, other)
+    assert reasons["s"].figures["exchanged_m"] < 0.5e-3
+
+
 # Held loads in a trial's force.
 
 
