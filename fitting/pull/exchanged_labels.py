@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import QUALITY_FRAME_STEP, fit_pose, is_seen
 from fitting.results.trial_codes import RejectionCode
@@ -35,7 +36,7 @@ def require_own_labels(trial: Trial) -> None:
             exchanged[labels[own], labels[other]] = _bending(points[:, order])
     (own_label, other_label), rms = min(exchanged.items(), key=lambda item: item[1])
     if rms < LARGEST_RATIO * bent:
-        figures = {"anchor": own_label, "cuff": other_label, "rms_m": bent, "exchanged_m": rms}
+        figures: Figures = {"anchor": own_label, "cuff": other_label, "rms_m": bent, "exchanged_m": rms}
         raise UnusableTrial(RejectionCode.LABELS_EXCHANGED, figures)
 
 

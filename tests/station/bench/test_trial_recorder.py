@@ -10,7 +10,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,6 +19,7 @@ import pytest
 from documents.message import Message
 from drivers.device import Device
 from drivers.errors import DeviceCode, DeviceUnavailable
+from drivers.qualisys_wire import MarkerBlocks, MarkerFrame
 from fitting.results.trial_codes import RejectionCode
 from fitting.trial.trial import RejectedTrial, read_alone
 from recordings import writer
@@ -310,16 +310,24 @@ def test_a_recording_that_the_fit_cannot_align_is_not_accepted(tmp_path: Path) -
     assert isinstance(reading, RejectedTrial)
 
 
-class Uncounted(FakeMocap):
-    """Every frame has the number 1, and the driver reports each."""
+class Renumbered(FakeMocap):
+    """Frames with other numbers, through the assembly of the driver. numbering: (n,) counted from 1 → (n,)."""
+
+    def __init__(self, clock: Clock, capture: FakeCapture, numbering: Callable[[np.ndarray], np.ndarray]) -> None:
+        super().__init__(clock, capture, ("anchor_1", "anchor_2", "anchor_3", "cuff_1"))
+        self._numbering, self._blocks = numbering, MarkerBlocks(self.streams[0].labels, 100.0, self.name)
+        self._blocks.labels = self.streams[0].labels
+        self._points = np.eye(4, dtype="<f4").tobytes()
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         items: list[Item] = []
         for item in super().read(timeout_s):
             if isinstance(item, Samples):
-                for row in range(len(item.sample_numbers)):
-                    items.append(Event("numbering_restarted", f"1 follows 1 ({row})", item.host_time_ns, self.name))
-                items.append(replace(item, sample_numbers=np.ones_like(item.sample_numbers)))
+                counted = item.sample_numbers.astype(np.int64)
+                for number, time_ns in zip(self._numbering(counted), item.device_time_ns, strict=True):
+                    frame = MarkerFrame(int(number), int(time_ns) // 1000, self._points, 0, 0)
+                    self._blocks.add(frame, item.host_time_ns)
+                items += self._blocks.take()
             else:
                 items.append(item)
         return items
@@ -328,7 +336,7 @@ class Uncounted(FakeMocap):
 def test_a_capture_without_frame_numbers_is_recorded_to_its_end_and_has_two_lines_on_them(tmp_path: Path) -> None:
     clock = ManualClock()
     capture = FakeCapture(clock, 5.0, 4.0)
-    devices = [FakeDaq(clock, capture), Uncounted(clock, capture)]
+    devices = [FakeDaq(clock, capture), Renumbered(clock, capture, np.ones_like)]
     shown: list[Item] = []
     offered = SimpleNamespace(offer=shown.append, show=lambda _: None)
     recorder = TrialRecorder(CONFIG, clock, [offered], make_devices=lambda *_: devices)  # type: ignore[arg-type,return-value,list-item]
@@ -338,8 +346,41 @@ def test_a_capture_without_frame_numbers_is_recorded_to_its_end_and_has_two_line
     collector = TrackCollector(result.path)
     open_recording(result.path, collector.take)
     events = [event.text for event in collector.events() if event.kind == "numbering_restarted"]
-    assert len(events) == 2 and events[1].startswith("400 times")
+    assert len(events) == 2 and events[1].startswith("399 times")
     assert sum(isinstance(item, Event) and item.kind == "numbering_restarted" for item in shown) == 1
+
+
+NUMBERINGS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], bool]] = {
+    "counted": (lambda n: n, True),
+    "every second frame": (lambda n: 2 * n - 1, False),
+    "always 1": (np.ones_like, False),
+    "always 0": (np.zeros_like, False),
+    "every number twice": (lambda n: (n + 1) // 2, False),
+    "backwards": (lambda n: 401 - n, False),
+    "restarts": (lambda n: np.where(n > 200, n - 200, n), False),
+    "restarts every 10 frames": (lambda n: (n - 1) % 10 + 1, False),
+    "jumps ahead": (lambda n: np.where(n > 200, n + 1000, n), False),
+    "jumps back": (lambda n: np.where(n > 200, n - 50, n), False),
+    "jumps by 2^31": (lambda n: np.where(n > 200, n + 2**31, n), False),
+    "goes on from a preview": (lambda n: n + 5000, True),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERINGS)
+def test_a_numbering_of_frames_is_accepted_exactly_if_the_fit_can_read_it(tmp_path: Path, name: str) -> None:
+    """From the assembly of frames through recorder and file to the fit."""
+    numbering, is_sound = NUMBERINGS[name]
+    clock = ManualClock()
+    capture = FakeCapture(clock, 3.0, 4.0)
+    devices = [FakeDaq(clock, capture), Renumbered(clock, capture, numbering)]
+    recorder = TrialRecorder(CONFIG, clock, make_devices=lambda *_: devices)  # type: ignore[arg-type,return-value]
+    result = recorder.record(tmp_path, SPEC)
+    assert result.path is not None and result.accepted == is_sound, result.sentence
+    assert isinstance(read_alone(result.path), RejectedTrial) != is_sound
+    assert result.lost_samples <= 400, "the rate allows no more in 4 s"
+    collector = TrackCollector(result.path)
+    open_recording(result.path, collector.take)
+    assert sum(event.kind in ("numbering_restarted", "time_stamps_jumped") for event in collector.events()) <= 4
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not rename a folder with an open file")
