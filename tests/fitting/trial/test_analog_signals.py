@@ -118,7 +118,7 @@ def test_without_a_sync_line_the_surest_clock_offset_ties_it_and_a_note_says_how
     emg, _ = laid_out(tracks, manifest)
     np.testing.assert_allclose(off_the_second(emg), 0.0, atol=5e-3)
     assert emg.time_sd == pytest.approx(0.05, abs=0.001)
-    assert emg.notes[0].figures["reason_code"] is TrialNoteCode.EMG_NO_SYNC
+    assert emg.notes[0].figures["reason_code"] == TrialNoteCode.EMG_NO_SYNC
 
 
 def test_a_sync_line_that_was_not_connected_falls_back_to_the_clock_offsets() -> None:
@@ -126,7 +126,7 @@ def test_a_sync_line_that_was_not_connected_falls_back_to_the_clock_offsets() ->
     flat = tracks["/emg_sync"]
     tracks["/emg_sync"] = replace(flat, values=np.zeros_like(flat.values))
     emg, _ = laid_out(tracks)
-    assert emg.notes[0].figures["reason_code"] is RejectionCode.SYNC_NEVER_RISES
+    assert emg.notes[0].figures["reason_code"] == RejectionCode.SYNC_NEVER_RISES
     np.testing.assert_allclose(off_the_second(emg), 0.0, atol=5e-3)
 
 
