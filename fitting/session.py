@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from fitting.cuffs.cuff_fit import CuffFit, SessionFit, TrialFit, lag_of, list_trials
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit, TrialFit, estimate_lag, list_trials
 from fitting.cuffs.published_method import published_notes
 from fitting.cuffs.wearable_cuff import covariance_of
 from fitting.diagnosis.causes import diagnose
@@ -132,7 +132,7 @@ def fit_donning(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
         covariance=covariance_of(identified.estimates),
         sources={pull.trial.file: pull.trial.sha256 for pull in (*used.values(), *all_static[:1])}
         | calibrated_by(trials),
-        lag=lag_of([fitted_pull.pull.trial for fitted_pull in fitted.values()] or trials),
+        lag=estimate_lag([fitted_pull.pull.trial for fitted_pull in fitted.values()] or trials),
         trials=list_trials(trials, pulls, used, fitted, held.stiffness.if_friction, refused),
         notes=notes_on(trials, all_static, held, swings, identified, before) + published_notes(list(fitted.values())),
         held=held,

@@ -431,7 +431,7 @@ def _correlation_lines(fit: CuffFit) -> list[str]:
     ]
 
 
-def lag_of(trials: Sequence[Trial]) -> Lag:
+def estimate_lag(trials: Sequence[Trial]) -> Lag:
     """The lag used for the trials of a donning, its source and its uncertainty."""
     lag = trials[0].lag
     edge = max(trial.lag.edge for trial in trials)

@@ -48,7 +48,7 @@ def cuffs_json(session: SessionFit) -> str:
             }
             for trial in session.rejected
         ],
-        "calibration": plain_calibration(session.calibration),
+        "calibration": calibration_json(session.calibration),
         "recordings": {file: {"standing": standing} for file, standing in session.recordings.items()},
     }
     document = CuffsDocument.model_validate(plain).model_dump(mode="json", by_alias=True, exclude_unset=True)
@@ -68,7 +68,7 @@ def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
     doubtful = [QUANTITIES[name] for name in fit.missing]
     return {
         **figures,
-        **dict.fromkeys(doubtful, plain_estimate(None)),
+        **dict.fromkeys(doubtful, estimate_json(None)),
         "not_identified": {key: figures[key] for key in doubtful},
         "verdict": fit.verdict,
         "verdict_codes": list(fit.verdicts),
@@ -80,12 +80,12 @@ def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
         "note_codes": [note.to_plain() for note in fit.notes],
         "diagnostics": dict(fit.diagnostics),
         **({"lag": _plain_lag(fit.lag)} if fit.lag else {}),
-        **({"static": plain_held_loads(fit.held)} if fit.held and fit.held.has_loads else {}),
-        "hysteresis_energy_j": plain_estimate(fit.energy),
-        "complex_stiffness": plain_bands(fit.complex_stiffness),
+        **({"static": held_loads_json(fit.held)} if fit.held and fit.held.has_loads else {}),
+        "hysteresis_energy_j": estimate_json(fit.energy),
+        "complex_stiffness": bands_json(fit.complex_stiffness),
         **_plain_tensors(fit.tensors),
-        "model_class": plain_classes(fit.classes),
-        "diagnosis": plain_diagnosis(fit.diagnosis),
+        "model_class": classes_json(fit.classes),
+        "diagnosis": diagnosis_json(fit.diagnosis),
         "sources": dict(fit.sources),
         "trials": [_plain_trial(trial) for trial in fit.trials],
     }
@@ -95,8 +95,8 @@ def _plain_tensors(tensors: Tensors | None) -> dict[str, Any]:
     if tensors is None:
         return {}
     return {
-        "stiffness_tensor_n_per_m": plain_tensor(tensors.stiffness, tensors.no_stiffness),
-        "damping_tensor_n_s_per_m": plain_tensor(tensors.damping, tensors.no_damping),
+        "stiffness_tensor_n_per_m": tensor_json(tensors.stiffness, tensors.no_stiffness),
+        "damping_tensor_n_s_per_m": tensor_json(tensors.damping, tensors.no_damping),
     }
 
 
@@ -126,16 +126,16 @@ def _plain_trial(trial: TrialFit) -> dict[str, Any]:
         "sync": None if trial.sync is None else trial.sync.to_plain(),
         "zero_drift_n": trial.zero_drift,
         **_plain_estimates(trial),
-        **({"dynamic": plain_swing(trial.swing)} if trial.swing else {}),
+        **({"dynamic": swing_json(trial.swing)} if trial.swing else {}),
     }
 
 
 def _plain_estimates(fit: CuffFit | TrialFit) -> dict[str, Any]:
     """Stiffness, damping and migration, with null where the trials give no figure."""
-    return {key: plain_estimate(getattr(fit, name)) for name, key in QUANTITIES.items()}
+    return {key: estimate_json(getattr(fit, name)) for name, key in QUANTITIES.items()}
 
 
-def plain_estimate(estimate: Estimate | None) -> dict[str, Any]:
+def estimate_json(estimate: Estimate | None) -> dict[str, Any]:
     """value, standard_error and ci95, or null without an estimate; parts and bound if they are known."""
     if estimate is None:
         return {"value": None, "standard_error": None, "ci95": None}
@@ -151,7 +151,7 @@ def plain_estimate(estimate: Estimate | None) -> dict[str, Any]:
     return plain
 
 
-def plain_tensor(tensor: Tensor | None, reason: Note | None) -> dict[str, Any]:
+def tensor_json(tensor: Tensor | None, reason: Note | None) -> dict[str, Any]:
     """A tensor, or null with the reason why there is none."""
     if tensor is None:
         return {
@@ -175,40 +175,40 @@ def plain_tensor(tensor: Tensor | None, reason: Note | None) -> dict[str, Any]:
     }
 
 
-def plain_held_loads(held: HeldLoads) -> dict[str, Any]:
+def held_loads_json(held: HeldLoads) -> dict[str, Any]:
     """Results of the held loads other than the stiffness."""
     law, creep = held.stiffness.law, held.creep
     plain: dict[str, Any] = {
         "hold_s": held.hold,
-        "zero_drift_n_per_s": plain_estimate(held.drift),
-        "hysteresis_energy_j": plain_estimate(held.energy),
+        "zero_drift_n_per_s": estimate_json(held.drift),
+        "hysteresis_energy_j": estimate_json(held.energy),
         "slip_m": held.stiffness.slip,
         "steps_s": {file: list(times) for file, times in held.steps.items()},
     }
     if creep is not None:
         plain["creep"] = {
             "is_seen": creep.is_seen,
-            "fraction": plain_estimate(creep.fraction if creep.explains else None),
+            "fraction": estimate_json(creep.fraction if creep.explains else None),
             "time_constant_s": creep.time_constant if creep.explains else None,
-            "stiffness_at_rest_n_per_m": plain_estimate(creep.stiffness_at_rest if creep.explains else None),
+            "stiffness_at_rest_n_per_m": estimate_json(creep.stiffness_at_rest if creep.explains else None),
         }
     if law is not None:
         plain["exponential_law"] = {
-            "stiffening_per_m": plain_estimate(law.stiffening),
-            "tangents": [{"force_n": load, "stiffness_n_per_m": plain_estimate(k)} for load, k in held.tangents],
+            "stiffening_per_m": estimate_json(law.stiffening),
+            "tangents": [{"force_n": load, "stiffness_n_per_m": estimate_json(k)} for load, k in held.tangents],
         }
     return plain
 
 
-def plain_swing(fit: DampingFit) -> dict[str, Any]:
+def swing_json(fit: DampingFit) -> dict[str, Any]:
     """Results of a dynamic trial other than its damping."""
     return {
         "method": fit.method,
         "outcome": fit.outcome,
         "frequency_hz": fit.oscillation.frequency,
         "force_amplitude_n": fit.oscillation.amplitude,
-        "dynamic_stiffness_n_per_m": plain_estimate(fit.stiffness),
-        "hysteresis_energy_j": plain_estimate(fit.energy),
+        "dynamic_stiffness_n_per_m": estimate_json(fit.stiffness),
+        "hysteresis_energy_j": estimate_json(fit.energy),
         "lag_s": fit.lag,
         "force_noise_n": fit.force_noise,
         "marker_noise_m": fit.marker_noise,
@@ -218,25 +218,25 @@ def plain_swing(fit: DampingFit) -> dict[str, Any]:
         "cross_checks": [
             {
                 "method": other.method,
-                "stiffness_n_per_m": plain_estimate(other.stiffness),
-                "damping_n_s_per_m": plain_estimate(other.damping),
+                "stiffness_n_per_m": estimate_json(other.stiffness),
+                "damping_n_s_per_m": estimate_json(other.damping),
             }
             for other in fit.checks.others
         ],
-        "complex_stiffness": plain_bands(fit.checks.complex_stiffness),
+        "complex_stiffness": bands_json(fit.checks.complex_stiffness),
     }
 
 
-def plain_calibration(calibration: Calibration | None) -> dict[str, Any] | None:
+def calibration_json(calibration: Calibration | None) -> dict[str, Any] | None:
     """Calibration of the load cell by bounce trials, and when the newest was recorded; null without one."""
     if calibration is None:
         return None
     recorded = datetime.fromtimestamp(calibration.recorded_utc_ns // 1_000_000_000, UTC)
     return {
-        "lag_s": plain_estimate(calibration.lag),
-        "gain": plain_estimate(calibration.gain),
+        "lag_s": estimate_json(calibration.lag),
+        "gain": estimate_json(calibration.gain),
         "gain_is_used": calibration.is_gain_used,
-        "zero_n": plain_estimate(calibration.zero),
+        "zero_n": estimate_json(calibration.zero),
         "recorded_utc": recorded.isoformat(),
         "sources": dict(calibration.sources),
         "notes": list(map(str, calibration.notes)),
@@ -244,19 +244,19 @@ def plain_calibration(calibration: Calibration | None) -> dict[str, Any] | None:
     }
 
 
-def plain_bands(bands: Sequence[ComplexStiffness]) -> list[dict[str, Any]]:
+def bands_json(bands: Sequence[ComplexStiffness]) -> list[dict[str, Any]]:
     """K*(f) = k + i 2πf c in bands of frequency."""
     return [
         {
             "frequency_hz": band.frequency,
-            "stiffness_n_per_m": plain_estimate(band.stiffness),
-            "damping_n_s_per_m": plain_estimate(band.damping),
+            "stiffness_n_per_m": estimate_json(band.stiffness),
+            "damping_n_s_per_m": estimate_json(band.damping),
         }
         for band in bands
     ]
 
 
-def plain_classes(classes: ModelComparison | None) -> dict[str, Any] | None:
+def classes_json(classes: ModelComparison | None) -> dict[str, Any] | None:
     """The chosen law and the ranking, best first."""
     if classes is None:
         return None
@@ -269,7 +269,7 @@ def plain_classes(classes: ModelComparison | None) -> dict[str, Any] | None:
     }
 
 
-def plain_diagnosis(diagnosis: Diagnosis | None) -> dict[str, Any] | None:
+def diagnosis_json(diagnosis: Diagnosis | None) -> dict[str, Any] | None:
     """Checks D1 to D8 in order, and causes, most severe first."""
     if diagnosis is None:
         return None

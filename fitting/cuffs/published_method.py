@@ -62,7 +62,7 @@ def published_fits(session: SessionFit) -> dict[str, PublishedFit]:
     }
 
 
-def plain_published(fits: Mapping[str, PublishedFit]) -> dict[str, dict[str, float | None]]:
+def published_json(fits: Mapping[str, PublishedFit]) -> dict[str, dict[str, float | None]]:
     """As plain data, units in the keys."""
     return {
         name: {

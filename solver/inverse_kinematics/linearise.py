@@ -117,7 +117,7 @@ class LinearisedFrames(NamedTuple):
     rows: Array
 
 
-def constraints_of(model: Model) -> ConstraintTable:
+def build_constraints(model: Model) -> ConstraintTable:
     """Locks are no rows: their coordinates are given. A weld is three points of two frames, whose rows are redundant.
 
     Raises ModelError for a constraint without a row here.

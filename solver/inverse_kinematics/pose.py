@@ -65,7 +65,7 @@ class PoseWorkspace(NamedTuple):
     places: Array
 
 
-def skeleton_of(model: Model) -> Skeleton:
+def build_skeleton(model: Model) -> Skeleton:
     tables = tables_of(model)
     joint_of = np.full(len(model.coordinates), -1, dtype=np.int64)
     place_of = np.zeros(len(model.coordinates), dtype=np.int64)

@@ -43,12 +43,12 @@ from solver.inverse_kinematics.linearise import (
     Targets,
     TrackedMarkers,
     allocate_least_squares,
-    constraints_of,
+    build_constraints,
     evaluate_cost,
     evaluate_gap,
     fill_linearised,
 )
-from solver.inverse_kinematics.pose import allocate_pose, evaluate_pose, point_in_ground, skeleton_of
+from solver.inverse_kinematics.pose import allocate_pose, build_skeleton, evaluate_pose, point_in_ground
 from solver.model import CoordinateLock, Marker, Model, ModelError
 from solver.vectors import norm, read, subtract
 
@@ -139,7 +139,7 @@ def solve_inverse_kinematics(
     ensure_fits(observed, tasks)
     starts = spread_starts(model, assemble(model)) if start is None else np.array(start, dtype=np.float64)[None]
     problem = build_problem(model, tasks)
-    return _solve(model, problem, observed, targets_of(model, tasks, len(observed)), starts, most_rounds)
+    return _solve(model, problem, observed, build_targets(model, tasks, len(observed)), starts, most_rounds)
 
 
 def assemble(model: Model, wanted: Array | None = None) -> Array:
@@ -184,7 +184,7 @@ def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
     )
     is_angle = np.array([coordinate.motion != "translation" for coordinate in model.coordinates], dtype=np.bool_)
     bounds = Bounds(lowest, highest, is_locked)
-    return Problem(skeleton_of(model), markers, constraints_of(model), bounds, pull, is_angle)
+    return Problem(build_skeleton(model), markers, build_constraints(model), bounds, pull, is_angle)
 
 
 def allocate_workspace(model: Model, problem: Problem) -> IkWorkspace:
@@ -232,7 +232,7 @@ def spread_starts(model: Model, start: Array) -> Array:
     return np.concatenate([start[None], start + is_angle * drawn])
 
 
-def targets_of(model: Model, tasks: TrackingTasks, frames: int) -> Array:
+def build_targets(model: Model, tasks: TrackingTasks, frames: int) -> Array:
     """v (frames, coordinates)."""
     targets = np.tile(model.default_coordinates, (frames, 1))
     for name, value in tasks.coordinate_targets.items():

@@ -44,7 +44,7 @@ def add_values(parent: Xml.Element, **values: Any) -> None:
         add(parent, tag).text = _text(value)
 
 
-def objects_of(model: Xml.Element, tag: str) -> Xml.Element:
+def find_objects(model: Xml.Element, tag: str) -> Xml.Element:
     """The <objects> of one of the model's sets; created if missing."""
     found = model.find(tag)
     found = add(model, tag, tag.lower()) if found is None else found
@@ -59,11 +59,11 @@ def frame_of(bodies: Sequence[Body], body: int) -> str:
 def add_offset_frame(frames: Xml.Element, name: str, path: str, placement: Placement) -> None:
     """A frame of the body at that path."""
     frame = add(frames, "PhysicalOffsetFrame", name)
-    angles = angles_of(placement.rotation)
+    angles = rotation_to_angles(placement.rotation)
     add_values(frame, socket_parent=path, translation=placement.translation, orientation=angles)
 
 
-def angles_of(rotation: Array) -> Array:
+def rotation_to_angles(rotation: Array) -> Array:
     """Body-fixed x-y-z angles of a rotation."""
     r = rotation
     return np.array([np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(np.clip(r[0, 2], -1, 1)), np.arctan2(-r[0, 1], r[0, 0])])
@@ -168,7 +168,7 @@ def add_whole_path(force: Xml.Element, model: Model, path: Path, name: str) -> N
     points = add_path(force)
     for index, point in enumerate(path.points, start=1):
         _add_point(points, model, point, f"{name}-P{index}")
-    wraps = objects_of(force[0], "PathWrapSet")
+    wraps = find_objects(force[0], "PathWrapSet")
     for index, wrap in enumerate(path.wraps, start=1):
         its = add(wraps, "PathWrap", f"{name}-wrap{index}")
         surface, span = model.surfaces[wrap.surface].name, (wrap.first + 1, -1 if wrap.last is None else wrap.last + 1)

@@ -49,9 +49,9 @@ from solver.osim.elements import (
     add_offset_frame,
     add_values,
     add_whole_path,
-    angles_of,
+    find_objects,
     frame_of,
-    objects_of,
+    rotation_to_angles,
 )
 from solver.osim.force_reader import BUSHING_EXPRESSIONS, BUSHING_FUNCTIONS, unit_of_limits
 from solver.osim.muscle_reader import MILLARD_OPTIONS, THELEN_OPTIONS
@@ -80,7 +80,7 @@ def add_force(written: Xml.Element, model: Model, force: Any) -> None:
 
 
 def _force(written: Xml.Element, tag: str, force: Any, **values: Any) -> Xml.Element:
-    made = add(objects_of(written, "ForceSet"), tag, force.name)
+    made = add(find_objects(written, "ForceSet"), tag, force.name)
     add_values(made, **values)
     return made
 
@@ -104,7 +104,7 @@ def _coordinate_actuator(written: Xml.Element, model: Model, force: CoordinateAc
 
 
 def _path_actuator(written: Xml.Element, model: Model, force: PathActuator) -> None:
-    made = add(objects_of(written, "ForceSet"), "PathActuator", force.name)
+    made = add(find_objects(written, "ForceSet"), "PathActuator", force.name)
     add_whole_path(made, model, force.path, force.name)
     add_values(made, **_strength(force))
 
@@ -174,7 +174,7 @@ def _expression_bushing(written: Xml.Element, model: Model, force: ExpressionBus
 
 
 def _along_path(written: Xml.Element, model: Model, force: Any, tag: str, **values: Any) -> Xml.Element:
-    made = add(objects_of(written, "ForceSet"), tag, force.name)
+    made = add(find_objects(written, "ForceSet"), tag, force.name)
     add_whole_path(made, model, force.path, force.name)
     add_values(made, **values)
     return made
@@ -226,7 +226,7 @@ def _constant_force(written: Xml.Element, model: Model, force: ConstantForce) ->
 
 def _hunt_crossley(written: Xml.Element, model: Model, force: HuntCrossleyContact) -> None:
     """Each surface becomes a geometry of its own with its material, also if several shared one."""
-    made = add(objects_of(written, "ForceSet"), "HuntCrossleyForce", force.name)
+    made = add(find_objects(written, "ForceSet"), "HuntCrossleyForce", force.name)
     groups = add(add(made, "HuntCrossleyForce::ContactParametersSet", "contact_parameters"), "objects")
     for index, surface in enumerate(force.surfaces, start=1):
         name = f"{force.name}_{index}"
@@ -238,23 +238,23 @@ def _hunt_crossley(written: Xml.Element, model: Model, force: HuntCrossleyContac
 
 def _smooth_contact(written: Xml.Element, model: Model, force: SmoothContact) -> None:
     sphere, plane = f"{force.name}_sphere", f"{force.name}_plane"
-    shapes = objects_of(written, "ContactGeometrySet")
+    shapes = find_objects(written, "ContactGeometrySet")
     made = add(shapes, "ContactSphere", sphere)
     add_values(made, socket_frame=frame_of(model.bodies, force.sphere_body), location=force.center, radius=force.radius)
     _add_surface(written, model, ContactSurface(force.plane_body, force.plane, None, force.material), plane)
     values = {"socket_sphere": f"/contactgeometryset/{sphere}", "socket_half_space": f"/contactgeometryset/{plane}"}
     values |= {"constant_contact_force": force.offset, "hertz_smoothing": force.hertz_smoothing}  # type: ignore[dict-item]
-    contact = add(objects_of(written, "ForceSet"), "SmoothSphereHalfSpaceForce", force.name)
+    contact = add(find_objects(written, "ForceSet"), "SmoothSphereHalfSpaceForce", force.name)
     add_values(contact, **values, **_material(force.material), transition_velocity=force.transition_velocity)
     add_values(contact, hunt_crossley_smoothing=force.speed_smoothing)
 
 
 def _add_surface(written: Xml.Element, model: Model, surface: ContactSurface, name: str) -> None:
     tag = "ContactHalfSpace" if surface.radius is None else "ContactSphere"
-    made = add(objects_of(written, "ContactGeometrySet"), tag, name)
+    made = add(find_objects(written, "ContactGeometrySet"), tag, name)
     placement = surface.placement
     add_values(made, socket_frame=frame_of(model.bodies, surface.body), location=placement.translation)
-    add_values(made, orientation=angles_of(placement.rotation))
+    add_values(made, orientation=rotation_to_angles(placement.rotation))
     if surface.radius is not None:
         add_values(made, radius=surface.radius)
 

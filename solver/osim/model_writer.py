@@ -47,9 +47,9 @@ from solver.osim.elements import (
     add_function,
     add_offset_frame,
     add_values,
-    angles_of,
+    find_objects,
     frame_of,
-    objects_of,
+    rotation_to_angles,
 )
 from solver.osim.force_writer import add_force, add_muscle
 
@@ -66,18 +66,18 @@ def osim_document(model: Model) -> Xml.Element:
     ground = add(written, "Ground", "ground")
     _add_surfaces(ground, model, GROUND)
     for index, body in enumerate(model.bodies[1:], start=1):
-        add_body(objects_of(written, "BodySet"), body.name, body.mass, body.mass_center, body.inertia)
-        _add_surfaces(objects_of(written, "BodySet")[-1], model, index)
+        add_body(find_objects(written, "BodySet"), body.name, body.mass, body.mass_center, body.inertia)
+        _add_surfaces(find_objects(written, "BodySet")[-1], model, index)
     for joint in model.joints:
-        _add_joint(objects_of(written, "JointSet"), model, joint)
+        _add_joint(find_objects(written, "JointSet"), model, joint)
     for constraint in model.constraints:
         add_constraint(written, model, constraint)
     for muscle in model.muscles:
-        add_muscle(objects_of(written, "ForceSet"), model, muscle)
+        add_muscle(find_objects(written, "ForceSet"), model, muscle)
     for force in (*model.actuators, *model.coordinate_forces, *model.forces):
         add_force(written, model, force)
     for marker in model.markers:
-        add_marker(objects_of(written, "MarkerSet"), model.bodies, marker)
+        add_marker(find_objects(written, "MarkerSet"), model.bodies, marker)
     return root
 
 
@@ -138,13 +138,13 @@ def add_axes(
 def _add_surfaces(owner: Xml.Element, model: Model, body: int) -> None:
     for surface in model.surfaces:
         if surface.body == body:
-            _add_surface(objects_of(owner, "WrapObjectSet"), surface)
+            _add_surface(find_objects(owner, "WrapObjectSet"), surface)
 
 
 def _add_surface(objects: Xml.Element, surface: WrapSurface) -> None:
     made = add(objects, f"Wrap{surface.kind.capitalize()}", surface.name)
     placement = surface.placement
-    add_values(made, xyz_body_rotation=angles_of(placement.rotation), translation=placement.translation)
+    add_values(made, xyz_body_rotation=rotation_to_angles(placement.rotation), translation=placement.translation)
     add_values(made, quadrant=surface.quadrant, active=str(surface.is_active).lower())
     if surface.kind == "ellipsoid":
         add_values(made, dimensions=surface.dimensions)
@@ -191,7 +191,7 @@ def add_constraint(written: Xml.Element, model: Model, constraint: Constraint) -
         add_values(coordinate, prescribed="true")
         add_function(coordinate, constraint.function, constraint.name, "prescribed_function")
     else:
-        _add_to_set(objects_of(written, "ConstraintSet"), model, constraint)
+        _add_to_set(find_objects(written, "ConstraintSet"), model, constraint)
 
 
 def _coordinate(written: Xml.Element, model: Model, coordinate: int) -> Xml.Element:

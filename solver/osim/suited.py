@@ -27,7 +27,7 @@ from solver.multibody.loads import ExternalForce
 from solver.multibody.postures import postures
 from solver.osim.document import Element
 from solver.osim.earlier_versions import PRESENT_LAYOUT
-from solver.osim.elements import add, add_path, add_path_point, add_values, objects_of
+from solver.osim.elements import add, add_path, add_path_point, add_values, find_objects
 from solver.osim.model_reader import read_osim_model
 from solver.osim.model_writer import add_axes, add_body, add_joint
 from solver.suit.cord import cord_line, direction_to_joint, ensure_possible, suit_forces
@@ -61,7 +61,7 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, scenario: SuitScenario
         slipped = cuff.migration if cuff and scenario.is_shifted and not slips_along_cord else 0.0
         rest = point.location + slipped * direction_to_joint(point)
         _add_cuff(osim, part, SuitPoint(point.body, rest), masses[part], cuff if scenario.yields else None)
-    spring = add(objects_of(osim, "ForceSet"), "PathSpring", CORD)
+    spring = add(find_objects(osim, "ForceSet"), "PathSpring", CORD)
     points = add_path(spring)
     for part in suit.parts:
         name = re.sub(NO_NAME, "_", suit.names[part])
@@ -120,12 +120,12 @@ def _ensure_masses_of_cuffs(suit: Suit, scenario: SuitScenario) -> None:
 def _add_cuff(osim: Xml.Element, part: str, rest: SuitPoint, mass: SuitMass, yields: CuffParameters | None) -> None:
     name, holder = f"{part}_cuff", f"/bodyset/{rest.body}"
     center = mass.center - rest.location
-    add_body(objects_of(osim, "BodySet"), name, mass.mass, center, np.diag(mass.inertia))
+    add_body(find_objects(osim, "BodySet"), name, mass.mass, center, np.diag(mass.inertia))
     sides = [
         (holder, Placement(np.eye(3), rest.location)),
         (f"/bodyset/{name}", Placement(np.eye(3), np.zeros(3))),
     ]
-    joints = objects_of(osim, "JointSet")
+    joints = find_objects(osim, "JointSet")
     if yields is None:
         add_joint(joints, "WeldJoint", f"{name}_joint", sides, [])
         return
@@ -136,7 +136,7 @@ def _add_cuff(osim: Xml.Element, part: str, rest: SuitPoint, mass: SuitMass, yie
     add_axes(joint, np.vstack([np.eye(3), np.eye(3)]), ["", "", "", *shifts], functions)
     stiffness, damping = yields.law.bushing()
     add_values(
-        add(objects_of(osim, "ForceSet"), "BushingForce", f"{name}_bushing"),
+        add(find_objects(osim, "ForceSet"), "BushingForce", f"{name}_bushing"),
         socket_frame1=f"/jointset/{name}_joint/{name}_joint_{rest.body}",
         socket_frame2=f"/bodyset/{name}",
         rotational_stiffness=np.zeros(3),

@@ -103,7 +103,7 @@ class _Motion:
 def _solve_in_blocks(motion: _Motion, progress: Callable[[int, int], None]) -> MotionSolution | None:
     """None where the motion has to be solved as a whole, as the docstring of this file says."""
     frames, run, parts = len(motion.kinematics.time), BlockRun(), []
-    blocks = blocks_of(frames, FRAMES_AT_ONCE)
+    blocks = divide_into_blocks(frames, FRAMES_AT_ONCE)
     if len(blocks) < 2 or not motion.is_divisible:
         return None
     keep_freed_memory()
@@ -306,7 +306,7 @@ def _joined_arrays(parts: Sequence[MotionSolution] | Sequence[JointReactions]) -
     return {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
 
 
-def blocks_of(frames: int, size: int) -> list[slice]:
+def divide_into_blocks(frames: int, size: int) -> list[slice]:
     """Blocks of equal length, as near to this size as possible."""
     edges = np.linspace(0, frames, max(round(frames / size), 1) + 1).astype(int).tolist()
     return [slice(start, end) for start, end in pairwise(edges)]

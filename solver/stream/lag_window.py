@@ -41,10 +41,10 @@ from solver.inverse_kinematics.solve import (
     allocate_workspace,
     assemble,
     build_problem,
+    build_targets,
     ensure_fits,
     locked_values,
     spread_starts,
-    targets_of,
     uncertainty_of_postures,
 )
 from solver.model import Model
@@ -160,7 +160,7 @@ class _FrameProblem:
     @classmethod
     def of(cls, model: Model, tasks: TrackingTasks) -> _FrameProblem:
         problem = build_problem(model, tasks)
-        return cls(problem, targets_of(model, tasks, 1), allocate_workspace(model, problem))
+        return cls(problem, build_targets(model, tasks, 1), allocate_workspace(model, problem))
 
 
 JERK_INTENSITY = 0.07

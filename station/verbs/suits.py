@@ -80,12 +80,12 @@ def _compare_with_paper(fitted: SessionFit, output: Path | None, format: Format)
 
     from rich.console import Console
 
-    from fitting.cuffs.published_method import plain_published, published_fits
+    from fitting.cuffs.published_method import published_fits, published_json
     from station.checksums import write_whole
     from station.tables import published_table
 
     fits = published_fits(fitted)
-    text = json.dumps({"method": "paper", "cuffs": plain_published(fits)}, indent=2) + "\n"
+    text = json.dumps({"method": "paper", "cuffs": published_json(fits)}, indent=2) + "\n"
     if output is not None:
         write_whole(output, text)
     if format == "json":

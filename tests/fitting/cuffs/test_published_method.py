@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit, TrialFit, find_outliers, has_slipped
-from fitting.cuffs.published_method import PublishedFit, plain_published, published_fits
+from fitting.cuffs.published_method import PublishedFit, published_fits, published_json
 from fitting.cuffs.wearable_cuff import bushing_force
 from fitting.results.codes import FitErrorCode, NoteCode, Verdict
 from fitting.session import fit_session
@@ -71,7 +71,7 @@ def test_an_intercept_removes_hook_and_zero_which_bend_a_line_through_the_origin
 
 def test_as_plain_data_it_names_its_units() -> None:
     fitted, paper = _fitted("hand", 1e-6)
-    plain = plain_published(published_fits(fitted))["hand"]
+    plain = published_json(published_fits(fitted))["hand"]
     assert plain["stiffness_n_per_m"] == paper.stiffness
     assert plain["stiffness_through_origin_n_per_m"] == paper.stiffness_through_origin
     assert plain["damping_n_s_per_m"] == paper.damping

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.cuffs.cuffs_file import plain_held_loads
+from fitting.cuffs.cuffs_file import held_loads_json
 from fitting.pull.plateaus import Plateau
 from fitting.pull.pull import Pull, make_pulls
 from fitting.results.codes import FitOutcome, NoteCode
@@ -221,7 +221,7 @@ def test_what_a_slipping_cuff_takes_in_a_cycle_is_the_work_of_its_friction() -> 
 
 
 def test_cuffs_json_gets_all_of_it_in_units() -> None:
-    plain = plain_held_loads(_fit(CREEPING, 1))
+    plain = held_loads_json(_fit(CREEPING, 1))
     assert 3.0 < plain["hold_s"] < 8.0
     assert plain["creep"]["is_seen"] is True
     assert [each["force_n"] for each in plain["exponential_law"]["tangents"]] == pytest.approx(
