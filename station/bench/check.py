@@ -76,7 +76,7 @@ class CheckResult:
             "is_good": self.is_good,
             "found": self.found,
             "is_doubtful": self.is_doubtful,
-            "code": self.message.figures.get("code", self.message.code.value),
+            "code": self.message.codes[-1],
             "figures": dict(self.message.figures),
         }
 
