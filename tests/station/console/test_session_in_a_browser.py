@@ -157,26 +157,6 @@ def correct_in_the_list(page: Page) -> None:
         seen(page, stands)
 
 
-def test_frozen_closed_and_many_pages_do_not_affect_the_recording(polite_browser: Browser, tmp_path: Path) -> None:
-    """Four pages starve a small machine: the simulated world slows down, and no sample is lost."""
-    with ServedConsole(write_config(tmp_path, hold_s=4.0), "--simulated", "--speed", "3") as console:
-        page = open_page(polite_browser, console.address)
-        begin(page)
-        others = [open_page(polite_browser, console.address) for _ in range(3)]
-        for other in others:
-            seen(other, "next: hand")
-        page.keyboard.press("a")
-        runs(others[0])
-        frozen = others[1].context.new_cdp_session(others[1])
-        frozen.send("Debugger.enable")
-        frozen.send("Debugger.pause")  # the page answers nothing any more
-        others[2].close()
-        others[0].get_by_role("button", name="Arm (a)").wait_for(state="detached")
-        page.keyboard.press("a")  # a second start, while the first runs: the key does nothing
-        seen(others[0], "Keep (k)")
-    assert_whole(the_recording(tmp_path))
-
-
 def test_the_trial_of_a_killed_console_with_simulated_devices_is_not_lost(browser: Browser, tmp_path: Path) -> None:
     """The new console returns to the trial, or offers its session if the trial has ended meanwhile."""
     config, options = write_config(tmp_path, hold_s=3.0), ("--simulated", "--speed", "2")
