@@ -26,7 +26,8 @@ def require_own_labels(trial: Trial) -> None:
     site, labels = trial.cuff, (*trial.cuff.anchor_markers, *trial.cuff.cuff_markers)
     points = trial.positions(labels)[::QUALITY_FRAME_STEP]
     points, count = points[is_seen(points).all(axis=1)], len(site.anchor_markers)
-    if not len(points) or (bent := _bending(points[:, :count])) < LEAST_BENDING:
+    bent = _bending(points[:, :count]) if len(points) else 0.0
+    if not LEAST_BENDING <= bent < np.inf:  # an anchor that defines no frame is refused by reference_posture
         return
     exchanged = {}
     for own in range(count):

@@ -112,7 +112,9 @@ def record(
     seed: Annotated[int, typer.Option(help="Seed of the simulated devices.", rich_help_panel=PLAN)] = 1,
     headless: Annotated[
         bool,
-        typer.Option("--headless", help="Write events as JSON lines, as --format json does.", rich_help_panel=PLAN),
+        typer.Option(
+            "--headless", help="Events as JSON lines, commands as lines; also by --format json.", rich_help_panel=PLAN
+        ),
     ] = False,
 ) -> None:
     """Record one trial, or without --test the whole session with a verdict after each trial.

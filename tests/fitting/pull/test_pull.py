@@ -119,6 +119,15 @@ def test_labels_of_anchor_and_cuff_that_are_exchanged_from_the_first_trial_on_ar
     assert reasons["s"].figures["exchanged_m"] < 0.5e-3
 
 
+def test_an_anchor_that_defines_no_frame_is_not_taken_for_exchanged_labels() -> None:
+    trial = _static("hand", 4.0, 1000.0)
+    places = [trial.labels.index(label) for label in trial.cuff.anchor_markers]
+    markers = trial.markers.copy()
+    for place, share in zip(places[2:], (0.5, 0.25), strict=True):
+        markers[:, place] = (1 - share) * markers[:, places[0]] + share * markers[:, places[1]]
+    assert make_pulls([replace(trial, markers=markers)])[1]["s"].code is RejectionCode.ANCHOR_COLLINEAR
+
+
 # Held loads in a trial's force.
 
 
