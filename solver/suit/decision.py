@@ -126,7 +126,7 @@ def compare(efforts: Mapping[str, Array], cuffs: tuple[str, str], relevant_diffe
     first = _probability(-difference - relevant_difference)
     second = _probability(difference - relevant_difference)
     ends = interval_of_draws(difference)
-    return PairProbability(cuffs, float(difference.mean()), ends, first, second, 1 - first - second)
+    return PairProbability(cuffs, float(difference.mean()), ends, first, second, max(0.0, 1 - first - second))
 
 
 def _joint(
