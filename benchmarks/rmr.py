@@ -44,7 +44,7 @@ from solver.multibody.postures import postures  # noqa: E402
 from solver.muscle import muscle_forces  # noqa: E402
 from solver.paths import evaluate_paths  # noqa: E402
 from solver.redundancy.effort import RedundancyOptions  # noqa: E402
-from solver.redundancy.mechanics import evaluate_motion, response_maps  # noqa: E402
+from solver.redundancy.mechanics import evaluate_motion  # noqa: E402
 from solver.redundancy.motion_solution import solve_motion  # noqa: E402
 from solver.redundancy.problem import (  # noqa: E402
     CONE_FORCE_SCALE,
@@ -155,10 +155,8 @@ def stations(model: Model, kinematics: Kinematics) -> None:
         "paths": lambda: evaluate_paths(model, mechanics.state),
         "muscle forces": lambda: muscle_forces(model, mechanics.paths.lengths, mechanics.paths.speeds),
         "equations": lambda: equations_of_motion(model, mechanics.state),
-        "response maps": lambda: response_maps(
-            model, mechanics.state, mechanics.equations, mechanics.paths, mechanics.forces
-        ),
-        "building": lambda: build_redundancy(model, mechanics, options),
+        "response maps": lambda: mechanics.maps(model),
+        "building, with the maps": lambda: build_redundancy(model, mechanics, options),
         "solving": lambda: solve_redundancy(problem),
     }
     for name, run in steps.items():

@@ -13,7 +13,6 @@ of F, so that the steps converge fast. With cubes of the activations F'' is negl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,10 +20,10 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
-from solver.multibody.loads import ExternalForce, load_wrenches
+from solver.muscle import MuscleForces
 from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ForcePoint, FrameStep, force_frame
 from solver.redundancy.effort import RedundancyOptions
-from solver.redundancy.mechanics import Mechanics, ResponseMaps, response_maps
+from solver.redundancy.mechanics import Mechanics
 from solver.redundancy.problem import (
     FrameOutcome,
     LoadResponse,
@@ -60,18 +59,17 @@ def solve_elastic(
     mechanics: Mechanics,
     options: RedundancyOptions,
     progress: Progress = lambda *_: None,
-    loads: Sequence[ExternalForce] = (),
     response: LoadResponse | None = None,
 ) -> tuple[ScenarioSolutions, tuple[ElasticForces, ...]]:
     """Activations and controls of all scenarios, and their muscles' forces, NaN in INFEASIBLE and NOT_FINITE frames.
 
-    loads are those of the mechanics, response that to the additional loads of the scenarios; None is one scenario
-    without. A frame whose iteration does not converge is NOT_CONVERGED, one in which a muscle has no finite force
-    NOT_FINITE. INFEASIBLE holds for the linearised forces, so it is no proof. After these frames, fibres and
-    activations start anew. Raises ModelError without an elastic tendon, or with options of static optimisation.
+    response is that to the loads of the scenarios; None is one scenario without. A frame whose iteration does not
+    converge is NOT_CONVERGED, one in which a muscle has no finite force NOT_FINITE.
+    INFEASIBLE holds for the linearised forces, so it is no proof. After these frames, fibres and activations start
+    anew. Raises ModelError without an elastic tendon, or with options of static optimisation.
     """
     _ensure_dynamic(model, options)
-    problem = build_redundancy(model, replace(mechanics, maps=_maps_per_force(model, mechanics, loads)), options)
+    problem = build_redundancy(model, replace(mechanics, forces=_forces_as_controls(model, mechanics.forces)), options)
     is_finite, problem = problem.is_finite, problem.with_loads(response) if response else problem
     elastic = [_ElasticFrames(model, mechanics, options) for _ in problem.target]
 
@@ -217,17 +215,10 @@ def _relaxation(share: float, before: Array, step: Array) -> float:
     return float(np.clip(-share * (before @ change) / (change @ change), 0.2, 1.5))
 
 
-def _maps_per_force(model: Model, mechanics: Mechanics, loads: Sequence[ExternalForce]) -> ResponseMaps:
-    """The maps with controls of the muscles that are tensions over the greatest isometric forces, not activations."""
-    tension, state = mechanics.forces, mechanics.state
-    per_force = replace(
-        tension,
-        active=np.tile(_strength(model), (len(tension.active), 1)),
-        passive=np.zeros_like(tension.passive),
-    )
-    wrenches = load_wrenches(loads, state) if loads else None
-    maps = response_maps(model, state, mechanics.equations, mechanics.paths, per_force, wrenches)
-    return maps.cleared(maps.is_finite)
+def _forces_as_controls(model: Model, forces: MuscleForces) -> MuscleForces:
+    """Forces of muscles whose controls are tensions over the greatest isometric forces, not activations."""
+    strength = np.tile(_strength(model), (len(forces.active), 1))
+    return replace(forces, active=strength, passive=np.zeros_like(forces.passive))
 
 
 def _strength(model: Model) -> Array:

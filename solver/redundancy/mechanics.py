@@ -203,19 +203,35 @@ def glenoid_axes(axis: Array, edge: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """A model in a motion: everything that does not depend on the activations."""
+    """A model in a motion, with its external loads: everything that does not depend on the activations."""
 
     kinematics: Kinematics
     state: Postures
     paths: PathState
     forces: MuscleForces
     equations: EquationsOfMotion
-    maps: ResponseMaps
+    loads: tuple[ExternalForce, ...]
 
     @property
     def muscle_outcomes(self) -> NDArray[np.object_]:
         """(frames, muscles) of MuscleOutcome."""
         return join_outcomes(self.paths, self.forces)
+
+    def maps(self, model: Model) -> ResponseMaps:
+        """The maps of this model in the motion, NaN in a posture in which it cannot be evaluated.
+
+        Raises MotionError if there is no other posture.
+        """
+        wrenches = load_wrenches(self.loads, self.state) if self.loads else None
+        maps = response_maps(model, self.state, self.equations, self.paths, self.forces, wrenches)
+        is_finite = maps.is_finite
+        if not is_finite.any():
+            raise MotionError(
+                f"the model {model.name} should have finite accelerations and has them in none of {len(is_finite)} "
+                f"postures, the first at {self.kinematics.time[0]:g} s; use another motion",
+                SolverCode.NO_ACCELERATIONS,
+            )
+        return maps.cleared(is_finite)
 
 
 def evaluate_motion(
@@ -227,23 +243,12 @@ def evaluate_motion(
     path_mode: PathMode = "opensim",
     muscle_force_model: MuscleForceModel = "rigid_tendon",
 ) -> Mechanics:
-    """Evaluate a motion; `paths` are those of another model with the same geometry, if already computed.
-
-    Raises MotionError if the model cannot be evaluated in any posture. In a single one its maps are not finite.
-    """
+    """Evaluate a motion; `paths` are those of another model with the same geometry, if already computed."""
     state = postures(model, kinematics.positions, kinematics.speeds, kinematics.time)
     paths = paths or evaluate_paths(model, state, mode=path_mode)
     forces = modelled_forces(model, paths.lengths, paths.speeds, muscle_force_model)
     equations = equations_of_motion(model, state, joint)
-    maps = response_maps(model, state, equations, paths, forces, load_wrenches(loads, state) if loads else None)
-    is_finite = maps.is_finite
-    if not is_finite.any():
-        raise MotionError(
-            f"the model {model.name} should have finite accelerations and has them in none of {len(is_finite)} "
-            f"postures, the first at {kinematics.time[0]:g} s; use another motion",
-            SolverCode.NO_ACCELERATIONS,
-        )
-    return Mechanics(kinematics, state, paths, forces, equations, maps.cleared(is_finite))
+    return Mechanics(kinematics, state, paths, forces, equations, tuple(loads))
 
 
 @dataclass(frozen=True, eq=False)

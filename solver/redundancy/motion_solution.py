@@ -145,14 +145,14 @@ def _solve(
     if options.tendons == "elastic":
         from solver.redundancy.elastic import solve_elastic  # the compiler behind it takes long to import
 
-        solution, (fibers,) = solve_elastic(model, mechanics, options, progress, motion.loads)
+        solution, (fibers,) = solve_elastic(model, mechanics, options, progress)
         muscle_outcomes[~fibers.is_converged] = MuscleOutcome.FIBER_NOT_CONVERGED
     else:
         solution, fibers = solve_redundancy(problem, progress=progress, solve_run=solve_run), None
     activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
     tensions = fibers.tension if fibers else mechanics.forces.active * activations + mechanics.forces.passive
     reserves = controls * [actuator.optimal_force for actuator in model.actuators]
-    solved = SolvedForces(tensions, reserves, motion.loads)
+    solved = SolvedForces(tensions, reserves)
     reaction = solution.reaction[0]
     if is_bypassed(model, model.joint(options.joint)):  # which the affine map of the reaction does not hold
         reaction = reaction_on_parent(model, mechanics, solved, options.joint)
@@ -400,11 +400,10 @@ def _normalised(matrix: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SolvedForces:
-    """Forces of muscles (frames, muscles) [N] and actuators (frames, actuators) [N or N m], and the external loads."""
+    """Forces of muscles (frames, muscles) [N] and actuators (frames, actuators) [N or N m]."""
 
     muscles: Array
     actuators: Array
-    loads: tuple[ExternalForce, ...]
 
 
 def solved_reactions(
@@ -416,7 +415,7 @@ def solved_reactions(
         return JointReactions((), moment, force, point)
     paths, state = mechanics.paths, mechanics.state
     forces = np.einsum("fm,fmj->fj", solved.muscles, paths.mobility_per_tension)
-    wrenches = paths.wrenches.total(solved.muscles) + load_wrenches(solved.loads, state)
+    wrenches = paths.wrenches.total(solved.muscles) + load_wrenches(mechanics.loads, state)
     for actuator, force in zip(model.actuators, solved.actuators.T, strict=True):
         if isinstance(actuator, CoordinateActuator):
             forces[:, actuator.coordinate] += force

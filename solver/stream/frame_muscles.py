@@ -21,7 +21,7 @@ from solver.multibody.rotations import wrench_about_origin
 from solver.paths import PathState
 from solver.redundancy.effort import RedundancyOptions, effort_weights, ensure_convex
 from solver.redundancy.mechanics import Mechanics, evaluate_motion, glenoid_cone
-from solver.redundancy.problem import LoadResponse, build_redundancy
+from solver.redundancy.problem import LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import FrameByFrame
 from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
 from solver.suit.cord import CordLine, cord_line, suit_forces
@@ -84,14 +84,17 @@ class FrameMuscles:
         found: dict[str, StreamSuitFrame] = {}
         paths = None
         if self._bare.names:
-            mechanics = self._bare.evaluate(kinematics, None)
-            found |= self._bare.solve(mechanics, {})
-            paths = mechanics.paths if mechanics else None
+            evaluated = self._bare.evaluate(kinematics, None)
+            found |= self._bare.solve(evaluated, {})
+            paths = evaluated[0].paths if evaluated else None
         if self._suit is not None and self._worn:
-            mechanics = self._suited.evaluate(kinematics, paths)
+            evaluated = self._suited.evaluate(kinematics, paths)
             forces = suit_forces_of_frame(self._suit, self._suited.model, state, interval, self._worn)
-            found |= self._suited.solve(mechanics, forces, self._suit)
+            found |= self._suited.solve(evaluated, forces, self._suit)
         return {name: found[name] for name in self._order}
+
+
+_Evaluated = tuple[Mechanics, RedundancyProblem]
 
 
 class _Body:
@@ -112,23 +115,23 @@ class _Body:
         """Start a scenario anew."""
         self._frames.forget(self.names.index(name))
 
-    def evaluate(self, kinematics: Kinematics, paths: PathState | None) -> Mechanics | None:
+    def evaluate(self, kinematics: Kinematics, paths: PathState | None) -> _Evaluated | None:
         """None where the model has no finite accelerations."""
         joint, path_mode = self._options.joint, self._options.path_mode
         try:
-            return evaluate_motion(self.model, kinematics, paths, joint=joint, path_mode=path_mode)
+            mechanics = evaluate_motion(self.model, kinematics, paths, joint=joint, path_mode=path_mode)
+            return mechanics, build_redundancy(self.model, mechanics, self._options)
         except SolverError:
             return None
 
     def solve(
-        self, mechanics: Mechanics | None, forces: Mapping[str, FrameForces], suit: Suit | None = None
+        self, evaluated: _Evaluated | None, forces: Mapping[str, FrameForces], suit: Suit | None = None
     ) -> dict[str, StreamSuitFrame]:
         """By the name of a scenario; with a suit, one without forces has no equilibrium."""
-        if mechanics is None:
+        if evaluated is None:
             return dict.fromkeys(self.names, self._without(StreamSuitOutcome.NOT_FINITE))
-        loads = self._loads(mechanics, forces, suit)
-        problem = build_redundancy(self.model, mechanics, self._options)
-        solution = self._frames.solve(problem, loads)
+        mechanics, problem = evaluated
+        solution = self._frames.solve(problem, self._loads(mechanics, forces, suit))
         controls, reaction = solution.controls[:, 0], solution.reaction[:, 0, 3:]
         if StreamNotice.NO_GLENOHUMERAL_JOINT in self._notices:
             reaction = np.full_like(reaction, np.nan)

@@ -138,16 +138,11 @@ class SuitedMotion:
     problem: RedundancyProblem
     per_unit_wrench: Response
 
-    @property
-    def loads(self) -> list[ExternalForce]:
-        """External loads in the frames that are solved."""
-        return [load.decimate(self.every) for load in self.motion.loads]
-
     @cached_property
     def bare_mechanics(self) -> Mechanics:
         """Of the body without the suit's masses."""
-        motion, kinematics = self.motion, self.mechanics.kinematics
-        return evaluate_motion(motion.model, kinematics, self.mechanics.paths, self.loads, motion.options.joint)
+        motion, suited = self.motion, self.mechanics
+        return evaluate_motion(motion.model, suited.kinematics, suited.paths, suited.loads, motion.options.joint)
 
     @cached_property
     def bare_problem(self) -> RedundancyProblem:
@@ -312,7 +307,7 @@ def _solve_elastic(
     """With elastic tendons; a frame with a fibre that does not converge is NOT_CONVERGED."""
     from solver.redundancy.elastic import solve_elastic  # the compiler behind it takes long to import
 
-    solution, fibers = solve_elastic(model, mechanics, suited.motion.options, progress, suited.loads, response)
+    solution, fibers = solve_elastic(model, mechanics, suited.motion.options, progress, response)
     is_loose = np.array([~one.is_converged.all(axis=1) for one in fibers])
     solution.outcomes[is_loose & (solution.outcomes == FrameOutcome.SOLVED)] = FrameOutcome.NOT_CONVERGED
     return solution

@@ -164,7 +164,7 @@ def test_the_redundancy_problem_is_posed_on_the_paths_that_are_asked_for() -> No
         for mode in ("geodesic", "opensim")
     )
     bare = evaluate_motion(MODEL, kinematics, path_mode="geodesic")
-    assert np.array_equal(geodesic.bare_problem.matrix, bare.maps.acceleration_per_control)
+    assert np.array_equal(geodesic.bare_problem.matrix, bare.maps(MODEL).acceleration_per_control)
     assert not np.array_equal(geodesic.problem.matrix, opensim_paths.problem.matrix)
 
 

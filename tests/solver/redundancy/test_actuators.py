@@ -117,7 +117,7 @@ def test_a_joint_beside_a_point_constraint_carries_the_rest() -> None:
     options = RedundancyOptions(has_glenoid_cone=False, joint=name, reactions=ReactionRequest((name,), "parent"))
     solution = solve_motion(MODEL, COARSE, options)
     np.testing.assert_allclose(solution.reaction[:, 3:], solution.joint_reactions.force[:, 0], atol=1e-9)
-    maps = evaluate_motion(MODEL, COARSE, joint=name).maps
+    maps = evaluate_motion(MODEL, COARSE, joint=name).maps(MODEL)
     controls = np.concatenate(
         [solution.activations, solution.reserves / [actuator.optimal_force for actuator in MODEL.actuators]], axis=1
     )
