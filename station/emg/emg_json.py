@@ -27,7 +27,7 @@ from station.checksums import drafted, sha256_of, write_checksums, write_whole
 from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial, pool_trials
 from station.emg.trials import EmgFileError, EmgSetup, EnvelopeSection
 from station.folded_table import FoldedTable
-from station.messages.emg_messages import EmgCode
+from station.messages.emg_messages import FINDING_TEXT, OUTCOME_TEXT, EmgCode
 from station.versions import solving_versions
 
 EMG_FILE = "emg.json"
@@ -39,23 +39,6 @@ OUTPUT_HZ = 100.0
 CHANGE_FILE = "emg_change.csv"
 UNIT_TEXT = {"1": "fraction of the MVC", "V": "V", "": "unknown"}
 TableFormat = Literal["sto", "csv"]
-FINDING_TEXT = {
-    ChannelFinding.FLAT: "flat: no electrode, or the amplifier was off",
-    ChannelFinding.CLIPPED: "clipped by the converter's range; lower the gain, or remove an offset",
-    ChannelFinding.RECTIFIED: "rectified or smoothed already; give the raw signal",
-    ChannelFinding.GAP: "samples are missing for more than 10 ms",
-    ChannelFinding.HUM: "mains hum is more than half of the power; check electrodes and ground",
-    ChannelFinding.ABOVE_MVC: "above the MVC, which was not maximal",
-    ChannelFinding.NO_MVC: "no MVC is known; the shape is compared, and the level is unknown",
-}
-OUTCOME_TEXT = {
-    ShapeOutcome.COMPARED: "",
-    ShapeOutcome.LAG_NOT_IDENTIFIED: "lag not identified",
-    ShapeOutcome.MODEL_AT_REST: "the model's muscles are at rest",
-    ShapeOutcome.CONSTANT_EMG: "EMG does not change",
-    ShapeOutcome.TOO_SHORT: "the trial is too short",
-}
-"""Codes as text, for terminal and report."""
 
 
 class _Entry(BaseModel):

@@ -3,6 +3,26 @@
 from __future__ import annotations
 
 from documents.message import Code
+from fitting.emg.channels import ChannelFinding
+from fitting.emg.shape import ShapeOutcome
+
+FINDING_TEXT = {
+    ChannelFinding.FLAT: "flat: no electrode, or the amplifier was off",
+    ChannelFinding.CLIPPED: "clipped by the converter's range; lower the gain, or remove an offset",
+    ChannelFinding.RECTIFIED: "rectified or smoothed already; give the raw signal",
+    ChannelFinding.GAP: "samples are missing for more than 10 ms",
+    ChannelFinding.HUM: "mains hum is more than half of the power; check electrodes and ground",
+    ChannelFinding.ABOVE_MVC: "above the MVC, which was not maximal",
+    ChannelFinding.NO_MVC: "no MVC is known; the shape is compared, and the level is unknown",
+}
+OUTCOME_TEXT = {
+    ShapeOutcome.COMPARED: "",
+    ShapeOutcome.LAG_NOT_IDENTIFIED: "lag not identified",
+    ShapeOutcome.MODEL_AT_REST: "the model's muscles are at rest",
+    ShapeOutcome.CONSTANT_EMG: "EMG does not change",
+    ShapeOutcome.TOO_SHORT: "the trial is too short",
+}
+"""Codes as text, for terminal and report."""
 
 
 class EmgCode(Code):

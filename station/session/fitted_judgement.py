@@ -31,12 +31,12 @@ from recordings.manifest import MeasurementProtocol, TestKind
 from recordings.reader import Recording, open_recording
 from solver.scaling import largest_motion
 from station.config import ProtocolSection
-from station.emg.emg_json import FINDING_TEXT
 from station.emg.trials import EmgFileError, emg_of
 from station.fit import SessionError, fit_donning_of, read_recording
 from station.journal import Choice, JournalError, Recorded, read_journal
 from station.kinematics.marker_checks import MOVING
 from station.messages.bench_messages import TrialCode
+from station.messages.emg_messages import FINDING_TEXT
 from station.messages.session_messages import ReasonCode
 from station.protocol import BODY_TESTS, describe_trial
 from station.report.wearer_section import motion_drawing
