@@ -8,12 +8,13 @@ random draws with their seed, from which it was computed.
 
 from __future__ import annotations
 
-import hashlib
+import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
 from documents.interval import UNBROKEN, between, bracketed, plus_minus, rounded
@@ -21,23 +22,11 @@ from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.results.codes import Standing
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.report.pictures import Picture
-from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source
+from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source, sha256_of_text
 
 UNKNOWN, NOT_IDENTIFIED = "–", "not identified"
-UNITS = {
-    "n_per_m": "N/m",
-    "n_s_per_m": "N s/m",
-    "n_per_s": "N/s",
-    "m": "m",
-    "mm": "mm",
-    "kg": "kg",
-    "n": "N",
-    "s": "s",
-    "hz": "Hz",
-    "rad": "rad",
-    "percent": "%",
-    "per_m": "1/m",
-}
+UNITS = {unit.lower(): unit for unit in ("m", "mm", "kg", "N", "s", "Hz", "rad")}
+UNITS |= {"n_per_m": "N/m", "n_s_per_m": "N s/m", "n_per_s": "N/s", "per_m": "1/m", "percent": "%"}
 """Suffix of a key → unit of its value."""
 _BOUND_OF_SAVING = {"low": "high", "high": "low"}
 """A bound of an effort is the other bound of what is saved."""
@@ -70,11 +59,7 @@ class LocatedInteger(int):
     source: Source
 
 
-_LOCATED: Mapping[type, type[LocatedText | LocatedFloat | LocatedInteger]] = {
-    str: LocatedText,
-    float: LocatedFloat,
-    int: LocatedInteger,
-}
+_LOCATED: dict[type, type[Any]] = {str: LocatedText, float: LocatedFloat, int: LocatedInteger}
 
 
 def located(value: Any, source: Source) -> Any:
@@ -130,7 +115,7 @@ def interval(entry: Mapping[str, Any] | None, scale: float = 1.0, most_digits: i
 
     most_digits: decimals that the measurement bears at most
     """
-    return NOT_IDENTIFIED if _is_unknown(entry) else _bracketed(entry, scale, most_digits or 0, most_digits is not None)
+    return _bracketed(entry, NOT_IDENTIFIED, scale, most_digits or 0, is_limited=most_digits is not None)
 
 
 def figure(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> Shown:
@@ -138,15 +123,15 @@ def figure(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3)
 
     The interval of the fit alone would give it more decimals than the total uncertainty bears.
     """
-    return UNKNOWN if _is_unknown(entry) else _bracketed(entry, scale, digits, is_limited=True)
+    return _bracketed(entry, UNKNOWN, scale, digits, is_limited=True)
 
 
 def worn(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> Shown:
     """A parameter of a worn cuff, with its source where that is not the fit."""
-    if entry is None or _is_unknown(entry):
-        return UNKNOWN
-    number = _bracketed(entry, scale, digits, is_limited=False)
-    return number.within("{} (given by hand)") if entry.get("source") == Standing.BY_HAND else number
+    number = _bracketed(entry, UNKNOWN, scale, digits)
+    if isinstance(number, Number) and entry is not None and entry.get("source") == Standing.BY_HAND:
+        return number.within("{} (given by hand)")
+    return number
 
 
 def saving(entry: Mapping[str, Any]) -> Shown:
@@ -209,7 +194,9 @@ def _is_unknown(entry: Mapping[str, Any] | None) -> bool:
     return not entry or entry["value"] is None
 
 
-def _bracketed(entry: Any, scale: float, digits: int, is_limited: bool) -> Number:  # noqa: FBT001
+def _bracketed(entry: Any, unknown: str, scale: float, digits: int, *, is_limited: bool = False) -> Shown:
+    if _is_unknown(entry):
+        return unknown
     value, ci95, censored = entry["value"], entry.get("ci95"), entry.get("censored")
     return _number(entry, bracketed(value, ci95, scale, digits, censored, is_limited=is_limited))
 
@@ -217,9 +204,8 @@ def _bracketed(entry: Any, scale: float, digits: int, is_limited: bool) -> Numbe
 def _number(entry: Any, text: str) -> Number:
     """Raises AttributeError for an entry without a place."""
     value, ci95 = entry["value"], entry.get("ci95")
-    return Number(
-        text, tuple(value) if isinstance(value, list) else value, entry.source, (ci95[0], ci95[1]) if ci95 else None
-    )
+    given = tuple(value) if isinstance(value, list) else value
+    return Number(text, given, entry.source, (ci95[0], ci95[1]) if ci95 else None)
 
 
 def _percent(entry: Mapping[str, Any], sign: float) -> str:
@@ -255,22 +241,18 @@ class NumberRegister:
             return shown
         key = self._new_id(shown.source)
         entry = self.numbers[key] = self._entry(shown)
-        if isinstance(shown.value, str):
-            return Markup('<span class="number" id="{0}" title="{0}">{1}</span>').format(key, shown.text)
-        element = Markup('<data class="number" id="{0}" value="{1}" title="{0}">{2}</data>')
-        return element.format(key, entry.attribute, shown.text)
+        value = "" if entry.attribute is None else Markup(' value="{}"').format(entry.attribute)
+        tag = "data" if value else "span"
+        return Markup('<{0} class="number" id="{1}"{2} title="{1}">{3}</{0}>').format(tag, key, value, shown.text)
 
     def add_figures(self, section: str, pictures: Sequence[Picture], sources: Sequence[Source]) -> list[Picture]:
         """The figures of a section, whose drawings get an id."""
+        behind = list(dict.fromkeys(file for source in sources for file in self._provenance.recordings(source)))
         marked = []
         for number, picture in enumerate(pictures, start=1):
-            key = f"figure.{section}.{number}".replace(" ", ".")
-            behind = dict.fromkeys(file for source in sources for file in self._provenance.recordings(source))
+            key, digest = f"figure.{section}.{number}".replace(" ", "."), sha256_of_text(picture.drawing)
             self.figures[key] = DrawnFigure(
-                caption=picture.caption,
-                sha256=hashlib.sha256(picture.drawing.encode()).hexdigest(),
-                sources=list(sources),
-                recordings=list(behind),
+                caption=picture.caption, sha256=digest, sources=list(sources), recordings=behind
             )
             marked.append(replace(picture, drawing=f'<div id="{key}">{picture.drawing}</div><!-- {key} -->'))
         return marked
@@ -281,12 +263,9 @@ class NumberRegister:
         keys = source.keys if source.keys[:1] == [stem] else [stem, *source.keys]
         if source.derivation is not Derivation.VALUE:
             keys.append(source.derivation)
-        key = first = re.sub(r"\s", "_", ".".join(keys))
-        count = 1
-        while key in self.numbers:
-            count += 1
-            key = f"{first}-{count}"
-        return key
+        first = re.sub(r"\s", "_", ".".join(keys))
+        repeats = (f"{first}-{count}" for count in itertools.count(2))
+        return next(key for key in itertools.chain([first], repeats) if key not in self.numbers)
 
     def _entry(self, number: Number) -> ReportedNumber:
         source, value = number.source, number.value
@@ -294,7 +273,7 @@ class NumberRegister:
         behind = self._provenance.recordings(source) if number.recordings is None else number.recordings
         return ReportedNumber(
             text=number.text,
-            value=[float(one) for one in value] if isinstance(value, tuple) else _plain(value),
+            value=value if isinstance(value, str) else np.asarray(value, float).tolist(),
             ci95=None if number.ci95 is None else [float(end) for end in number.ci95],
             unit="" if isinstance(value, str) else _unit(source),
             source=source,
@@ -304,19 +283,13 @@ class NumberRegister:
         )
 
 
-def _plain(value: float | str) -> float | str:
-    return str(value) if isinstance(value, str) else float(value)
-
-
 def _unit(source: Source) -> str:
     """By the suffix of the last key that has one."""
     if source.derivation in (Derivation.LENGTH, Derivation.DISTINCT) or "axes" in source.keys:
         return ""
-    for key in reversed(source.keys):
-        for suffix in sorted(UNITS, key=len, reverse=True):
-            if key.endswith(f"_{suffix}"):
-                return UNITS[suffix]
-    return ""
+    suffixes = sorted(UNITS, key=len, reverse=True)
+    found = (UNITS[suffix] for key in reversed(source.keys) for suffix in suffixes if key.endswith(f"_{suffix}"))
+    return next(found, "")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,13 +31,16 @@ from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in
 from station.report.page import Results, located_assessment, read_results, render
 from station.report.report_file import ReportedNumber, ReportFileError, Source, read_numbers
+from station.report.verification import compared_link
 from station.sources import without_hash
 
 TOLERANCE = 1e-6
 """Relative difference of two numbers that count as equal: other processors and libraries round differently."""
 NOT_COMPUTED = frozenset({"seal", "recordings", "versions", "inputs", "inputs_checked"})
 """Keys that name files and versions."""
-
+NOT_ASSESSED_AGAIN = (
+    "its motion, model, suit, effort or budget file is not in this folder; assess it again with those files"
+)
 Plain = Mapping[str, Any]
 
 
@@ -56,26 +60,23 @@ class Difference:
     @property
     def size(self) -> float:
         """Relative difference of two numbers; infinite for anything else."""
-        if _is_number(self.found) and _is_number(self.expected):
-            largest = max(abs(self.found), abs(self.expected))
-            return abs(self.found - self.expected) / largest if math.isfinite(largest) else math.inf
-        return math.inf
+        if not all(isinstance(one, float | int) and not isinstance(one, bool) for one in (self.found, self.expected)):
+            return math.inf
+        largest = max(abs(self.found), abs(self.expected))
+        return abs(self.found - self.expected) / largest if math.isfinite(largest) else math.inf
 
 
-def recomputed_links(folder: Path, progress: Progress = silent) -> list[Link]:
+def recomputed_links(folder: Path, progress: Progress = silent) -> Iterator[Link]:
     """Links of cuffs.json, assessment.json and report.json to what the recordings give when computed again.
 
     A session without recordings of cuffs has none. Raises SessionError if its recordings cannot be fitted.
     """
-    links: list[Link] = []
     fitted = fit_session_folder(folder, None, progress) if pulls_in(folder) else None
     if fitted is not None:
-        document = json.loads(cuffs_json(fitted))
-        links += _links(CUFFS_FILE, document, read_results(folder, fitted), "fit of the recordings")
-    plain = _read(folder / ASSESSMENT_FILE)
-    if plain is not None:
-        links += _assessment_links(folder, plain, fitted, progress)
-    return links
+        computed = json.loads(cuffs_json(fitted))
+        yield from _links(CUFFS_FILE, computed, read_results(folder, fitted), "fit of the recordings")
+    if (plain := _read(folder / ASSESSMENT_FILE)) is not None:
+        yield from _assessment_links(folder, plain, fitted, progress)
 
 
 def differences(found: Any, expected: Any, pointer: str = "") -> Iterator[Difference]:
@@ -92,24 +93,20 @@ def differences(found: Any, expected: Any, pointer: str = "") -> Iterator[Differ
 
 def _links(file: str, computed: Plain, results: Results, what: str) -> Iterator[Link]:
     """Of a file of results, and of the numbers in the report that are from it; results hold the computed one."""
-    plain, listed = _read(results.folder / file) or {}, _listed(results.folder)
-    if plain:
+    if plain := _read(results.folder / file):
         compared = {key: value for key, value in plain.items() if key not in NOT_COMPUTED}
         yield _link(f"{file} ← {what}", list(differences(compared, computed)))
-    reported = {key: number for key, number in listed.items() if number.source.file == file}
-    if reported:
-        again = render(results)[1].numbers
-        found = [found for key, number in reported.items() for found in _of_number(key, number, again.get(key))]
-        yield _link(f"{NUMBERS_FILE} ← {what}, {counted(len(reported), 'number')}", found)
+    with suppress(ReportFileError):
+        listed = read_numbers(results.folder / NUMBERS_FILE).numbers.items()
+        reported = {key: _figures(number) for key, number in listed if number.source.file == file}
+        if reported:
+            again = {key: _figures(number) for key, number in render(results)[1].numbers.items()}
+            found = list(differences(reported, again, "/numbers"))
+            yield _link(f"{NUMBERS_FILE} ← {what}, {counted(len(reported), 'number')}", found)
 
 
-def _of_number(key: str, number: ReportedNumber, again: ReportedNumber | None) -> Iterator[Difference]:
-    """Differences of a reported number, by its id, from the one that computed results give."""
-    if again is None:
-        yield Difference(key, number.value, None)
-        return
-    found, expected = ({"value": one.value, "ci95": one.ci95} for one in (number, again))
-    yield from differences(found, expected, key)
+def _figures(number: ReportedNumber) -> Plain:
+    return {"value": number.value, "ci95": number.ci95}
 
 
 def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, progress: Progress) -> Iterator[Link]:
@@ -117,19 +114,12 @@ def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, pro
 
     inputs = _inputs(folder, plain)
     if inputs is None:
-        remark = (
-            "its motion, model, suit, effort or budget file is not in this folder; assess it again with those files"
-        )
-        yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, remark)
+        yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, NOT_ASSESSED_AGAIN)
         return
-    worn = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
+    worn, people = read_cuffs_to_wear(inputs.cuffs, inputs.chosen), _people(plain)
+    frames, lengths = int(plain["frames"]["value"]), len(plain["rest_lengths_m"]["value"])
     assessed = assess_cuffs(
-        worn,
-        inputs,
-        most_frames=int(plain["frames"]["value"]),
-        most_rest_lengths=len(plain["rest_lengths_m"]["value"]),
-        people=_people(plain),
-        progress=progress,
+        worn, inputs, most_frames=frames, most_rest_lengths=lengths, people=people, progress=progress
     )
     with TemporaryDirectory() as written:
         write_assessment(assessed, Path(written))
@@ -141,14 +131,13 @@ def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, pro
 
 def _people(plain: Plain) -> PeopleRun | None:
     """The people of the assessment, drawn again from the bundled budget."""
-    uncertainty = plain.get("uncertainty")
-    if not uncertainty:
+    if not (uncertainty := plain.get("uncertainty")):
         return None
     budget = read_budget()
-    people = {"people": int(uncertainty["people"]["value"])}
-    budget = budget.model_copy(update={"sample": budget.sample.model_copy(update=people)})
+    sample = budget.sample.model_copy(update={"people": int(uncertainty["people"]["value"])})
     sources: SourceChoice = "cuffs" if uncertainty["sources"] == ["fit"] else "all"
-    return PeopleRun(budget, sources=sources, index_blocks=int(uncertainty["index_blocks"]["value"]))
+    blocks = int(uncertainty["index_blocks"]["value"])
+    return PeopleRun(budget.model_copy(update={"sample": sample}), sources=sources, index_blocks=blocks)
 
 
 def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
@@ -156,12 +145,10 @@ def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
     named, cuffs = plain["inputs"], folder / CUFFS_FILE
     has_subject = bool(plain.get("subject"))
     is_bundled = {role: without_hash(named[role]) == named[role] for role in ("model", "motion", "suit")}
-    has_own_budget = not named.get("budget", "bundled").startswith("bundled")
+    is_bundled_budget = named.get("budget", "bundled").startswith("bundled")
     others = {"emg", "external_loads", "beside", "effort", "donnings"} & set(named)
-    is_known = is_bundled["suit"] and (has_subject or all(is_bundled.values()))
-    if not (
-        is_known and cuffs.is_file() and not others and not has_own_budget and named["cuffs"].endswith(sha256_of(cuffs))
-    ):
+    is_known = is_bundled["suit"] and is_bundled_budget and (has_subject or all(is_bundled.values()))
+    if others or not is_known or not (cuffs.is_file() and named["cuffs"].endswith(sha256_of(cuffs))):
         return None
     chosen = tuple(name for name, cuff in plain["cuffs"].items() if cuff["site"] != "waist")
     inputs = AssessmentInputs(cuffs, chosen=chosen, paths=named["paths"], subject=folder if has_subject else None)
@@ -169,45 +156,26 @@ def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
     return replace(inputs, tendons=named.get("tendons", "rigid"), cutoff_hz=None if cutoff == "none" else float(cutoff))
 
 
-def _listed(folder: Path) -> Mapping[str, ReportedNumber]:
-    try:
-        return read_numbers(folder / NUMBERS_FILE).numbers
-    except ReportFileError:
-        return {}
-
-
 def _read(path: Path) -> Any:
     """A file of results; None if it is missing or cannot be read, which the chain of files reports."""
-    if not path.is_file():
-        return None
-    try:
+    with suppress(OSError, PlainDataError, AssessmentFileError):
         return read_assessment(path) if path.name == ASSESSMENT_FILE else read_json(path)
-    except (OSError, PlainDataError, AssessmentFileError):
-        return None
+    return None
 
 
 def _link(what: str, found: list[Difference]) -> Link:
     """The first difference beyond rounding; else the largest one, unless sentences are worded otherwise."""
-    reworded = [difference for difference in found if difference.is_wording]
-    found = [difference for difference in found if not difference.is_wording]
-    beyond = [difference for difference in found if not difference.size <= TOLERANCE]
-    if not beyond:
-        detail = f"largest relative difference {max(one.size for one in found):.1g}" if found else "every number equal"
-        if reworded:
-            place = reworded[0].pointer
-            remark = (
-                f"{detail}; this station has another wording of "
-                f"{counted(len(reworded), 'sentence')}, the first: {place}"
-            )
-            return Link(what, Standing.UNRECORDED, remark)
-        return Link(what, Standing.AS_RECORDED, detail)
-    first = beyond[0]
-    fault = Message(
-        NumberCode.RECOMPUTED, {"id": first.pointer, "found": str(first.found), "expected": str(first.expected)}
-    )
-    more = f"; and {len(beyond) - 1} more" if len(beyond) > 1 else ""
-    return Link(what, Standing.CHANGED, f"{fault}{more}", fault.code)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, float | int) and not isinstance(value, bool)
+    reworded = [one.pointer for one in found if one.is_wording]
+    figures = [one for one in found if not one.is_wording]
+    faults = [
+        Message(NumberCode.RECOMPUTED, {"id": one.pointer, "found": str(one.found), "expected": str(one.expected)})
+        for one in figures
+        if not one.size <= TOLERANCE
+    ]
+    largest = max((one.size for one in figures), default=None)
+    remark = "every number equal" if largest is None else f"largest relative difference {largest:.1g}"
+    if faults or not reworded:
+        return compared_link(what, faults, remark)
+    sentences = counted(len(reworded), "sentence")
+    remark += f"; this station has another wording of {sentences}, the first: {reworded[0]}"
+    return Link(what, Standing.UNRECORDED, remark)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from enum import StrEnum
@@ -25,7 +26,7 @@ class ReportFileError(StationError):
     """A report.json that cannot be used."""
 
 
-class _Entry(BaseModel):
+class Entry(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
 
@@ -39,14 +40,13 @@ class Derivation(StrEnum):
     """Number of different values at the pointers over the recordings of the number; of recordings without a pointer."""
 
 
-class Source(_Entry):
+class Source(Entry):
     """Where a number is from: file in the session folder and JSON Pointer (RFC 6901) into it."""
 
     file: Annotated[str, Field(description="of a recording, the pointer is into its manifest; empty for a count")]
     pointer: str = ""
     derivation: Annotated[
-        Derivation,
-        Field(strict=False, description="how the number follows from what the pointer gives"),
+        Derivation, Field(strict=False, description="how the number follows from what the pointer gives")
     ] = Derivation.VALUE
 
     @classmethod
@@ -81,7 +81,7 @@ class Source(_Entry):
         return value
 
 
-class ReportedNumber(_Entry):
+class ReportedNumber(Entry):
     """A number of the page, whose element has the key of this entry as its id. A sentence with numbers is one, too."""
 
     text: str
@@ -100,8 +100,12 @@ class ReportedNumber(_Entry):
             return None
         return " ".join(map(repr, self.value if isinstance(self.value, list) else [self.value]))
 
+    @property
+    def mark(self) -> tuple[str, str | None]:
+        return self.text, self.attribute
 
-class DrawnFigure(_Entry):
+
+class DrawnFigure(Entry):
     """A figure of the page: its caption, the SHA-256 of its drawing, and the places of the series that it shows."""
 
     caption: str
@@ -109,8 +113,12 @@ class DrawnFigure(_Entry):
     sources: list[Source]
     recordings: list[str] = Field(default_factory=list)
 
+    @property
+    def mark(self) -> tuple[str, str]:
+        return self.caption, self.sha256
 
-class ReportDocument(_Entry):
+
+class ReportDocument(Entry):
     """report.json: every number of report.html with its source. Values are SI; the key of a pointer has the unit."""
 
     format: Literal[3]
@@ -120,6 +128,10 @@ class ReportDocument(_Entry):
     inputs: Annotated[list[str], Field(description="files that the page is made of")]
     numbers: Annotated[dict[str, ReportedNumber], Field(description="by the id of the element on the page")]
     figures: Annotated[dict[str, DrawnFigure], Field(description="by the id of the element on the page")]
+
+
+def sha256_of_text(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def numbers_text(document: ReportDocument) -> str:

@@ -5,14 +5,13 @@ The trace of one number leads to the samples it rests on: page, report.json, res
 
 from __future__ import annotations
 
-import hashlib
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from html import unescape
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from documents.interval import counted
 from documents.message import Message, because
@@ -29,11 +28,20 @@ from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link,
 from station.messages.file_messages import NumberCode
 from station.recordings_of_session import recordings_in
 from station.report.page import read_results, render
-from station.report.report_file import ReportDocument, ReportedNumber, ReportFileError, read_numbers
+from station.report.report_file import (
+    DrawnFigure,
+    Entry,
+    ReportDocument,
+    ReportedNumber,
+    ReportFileError,
+    read_numbers,
+    sha256_of_text,
+)
 
 Fault = Message[NumberCode]
 Numbers = Mapping[str, ReportedNumber]
 
+VERSION = metadata.version("cuffstation")
 FITTED_FOR_REPORT = "the recordings were fitted for the report; verify with --recompute"
 
 _NUMBER = re.compile(
@@ -48,12 +56,8 @@ _COMMAND = re.compile(r"</?code>")
 """Commands of a sentence; in a result they are in backticks."""
 
 
-@dataclass(frozen=True)
-class MarkedPage:
-    """Text and attribute `value` of every number of a page, caption and SHA-256 of every drawing, by id."""
-
-    numbers: Mapping[str, tuple[str, str | None]]
-    figures: Mapping[str, tuple[str, str]]
+Marks = Mapping[str, tuple[str, str | None]]
+"""Text and attribute `value` of every number of a page, or caption and SHA-256 of every drawing, by id."""
 
 
 def verify_session(folder: Path) -> list[Link]:
@@ -61,48 +65,36 @@ def verify_session(folder: Path) -> list[Link]:
     return [*verify_folder(folder), *number_links(folder)]
 
 
-def number_links(folder: Path) -> list[Link]:
+def number_links(folder: Path) -> Iterator[Link]:
     """Links of the numbers on the page to report.json, and from there to the results; none without report.json."""
-    path = folder / NUMBERS_FILE
-    if not path.is_file():
-        return []
+    if not (folder / NUMBERS_FILE).is_file():
+        return
     try:
-        listed = read_numbers(path)
+        listed = read_numbers(folder / NUMBERS_FILE)
     except ReportFileError as error:
-        return [Link(f"{NUMBERS_FILE}, its content", Standing.CHANGED, str(error), NumberCode.FILE)]
-    page = read_page(folder)
-    return [
-        *_input_links(folder, listed),
-        _link(
-            f"{NUMBERS_FILE}, {counted(len(listed.numbers), 'number')} on the page", list(_faults_on_page(listed, page))
-        ),
-        _link(
-            f"{NUMBERS_FILE}, {counted(len(listed.figures), 'figure')} on the page",
-            list(_faults_of_figures(listed, page)),
-        ),
-        *_source_links(folder, listed),
-    ]
+        yield Link(f"{NUMBERS_FILE}, its content", Standing.CHANGED, str(error), NumberCode.FILE)
+        return
+    yield from _input_links(folder, listed)
+    numbers, figures = read_page(folder)
+    for what, entries, marks in (("number", listed.numbers, numbers), ("figure", listed.figures, figures)):
+        faults = [fault for key, entry in entries.items() for fault in page_faults(key, entry, marks)]
+        faults += [Message(NumberCode.NOT_LISTED, {"id": key}) for key in marks if key not in entries]
+        yield compared_link(f"{NUMBERS_FILE}, {counted(len(entries), what)} on the page", faults)
+    yield from _source_links(folder, listed)
 
 
-def read_page(folder: Path) -> MarkedPage:
-    """The marks on the session's page, as the register of numbers writes them; none without one."""
-    try:
+def read_page(folder: Path) -> tuple[Marks, Marks]:
+    """Numbers and figures of the session's page, as the register of numbers marks them; none without one."""
+    page = ""
+    with suppress(OSError):
         page = read_regular(folder / REPORT_FILE, LARGEST_REPORT).decode("utf-8", "replace")
-    except OSError:
-        page = ""
-    return MarkedPage(
-        {
-            unescape(found["id"]): (unescape(_COMMAND.sub("`", found["text"])), found["value"])
-            for found in _NUMBER.finditer(page)
-        },
-        {
-            unescape(found["id"]): (
-                unescape(found["caption"]),
-                hashlib.sha256(found["drawing"].encode()).hexdigest(),
-            )
-            for found in _FIGURE.finditer(page)
-        },
-    )
+    numbers = {one["id"]: (_COMMAND.sub("`", one["text"]), one["value"]) for one in _NUMBER.finditer(page)}
+    figures = {one["id"]: (one["caption"], sha256_of_text(one["drawing"])) for one in _FIGURE.finditer(page)}
+    return _unescaped(numbers), _unescaped(figures)
+
+
+def _unescaped(marks: Marks) -> Marks:
+    return {unescape(key): (unescape(text), value) for key, (text, value) in marks.items()}
 
 
 def rendered_numbers(folder: Path) -> Numbers | Fault:
@@ -113,21 +105,22 @@ def rendered_numbers(folder: Path) -> Numbers | Fault:
         return Message(NumberCode.FILE, {"file": str(folder), **because(error)})
 
 
-def page_faults(key: str, number: ReportedNumber, page: MarkedPage) -> Iterator[Fault]:
-    """Why a number is not on the page as it is listed."""
-    if key not in page.numbers:
+def page_faults(key: str, entry: ReportedNumber | DrawnFigure, marks: Marks) -> Iterator[Fault]:
+    """Why a number or figure is not on the page as it is listed."""
+    if key not in marks:
         yield Message(NumberCode.NOT_ON_PAGE, {"id": key})
         return
-    for found, expected in zip(page.numbers[key], (number.text, number.attribute), strict=True):
+    code = NumberCode.FIGURE if isinstance(entry, DrawnFigure) else NumberCode.PAGE
+    for found, expected in zip(marks[key], entry.mark, strict=True):
         if found != expected:
-            yield Message(NumberCode.PAGE, {"id": key, "found": str(found), "expected": str(expected)})
+            yield Message(code, {"id": key, "found": str(found), "expected": str(expected)})
 
 
 def source_faults(key: str, number: ReportedNumber, again: ReportedNumber | None, version: str) -> Iterator[Fault]:
     """Why a number is not the one that its source gives. Another version may show it with another text, or not."""
     place = {"id": key, "source": number.source.file or "recordings", "pointer": number.source.pointer}
     if again is None:
-        if version == metadata.version("cuffstation"):
+        if version == VERSION:
             yield Message(NumberCode.NO_SOURCE, place)
         return
     for name in ("source", "value", "ci95"):
@@ -135,7 +128,7 @@ def source_faults(key: str, number: ReportedNumber, again: ReportedNumber | None
         if found != expected:
             yield Message(NumberCode.SOURCE, {**place, "found": str(found), "expected": str(expected)})
             return
-    if number.text != again.text and version == metadata.version("cuffstation"):
+    if number.text != again.text and version == VERSION:
         yield Message(NumberCode.RENDERING, {"id": key, "found": number.text, "expected": again.text})
     if (number.recordings, number.draws, number.seed) != (again.recordings, again.draws, again.seed):
         yield Message(NumberCode.PROVENANCE, place)
@@ -152,52 +145,32 @@ def _input_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
             yield Link.because(f"{NUMBERS_FILE} ← {file}", standing, fault)
 
 
-def _faults_on_page(listed: ReportDocument, page: MarkedPage) -> Iterator[Fault]:
-    for key, number in listed.numbers.items():
-        yield from page_faults(key, number, page)
-    for key in page.numbers.keys() - listed.numbers.keys():
-        yield Message(NumberCode.NOT_LISTED, {"id": key})
-
-
-def _faults_of_figures(listed: ReportDocument, page: MarkedPage) -> Iterator[Fault]:
-    for key in listed.figures.keys() | page.figures.keys():
-        figure = listed.figures.get(key)
-        if figure is None or key not in page.figures:
-            yield Message(NumberCode.NOT_LISTED if figure is None else NumberCode.NOT_ON_PAGE, {"id": key})
-        elif (figure.caption, figure.sha256) != page.figures[key]:
-            yield Message(NumberCode.FIGURE, {"id": key})
-
-
 def _source_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
     """A link for every file that numbers are from."""
-    rendered = rendered_numbers(folder)
-    if isinstance(rendered, Message) and set(listed.inputs) <= {path.name for path in recordings_in(folder)}:
-        yield Link(f"{NUMBERS_FILE} ← recordings", Standing.UNRECORDED, FITTED_FOR_REPORT)
-        return
+    rendered, fitted = rendered_numbers(folder), {path.name for path in recordings_in(folder)}
     if isinstance(rendered, Message):
-        yield Link.because(f"{NUMBERS_FILE} ← results", Standing.CHANGED, rendered)
+        if fitted.issuperset(listed.inputs):
+            yield Link(f"{NUMBERS_FILE} ← recordings", Standing.UNRECORDED, FITTED_FOR_REPORT)
+        else:
+            yield Link.because(f"{NUMBERS_FILE} ← results", Standing.CHANGED, rendered)
         return
-    is_same_version = listed.version == metadata.version("cuffstation")
-    new = [key for key in rendered if key not in listed.numbers] if is_same_version else []
+    new = rendered.keys() - listed.numbers.keys() if listed.version == VERSION else ()
     for file in dict.fromkeys(number.source.file for number in listed.numbers.values()):
-        keys = [key for key, number in listed.numbers.items() if number.source.file == file]
-        what = f"{NUMBERS_FILE} ← {file or 'recordings'}, {counted(len(keys), 'number')}"
+        numbers = {key: number for key, number in listed.numbers.items() if number.source.file == file}
+        what = f"{NUMBERS_FILE} ← {file or 'recordings'}, {counted(len(numbers), 'number')}"
         if file == CUFFS_FILE and not (folder / file).is_file():
             yield Link(what, Standing.UNRECORDED, FITTED_FOR_REPORT)
             continue
-        faults = [
-            fault
-            for key in keys
-            for fault in source_faults(key, listed.numbers[key], rendered.get(key), listed.version)
-        ]
-        faults += [Message(NumberCode.LEFT_OUT, {"id": key}) for key in new if rendered[key].source.file == file]
-        yield _link(what, faults)
+        compared = (source_faults(key, one, rendered.get(key), listed.version) for key, one in numbers.items())
+        left_out = [key for key in rendered if key in new and rendered[key].source.file == file]
+        faults = [*chain.from_iterable(compared), *(Message(NumberCode.LEFT_OUT, {"id": key}) for key in left_out)]
+        yield compared_link(what, faults)
 
 
-def _link(what: str, faults: list[Fault]) -> Link:
-    """As recorded without faults; else the first fault, and how many there are."""
+def compared_link(what: str, faults: Sequence[Fault], remark: str = "") -> Link:
+    """As recorded without faults, with the remark; else the first fault, and how many there are."""
     if not faults:
-        return Link(what, Standing.AS_RECORDED)
+        return Link(what, Standing.AS_RECORDED, remark)
     more = f"; and {len(faults) - 1} more" if len(faults) > 1 else ""
     return Link(what, Standing.CHANGED, f"{faults[0]}{more}", faults[0].code)
 
@@ -206,8 +179,7 @@ class NoSuchNumber(StationError):
     """The report has no number of this id."""
 
 
-@dataclass(frozen=True)
-class TracedStream:
+class TracedStream(Entry):
     """Samples of a stream in a recording."""
 
     name: str
@@ -216,30 +188,28 @@ class TracedStream:
     samples: int
     duration_s: float
 
-    def __str__(self) -> str:
-        return (
-            f"{self.name}: {counted(self.samples, 'sample')} × {self.channels} [{self.unit}], {self.duration_s:.1f} s"
-        )
 
-
-@dataclass(frozen=True)
-class TracedRecording:
+class TracedRecording(Entry):
     """A recording, its comparison with its recorded hash, and its streams; none of one that cannot be read."""
 
     file: str
     standing: Standing
-    streams: tuple[TracedStream, ...]
+    streams: list[TracedStream]
 
 
-@dataclass(frozen=True)
-class Trace:
+class TracedFault(Entry):
+    code: NumberCode
+    text: str
+
+
+class Trace(Entry):
     """A number of the report, what contradicts it, and the recordings it rests on."""
 
     id: str
     number: ReportedNumber
-    faults: tuple[Message[NumberCode], ...]
     source_standing: Standing
-    recordings: tuple[TracedRecording, ...]
+    faults: list[TracedFault]
+    recordings: list[TracedRecording]
 
     @property
     def is_broken(self) -> bool:
@@ -250,20 +220,20 @@ class Trace:
 def trace(folder: Path, key: str) -> Trace:
     """The chain of one number by its id. Raises ReportFileError without report.json, and NoSuchNumber."""
     listed = read_numbers(folder / NUMBERS_FILE)
-    number = listed.numbers.get(key)
-    if number is None:
+    if (number := listed.numbers.get(key)) is None:
         raise NoSuchNumber(Message(NumberCode.UNKNOWN, {"file": NUMBERS_FILE, "id": key}))
     rendered, file = rendered_numbers(folder), number.source.file
-    faults = [*page_faults(key, number, read_page(folder))]
-    faults += (
-        [rendered] if isinstance(rendered, Message) else source_faults(key, number, rendered.get(key), listed.version)
-    )
+    faults = list(page_faults(key, number, read_page(folder)[0]))
+    if isinstance(rendered, Message):
+        faults.append(rendered)
+    else:
+        faults += source_faults(key, number, rendered.get(key), listed.version)
     return Trace(
-        key,
-        number,
-        tuple(faults),
-        standing_of(folder / file) if file else Standing.AS_RECORDED,
-        tuple(_recording(folder / name) for name in number.recordings),
+        id=key,
+        number=number,
+        source_standing=standing_of(folder / file) if file else Standing.AS_RECORDED,
+        faults=[TracedFault(code=fault.code, text=str(fault)) for fault in faults],
+        recordings=[_recording(folder / name) for name in number.recordings],
     )
 
 
@@ -273,44 +243,29 @@ def trace_lines(traced: Trace) -> Iterator[str]:
     yield f"{traced.id}: {number.text}"
     yield f"  page         {REPORT_FILE}#{traced.id}"
     if not isinstance(number.value, str):
-        yield f"  value        {_value(number)}"
+        interval = f", 95 % {number.ci95[0]!r} to {number.ci95[1]!r}" if number.ci95 else ""
+        yield f"  value        {f'{number.value!r} {number.unit}'.rstrip()}{interval}"
     derivation = "" if source.derivation == "value" else f", {source.derivation}"
     yield f"  source       {source.file or 'recordings'} {source.pointer}{derivation}: {traced.source_standing}"
     if number.draws is not None:
         seed = "not recorded" if number.seed is None else number.seed
         yield f"  interval     {number.draws} random draws, seed {seed}"
-    yield from (f"  contradicted {fault} [{fault.code}]" for fault in traced.faults)
+    yield from (f"  contradicted {fault.text} [{fault.code}]" for fault in traced.faults)
     for recording in traced.recordings:
         yield f"  recording    {recording.file}: {recording.standing}"
-        yield from (f"    samples    {stream}" for stream in recording.streams)
-
-
-def plain_trace(traced: Trace) -> dict[str, Any]:
-    """The chain as JSON."""
-    return {
-        "id": traced.id,
-        "number": traced.number.model_dump(mode="json", exclude_defaults=True),
-        "source_standing": traced.source_standing,
-        "faults": [{"code": fault.code, "text": str(fault)} for fault in traced.faults],
-        "recordings": [asdict(recording) for recording in traced.recordings],
-    }
-
-
-def _value(number: ReportedNumber) -> str:
-    interval = f", 95 % {number.ci95[0]!r} to {number.ci95[1]!r}" if number.ci95 else ""
-    return f"{number.value!r} {number.unit}".rstrip() + interval
+        for stream in recording.streams:
+            samples = f"{counted(stream.samples, 'sample')} × {stream.channels} [{stream.unit}]"
+            yield f"    samples    {stream.name}: {samples}, {stream.duration_s:.1f} s"
 
 
 def _recording(path: Path) -> TracedRecording:
-    collector = TrackCollector(path)
-    try:
-        streams = open_recording(path, collector.take).streams
-    except (RecordingError, OSError):
-        return TracedRecording(path.name, standing_of(path), ())
-    found = []
-    for stream in streams:
-        track = collector.track(stream)
-        times = track.device_time_ns
-        duration = 1e-9 * float(times[-1] - times[0]) if len(times) else 0.0
-        found.append(TracedStream(stream.name, stream.unit, len(stream.labels), len(times), duration))
-    return TracedRecording(path.name, standing_of(path), tuple(found))
+    collector, found = TrackCollector(path), list[TracedStream]()
+    with suppress(RecordingError, OSError):
+        for stream in open_recording(path, collector.take).streams:
+            times = collector.track(stream).device_time_ns
+            duration = 1e-9 * float(times[-1] - times[0]) if len(times) else 0.0
+            traced = TracedStream(
+                name=stream.name, unit=stream.unit, channels=len(stream.labels), samples=len(times), duration_s=duration
+            )
+            found.append(traced)
+    return TracedRecording(file=path.name, standing=standing_of(path), streams=found)

@@ -167,10 +167,13 @@ def _trace(folder: Path, number: str, format: str) -> int:  # noqa: A002
     """Print the chain of one number; the exit code."""
     import json
 
-    from station.report.verification import plain_trace, trace, trace_lines
+    from station.report.verification import trace, trace_lines
 
     traced = trace(folder, number)
-    print(json.dumps(plain_trace(traced), indent=2) if format == "json" else "\n".join(trace_lines(traced)))
+    if format == "json":
+        print(json.dumps(traced.model_dump(mode="json", exclude_defaults=True), indent=2))
+    else:
+        print("\n".join(trace_lines(traced)))
     return FAILED if traced.is_broken else DONE
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +47,12 @@ def scale_everywhere(value: Any, factor: float) -> Any:
     return factor * value if isinstance(value, float) else value
 
 
-def by_what(links: list[Link]) -> dict[str, Link]:
+def by_what(links: Iterable[Link]) -> dict[str, Link]:
     return {link.what.split(",")[0]: link for link in links}
 
 
 def test_a_session_gives_the_same_numbers_again(made: Path) -> None:
-    links = recomputed_links(made)
+    links = list(recomputed_links(made))
     assert [link.what.split(",")[0] for link in links] == [
         "cuffs.json ← fit of the recordings",
         "report.json ← fit of the recordings",

@@ -81,7 +81,7 @@ def test_a_report_lists_every_number_of_its_page(made: Path) -> None:
 
 
 def test_the_numbers_of_an_unchanged_session_follow_from_their_sources(made: Path) -> None:
-    links = number_links(made)
+    links = list(number_links(made))
     assert {link.standing for link in links} == {Standing.AS_RECORDED}
     assert {link.what.split(" ← ")[1].split(",")[0] for link in links if " ← " in link.what} == {
         "cuffs.json", "assessment.json", "simulated_truth.json", "recordings",
