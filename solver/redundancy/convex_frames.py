@@ -138,17 +138,15 @@ class ClarabelFrame:
         return FrameStep(activations, offset + scale * np.r_[activations, controls[0, muscles:]], outcomes[0])
 
 
-def force_frame(
-    problem: RedundancyProblem, multipliers: Array, *, is_reference: bool = False
-) -> ReducedFrame | ClarabelFrame:
-    """A problem of one frame and scenario whose first controls are muscle forces.
+def reduced_frame(problem: RedundancyProblem, multipliers: Array) -> ReducedFrame | None:
+    """A problem of one frame and scenario whose first controls are muscle forces; None where it cannot be reduced.
 
-    multipliers  of the frame before, or of another length without one;  is_reference  for Clarabel in any case
+    multipliers are those of the frame before, or of another length without one.
     """
-    reducible = None if is_reference else problem.reducible()
+    reducible = problem.reducible()
     reduction = None if reducible is None else reduce_frames(reducible)
     if reducible is None or reduction is None:
-        return ClarabelFrame(problem, multipliers)
+        return None
     muscles, rows = problem.muscles, reduction.rows.shape[1]
     weights = np.concatenate([reducible.weights[:muscles], problem.weights[muscles:]])
     guess = multipliers if len(multipliers) == rows else np.zeros(rows)
@@ -174,8 +172,8 @@ class ConvexFrames:
         return np.array([step.forces for step in found]), outcomes
 
     def _solve(self, problem: RedundancyProblem, scenario: int, bounds: Array) -> FrameStep:
-        frame = force_frame(problem, self._multipliers[scenario])
-        if isinstance(frame, ClarabelFrame):
+        frame = reduced_frame(problem, self._multipliers[scenario])
+        if frame is None:
             raise ModelError(
                 "a cost function of activations needs muscles with weights above 0, actuators with two limits or none, "
                 "and free actuators that the motion determines, and the problem has others; change weights or limits",

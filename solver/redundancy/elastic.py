@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.muscle import MuscleForces
-from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ForcePoint, FrameStep, force_frame
+from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ClarabelFrame, ForcePoint, FrameStep, reduced_frame
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import Mechanics
 from solver.redundancy.problem import (
@@ -136,7 +136,8 @@ class _ElasticFrames:
 
     def _solve(self, problem: RedundancyProblem, frame: int, bounds: Array) -> FrameStep | None:
         start = self._history.start(self._paths.speeds[frame, self._tables.muscle])
-        linear = force_frame(problem, self._multipliers, is_reference=self._is_reference)
+        reduced = None if self._is_reference else reduced_frame(problem, self._multipliers)
+        linear = reduced or ClarabelFrame(problem, self._multipliers)
         point = self._first_point(frame, start)
         small_step = SMALL_STEP if problem.cost is None else SMALL_STEP_OF_COST
         change, share, infeasible = np.zeros(len(point.gain)), 1.0, 0

@@ -35,7 +35,7 @@ from solver.multibody.postures import Postures
 from solver.muscle import MuscleOutcome
 from solver.redundancy.effort import RedundancyOptions, tracked_coordinates
 from solver.redundancy.mechanics import Mechanics, contact_points, evaluate_motion, glenoid_cone
-from solver.redundancy.problem import OUTCOME_OF_CODE, FrameOutcome, Outcomes, RedundancyProblem, build_redundancy
+from solver.redundancy.problem import FrameOutcome, Outcomes, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import BlockSolver, RunSolver, solve_redundancy
 
 if TYPE_CHECKING:
@@ -83,8 +83,8 @@ class _Motion:
 
     @property
     def is_divisible(self) -> bool:
-        """Whether blocks of it can be solved in turn: with a state that BlockRun has, and with no decision to take from
-        all frames about actuators that may be missing.
+        """Whether blocks of it can be solved in turn: with a state that BlockSolver has, and with no decision from all
+        frames about actuators that may be missing.
         """
         options, frames = self.options, len(self.kinematics.time)
         return (
@@ -102,17 +102,24 @@ class _Motion:
 
 def _solve_in_blocks(motion: _Motion, progress: Callable[[int, int], None]) -> MotionSolution | None:
     """None where the motion has to be solved as a whole, as the docstring of this file says."""
-    frames, run, parts = len(motion.kinematics.time), BlockRun(), []
+    frames, solver, parts = len(motion.kinematics.time), BlockSolver(), []
     blocks = divide_into_blocks(frames, FRAMES_AT_ONCE)
     if len(blocks) < 2 or not motion.is_divisible:
         return None
+
+    def solve_run(block: RedundancyProblem, *_: object) -> tuple[Array, Outcomes]:
+        found = solver.solve(block)
+        if found is None:
+            raise IrregularMotion
+        return found
+
     keep_freed_memory()
     progress(0, frames)
     try:
         for block in blocks:
             part = motion.cut(block)
             mechanics = _evaluate(part)
-            parts.append(_solve(part, mechanics, solve_run=lambda problem, *_: run.solve(problem)))
+            parts.append(_solve(part, mechanics, solve_run=solve_run))
             ensure_regular(mechanics.equations, parts[-1])
             progress(block.stop, frames)
     except SolverError:  # an irregular motion, or an error of this block alone
@@ -317,24 +324,6 @@ class IrregularMotion(SolverError):
 
     def __init__(self) -> None:
         super().__init__("the motion cannot be solved in blocks")
-
-
-class BlockRun:
-    """The compiled solver for one scenario, called with the blocks of a motion in turn."""
-
-    def __init__(self) -> None:
-        self._solver = BlockSolver()
-
-    def solve(self, block: RedundancyProblem) -> tuple[Array, Outcomes]:
-        """As solve_sequence. Raises IrregularMotion where the compiled solver cannot solve the block, or not as those
-        before.
-        """
-        reducible = block.reducible()
-        scenarios, frames = block.target.shape[:2]
-        controls, codes = np.empty((scenarios, frames, len(block.weights))), np.empty((scenarios, frames), np.int8)
-        if reducible is None or not self._solver.solve(reducible, controls, codes, map):
-            raise IrregularMotion
-        return controls, OUTCOME_OF_CODE[codes]
 
 
 def ensure_regular(equations: EquationsOfMotion, solution: MotionSolution) -> None:

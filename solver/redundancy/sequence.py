@@ -33,7 +33,6 @@ from solver.redundancy.problem import (
 
 if TYPE_CHECKING:
     from solver.redundancy.convex_frames import ConvexFrames
-    from solver.redundancy.reduction import Reduction
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -94,7 +93,7 @@ class FrameByFrame:
     def __init__(self, scenarios: int, muscles: int) -> None:
         self._activations = np.zeros((scenarios, muscles))
         self._time = np.full(scenarios, -np.inf)
-        self._multipliers = np.zeros((scenarios, 0))
+        self._blocks = BlockSolver()
         self._convex: ConvexFrames | None = None
 
     def solve(self, problem: RedundancyProblem, loads: LoadResponse | None = None) -> ScenarioSolutions:
@@ -106,7 +105,7 @@ class FrameByFrame:
         self._time[scenario] = -np.inf
 
     def _solve(self, problem: RedundancyProblem) -> tuple[Array, Outcomes]:
-        now, solve = float(problem.time[0]), self._solve_reduced
+        now, solve = float(problem.time[0]), self._solve_compiled
         interval = np.minimum(now - self._time, LONGEST)[:, None]
         bounds = problem.reachable(self._activations, np.isfinite(self._time), interval)
         if problem.solver == "clarabel":
@@ -120,21 +119,13 @@ class FrameByFrame:
         self._time = np.where(is_known, now, -np.inf)
         return controls[:, None], outcomes[:, None]
 
-    def _solve_reduced(self, problem: RedundancyProblem, bounds: Array) -> tuple[Array, Outcomes]:
-        from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
-
-        reducible = problem.reducible()
-        reduction = None if reducible is None else reduce_frames(reducible)
-        if reducible is None or reduction is None:
-            return solve_frame_with_clarabel(problem, bounds)
-        rows = reduction.rows.shape[1]
-        start = first_start(reducible.rates.widest, len(bounds), rows)
-        if self._multipliers.shape[1] == rows:
-            start.multipliers[:] = self._multipliers
-        self._multipliers = start.multipliers
-        start.bounds[:, :, : bounds.shape[2]] = bounds
-        controls, codes = solve_reduced(reducible, reduction, start)
-        return controls[:, 0], OUTCOME_OF_CODE[codes[:, 0]]
+    def _solve_compiled(self, problem: RedundancyProblem, bounds: Array) -> tuple[Array, Outcomes]:
+        for blocks in (self._blocks, BlockSolver()):  # a new one where the structure is not that of the frame before
+            found = blocks.solve(problem, bounds)
+            if found is not None:
+                self._blocks = blocks
+                return found[0][:, 0], found[1][:, 0]
+        return solve_frame_with_clarabel(problem, bounds)
 
 
 def solve_runs(
@@ -184,7 +175,7 @@ def solve_sequence(
         spread = pool.map if workers > 1 else map  # a single scenario needs no thread
         for start in range(0, frames, FRAMES_AT_ONCE):
             block = slice(start, min(start + FRAMES_AT_ONCE, frames))
-            if not solver.solve(reducible.cut(block), controls[:, block], codes[:, block], spread):
+            if not solver.fill(reducible.cut(block), controls[:, block], codes[:, block], spread):
                 return solve_sequence_with_clarabel(problem, progress)
             progress(block.stop, frames)
     outcomes: Outcomes = OUTCOME_OF_CODE[codes]
@@ -202,42 +193,52 @@ class BlockSolver:
         self._starts: list[WarmStart] = []
         self._first: tuple[Array, int] | None = None
 
-    def solve(
-        self, block: RedundancyProblem, controls: Array, codes: Codes, spread: Callable[..., Iterable[None]]
+    def solve(self, problem: RedundancyProblem, bounds: Array | None = None) -> tuple[Array, Outcomes] | None:
+        """x (scenarios, frames, controls) and outcomes of a block; None where fill returns False, or it is not
+        reducible.
+        """
+        reducible, shape = problem.reducible(), problem.target.shape[:2]
+        controls, codes = np.empty((*shape, len(problem.weights))), np.empty(shape, dtype=np.int8)
+        if reducible is None or not self.fill(reducible, controls, codes, bounds=bounds):
+            return None
+        return controls, OUTCOME_OF_CODE[codes]
+
+    def fill(
+        self,
+        block: RedundancyProblem,
+        controls: Array,
+        codes: Codes,
+        spread: Callable[..., Iterable[None]] = map,
+        bounds: Array | None = None,
     ) -> bool:
         """Fill x (scenarios, frames, controls) and codes (scenarios, frames) of a reducible block; `spread` maps over
         the workers. False if the block does not have the structure that reduction.py needs, or that of those before.
+
+        bounds (scenarios, 2, muscles) replace those of the first frame that follow from the block before.
         """
-        from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
+        from solver.redundancy.frames import solve_frames  # the compiler behind them takes long to import
+        from solver.redundancy.reduction import reduce_frames
 
         weights, rank = self._first or (block.weights, None)
         reduction = reduce_frames(block, rank) if np.array_equal(block.weights, weights) else None
         if reduction is None:
             return False
-        if self._first is None:
-            self._first = (weights, reduction.rank)
-            widest, rows = block.rates.widest, reduction.rows.shape[1]
-            self._starts = [first_start(widest, len(block.target[share]), rows) for share in self._shares]
+        if self._first is None:  # anywhere within the widest bounds, without a guess of the multipliers
+            self._first, rows = (weights, reduction.rank), reduction.rows.shape[1]
+            sizes = [len(block.target[share]) for share in self._shares]
+            self._starts = [
+                WarmStart(np.tile(block.rates.widest, (size, 1, 1)), np.zeros((size, rows))) for size in sizes
+            ]
 
-        def solve_share(share: slice, start: WarmStart) -> None:
-            controls[share], codes[share] = solve_reduced(block.scenario(share), reduction, start)
+        def fill_share(share: slice, start: WarmStart) -> None:
+            part = block.scenario(share)
+            if bounds is not None:
+                start.bounds[:, :, : bounds.shape[2]] = bounds[share]
+            solution = solve_frames(reduction, reduction.targets(part.target, part.cone_offset), part.rates, start)
+            controls[share], codes[share] = reduction.x(solution.a, solution.v, part.target), solution.codes
 
-        list(spread(solve_share, self._shares, self._starts))
+        list(spread(fill_share, self._shares, self._starts))
         return True
-
-
-def first_start(widest: Array, scenarios: int, rows: int) -> WarmStart:
-    """A start anywhere within the widest bounds (2, n), without a guess of the multipliers."""
-    return WarmStart(np.tile(widest, (scenarios, 1, 1)), np.zeros((scenarios, rows)))
-
-
-def solve_reduced(problem: RedundancyProblem, reduction: Reduction, start: WarmStart) -> tuple[Array, Codes]:
-    """x (scenarios, frames, controls) and codes (scenarios, frames) of a reducible problem from a start."""
-    from solver.redundancy.frames import solve_frames  # the compiler behind it takes long to import
-
-    t = reduction.targets(problem.target, problem.cone_offset)
-    solution = solve_frames(reduction, t, problem.rates, start)
-    return reduction.x(solution.a, solution.v, problem.target), solution.codes
 
 
 def solve_sequence_with_clarabel(
