@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,8 @@ CUFFS = {
     "tube": (5510.0, 38.0, 0.009),
     "elbow": (2530.0, 139.0, 0.022),
 }
-RELATIVE_ERRORS = (0.03, 0.1, 0.05)  # assumed, as the publication has no covariance
+ASSUMED_ERRORS = (0.03, 0.1, 0.05)
+"""Relative; the publication has no covariance."""
 # cost at 0.74 m, best rest length [m], cost there, permissible error [cm]
 PUBLISHED = {
     ("rigid", None): (0.787, 0.74, 0.79, 3.9),
@@ -67,14 +69,19 @@ def main() -> None:
 
 def study(model: Model, kinematics: Kinematics) -> tuple[Assessment, float]:
     """The assessment of the published cuffs and the seconds it took."""
-    cuffs = []
-    for name, values in CUFFS.items():
-        variances = [(error * value) ** 2 for error, value in zip(RELATIVE_ERRORS, values, strict=True)]
-        covariance = [[variances[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
-        cuffs.append(CuffParameters(name, "waist" if name == "waist" else "arm", *values, np.array(covariance)))
+    cuffs = published_cuffs(ASSUMED_ERRORS)
     began = time.perf_counter()
     found = assess(LoadedMotion(model, kinematics), read_suit(), cuffs)
     return found, time.perf_counter() - began
+
+
+def published_cuffs(relative_errors: Sequence[float]) -> list[CuffParameters]:
+    """The cuffs with these standard errors of stiffness, damping and migration over the value."""
+    cuffs = []
+    for name, values in CUFFS.items():
+        covariance = np.diag([(error * value) ** 2 for error, value in zip(relative_errors, values, strict=True)])
+        cuffs.append(CuffParameters(name, "waist" if name == "waist" else "arm", *values, covariance))
+    return cuffs
 
 
 def print_cells(found: Assessment) -> None:

@@ -14,13 +14,12 @@ force of a swing has the weight of the hook and the zero of the cell, 5 N in the
 from __future__ import annotations
 
 import argparse
-import math
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.coverage import Condition, Session, run
+from benchmarks.coverage import OBLIQUE, Condition, Session, run
 from fitting.cuffs.published_method import fit_published
 from fitting.results.codes import CauseCode, FindingCode
 from fitting.results.sentences import NAMES
@@ -28,21 +27,9 @@ from tests.fitting.defects import Rig
 
 RATES = (20.0, 50.0, 1000.0)
 DEFECTS: dict[str, tuple[Condition, FindingCode | None, CauseCode | None]] = {
-    "swing 25° aside": (
-        Condition(rig=Rig(dynamic_angle=math.radians(25.0))),
-        FindingCode.ANGLE,
-        CauseCode.PULL_DIRECTION,
-    ),
-    "zero −23 N in the swing": (
-        Condition(rig=Rig(dynamic_zero=-23.0)),
-        FindingCode.UNLOADED_FORCE,
-        CauseCode.TARE,
-    ),
-    "zero −5 N in the swing": (
-        Condition(rig=Rig(dynamic_zero=-5.0)),
-        FindingCode.UNLOADED_FORCE,
-        CauseCode.ZERO_DRIFT,
-    ),
+    "swing 25° aside": (Condition(rig=Rig(dynamic_angle=OBLIQUE)), FindingCode.ANGLE, CauseCode.PULL_DIRECTION),
+    "zero −23 N in the swing": (Condition(rig=Rig(dynamic_zero=-23.0)), FindingCode.UNLOADED_FORCE, CauseCode.TARE),
+    "zero −5 N in the swing": (Condition(rig=Rig(dynamic_zero=-5.0)), FindingCode.UNLOADED_FORCE, CauseCode.ZERO_DRIFT),
     "cuff 2 mm farther in the swing": (
         Condition(rig=Rig(dynamic_shift=2e-3)),
         FindingCode.UNLOADED_POSITION,
@@ -78,7 +65,7 @@ NEGATIVE = {
     "creep of 15 % in 15 s": Condition({"slow": (0.15, 15.0)}),
     "relaxation of 30 % in 0.3 s": Condition({"fast": (0.3, 0.3)}),
     "stiffening with b = 30 /m": Condition({"bend": 30.0}),
-    "swing 25° aside": Condition(rig=Rig(dynamic_angle=math.radians(25.0))),
+    "swing 25° aside": Condition(rig=Rig(dynamic_angle=OBLIQUE)),
     "zero −23 N in the swing": Condition(rig=Rig(dynamic_zero=-23.0)),
     "migration of 12 mm, x from the start of each record": SLIPS,
 }

@@ -28,11 +28,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.assessment import CUFFS, PUBLISHED
+from benchmarks.assessment import PUBLISHED, READINGS, published_cuffs
 from documents.interval import plus_minus
 from fitting.uncertainty import NORMAL_95
 from solver.bundled import bundled_model
-from solver.cuff import CuffParameters
 from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
 from solver.model import Marker, Model
 from solver.motion import Kinematics, Motion, differentiate
@@ -81,13 +80,13 @@ def main() -> None:
         return
     model, suit = bundled_model(), read_suit()
     kinematics = differentiate(motion_of(chosen.motion, model))
-    motion, cuffs = LoadedMotion(model, kinematics), published_cuffs()
+    motion, cuffs = LoadedMotion(model, kinematics), published_cuffs(RELATIVE_ERRORS)
     assessment = assess(motion, suit, cuffs)
     case = AssessedCase(model, kinematics, suit)
     run = PeopleRun(read_budget(people=chosen.people), chosen.folder, index_blocks=chosen.indices)
-    began = time.perf_counter(), time.process_time()
+    whole = Clock()
     found, people = assess_people(run, case, motion, cuffs, assessment, Clock().report)
-    wall, processor = time.perf_counter() - began[0], time.process_time() - began[1]
+    spent = str(whole)
     if people is None or found.uncertainty is None:
         raise SystemExit("no source of uncertainty varies")
     print_tables(found)
@@ -101,32 +100,22 @@ def main() -> None:
         draw_indices(people, chosen.picture)
     unit = 1e6 if sys.platform == "darwin" else 1e3
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-    print(f"\ntogether: {wall:.0f} s, {processor:.0f} s of processor, {memory:.0f} MB")
+    print(f"\ntogether: {spent}, {memory:.0f} MB")
 
 
 class Clock:
-    """Prints the processor time of every stage, one after the other."""
+    """Wall and processor time since the start, or since the last stage, whose end is printed."""
 
     def __init__(self) -> None:
         self.began = time.perf_counter(), time.process_time()
 
+    def __str__(self) -> str:
+        return f"{time.perf_counter() - self.began[0]:.0f} s, {time.process_time() - self.began[1]:.0f} s of processor"
+
     def report(self, stage: str, done: int, total: int) -> None:
         if done == total:
-            wall, processor = time.perf_counter() - self.began[0], time.process_time() - self.began[1]
+            print(f"{stage}: {total} in {self}", flush=True)
             self.began = time.perf_counter(), time.process_time()
-            print(f"{stage}: {total} in {wall:.0f} s, {processor:.0f} s of processor", flush=True)
-
-
-def published_cuffs() -> list[CuffParameters]:
-    return [
-        CuffParameters(
-            name,
-            "waist" if name == "waist" else "arm",
-            *values,
-            np.diag([(error * value) ** 2 for error, value in zip(RELATIVE_ERRORS, values, strict=True)]),
-        )
-        for name, values in CUFFS.items()
-    ]
 
 
 def print_tables(found: Assessment) -> None:
@@ -135,15 +124,9 @@ def print_tables(found: Assessment) -> None:
     print("| condition | arm cuff | cost at 0.74 m | best rest length [m] | cost there | width [cm] |")
     print("|---|---|---|---|---|---|")
     for curve in found.curves:
-        figures = curve.figures
-        cells = [
-            f"{plus_minus(figures[name].value or np.nan, figures[name].ci95, scale, 3)} ({published:g})"
-            for (name, scale), published in zip(
-                (("at_reference", 1.0), ("rest_length", 1.0), ("lowest_cost", 1.0), ("permissible_error", 100.0)),
-                PUBLISHED[curve.condition, curve.cuff],
-                strict=True,
-            )
-        ]
+        published = zip(READINGS, PUBLISHED[curve.condition, curve.cuff], strict=True)
+        figures = [(curve.figures[name], scale, known) for (name, scale), known in published]
+        cells = [f"{plus_minus(one.value or np.nan, one.ci95, scale, 3)} ({known:g})" for one, scale, known in figures]
         print(f"| {curve.condition} | {curve.cuff or ''} | {' | '.join(cells)} |")
 
 
