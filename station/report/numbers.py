@@ -1,9 +1,8 @@
 """Numbers of the report: each knows its place in a result, has an id on the page, and is listed in report.json.
 
 `located` copies plain data; the copies behave as the values they replace and know their place. The functions below it
-make a text of such a number, and `NumberRegister` gives each one that the templates print an id and an entry. A number
-that is computed from a located one is a plain number again. The provenance of a number is the recordings, and the
-random draws with their seed, from which it was computed.
+make a text of such a number, and `NumberRegister` gives each one that the templates print an id and an entry. What is
+computed from a located number is plain again. Its provenance is its recordings, and random draws with their seed.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.results.codes import Standing
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.report.pictures import Picture
-from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source, sha256_of_text
+from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source
 
 UNKNOWN, NOT_IDENTIFIED = "–", "not identified"
 UNITS = {unit.lower(): unit for unit in ("m", "mm", "kg", "N", "s", "Hz", "rad")}
@@ -32,8 +32,6 @@ _BOUND_OF_SAVING = {"low": "high", "high": "low"}
 """A bound of an effort is the other bound of what is saved."""
 _SENTENCE = re.compile(r"(?=.*\d)(?=.*\s)", re.DOTALL)
 """A text with a number and a space; without a space it is a name or a hash."""
-_RUNNING = "recordings"
-"""First part of the id of a count over recordings."""
 Plain = Mapping[str, Any]
 WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "reference_rest_length_m", "emg"})
 """Keys of assessment.json whose numbers do not depend on the cuffs."""
@@ -233,15 +231,14 @@ class NumberRegister:
 
         The templates pass everything they print through it.
         """
-        if isinstance(shown, LocatedFloat | LocatedInteger) or (
-            isinstance(shown, LocatedText) and _SENTENCE.match(shown)
-        ):
+        is_sentence = isinstance(shown, LocatedText) and _SENTENCE.match(shown)
+        if is_sentence or isinstance(shown, LocatedFloat | LocatedInteger):
             shown = plain(shown)
         if not isinstance(shown, Number):
             return shown
         key = self._new_id(shown.source)
         entry = self.numbers[key] = self._entry(shown)
-        value = "" if entry.attribute is None else Markup(' value="{}"').format(entry.attribute)
+        value = "" if entry.mark[1] is None else Markup(' value="{}"').format(entry.mark[1])
         tag = "data" if value else "span"
         return Markup('<{0} class="number" id="{1}"{2} title="{1}">{3}</{0}>').format(tag, key, value, shown.text)
 
@@ -250,7 +247,7 @@ class NumberRegister:
         behind = list(dict.fromkeys(file for source in sources for file in self._provenance.recordings(source)))
         marked = []
         for number, picture in enumerate(pictures, start=1):
-            key, digest = f"figure.{section}.{number}".replace(" ", "."), sha256_of_text(picture.drawing)
+            key, digest = f"figure.{section}.{number}".replace(" ", "."), sha256(picture.drawing.encode()).hexdigest()
             self.figures[key] = DrawnFigure(
                 caption=picture.caption, sha256=digest, sources=list(sources), recordings=behind
             )
@@ -259,7 +256,7 @@ class NumberRegister:
 
     def _new_id(self, source: Source) -> str:
         """From the place: the file without suffix, then the keys. A number that is shown again gets a counter."""
-        stem = source.file.rpartition(".")[0] or _RUNNING
+        stem = source.file.rpartition(".")[0] or "recordings"  # a count over them
         keys = source.keys if source.keys[:1] == [stem] else [stem, *source.keys]
         if source.derivation is not Derivation.VALUE:
             keys.append(source.derivation)
@@ -334,8 +331,6 @@ class Provenance:
         if keys[:1] == ["subject"]:
             return wearer
         worn = assessment.get("cuffs") or {}
-        named = [name for name in keys if name in worn]
-        if not named and not WITHOUT_CUFFS & set(keys):
-            named = list(worn)
+        named = [name for name in keys if name in worn] or ([] if WITHOUT_CUFFS & set(keys) else list(worn))
         worn_cuffs = dict.fromkeys([assessment.get("waist_cuff"), *named] if named else ())
         return [*(file for name in worn_cuffs if name for file in self._behind_cuffs_file(["cuffs", name])), *wearer]

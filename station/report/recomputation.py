@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -15,7 +14,7 @@ from documents.interval import counted
 from documents.message import Message
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json
+from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.results.codes import Standing
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
@@ -30,7 +29,7 @@ from station.messages.file_messages import NumberCode
 from station.progress import Progress, silent
 from station.recordings_of_session import pulls_in
 from station.report.page import Results, located_assessment, read_results, render
-from station.report.report_file import ReportedNumber, ReportFileError, Source, read_numbers
+from station.report.report_file import ReportFileError, Source, read_numbers
 from station.report.verification import compared_link
 from station.sources import without_hash
 
@@ -38,9 +37,8 @@ TOLERANCE = 1e-6
 """Relative difference of two numbers that count as equal: other processors and libraries round differently."""
 NOT_COMPUTED = frozenset({"seal", "recordings", "versions", "inputs", "inputs_checked"})
 """Keys that name files and versions."""
-NOT_ASSESSED_AGAIN = (
-    "its motion, model, suit, effort or budget file is not in this folder; assess it again with those files"
-)
+COMPARED = {"value", "ci95"}
+ELSEWHERE = "its motion, model, suit, effort or budget file is not in this folder; assess it again with those files"
 Plain = Mapping[str, Any]
 
 
@@ -73,8 +71,8 @@ def recomputed_links(folder: Path, progress: Progress = silent) -> Iterator[Link
     """
     fitted = fit_session_folder(folder, None, progress) if pulls_in(folder) else None
     if fitted is not None:
-        computed = json.loads(cuffs_json(fitted))
-        yield from _links(CUFFS_FILE, computed, read_results(folder, fitted), "fit of the recordings")
+        results = read_results(folder, fitted)
+        yield from _links(CUFFS_FILE, results.document, results, "fit of the recordings")
     if (plain := _read(folder / ASSESSMENT_FILE)) is not None:
         yield from _assessment_links(folder, plain, fitted, progress)
 
@@ -98,15 +96,11 @@ def _links(file: str, computed: Plain, results: Results, what: str) -> Iterator[
         yield _link(f"{file} ← {what}", list(differences(compared, computed)))
     with suppress(ReportFileError):
         listed = read_numbers(results.folder / NUMBERS_FILE).numbers.items()
-        reported = {key: _figures(number) for key, number in listed if number.source.file == file}
+        reported = {key: number.model_dump(include=COMPARED) for key, number in listed if number.source.file == file}
         if reported:
-            again = {key: _figures(number) for key, number in render(results)[1].numbers.items()}
+            again = {key: number.model_dump(include=COMPARED) for key, number in render(results)[1].numbers.items()}
             found = list(differences(reported, again, "/numbers"))
             yield _link(f"{NUMBERS_FILE} ← {what}, {counted(len(reported), 'number')}", found)
-
-
-def _figures(number: ReportedNumber) -> Plain:
-    return {"value": number.value, "ci95": number.ci95}
 
 
 def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, progress: Progress) -> Iterator[Link]:
@@ -114,7 +108,7 @@ def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, pro
 
     inputs = _inputs(folder, plain)
     if inputs is None:
-        yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, NOT_ASSESSED_AGAIN)
+        yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, ELSEWHERE)
         return
     worn, people = read_cuffs_to_wear(inputs.cuffs, inputs.chosen), _people(plain)
     frames, lengths = int(plain["frames"]["value"]), len(plain["rest_lengths_m"]["value"])
@@ -133,11 +127,9 @@ def _people(plain: Plain) -> PeopleRun | None:
     """The people of the assessment, drawn again from the bundled budget."""
     if not (uncertainty := plain.get("uncertainty")):
         return None
-    budget = read_budget()
-    sample = budget.sample.model_copy(update={"people": int(uncertainty["people"]["value"])})
+    budget = read_budget(people=int(uncertainty["people"]["value"]))
     sources: SourceChoice = "cuffs" if uncertainty["sources"] == ["fit"] else "all"
-    blocks = int(uncertainty["index_blocks"]["value"])
-    return PeopleRun(budget.model_copy(update={"sample": sample}), sources=sources, index_blocks=blocks)
+    return PeopleRun(budget, sources=sources, index_blocks=int(uncertainty["index_blocks"]["value"]))
 
 
 def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
@@ -176,6 +168,5 @@ def _link(what: str, found: list[Difference]) -> Link:
     remark = "every number equal" if largest is None else f"largest relative difference {largest:.1g}"
     if faults or not reworded:
         return compared_link(what, faults, remark)
-    sentences = counted(len(reworded), "sentence")
-    remark += f"; this station has another wording of {sentences}, the first: {reworded[0]}"
+    remark += f"; this station has another wording of {counted(len(reworded), 'sentence')}, the first: {reworded[0]}"
     return Link(what, Standing.UNRECORDED, remark)

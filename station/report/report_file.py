@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -72,12 +70,10 @@ class Source(Entry):
         """The value at this place of a document. Raises KeyError if there is none."""
         value = document
         for key in self.keys:
-            if isinstance(value, Mapping) and key in value:
-                value = value[key]
-            elif isinstance(value, list) and key.isdecimal() and int(key) < len(value):
-                value = value[int(key)]
-            else:
-                raise KeyError(self.pointer)
+            try:
+                value = value[int(key) if isinstance(value, list) else key]
+            except (LookupError, TypeError, ValueError):
+                raise KeyError(self.pointer) from None
         return value
 
 
@@ -94,15 +90,10 @@ class ReportedNumber(Entry):
     seed: int | None = None
 
     @property
-    def attribute(self) -> str | None:
-        """The attribute `value` of its element; None of a sentence."""
-        if isinstance(self.value, str):
-            return None
-        return " ".join(map(repr, self.value if isinstance(self.value, list) else [self.value]))
-
-    @property
     def mark(self) -> tuple[str, str | None]:
-        return self.text, self.attribute
+        """Text and attribute `value` of its element; a sentence has no attribute."""
+        values = self.value if isinstance(self.value, list) else [self.value]
+        return self.text, None if isinstance(self.value, str) else " ".join(map(repr, values))
 
 
 class DrawnFigure(Entry):
@@ -128,10 +119,6 @@ class ReportDocument(Entry):
     inputs: Annotated[list[str], Field(description="files that the page is made of")]
     numbers: Annotated[dict[str, ReportedNumber], Field(description="by the id of the element on the page")]
     figures: Annotated[dict[str, DrawnFigure], Field(description="by the id of the element on the page")]
-
-
-def sha256_of_text(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def numbers_text(document: ReportDocument) -> str:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from hashlib import sha256
 from html import unescape
 from importlib import metadata
-from itertools import chain
 from pathlib import Path
 
 from documents.interval import counted
@@ -28,19 +28,10 @@ from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link,
 from station.messages.file_messages import NumberCode
 from station.recordings_of_session import recordings_in
 from station.report.page import read_results, render
-from station.report.report_file import (
-    DrawnFigure,
-    Entry,
-    ReportDocument,
-    ReportedNumber,
-    ReportFileError,
-    read_numbers,
-    sha256_of_text,
-)
+from station.report.report_file import DrawnFigure, Entry, ReportDocument, ReportedNumber, ReportFileError, read_numbers
 
 Fault = Message[NumberCode]
 Numbers = Mapping[str, ReportedNumber]
-
 VERSION = metadata.version("cuffstation")
 FITTED_FOR_REPORT = "the recordings were fitted for the report; verify with --recompute"
 
@@ -88,13 +79,11 @@ def read_page(folder: Path) -> tuple[Marks, Marks]:
     page = ""
     with suppress(OSError):
         page = read_regular(folder / REPORT_FILE, LARGEST_REPORT).decode("utf-8", "replace")
-    numbers = {one["id"]: (_COMMAND.sub("`", one["text"]), one["value"]) for one in _NUMBER.finditer(page)}
-    figures = {one["id"]: (one["caption"], sha256_of_text(one["drawing"])) for one in _FIGURE.finditer(page)}
-    return _unescaped(numbers), _unescaped(figures)
-
-
-def _unescaped(marks: Marks) -> Marks:
-    return {unescape(key): (unescape(text), value) for key, (text, value) in marks.items()}
+    drawn = _FIGURE.finditer(page)
+    return (
+        {unescape(m["id"]): (unescape(_COMMAND.sub("`", m["text"])), m["value"]) for m in _NUMBER.finditer(page)},
+        {unescape(m["id"]): (unescape(m["caption"]), sha256(m["drawing"].encode()).hexdigest()) for m in drawn},
+    )
 
 
 def rendered_numbers(folder: Path) -> Numbers | Fault:
@@ -116,11 +105,12 @@ def page_faults(key: str, entry: ReportedNumber | DrawnFigure, marks: Marks) -> 
             yield Message(code, {"id": key, "found": str(found), "expected": str(expected)})
 
 
-def source_faults(key: str, number: ReportedNumber, again: ReportedNumber | None, version: str) -> Iterator[Fault]:
+def source_faults(key: str, listed: ReportDocument, rendered: Numbers) -> Iterator[Fault]:
     """Why a number is not the one that its source gives. Another version may show it with another text, or not."""
+    number, again, is_same_version = listed.numbers[key], rendered.get(key), listed.version == VERSION
     place = {"id": key, "source": number.source.file or "recordings", "pointer": number.source.pointer}
     if again is None:
-        if version == VERSION:
+        if is_same_version:
             yield Message(NumberCode.NO_SOURCE, place)
         return
     for name in ("source", "value", "ci95"):
@@ -128,7 +118,7 @@ def source_faults(key: str, number: ReportedNumber, again: ReportedNumber | None
         if found != expected:
             yield Message(NumberCode.SOURCE, {**place, "found": str(found), "expected": str(expected)})
             return
-    if number.text != again.text and version == VERSION:
+    if number.text != again.text and is_same_version:
         yield Message(NumberCode.RENDERING, {"id": key, "found": number.text, "expected": again.text})
     if (number.recordings, number.draws, number.seed) != (again.recordings, again.draws, again.seed):
         yield Message(NumberCode.PROVENANCE, place)
@@ -156,14 +146,14 @@ def _source_links(folder: Path, listed: ReportDocument) -> Iterator[Link]:
         return
     new = rendered.keys() - listed.numbers.keys() if listed.version == VERSION else ()
     for file in dict.fromkeys(number.source.file for number in listed.numbers.values()):
-        numbers = {key: number for key, number in listed.numbers.items() if number.source.file == file}
-        what = f"{NUMBERS_FILE} ← {file or 'recordings'}, {counted(len(numbers), 'number')}"
+        keys = [key for key, number in listed.numbers.items() if number.source.file == file]
+        what = f"{NUMBERS_FILE} ← {file or 'recordings'}, {counted(len(keys), 'number')}"
         if file == CUFFS_FILE and not (folder / file).is_file():
             yield Link(what, Standing.UNRECORDED, FITTED_FOR_REPORT)
             continue
-        compared = (source_faults(key, one, rendered.get(key), listed.version) for key, one in numbers.items())
+        faults = [fault for key in keys for fault in source_faults(key, listed, rendered)]
         left_out = [key for key in rendered if key in new and rendered[key].source.file == file]
-        faults = [*chain.from_iterable(compared), *(Message(NumberCode.LEFT_OUT, {"id": key}) for key in left_out)]
+        faults += [Message(NumberCode.LEFT_OUT, {"id": key}) for key in left_out]
         yield compared_link(what, faults)
 
 
@@ -173,10 +163,6 @@ def compared_link(what: str, faults: Sequence[Fault], remark: str = "") -> Link:
         return Link(what, Standing.AS_RECORDED, remark)
     more = f"; and {len(faults) - 1} more" if len(faults) > 1 else ""
     return Link(what, Standing.CHANGED, f"{faults[0]}{more}", faults[0].code)
-
-
-class NoSuchNumber(StationError):
-    """The report has no number of this id."""
 
 
 class TracedStream(Entry):
@@ -218,16 +204,13 @@ class Trace(Entry):
 
 
 def trace(folder: Path, key: str) -> Trace:
-    """The chain of one number by its id. Raises ReportFileError without report.json, and NoSuchNumber."""
+    """The chain of one number by its id. Raises ReportFileError without report.json or the number."""
     listed = read_numbers(folder / NUMBERS_FILE)
     if (number := listed.numbers.get(key)) is None:
-        raise NoSuchNumber(Message(NumberCode.UNKNOWN, {"file": NUMBERS_FILE, "id": key}))
+        raise ReportFileError(Message(NumberCode.UNKNOWN, {"file": NUMBERS_FILE, "id": key}))
     rendered, file = rendered_numbers(folder), number.source.file
     faults = list(page_faults(key, number, read_page(folder)[0]))
-    if isinstance(rendered, Message):
-        faults.append(rendered)
-    else:
-        faults += source_faults(key, number, rendered.get(key), listed.version)
+    faults += [rendered] if isinstance(rendered, Message) else source_faults(key, listed, rendered)
     return Trace(
         id=key,
         number=number,
