@@ -24,7 +24,7 @@ class ReportFileError(StationError):
     """A report.json that cannot be used."""
 
 
-class Entry(BaseModel):
+class Part(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
 
@@ -38,7 +38,7 @@ class Derivation(StrEnum):
     """Number of different values at the pointers over the recordings of the number; of recordings without a pointer."""
 
 
-class Source(Entry):
+class Source(Part):
     """Where a number is from: file in the session folder and JSON Pointer (RFC 6901) into it."""
 
     file: Annotated[str, Field(description="of a recording, the pointer is into its manifest; empty for a count")]
@@ -77,7 +77,7 @@ class Source(Entry):
         return value
 
 
-class ReportedNumber(Entry):
+class ReportedNumber(Part):
     """A number of the page, whose element has the key of this entry as its id. A sentence with numbers is one, too."""
 
     text: str
@@ -96,7 +96,7 @@ class ReportedNumber(Entry):
         return self.text, None if isinstance(self.value, str) else " ".join(map(repr, values))
 
 
-class DrawnFigure(Entry):
+class DrawnFigure(Part):
     """A figure of the page: its caption, the SHA-256 of its drawing, and the places of the series that it shows."""
 
     caption: str
@@ -109,7 +109,7 @@ class DrawnFigure(Entry):
         return self.caption, self.sha256
 
 
-class ReportDocument(Entry):
+class ReportDocument(Part):
     """report.json: every number of report.html with its source. Values are SI; the key of a pointer has the unit."""
 
     format: Literal[3]

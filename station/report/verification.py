@@ -28,7 +28,7 @@ from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link,
 from station.messages.file_messages import NumberCode
 from station.recordings_of_session import recordings_in
 from station.report.page import read_results, render
-from station.report.report_file import DrawnFigure, Entry, ReportDocument, ReportedNumber, ReportFileError, read_numbers
+from station.report.report_file import DrawnFigure, Part, ReportDocument, ReportedNumber, ReportFileError, read_numbers
 
 Fault = Message[NumberCode]
 Numbers = Mapping[str, ReportedNumber]
@@ -165,7 +165,7 @@ def compared_link(what: str, faults: Sequence[Fault], remark: str = "") -> Link:
     return Link(what, Standing.CHANGED, f"{faults[0]}{more}", faults[0].code)
 
 
-class TracedStream(Entry):
+class TracedStream(Part):
     """Samples of a stream in a recording."""
 
     name: str
@@ -175,7 +175,7 @@ class TracedStream(Entry):
     duration_s: float
 
 
-class TracedRecording(Entry):
+class TracedRecording(Part):
     """A recording, its comparison with its recorded hash, and its streams; none of one that cannot be read."""
 
     file: str
@@ -183,12 +183,12 @@ class TracedRecording(Entry):
     streams: list[TracedStream]
 
 
-class TracedFault(Entry):
+class TracedFault(Part):
     code: NumberCode
     text: str
 
 
-class Trace(Entry):
+class Trace(Part):
     """A number of the report, what contradicts it, and the recordings it rests on."""
 
     id: str
