@@ -12,7 +12,19 @@ from numpy.typing import NDArray
 
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.decimation import Decimator, decimate, highest_rate
-from fitting.trial.timeline import Timeline, align_by_sync_edge, build_timeline, certify
+from fitting.trial.timeline import (
+    Timeline,
+    align_by_sync_edge,
+    build_timeline,
+    certify,
+    damage_figures,
+    loss_notes,
+    require_labels,
+    require_sound_force,
+    require_steady_zero,
+    zero_drift,
+    zero_notes,
+)
 from recordings.manifest import BodyMarkers, CuffSite, LoadCell, Manifest, Timing
 from recordings.reader import Track
 from recordings.samples import Samples, Stream
@@ -388,6 +400,142 @@ def test_what_is_kept_grows_by_twenty_rows_a_second_and_ties_the_clocks_as_all_o
     assert (kept.clock.start, kept.clock.ratio) == (whole.clock.start, whole.clock.ratio)
     assert kept.sync_fall == whole.sync_fall and kept.sync_findings == whole.sync_findings
     assert kept.edge_sd == pytest.approx(whole.edge_sd, rel=1e-3)
+
+
+@pytest.mark.parametrize("has_stop", [True, False])
+def test_the_certificate_of_uniform_edges_has_their_closed_form(has_stop: bool) -> None:
+    """Edges lie within 1 ms, the capture lasts 2.99 s, force rises by 2 N/s and marker b by 100 mm/s."""
+    tracks = captured() if has_stop else captured(**{"/sync": sync(6000, 2000, 6000)})
+    values = tracks["/markers"].values.copy()
+    values[:, 2, 0] = 0.0
+    tracks |= {"/markers": replace(tracks["/markers"], values=values)}
+    found = certify(EDGE, decimate(EDGE, tracks))
+    assert found is not None
+    edge_sd, half_width = 1e-3 / np.sqrt(12), (1 - np.sqrt(0.05)) * 1e-3 / 3
+    drift_sd = np.sqrt(2) * edge_sd / 3 if has_stop else 50e-6
+    time_sd = edge_sd if has_stop else np.hypot(edge_sd, 2.99 * drift_sd)
+    told = {key: value for key, value in found.to_plain().items() if "finding" not in key}
+    assert told == {
+        "has_both_edges": has_stop,
+        "offset_s": pytest.approx(1.9995),
+        "offset_standard_error_s": pytest.approx(edge_sd),
+        "clock_ratio_ppm": pytest.approx(0.0, abs=0.2),
+        "clock_ratio_standard_error_ppm": pytest.approx(1e6 * drift_sd, rel=1e-3),
+        "clock_ratio_ci95_ppm": pytest.approx([-1e6 * half_width, 1e6 * half_width], abs=0.2) if has_stop else None,
+        "clock_ratio_is_identified": has_stop,
+        "stop_edge_contradiction_s": 0.0,
+        "peak_force_rate_n_per_s": pytest.approx(2.0),
+        "peak_speed_m_per_s": pytest.approx(0.1),
+        "time_standard_error_s": pytest.approx(time_sd, rel=1e-3),
+        "force_standard_error_n": pytest.approx(2.0 * time_sd, rel=1e-3),
+        "displacement_standard_error_m": pytest.approx(0.1 * time_sd, rel=1e-3),
+    }
+    assert [note.code for note in found.findings] == ([] if has_stop else [TrialNoteCode.SYNC_NO_STOP])
+    assert found.to_plain()["finding_codes"] == [note.to_plain() for note in found.findings]
+    assert found.to_plain()["findings"] == list(map(str, found.findings))
+    figures = found.summary.figures
+    common = {"offset_sd_s": found.offset_sd, "time_sd_s": found.errors.time, "force_sd_n": found.errors.force}
+    common |= {"force_rate_n_per_s": found.force_rate, "displacement_sd_m": found.errors.displacement}
+    common |= {"speed_m_per_s": found.speed}
+    if has_stop:
+        assert found.drift_ci95 is not None
+        low, high = found.drift_ci95
+        own = {"offset_of_both_edges_s": found.offset, "drift": found.drift, "low": low, "high": high}
+        unknown = replace(found, is_identified=False).summary.figures
+        assert (unknown["lowest_drift"], unknown["highest_drift"], "drift" in unknown) == (low, high, False)
+    else:
+        own = {"offset_of_start_edge_s": found.offset, "assumed_drift": found.drift, "drift_sd": found.drift_sd}
+    assert figures == common | own
+
+
+def test_streams_of_one_clock_have_no_certificate_and_labels_that_are_missing_are_named() -> None:
+    assert certify(MANIFEST, one_clock()) is None
+    elsewhere = replace(EDGE, cuff=CuffSite("hand", "arm", ("a", "c"), ("d",)))
+    with raises_refusal(RejectionCode.MISSING_MARKERS, missing="c, d", present="b, other, a"):
+        certify(elsewhere, captured())
+    with raises_refusal(RejectionCode.MISSING_MARKERS, missing="c", present="none"):
+        require_labels(("c",), ())
+
+
+def test_damage_is_its_first_note_and_a_count_of_the_others() -> None:
+    assert [damage_figures(tuple("abc"[:count])) for count in (1, 2, 3)] == [
+        {"damage": "a"},
+        {"damage": "a", "more": 1},
+        {"damage": "a", "more": 2},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("values", "limit", "code", "figures"),
+    [
+        ([0.0, np.nan, np.inf], 10.0, RejectionCode.FORCE_NOT_FINITE, {"count": 2, "total": 3}),
+        (
+            [0.0, 9.9, -9.9, 10.0, 11.0],
+            10.0,
+            RejectionCode.FORCE_SATURATED,
+            {"count": 4, "total": 5, "limit": 10.0, "unit": "N"},
+        ),
+        ([0.5, 0.5], np.inf, RejectionCode.FORCE_CONSTANT, {"value": 0.5, "total": 2}),
+        ([0.0, 9.9, 9.9, 9.9], 10.0, None, None),
+        ([0.0, 9.89, 9.89, 9.89, 9.89], 10.0, None, None),
+        ([], 10.0, None, None),
+    ],
+)
+def test_force_that_cannot_be_right_is_refused_with_its_count(
+    values: list[float], limit: float, code: RejectionCode | None, figures: dict[str, object] | None
+) -> None:
+    if code is None:
+        require_sound_force(np.array(values), limit, "N")
+        return
+    with raises_refusal(code, **(figures or {})):
+        require_sound_force(np.array(values), limit, "N")
+
+
+def test_losses_of_both_streams_are_counted_summed_and_the_longest_named() -> None:
+    force, frames = loss_notes(((0.0, 0.5), (1.0, 3.0)), ((2.0, 2.25),))
+    assert (force.code, force.figures) == (TrialNoteCode.FORCE_LOST, {"count": 2, "total_s": 2.5, "longest_s": 2.0})
+    assert (frames.code, frames.figures) == (
+        TrialNoteCode.FRAMES_LOST,
+        {"count": 1, "total_s": 0.25, "longest_s": 0.25},
+    )
+    assert loss_notes((), ()) == ()
+
+
+def rests(end: float, start: float = 0.0, slope: float = 0.0) -> float | None:
+    """Drift of the zero of a pull by 100 N for 10 s, with rests of 1.5 s; slope [N/s] of the force in the first."""
+    time = np.arange(1000) / 100
+    force = np.full(1000, 100.0)
+    force[:150], force[-150:] = start + slope * (time[:150] - 0.5), end
+    return zero_drift(time, force)
+
+
+def test_the_zero_drifts_by_the_difference_of_the_rests_at_both_ends() -> None:
+    assert rests(3.0) == pytest.approx(3.0, abs=1e-9) and rests(1.0, start=3.0) == pytest.approx(-2.0, abs=1e-9)
+    assert rests(24.0) == pytest.approx(24.0) and rests(25.5) is None, "the lowest quarter of the range"
+    assert rests(3.0, slope=3.8) == pytest.approx(3.0, abs=0.02) and rests(3.0, slope=4.2) is None, "halves by 2 %"
+    assert rests(9.0, start=-20.0) == pytest.approx(29.0) and rests(11.0, start=-20.0) is None
+    assert zero_drift(np.array([0.0, 5.0, 9.0]), np.zeros(3)) is None, "one sample is no rest"
+
+
+@pytest.mark.parametrize(
+    ("drift", "span", "limit"),
+    [(0.6, 0.0, 0.5), (-0.6, 25.0, 0.5), (-2.1, 100.0, 2.0), (0.5, 0.0, None), (2.0, 100.0, None), (None, 100.0, None)],
+)
+def test_a_drift_is_noted_above_half_a_newton_and_2_percent_of_the_range(
+    drift: float | None, span: float, limit: float | None
+) -> None:
+    notes = zero_notes(drift, span)
+    assert [(note.code, note.figures) for note in notes] == (
+        [] if limit is None else [(TrialNoteCode.ZERO_DRIFT, {"drift_n": drift, "limit_n": limit})]
+    )
+
+
+def test_the_zero_is_steady_up_to_its_limit() -> None:
+    for drift in (None, 4.9, -4.9):
+        require_steady_zero(drift, 4.9)
+    for drift in (5.0, -5.0):
+        with raises_refusal(RejectionCode.ZERO_DRIFT, drift_n=drift, limit_n=4.9):
+            require_steady_zero(drift, 4.9)
 
 
 def test_the_highest_rate_passes_over_gaps_and_rows_that_are_not_full() -> None:
