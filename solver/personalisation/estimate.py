@@ -219,15 +219,19 @@ class _Problem:
 
     def normal_equations(self, state: _State) -> tuple[Array, Array]:
         """Of all trials and the prior: matrix (parameters, parameters) and gradient (parameters,)."""
-        matrix = prior_precision(self.priors)
-        gradient = matrix @ state.parameters
-        for observed, solution, share in zip(self.trials, state.solutions, self.shares(state.solutions), strict=True):
-            frames = share.frames
-            part, slope = normal_equations(
-                self.body, state.parameters, observed[frames], solution.coordinates[frames], len(self.priors.factors)
-            )
-            matrix, gradient = matrix + share.weight * part, gradient + share.weight * slope
-        return matrix, gradient
+        shares = self.shares(state.solutions)
+        observed = [trial[share.frames] for trial, share in zip(self.trials, shares, strict=True)]
+        coordinates = [one.coordinates[share.frames] for one, share in zip(state.solutions, shares, strict=True)]
+        matrix, gradient = normal_equations(
+            self.body,
+            state.parameters,
+            np.concatenate(observed),
+            np.concatenate(coordinates),
+            np.repeat([share.weight for share in shares], [len(share.frames) for share in shares]),
+            len(self.priors.factors),
+        )
+        precision = prior_precision(self.priors)
+        return matrix + precision, gradient + precision @ state.parameters
 
 
 def _searched(problem: _Problem, state: _State, step: Array) -> _State:

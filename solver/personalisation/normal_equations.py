@@ -40,13 +40,13 @@ class Share(NamedTuple):
 
 
 def normal_equations(
-    body: Body, parameters: Array, observed: Array, coordinates: Array, factors: int
+    body: Body, parameters: Array, observed: Array, coordinates: Array, frame_weights: Array, factors: int
 ) -> tuple[Array, Array]:
-    """Matrix (parameters, parameters) and gradient (parameters,) of one trial, each frame with weight 1.
+    """Matrix (parameters, parameters) and gradient (parameters,) of frames of any number of trials.
 
     body makes skeleton and tasks of parameters; observed (frames, markers, 3) [m]; coordinates (frames, coordinates)
-    the optimum of inverse kinematics. Parameters are `factors` logarithms of scale factors, offsets, and the targets of
-    the coordinate tasks in their order.
+    the optimum of inverse kinematics; frame_weights (frames,). Parameters are `factors` logarithms of scale factors,
+    offsets, and the targets of the coordinate tasks in their order.
     """
     skeleton, tasks = body(parameters)
     found = linearise_postures(skeleton, tasks, coordinates)
@@ -63,10 +63,12 @@ def normal_equations(
     targets = _target_derivatives(skeleton, tasks, len(parameters))
     forces = np.swapaxes(jacobian, 1, 2) @ points - stiffness[..., None] * targets
     moved = _posture_derivatives(_is_held(skeleton, coordinates), found, jacobian, forces, gaps, stiffness)
-    reduced, pulled = points + jacobian @ moved, moved - targets
+    share = np.sqrt(frame_weights)[:, None]
+    reduced, pulled = share[..., None] * (points + jacobian @ moved), moved - targets
+    stiffness *= share**2
     matrix = np.einsum("fia,fib->ab", reduced, reduced, optimize=True)
     matrix += np.einsum("fka,fk,fkb->ab", pulled, stiffness, pulled, optimize=True)
-    gradient = np.einsum("fia,fi->a", reduced, residual.reshape(frames, -1))
+    gradient = np.einsum("fia,fi->a", reduced, share * residual.reshape(frames, -1))
     gradient += np.einsum("fka,fk->a", pulled, stiffness * away)
     return matrix, gradient
 
