@@ -168,8 +168,8 @@ def rows(name: str, sessions: Sequence[Session]) -> Iterator[str]:
     for quantity, found in _quantities(sessions).items():
         estimates = [pair for pair in found if pair is not None]
         cells = [name, quantity, f"{100 * len(estimates) / len(found):.0f}", *_judged(estimates)]
-        print_findings = ", ".join(shown) if quantity == "k" else ""
-        yield f"| {' | '.join(cells)} | {print_findings} |"
+        cells.append(", ".join(shown) if quantity == "k" else "")
+        yield f"| {' | '.join(cells)} |"
 
 
 def codes_of(fit: CuffFit) -> set[str]:

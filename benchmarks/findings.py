@@ -26,32 +26,24 @@ from fitting.results.sentences import NAMES
 from tests.fitting.defects import Rig
 
 RATES = (20.0, 50.0, 1000.0)
+SWING_ASIDE, FAR_ZERO = Condition(rig=Rig(dynamic_angle=OBLIQUE)), Condition(rig=Rig(dynamic_zero=-23.0))
+FRICTION, CREEP, STIFFENING = Condition({"friction": 4.0}), Condition({"slow": (0.15, 15.0)}), Condition({"bend": 30.0})
+NEAR_ZERO, FARTHER = Condition(rig=Rig(dynamic_zero=-5.0)), Condition(rig=Rig(dynamic_shift=2e-3))
+REMEMBERED, RELAXATION = Condition(truth={"marker_memory": 0.05}), Condition({"fast": (0.15, 0.3)})
 DEFECTS: dict[str, tuple[Condition, FindingCode | None, CauseCode | None]] = {
-    "swing 25° aside": (Condition(rig=Rig(dynamic_angle=OBLIQUE)), FindingCode.ANGLE, CauseCode.PULL_DIRECTION),
-    "zero −23 N in the swing": (Condition(rig=Rig(dynamic_zero=-23.0)), FindingCode.UNLOADED_FORCE, CauseCode.TARE),
-    "zero −5 N in the swing": (Condition(rig=Rig(dynamic_zero=-5.0)), FindingCode.UNLOADED_FORCE, CauseCode.ZERO_DRIFT),
-    "cuff 2 mm farther in the swing": (
-        Condition(rig=Rig(dynamic_shift=2e-3)),
-        FindingCode.UNLOADED_POSITION,
-        CauseCode.DISPLACEMENT_ZERO,
-    ),
+    "swing 25° aside": (SWING_ASIDE, FindingCode.ANGLE, CauseCode.PULL_DIRECTION),
+    "zero −23 N in the swing": (FAR_ZERO, FindingCode.UNLOADED_FORCE, CauseCode.TARE),
+    "zero −5 N in the swing": (NEAR_ZERO, FindingCode.UNLOADED_FORCE, CauseCode.ZERO_DRIFT),
+    "cuff 2 mm farther in the swing": (FARTHER, FindingCode.UNLOADED_POSITION, CauseCode.DISPLACEMENT_ZERO),
     "1 N of noise in the swing alone": (Condition(rig=Rig(swing_noise=1.0)), FindingCode.FORCE_NOISE, None),
-    "marker noise with 0.05 s of memory": (
-        Condition(truth={"marker_memory": 0.05}),
-        FindingCode.MARKER_CORRELATION,
-        None,
-    ),
+    "marker noise with 0.05 s of memory": (REMEMBERED, FindingCode.MARKER_CORRELATION, None),
     "skin that moves by 0.05 mm/N": (Condition(rig=Rig(skin=0.05e-3)), None, CauseCode.SKIN),
-    "creep of 15 % in 15 s": (Condition({"slow": (0.15, 15.0)}), None, CauseCode.CREEP),
-    "relaxation of 15 % in 0.3 s": (
-        Condition({"fast": (0.15, 0.3)}),
-        FindingCode.STIFFNESS_RATIO,
-        CauseCode.STANDARD_LINEAR_SOLID,
-    ),
+    "creep of 15 % in 15 s": (CREEP, None, CauseCode.CREEP),
+    "relaxation of 15 % in 0.3 s": (RELAXATION, FindingCode.STIFFNESS_RATIO, CauseCode.STANDARD_LINEAR_SOLID),
     "friction of 2 N": (Condition({"friction": 2.0}), FindingCode.HARMONICS, CauseCode.FRICTION),
-    "friction of 4 N": (Condition({"friction": 4.0}), FindingCode.DAMPING_POWER, CauseCode.FRICTION),
+    "friction of 4 N": (FRICTION, FindingCode.DAMPING_POWER, CauseCode.FRICTION),
     "slip above 30 N": (Condition({"slip_from": 30.0}), FindingCode.START, CauseCode.SLIP),
-    "stiffening with b = 30 /m": (Condition({"bend": 30.0}), FindingCode.CURVATURE, CauseCode.STIFFENING),
+    "stiffening with b = 30 /m": (STIFFENING, FindingCode.CURVATURE, CauseCode.STIFFENING),
 }
 """Size of a defect → its condition, and the finding and the cause that are to be reported."""
 
@@ -61,12 +53,12 @@ NEGATIVE = {
     "none": Condition(),
     "force 25 ms late": Condition(truth={"lag": -25e-3}),
     "force 25 ms early": Condition(truth={"lag": 25e-3}),
-    "friction of 4 N": Condition({"friction": 4.0}),
-    "creep of 15 % in 15 s": Condition({"slow": (0.15, 15.0)}),
+    "friction of 4 N": FRICTION,
+    "creep of 15 % in 15 s": CREEP,
     "relaxation of 30 % in 0.3 s": Condition({"fast": (0.3, 0.3)}),
-    "stiffening with b = 30 /m": Condition({"bend": 30.0}),
-    "swing 25° aside": Condition(rig=Rig(dynamic_angle=OBLIQUE)),
-    "zero −23 N in the swing": Condition(rig=Rig(dynamic_zero=-23.0)),
+    "stiffening with b = 30 /m": STIFFENING,
+    "swing 25° aside": SWING_ASIDE,
+    "zero −23 N in the swing": FAR_ZERO,
     "migration of 12 mm, x from the start of each record": SLIPS,
 }
 

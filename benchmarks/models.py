@@ -36,6 +36,7 @@ from solver.paths import evaluate_paths
 
 Array = NDArray[np.float64]
 SEED = 18
+COMPARED = ("length", "acceleration", "inverse_dynamics")
 TIMED_STATES = 200
 NEITHER = ", nor by OpenSim"
 MUSCLE = re.compile(rb"<\w*Muscle\w*[ >]")
@@ -57,7 +58,7 @@ class Row:
 
     def markdown(self) -> str:
         status = self.problem or ("yes" if not self.left_out else f"without {self.left_out} forces")
-        figures = [_figure(value) for value in (self.length, self.acceleration, self.inverse_dynamics)]
+        figures = ["" if value is None else f"{value:.0e}" for value in (getattr(self, name) for name in COMPARED)]
         time = "" if self.microseconds is None else f"{self.microseconds:.0f}"
         ratio = "" if self.ratio is None else f"{self.ratio:.0f}"
         return f"| {self.name} | {self.muscles or ''} | {status} | {' | '.join(figures)} | {time} | {ratio} |"
@@ -141,11 +142,8 @@ def our_values(model: Model, q: Array, u: Array, acceleration: Array) -> dict[st
     state = postures(model, q, u)
     equations = equations_of_motion(model, state, model.joints[0].name)
     inertial = np.einsum("fij,fj->fi", equations.mass_matrix, acceleration) + equations.bias_force
-    return {
-        "length": evaluate_paths(model, state).lengths,
-        "acceleration": equations.acceleration_unloaded,
-        "inverse_dynamics": inertial,
-    }
+    found = (evaluate_paths(model, state).lengths, equations.acceleration_unloaded, inertial)
+    return dict(zip(COMPARED, found, strict=True))
 
 
 def seconds_per_state(model: Model, repeats: int) -> float:
@@ -196,14 +194,9 @@ def opensim_values(path: Path, model: Model, q: Array, u: Array, acceleration: A
         for index, value in zip(order, wanted, strict=True):
             given.set(index, float(value))
         forces_found = solver.solve(state, given)
-        rows.append(
-            {
-                "length": lengths,
-                "acceleration": [coordinate.getAccelerationValue(state) for coordinate in coordinates],
-                "inverse_dynamics": [forces_found.get(index) for index in order],
-            }
-        )
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}, seconds / len(q)
+        found = [coordinate.getAccelerationValue(state) for coordinate in coordinates]
+        rows.append((lengths, found, [forces_found.get(index) for index in order]))
+    return dict(zip(COMPARED, map(np.array, zip(*rows, strict=True)), strict=True)), seconds / len(q)
 
 
 def _without_left_out(path: Path, model: Model) -> Any:
@@ -262,13 +255,8 @@ def _error(name: str, ours: Array, theirs: Array) -> Array:
 
 
 def _largest(rows: Sequence[Row]) -> str:
-    names = ("length", "acceleration", "inverse_dynamics")
-    worst = {name: max((getattr(row, name) or 0.0 for row in rows), default=0.0) for name in names}
+    worst = {name: max((getattr(row, name) or 0.0 for row in rows), default=0.0) for name in COMPARED}
     return "largest difference: " + ", ".join(f"{name} {value:.0e}" for name, value in worst.items())
-
-
-def _figure(value: float | None) -> str:
-    return "" if value is None else f"{value:.0e}"
 
 
 if __name__ == "__main__":

@@ -130,22 +130,15 @@ def print_tables(found: Assessment) -> None:
         print(f"| {curve.condition} | {curve.cuff or ''} | {' | '.join(cells)} |")
 
 
-def group_names_of(people: DrawnPeople) -> tuple[str, ...]:
-    return next((found.groups for found in people.indices.values() if found), ())
-
-
 def print_indices(people: DrawnPeople) -> None:
-    groups = group_names_of(people)
+    groups = next((found.groups for found in people.indices.values() if found), ())
     if groups:
         print(f"\n| figure | sd | {' | '.join(groups)} |\n|---|---|{'---|' * len(groups)}")
     for (figure, cuffs), found in people.indices.items():
         if found is not None:
-            cells = [
-                f"{first:.2f} ± {half:.2f}, {all_:.2f} ± {all_half:.2f}"
-                for first, half, all_, all_half in zip(
-                    found.first, found.first_half_width, found.total, found.total_half_width, strict=True
-                )
-            ]
+            first, total = (found.first, found.first_half_width), (found.total, found.total_half_width)
+            parts = ([f"{one:.2f} ± {half:.2f}" for one, half in zip(*part, strict=True)] for part in (first, total))
+            cells = map(", ".join, zip(*parts, strict=True))
             print(f"| {figure} {' − '.join(cuffs)} | {np.sqrt(found.variance):.4f} | {' | '.join(cells)} |")
 
 

@@ -23,6 +23,7 @@ SUPPORTED = {
 UNSUPPORTED = {"Windows, arm64": "aarch64-pc-windows-msvc", "macOS, x86-64": "x86_64-apple-darwin"}
 """Platforms for which a package has no wheel; tried in order to notice a change."""
 LEAST_PYTHON = "3.11"
+OPTIONS = f"--python-version {LEAST_PYTHON} --extra station --only-binary :all: --no-header --no-annotate --quiet"
 UNREACHABLE = ("failed to fetch", "error sending request", "network was disabled", "dns error", "timed out", "no cache")
 
 
@@ -37,20 +38,9 @@ class Resolution:
 
 def resolve(target: str, project: Path = ROOT / "pyproject.toml") -> Resolution:
     """The set for one platform, in uv's name for it: of everything that README's set-up line installs."""
-    command = (
-        sys.executable,
-        "-m",
-        "uv",
-        "pip",
-        "compile",
-        str(project),
-        "--python-platform",
-        target,
-        "--extra",
-        "station",
-    )
-    options = ("--python-version", LEAST_PYTHON, "--only-binary", ":all:", "--no-header", "--no-annotate", "--quiet")
-    ran = subprocess.run([*command, *options], capture_output=True, text=True, check=False, env=_environment())  # noqa: S603
+    compiled = [sys.executable, "-m", "uv", "pip", "compile", str(project), "--python-platform", target]
+    command = [*compiled, *OPTIONS.split()]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=_environment())  # noqa: S603
     if ran.returncode == 0:
         return Resolution(sum("==" in line for line in ran.stdout.splitlines()), False, "")
     return refused(ran.stderr)
