@@ -426,7 +426,7 @@ def _ensure_not_minutes(path: Path, model: Model, time: Array, coordinates: Arra
     A joint's speed is that over a twentieth of the motion, where neither noise nor a jump of an angle counts.
     """
     frames, duration = len(time), float(time[-1] - time[0])
-    if frames < FEWEST_SAMPLED or frames - 1 < HIGHEST_RATE_HZ * duration:
+    if frames < FEWEST_SAMPLED or frames - 1 < HIGHEST_RATE_HZ * duration or (np.diff(time) <= 0).any():
         return
     angles = coordinates[:, [coordinate.motion == "rotation" for coordinate in model.coordinates]]
     apart = frames // FEWEST_SAMPLED

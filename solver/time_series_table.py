@@ -92,7 +92,7 @@ def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], A
             sentence = f"{path.name} should have a line 'endheader' above its table and has none; check it"
             raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
         first = ends[0] + 1
-        header = _header_of(lines[: ends[0]], is_mot=path.suffix == ".mot")
+        header = _header_of(lines[: ends[0]], path)
     given = [line for line in lines[first:] if line.strip() and line[0] != "#"]
     rows = [line.replace(",", " ") for line in given]
     if len(rows) < 3:
@@ -181,7 +181,7 @@ def _ensure_same_length(path: Path, rows: Sequence[str]) -> None:
             )
 
 
-def _header_of(lines: Sequence[str], *, is_mot: bool) -> TableHeader:
+def _header_of(lines: Sequence[str], path: Path) -> TableHeader:
     """As the lines state. A motion file of SIMM, as OpenSim 1 wrote it, has no version and is in degrees.
 
     Spreadsheets fill the lines of a header with tabs or commas, up to the number of columns.
@@ -191,7 +191,11 @@ def _header_of(lines: Sequence[str], *, is_mot: bool) -> TableHeader:
         key, *value = line.strip(_FILLING).lower().replace("=", " ").split() or [""]
         fields[key] = " ".join(value)
     rows = fields.get("nrows", fields.get("datarows", ""))
-    in_degrees = fields.get("indegrees", "") in ("yes", "y")
+    stated = fields.get("indegrees", "no")
+    if stated not in ("yes", "y", "no", "n", ""):
+        sentence = f"{path.name} should have inDegrees=yes or inDegrees=no in its header and has '{stated}'; correct it"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
+    in_degrees = stated in ("yes", "y")
     if "indegrees" not in fields:
-        in_degrees = "version" not in fields and (is_mot or fields.get("angles") == "are in degrees.")
+        in_degrees = "version" not in fields and (path.suffix == ".mot" or fields.get("angles") == "are in degrees.")
     return TableHeader(in_degrees, int(rows) if re.fullmatch("[0-9]{1,9}", rows) else None)

@@ -63,7 +63,7 @@ def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
     names, notes = distinct_labels([labels[i] for i in named], str(path))
     scale = millimetres(unit or (c3d.parameters.texts("POINT", "UNITS") or [""])[0], str(path))
     positions, residuals = _points(c3d, named)
-    notes += note_on_far(scale * positions, str(path))
+    notes += c3d.notes + note_on_far(scale * positions, str(path))
     positions, residuals = without_origin(scale * positions), scale * residuals
     missing = np.isnan(positions).any(axis=-1) | np.isnan(residuals)
     positions[missing], residuals[missing] = np.nan, np.nan

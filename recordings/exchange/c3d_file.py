@@ -114,6 +114,14 @@ class C3dFile:
         return rate
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Of a frame rate that the header contradicts."""
+        rate, other = self.rate_hz, self.header.rate_hz
+        if not 0 < other < np.inf or abs(other / rate - 1) <= RATE_TOLERANCE:
+            return ()
+        return (f"{self.path} has POINT:RATE {rate:g} and {other:g} Hz in its header: POINT:RATE is used",)
+
+    @property
     def first_frame(self) -> int:
         """Index from 0 of the first frame in the capture."""
         return max(0, self.header.first - 1)
@@ -231,6 +239,10 @@ def _layout(path: Path, size: int, header: C3dHeader, parameters: C3dParameters)
             f"{EXPORT_AGAIN}"
         )
         _refuse(path, RecordingCode.FOREIGN_CONTRADICTORY, complaint)
+    for count in _frames_in_parameters(parameters) if missing <= -BLOCK else ():
+        if count > frames and fits(replace(layout, frames=count), counts):
+            complaint = f"contradicts itself: its header counts {counted(frames, 'frame')}, its parameters {count}"
+            _refuse(path, RecordingCode.FOREIGN_CONTRADICTORY, f"{complaint}; {EXPORT_AGAIN}")
     if header.last == MOST_COUNTED and missing <= -BLOCK:
         complaint = f"counts {frames} frames and holds more; {EXPORT_AGAIN}, in parts of fewer than {MOST_COUNTED}"
         _refuse(path, RecordingCode.FOREIGN_CONTRADICTORY, complaint)
@@ -256,11 +268,15 @@ def _frames(header: C3dHeader, parameters: C3dParameters) -> int:
     counted = header.last - header.first + 1
     if counted > 0 and header.last < MOST_COUNTED:
         return counted
+    return max(0, counted, *_frames_in_parameters(parameters))
+
+
+def _frames_in_parameters(parameters: C3dParameters) -> list[int]:
     first, last = (parameters.numbers("TRIAL", f"ACTUAL_{end}_FIELD", is_signed=False)[:2] for end in ("START", "END"))
-    found = [counted, parameters.number("POINT", "LONG_FRAMES"), parameters.number("POINT", "FRAMES")]
+    found = [parameters.number("POINT", "LONG_FRAMES"), parameters.number("POINT", "FRAMES")]
     if len(first) == len(last) == 2:
         found.append(float((last - first) @ (1, MOST_COUNTED + 1)) + 1)
-    return max(0, *(int(count) for count in found if count is not None and abs(count) < 2**31))
+    return [int(count) for count in found if count is not None and abs(count) < 2**31]
 
 
 def _listed(points: int, analog_values: int) -> str:
@@ -335,7 +351,8 @@ class C3dParameters:
 
     def _values(self, part: Parameter, *, is_signed: bool) -> Array:
         if part.kind == REAL:
-            return self._processor.reals(part.data).astype(np.float64)
+            with np.errstate(invalid="ignore"):  # a signalling NaN
+                return self._processor.reals(part.data).astype(np.float64)
         if part.kind == INTEGER:
             return self._processor.integers(part.data, is_signed=is_signed).astype(np.float64)
         if part.kind == BYTE:

@@ -220,7 +220,7 @@ class Element:
         """Numbers in a text, by default the element's own."""
         text = self.text if text is None else text
         try:
-            values = np.array([float(word) for word in text.split()])
+            values = np.array([float(word.replace("_", "?")) for word in text.split()])  # float() accepts 1_000
         except ValueError:
             raise self.refusal(f"should hold numbers, not '{text}'") from None
         if np.isnan(values).any():

@@ -61,6 +61,7 @@ def list_cuffs(path: Path, chosen: SessionFilter) -> pd.DataFrame:
 
 def run_sql(path: Path, sql: str, values: list[object] | None = None) -> pd.DataFrame:
     """The result of one query. Raises CatalogueError for SQL that fails, is no query, or reads other files."""
+    sql = sql.encode(errors="replace").decode()  # an argument that is not UTF-8 has halves of surrogate pairs
     try:
         _ensure_query(sql)
         with _reading(path) as connection:

@@ -56,7 +56,7 @@ def write_raw_c3d(
     stated_format = [(2, "FORMAT", CHARACTER, (len(analog_format),), analog_format.encode())] if analog_format else []
     parameters = [
         (1, "USED", INTEGER, (), numbers.integers(POINTS)),
-        (1, "RAW_FRAMES", INTEGER, (), numbers.integers(RAW_FRAMES)),
+        (1, "FRAMES", INTEGER, (), numbers.integers(RAW_FRAMES)),
         (1, "DATA_START", INTEGER, (), numbers.integers(4)),
         (1, "SCALE", REAL, (), numbers.reals(scale)),
         (1, "RATE", REAL, (), numbers.reals(rate)),
@@ -293,6 +293,22 @@ def test_an_analog_rate_that_the_frames_do_not_hold_is_refused(tmp_path: Path) -
     assert read_c3d_markers(file).positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
     with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "150 analog samples"):
         read_c3d_signals(file, ["f1"])
+
+
+def test_a_header_of_fewer_frames_than_the_parameters_and_the_size_is_refused(tmp_path: Path) -> None:
+    file = write_raw_c3d(tmp_path / "frames.c3d")
+    file.write_bytes(file.read_bytes()[:8] + struct.pack("<H", 10) + file.read_bytes()[10:])
+    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "10 frames"):
+        read_c3d_markers(file)
+
+
+def test_a_frame_rate_that_the_header_contradicts_is_a_note(tmp_path: Path) -> None:
+    file = write_raw_c3d(tmp_path / "rates.c3d")
+    assert not read_c3d_markers(file).notes
+    file.write_bytes(file.read_bytes()[:20] + struct.pack("<f", 60.0) + file.read_bytes()[24:])
+    read = read_c3d_markers(file)
+    assert read.rate_hz == 100
+    assert "60 Hz in its header" in read.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -298,6 +298,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         ),
         ("<mass>20<", "<mass>heavy<", SolverCode.MALFORMED, "heavy"),
         ("<mass>20<", "<mass>nan<", SolverCode.MALFORMED, "nan"),
+        ("<mass>20<", "<mass>2_0<", SolverCode.MALFORMED, "2_0"),
         ("<mass>20<", "<mass>inf<", SolverCode.MALFORMED, "inf"),
         ("<mass>20<", "<mass>-20<", SolverCode.NOT_POSITIVE, "-20 kg"),
         ("<axis>0 0 2<", "<axis>0 0 0<", SolverCode.NOT_POSITIVE, "0 0 0"),

@@ -157,6 +157,7 @@ def test_sql_other_than_one_query_is_refused(sql: str, original: Path) -> None:
     "sql",
     [
         "SELEC",
+        "\udcff",
         "SELECT nothing FROM sessions",
         "SELECT * FROM '/etc/hosts'",
         "SELECT * FROM original",
