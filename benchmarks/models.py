@@ -31,8 +31,8 @@ from solver.errors import SolverError
 from solver.model import CoordinateLock, Model
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
+from solver.muscle import evaluate_paths
 from solver.osim.model_reader import read_osim
-from solver.paths import evaluate_paths
 
 Array = NDArray[np.float64]
 SEED = 18

@@ -41,8 +41,7 @@ from solver.model import Model  # noqa: E402
 from solver.motion import Kinematics, decimate, differentiate, read_motion  # noqa: E402
 from solver.multibody.dynamics import equations_of_motion  # noqa: E402
 from solver.multibody.postures import postures  # noqa: E402
-from solver.muscle import muscle_forces  # noqa: E402
-from solver.paths import evaluate_paths  # noqa: E402
+from solver.muscle import evaluate_paths, muscle_forces  # noqa: E402
 from solver.redundancy.effort import RedundancyOptions  # noqa: E402
 from solver.redundancy.mechanics import evaluate_motion  # noqa: E402
 from solver.redundancy.motion_solution import solve_motion  # noqa: E402

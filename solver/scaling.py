@@ -64,8 +64,7 @@ from solver.model import (
     WrapSurface,
 )
 from solver.multibody.postures import Postures, postures
-from solver.muscle import muscle_forces
-from solver.paths import evaluate_paths
+from solver.muscle import evaluate_paths, muscle_forces
 
 Array = NDArray[np.float64]
 Factors = Array

@@ -16,7 +16,7 @@ from solver.model import Model, Path
 from solver.multibody.loads import Loads, no_loads
 from solver.multibody.postures import Postures, points_in_ground
 from solver.multibody.rotations import wrench_about_origin
-from solver.paths import evaluate_paths
+from solver.muscle import evaluate_paths
 
 Array = NDArray[np.float64]
 

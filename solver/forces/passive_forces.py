@@ -31,7 +31,7 @@ from solver.model import Model, Path, Placement
 from solver.multibody.loads import Loads, no_loads
 from solver.multibody.postures import Postures, points_in_ground, velocity_at
 from solver.multibody.rotations import angular_rates_matrix, body_fixed_xyz_angles, rotate, wrench_about_origin
-from solver.paths import evaluate_paths
+from solver.muscle import evaluate_paths
 
 Array = NDArray[np.float64]
 

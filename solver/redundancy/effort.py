@@ -26,8 +26,7 @@ from solver.errors import SolverCode
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.multibody.constraints import is_held
 from solver.multibody.dynamics import ReactionRequest
-from solver.muscle import MuscleForceModel
-from solver.paths import PathMode
+from solver.muscle import MuscleForceModel, PathMode
 from solver.redundancy.mechanics import JOINT, is_shoulder
 
 Array = NDArray[np.float64]

@@ -33,8 +33,15 @@ from solver.multibody.dynamics import (
 )
 from solver.multibody.loads import ExternalForce, full_loads, load_wrenches, total_loads
 from solver.multibody.postures import Postures, jacobians, postures
-from solver.muscle import MuscleForceModel, MuscleForces, join_outcomes, modelled_forces
-from solver.paths import PathMode, PathState, evaluate_paths
+from solver.muscle import (
+    MuscleForceModel,
+    MuscleForces,
+    PathMode,
+    PathState,
+    evaluate_paths,
+    join_outcomes,
+    modelled_forces,
+)
 
 if TYPE_CHECKING:
     from solver.multibody.mass_matrix import Responses

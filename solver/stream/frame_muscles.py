@@ -18,7 +18,7 @@ from solver.model import Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.postures import postures
 from solver.multibody.rotations import wrench_about_origin
-from solver.paths import PathState
+from solver.muscle import PathState
 from solver.redundancy.effort import RedundancyOptions, effort_weights, ensure_convex
 from solver.redundancy.mechanics import Mechanics, evaluate_motion, glenoid_cone
 from solver.redundancy.problem import LoadResponse, RedundancyProblem, build_redundancy

@@ -40,7 +40,7 @@ from solver.errors import MotionError
 from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics
 from solver.multibody.loads import ExternalForce
-from solver.paths import PathMode
+from solver.muscle import PathMode
 from solver.redundancy.effort import (
     UNWEIGHTED_COORDINATES,
     RedundancyOptions,

@@ -27,8 +27,7 @@ from solver.model import Actuator, CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.dynamics import JointReactions
 from solver.multibody.postures import postures
-from solver.muscle import MuscleOutcome
-from solver.paths import PathMode, evaluate_paths
+from solver.muscle import MuscleOutcome, PathMode, evaluate_paths
 from solver.redundancy.effort import RedundancyOptions, options_for
 from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, forces_of, is_shoulder, without_forces
 from solver.redundancy.motion_solution import MotionSolution, solve_motion

@@ -19,8 +19,7 @@ import numpy as np
 from solver.bundled import bundled_model
 from solver.motion import Kinematics
 from solver.multibody.postures import postures
-from solver.muscle import muscle_forces
-from solver.paths import PathMode, evaluate_paths
+from solver.muscle import PathMode, evaluate_paths, muscle_forces
 from solver.redundancy import frames, interior_point
 from solver.redundancy.motion_solution import solve_motion
 from tests.solver.references import certified

@@ -22,9 +22,8 @@ from solver.motion import decimate, differentiate, read_motion
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.dynamics import EquationsOfMotion, equations_of_motion, multipliers
 from solver.multibody.postures import Postures, jacobians, postures, speeds_from_rates
-from solver.muscle import MuscleForces, muscle_forces
+from solver.muscle import MuscleForces, PathState, evaluate_paths, muscle_forces
 from solver.osim.model_reader import read_osim
-from solver.paths import PathState, evaluate_paths
 from solver.redundancy.mechanics import ResponseMaps, response_maps
 from tests.solver.references import NO_WEIGHT, SHARED, certified, golden, greatest_difference, relative_difference
 

@@ -22,7 +22,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from solver import compiled
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import decimate, differentiate
-from solver.paths import PathMode
+from solver.muscle import PathMode
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion

@@ -17,7 +17,7 @@ from solver.drawing import ARC_POINTS, bone_lines, path_lines, skeleton
 from solver.model import Model, Path, PathPoint, PathWrap, Placement, WrapSurface
 from solver.motion import differentiate
 from solver.multibody.postures import Postures, points_in_ground, postures
-from solver.paths import evaluate_paths
+from solver.muscle import evaluate_paths
 
 Array = NDArray[np.float64]
 Kind = Literal["ellipsoid", "sphere", "cylinder", "torus"]

@@ -13,7 +13,7 @@ from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
 from solver.model import GROUND, ConditionalPathPoint, MovingPathPoint, Path, PathWrap, Placement
 from solver.multibody.postures import jacobians, postures, speeds_from_rates
-from solver.paths import evaluate_paths
+from solver.muscle import evaluate_paths
 from tests.refusals import raises_refusal
 from tests.solver.wrapping.laid import point
 

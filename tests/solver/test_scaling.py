@@ -26,9 +26,9 @@ from solver.forces.passive_forces import (
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
 from solver.model import Placement, PointConstraint
 from solver.multibody.postures import postures
+from solver.muscle import evaluate_paths
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_scale_setup
-from solver.paths import evaluate_paths
 from solver.scaling import Scaling, check_scaling, place_markers, scale_model
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import seen_from

@@ -14,9 +14,8 @@ from solver.functions.coordinate_functions import polynomial
 from solver.model import Model, MovingPathPoint, Path, Placement, WrapSurface
 from solver.motion import decimate, differentiate, read_motion
 from solver.multibody.postures import jacobians, postures, rates_of_coordinates, speeds_from_rates
-from solver.muscle import muscle_forces
+from solver.muscle import evaluate_paths, muscle_forces
 from solver.osim.model_reader import read_osim
-from solver.paths import evaluate_paths
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion

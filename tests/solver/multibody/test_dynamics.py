@@ -13,8 +13,7 @@ from solver.multibody.dynamics import equations_of_motion, multipliers, response
 from solver.multibody.mass_matrix import fill_responses
 from solver.multibody.postures import Postures, jacobians, points_in_ground, postures, speeds_from_rates
 from solver.multibody.rotations import rotate, wrench_about_origin
-from solver.muscle import muscle_forces
-from solver.paths import evaluate_paths
+from solver.muscle import evaluate_paths, muscle_forces
 from solver.redundancy.mechanics import response_maps
 from tests.refusals import raises_refusal
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from solver.model import Model
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
-from solver.muscle import muscle_forces
-from solver.paths import evaluate_paths
+from solver.muscle import evaluate_paths, muscle_forces
 from solver.redundancy.mechanics import response_maps
 from tests.solver.oracle.two_bodies import (
     along_path,

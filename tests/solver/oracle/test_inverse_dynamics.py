@@ -16,10 +16,9 @@ from solver.motion import Kinematics, decimate, differentiate
 from solver.multibody.dynamics import equations_of_motion, inverse_dynamics
 from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import postures
-from solver.muscle import muscle_forces
+from solver.muscle import evaluate_paths, muscle_forces
 from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
-from solver.paths import evaluate_paths
 from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from solver.redundancy.mechanics import response_maps
 from solver.redundancy.motion_solution import MotionSolution, solve_motion

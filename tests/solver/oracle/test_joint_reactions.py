@@ -14,8 +14,8 @@ from solver.model import CoordinateLock, Model
 from solver.multibody.dynamics import Axes, JointReactions, ReactionRequest, Side, equations_of_motion, joint_reactions
 from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import postures
+from solver.muscle import evaluate_paths
 from solver.osim.loads_document import read_external_loads
-from solver.paths import evaluate_paths
 from tests.refusals import raises_refusal
 from tests.solver.oracle.test_inverse_dynamics import written
 from tests.solver.oracle.test_joints import FUNCTIONS

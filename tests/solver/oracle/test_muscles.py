@@ -23,10 +23,9 @@ from solver.functions.muscle_curves import (
 )
 from solver.model import Model
 from solver.multibody.postures import postures
-from solver.muscle import MuscleForces, muscle_forces
+from solver.muscle import MuscleForces, evaluate_paths, muscle_forces
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
-from solver.paths import evaluate_paths
 from solver.tendons.fiber import ElasticForces, elastic_forces
 from tests.refusals import raises_refusal
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back, set_state, vec3

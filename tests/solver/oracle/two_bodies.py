@@ -19,8 +19,8 @@ from solver.model import Model
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import jacobians, postures, rates_of_coordinates
+from solver.muscle import evaluate_paths
 from solver.osim.model_reader import read_osim
-from solver.paths import evaluate_paths
 
 opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
 

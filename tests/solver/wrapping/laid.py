@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solver.model import GROUND, Body, Model, Path, PathPoint, PathWrap, Placement, WrapSurface
 from solver.multibody.postures import postures
-from solver.paths import PathMode, evaluate_paths
+from solver.muscle import PathMode, evaluate_paths
 
 Array = NDArray[np.float64]
 Method = Literal["hybrid", "midpoint", "axial"]

@@ -19,8 +19,8 @@ from solver.forces.passive_forces import PathSpring
 from solver.model import Model
 from solver.motion import decimate, differentiate
 from solver.multibody.postures import postures
+from solver.muscle import evaluate_paths
 from solver.osim.model_writer import osim_document
-from solver.paths import evaluate_paths
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.problem import FrameOutcome
 from station.assessment.assessment_json import describe_unsolved
