@@ -81,32 +81,31 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Fold
 
 
 def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> FoldedTable:
-    """Results of the published method, those of the fit in brackets, and the attenuation of the damping by noise.
-
-    "through 0" is k of a line through the origin, without an intercept.
-    """
+    """Results of the published method, those of the fit in brackets, and the attenuation of the damping by noise."""
+    caption = "in brackets: of the fit; below: k of a line through the origin; left of c: predicted, observed"
     table = FoldedTable(
         "cuff",
-        "k [N/m]",
-        "c [N s/m]",
-        "migration [mm]",
-        "mean F − k x [N]",
+        "k\n[N/m]",
+        "c\n[N s/m]",
+        "migration\n[mm]",
+        "mean\nF − k x\n[N]",
         "negative",
-        "left of c",
+        "left\nof c",
+        caption=caption,
     )
     for name, fit in fits.items():
         cuff = fitted.cuffs[name]
         table.add_row(
             name,
             _compare(fit.stiffness, cuff.stiffness, 1.0, ".0f")
-            + ("" if fit.stiffness_through_origin is None else f"; {fit.stiffness_through_origin:.0f} through 0"),
+            + ("" if fit.stiffness_through_origin is None else f"\n{fit.stiffness_through_origin:.0f}"),
             _compare(fit.damping, cuff.damping, 1.0, ".0f"),
             _compare(fit.migration, cuff.migration, 1000.0, ".2f"),
             "-" if fit.damper_force is None else f"{fit.damper_force:+.1f}",
             "-" if fit.negative_part is None else f"{100 * fit.negative_part:.0f} %",
             "-"
             if fit.predicted_attenuation is None or fit.observed_attenuation is None
-            else f"predicted {100 * fit.predicted_attenuation:.0f} %, observed {100 * fit.observed_attenuation:.0f} %",
+            else f"{100 * fit.predicted_attenuation:.0f} %, {100 * fit.observed_attenuation:.0f} %",
         )
     return table
 

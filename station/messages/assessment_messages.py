@@ -56,7 +56,7 @@ class AssessmentCode(Code):
     LEAST_EFFORT = "choice.least_effort", _CHOICE + "; compared: {cuffs}."
     EQUIVALENT = (
         "choice.equivalent",
-        _CHOICE + "; {equivalent} differs by less than {relevant_percent:g} %, or not significantly.",
+        _CHOICE + "; {equivalent}: less than {relevant_percent:g} % more effort, or no significant difference.",
     )
     NOT_COMPARED = "comparison.unknown", "{first} and {second} cannot be compared: frames have no solution."
     WITHOUT_INTERVAL = "comparison.without_interval", _DIFFERENCE + "; without an interval."
@@ -352,7 +352,7 @@ class InputCode(Code):
     )
     NO_GLENOID_TO_KEEP = (
         "input.no_glenoid_to_keep",
-        "{options} needs a shoulder with a glenoid, and the model {model} has none; leave it out",
+        "the model {model} has no glenoid; leave out {options}",
     )
     NO_ARM_OF_SUBJECT = (
         "input.no_arm_of_subject",

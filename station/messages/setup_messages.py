@@ -48,7 +48,7 @@ class FolderCode(Code):
     NOT_A_FOLDER = "session.not_a_folder", "{folder} is not a folder; give a session folder of `station record`"
     NO_RECORDING = "session.no_recording", "{folder} contains no recording of a cuff (*.mcap); record a trial first"
     NOT_USABLE = "session.not_usable", "no recording in {folder} can be used: {reasons}"
-    DAMAGED = "session.damaged", "{files} is damaged, and no recording in {folder} can be used: {reasons}"
+    DAMAGED = "session.damaged", "no recording in {folder} can be used; damaged: {files}: {reasons}"
     NO_TRIAL_USABLE = "donning.not_usable", "no recording can be used: {reasons}"
     SEVERAL_DONNINGS = (
         "donning.several",
