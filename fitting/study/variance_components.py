@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 ROUNDS = 200
 SMALLEST_STEP = 1e-5
 """Standard errors by which a component may still change in the last round."""
+PROFILE_STEP = 1e-2
+"""The same for a profile: the deviance changes by its square, 1e-4, of the 3.8 and more at which an interval ends."""
 HALVINGS = 40
 ROUNDING = 1e-9
 """A step may raise the deviance by so much, else rounding would end the search before it converges."""
@@ -144,7 +146,9 @@ def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
     return Curvature(2 * float(np.log(lower.diagonal()).sum()) + float(inner[-1, -1]), gradient, information, observed)
 
 
-def maximise(contrasts: ErrorContrasts, start: Array | None = None) -> RemlSolution:
+def maximise(
+    contrasts: ErrorContrasts, start: Array | None = None, smallest_step: float = SMALLEST_STEP
+) -> RemlSolution:
     """Newton's method and Fisher scoring with θ ≥ 0: a component at zero whose likelihood falls with it is held there.
 
     Raises LinAlgError where V is singular at the start, as for values without any variance.
@@ -155,7 +159,7 @@ def maximise(contrasts: ErrorContrasts, start: Array | None = None) -> RemlSolut
         free = (theta > 0) | (here.gradient < 0)
         step = np.zeros_like(theta)
         step[free] = _newton_step(here, free)
-        if np.sqrt(step @ here.information @ step) < SMALLEST_STEP:
+        if np.sqrt(step @ here.information @ step) < smallest_step:
             return RemlSolution(theta, here, FitOutcome.CONVERGED)
         moved = _descend(contrasts, theta, here, step)
         if moved is None:
@@ -385,7 +389,7 @@ def component_interval(contrasts: ErrorContrasts, solution: RemlSolution, index:
 
     def fix(value: float, start: Array) -> RemlSolution:
         known = contrasts.known + value * fixed
-        return maximise(replace(contrasts, known=known, roots=others), start)
+        return maximise(replace(contrasts, known=known, roots=others), start, PROFILE_STEP)
 
     estimate = float(solution.theta[index])
     return _interval(fix, estimate, np.delete(solution.theta, index), solution, deviance_quantile(dof))
@@ -400,7 +404,7 @@ def ratio_interval(
     def fix(odds: float, start: Array) -> RemlSolution:
         known = contrasts.known + odds * noise * fixed
         roots = tuple(np.hstack([root, math.sqrt(odds) * contrasts.roots[index]]) for root in others)
-        return maximise(replace(contrasts, known=known, roots=roots), start)
+        return maximise(replace(contrasts, known=known, roots=roots), start, PROFILE_STEP)
 
     rest = float(np.delete(solution.theta, index).sum()) + noise
     if rest <= 0:
