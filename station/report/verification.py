@@ -91,7 +91,7 @@ def rendered_numbers(folder: Path) -> Numbers | Fault:
     try:
         return render(read_results(folder))[1].numbers
     except (StationError, FitError, PlainDataError, OSError) as error:
-        return Message(NumberCode.FILE, {"file": str(folder), **because(error)})
+        return Message(NumberCode.FILE, {"file": str(getattr(error, "filename", None) or folder), **because(error)})
 
 
 def page_faults(key: str, entry: ReportedNumber | DrawnFigure, marks: Marks) -> Iterator[Fault]:
