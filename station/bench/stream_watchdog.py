@@ -141,7 +141,7 @@ class Shortfall:
             missing_s = gap_s.get(stream.name, 0.0)
             if cause and stream.name not in self._clocks:
                 missing_s = end_s - max(self._watchdog.last_arrival_s(stream.name) or 0.0, since_s)
-            if count := round(missing_s * stream.rate_hz):
+            if (count := round(missing_s * stream.rate_hz)) > 0:
                 number, last_ns = self._last.get(stream.name, (-1, 0))
                 losses.append(Loss(stream.name, cause or "silent", number + 1, count, last_ns, end_ns))
         return losses

@@ -37,7 +37,10 @@ class DeviceFailure:
 
 NEEDED = ("/force", "/sync", "/markers")
 """Streams whose silence or loss ends a trial, where its devices have them; of all but /sync a fit needs more than the
-edges. A trial goes on without others, whose silence is noted and counted."""
+edges."""
+ADDITIONAL = ("/force", "/emg", "/analog")
+"""Streams without which a trial goes on, where they are not needed; their silence is noted and counted. Measurements of
+an amplifier's clock come every few seconds."""
 
 
 class TrialContext:
@@ -57,7 +60,7 @@ class TrialContext:
     ) -> None:
         self.rules, self.writer, self.clock, self.streams = rules, writer, clock, tuple(streams)
         self.needed = tuple(name for name in NEEDED if name != "/force" or rules.is_force_needed)
-        self.additional = tuple(stream.name for stream in streams if stream.name not in self.needed)
+        self.additional = tuple(name for name in ADDITIONAL if name not in self.needed)
         self.watchdog = StreamWatchdog(clock, streams, device_by_stream)
         self.shortfall = Shortfall(streams, self.watchdog)
         self.first_frame = FirstFrameCheck(streams)
