@@ -1,10 +1,14 @@
 """A cuff is chosen only above the certainty; probabilities agree with those of normal distributions."""
 
+from dataclasses import fields
+from typing import get_args
+
 import numpy as np
 import pytest
-from scipy.stats import gamma, norm
+from scipy.stats import gamma, gaussian_kde, norm
 
-from solver.suit.decision import DecisionOutcome, DecisionRule, compare, decide
+from solver.suit.decision import BASES, Basis, DecisionOutcome, DecisionRule, compare, decide
+from solver.suit.scenarios import CurveReadouts
 
 QUANTILES = norm.ppf((np.arange(2000) + 0.5) / 2000)
 SHUFFLED = np.random.default_rng(3).permutation(QUANTILES)
@@ -39,6 +43,32 @@ def test_probabilities_of_samples_are_right_on_average_and_nearer_to_the_truth_t
         shares = (margins >= 0).mean(axis=1)
         assert abs(found.mean() - probability) < 0.01
         assert np.mean((found - probability) ** 2) < 0.9 * np.mean((shares - probability) ** 2)
+
+
+@pytest.mark.parametrize("skew", [False, True])
+def test_probabilities_of_few_people_are_those_of_a_kernel_density_with_their_variance(skew):
+    """SciPy's density around shrunk values; its factor is relative to their own standard deviation."""
+    drawn = np.random.default_rng(8).standard_normal(20)
+    margin = 0.03 + 0.02 * (np.expm1(2 * drawn) if skew else drawn)
+    quartiles = np.quantile(margin, 0.75) - np.quantile(margin, 0.25)
+    width = 0.9 * min(margin.std(), quartiles / (2 * norm.ppf(0.75))) / 20**0.2
+    shrunk = margin.mean() + (margin - margin.mean()) / np.hypot(1, width / margin.std())
+    density = gaussian_kde(shrunk, bw_method=width / shrunk.std(ddof=1))
+    found = compare({"a": np.zeros(20), "b": margin}, ("a", "b"), 0.0).first_saves_more
+    assert found == pytest.approx(density.integrate_box_1d(0, np.inf), abs=1e-5)
+
+
+def test_a_choice_is_as_probable_as_that_all_others_are_worse():
+    """Each of two rivals is worse for 15 of 16 people, both for 14."""
+    rivals = np.full((2, 16), 1.25)
+    rivals[0, 0], rivals[1, -1] = 1.0, 1.0
+    found = decide({"a": np.ones(16), "b": rivals[0], "c": rivals[1]}, DecisionRule(0.25, 0.75))
+    assert (found.outcome, found.leading, found.probability) == (DecisionOutcome.CHOOSE, ("a",), 0.875)
+
+
+def test_every_basis_of_a_comparison_is_an_effort_of_the_curve():
+    assert tuple(BASES) == get_args(Basis)
+    assert set(BASES.values()) <= {field.name for field in fields(CurveReadouts)}
 
 
 @pytest.mark.parametrize(("gap", "outcome"), [(0.034, DecisionOutcome.CHOOSE), (0.032, DecisionOutcome.UNDECIDED)])
