@@ -8,6 +8,7 @@ those of a session are entered into its list.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
@@ -18,7 +19,7 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from documents.message import Message
 from documents.plain_data import PlainDataError, parse_json
-from documents.regular_file import locked, once_released, read_regular, replaced
+from documents.regular_file import DRAFTS, locked, once_released, read_regular, replaced
 from fitting.results.codes import Standing
 from fitting.trial.mass_checks import CHECKS_FILE
 from station.messages.file_messages import ChainCode
@@ -30,10 +31,12 @@ LARGEST_JOURNAL = 16 * 2**20
 CHECKSUMS_FILE = "SHA256SUMS"
 JOURNALS = (JOURNAL_FILE, CHECKS_FILE)
 SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"
-PASSING = re.compile(r"\.(.*\.lock|live\.json|capture|draft-.*|DS_Store|_.*)", re.DOTALL)
-"""Hidden files that come and go while a session is used: locks, the address of a live process, the note of a running
-capture, drafts, and the files of macOS.
+PASSING = re.compile(r"\.(live\.json|capture|draft-.*|DS_Store|_.*)|(?i:thumbs\.db|desktop\.ini)", re.DOTALL)
+"""Files that come and go while a session is used: the address of a live process, the note of a running capture, drafts,
+and the files of macOS and Windows.
 """
+LOCK = re.compile(r"\..*\.lock", re.DOTALL)
+"""A lock is empty."""
 LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)", re.DOTALL)
 LARGEST = 1 << 24
 """Bytes: a hundred thousand files."""
@@ -77,7 +80,7 @@ class Checksums:
 
     def _sha256(self, name: str) -> str | None:
         path = self.folder / name
-        return sha256_of(path) if is_below(name) and path.is_file() else None
+        return sha256_of(path) if _may_name(self.folder, name) and path.is_file() else None
 
 
 def write_checksums(*paths: Path) -> None:
@@ -101,7 +104,7 @@ def write_checksums(*paths: Path) -> None:
 def list_in_session(path: Path) -> None:
     """Record the hash of a file that was written below a session folder; no effect elsewhere."""
     folder = list_folder(path)
-    if Checksums(folder).lists_all and path.is_file() and _is_listed(name_in(folder, path)):
+    if Checksums(folder).lists_all and path.is_file() and _is_listed(folder, name_in(folder, path)):
         write_checksums(path)
 
 
@@ -126,12 +129,24 @@ def is_below(name: str) -> bool:
     return bool(path.parts) and not path.anchor and ".." not in path.parts
 
 
+def _may_name(folder: Path, name: str) -> bool:
+    """Whether a file below the folder may have this name: names that are too long cannot be looked up."""
+    if not is_below(name):
+        return False
+    try:
+        (folder / name).is_file()
+    except OSError as error:
+        return error.errno != errno.ENAMETOOLONG
+    return True
+
+
 def files_below(folder: Path) -> Iterator[str]:
     """Names of all files of a folder and its subfolders that belong into its list."""
     for place, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not PASSING.fullmatch(name)]
+        folders[:] = [name for name in folders if not name.startswith(DRAFTS)]
         links = [name for name in folders if (Path(place) / name).is_symlink()]
-        yield from filter(_is_listed, (name_in(folder, Path(place) / name) for name in (*files, *links)))
+        names = (name_in(folder, Path(place) / name) for name in (*files, *links))
+        yield from (name for name in names if _is_listed(folder, name))
 
 
 def standing_of(path: Path) -> Standing:
@@ -177,7 +192,7 @@ def _parsed(folder: Path) -> tuple[dict[str, str], list[int]]:
     for number, line in enumerate(_decoded(content).split("\n"), 1):
         found = LINE.fullmatch(line.removesuffix("\r"))
         name = "" if found is None else _unescaped(found[3]) if found[1] else found[3]
-        if line and not (found and is_below(name) and sums.setdefault(name, found[2]) == found[2]):
+        if line and not (found and _may_name(folder, name) and sums.setdefault(name, found[2]) == found[2]):
             malformed.append(number)
     return sums, malformed
 
@@ -189,9 +204,19 @@ def _decoded(content: bytes) -> str:
         return content.decode(errors="surrogateescape")
 
 
-def _is_listed(name: str) -> bool:
-    """Neither passing nor the list itself."""
-    return not any(map(PASSING.fullmatch, PurePosixPath(name).parts)) and name not in (CHECKSUMS_FILE, SIGNATURE_FILE)
+def _is_listed(folder: Path, name: str) -> bool:
+    """Neither passing, nor in a folder of drafts, nor the list itself."""
+    *folders, last = PurePosixPath(name).parts
+    if any(part.startswith(DRAFTS) for part in folders) or name in (CHECKSUMS_FILE, SIGNATURE_FILE):
+        return False
+    return not (PASSING.fullmatch(last) or (LOCK.fullmatch(last) and _is_empty(folder / name)))
+
+
+def _is_empty(path: Path) -> bool:
+    try:
+        return path.lstat().st_size == 0
+    except FileNotFoundError:  # on Windows, a lock that was released since
+        return True
 
 
 def _previous(line: bytes) -> str | None:
