@@ -32,15 +32,16 @@ LSL_CONFIG = {"emg": {"source": "lsl", "stream": "amp", "sync_channel": "t"}, "b
 
 
 class BenchWithAmplifier(Bench):
-    """The amplifier's clock reads ahead_s when the bench's reads 0."""
+    """The amplifier's clock reads ahead_s when the bench's reads 0; more of its streams are without a sample."""
 
-    def __init__(self, ahead_s: float) -> None:
+    def __init__(self, ahead_s: float, *more: Stream) -> None:
         super().__init__()
+        self.more = more
         self.ahead_s, self.emg_sends, self._sent = ahead_s, True, 0
 
     def arm(self) -> Bench:
         owners = {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM", "/emg": "LSL amp"}
-        self.trial.arm([*STREAMS, EMG], owners)
+        self.trial.arm([*STREAMS, EMG, *self.more], owners | {stream.name: "LSL amp" for stream in self.more})
         return self
 
     def send_daq(self, volts: np.ndarray) -> None:
@@ -114,6 +115,19 @@ def test_an_amplifier_that_is_lost_before_the_capture_does_not_disarm_the_trial(
     bench.start_capture()
     bench.run(1.0)
     assert bench.codes[0] is TrialCode.RECORDING
+
+
+def test_a_clock_of_the_amplifier_that_is_measured_seldom_is_no_silent_amplifier() -> None:
+    bench = BenchWithAmplifier(10.0, Stream("/emg_clock", "s", ("offset",), 0.2, EMG.source))
+    bench.arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(10.0)
+    assert bench.codes == [TrialCode.RECORDING]
+    bench.stop_capture()
+    bench.run(2.0)
+    assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])
+    assert not [item for item in bench.writer.items if isinstance(item, Loss)]
 
 
 class PlayedOutlet(LslEmg):
