@@ -78,10 +78,7 @@ def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], A
     except OSError as error:
         sentence = f"{path} should be a motion file and cannot be read ({describe_failure(error)}); check the path"
         raise MotionError(sentence, SolverCode.UNREADABLE_TABLE) from error
-    try:
-        lines = raw.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:  # a name with an accent in the header of an older program
-        lines = raw.decode("latin-1").splitlines()
+    lines = _lines(path, raw)
     if path.suffix.lower() == ".trc":
         sentence = f"{path.name} should be a table over time (.mot, .sto, .csv) and holds markers; see `station ik`"
         raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
@@ -123,6 +120,16 @@ def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], A
             f"{path.name} should have times that increase and has one row again and again", SolverCode.UNEVEN_TIME
         )
     return names, table[is_new], replace(header, repeated=int(np.sum(~is_new)))
+
+
+def _lines(path: Path, raw: bytes) -> list[str]:
+    if b"\0" in raw:
+        sentence = f"{path.name} should be text in UTF-8 and has bytes of zero, as text in UTF-16 has; save it as UTF-8"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
+    try:
+        return raw.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:  # a name with an accent in the header of an older program
+        return raw.decode("latin-1").splitlines()
 
 
 def ensure_seconds(path: Path, time: Array, motion: Array | None = None) -> None:

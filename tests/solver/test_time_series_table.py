@@ -37,6 +37,15 @@ def test_all_rows_are_read_whatever_the_header_states(tmp_path: Path, line: str,
     assert header == TableHeader(rows=stated)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize("name", ["m.sto", "m.csv"])
+def test_a_table_in_utf16_is_refused_with_its_encoding(tmp_path: Path, name: str, encoding: str) -> None:
+    path = tmp_path / name
+    path.write_text(f"m\nendheader\n{ROWS}", encoding=encoding)
+    with raises_refusal(SolverCode.MALFORMED_TABLE, naming="UTF-16"):
+        read_table(path)
+
+
 @pytest.mark.parametrize(("stated", "of_storage"), [(3, 3), (5, 3), (2, 2)])
 def test_opensim_takes_a_cut_file_and_its_storage_no_more_rows_than_stated(
     tmp_path: Path, stated: int, of_storage: int
