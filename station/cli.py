@@ -41,6 +41,8 @@ from station.verbs.options import print_message
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
+LONGEST_WORD, LONGEST_SENTENCE = 260, 1200
+"""Characters; the path of a file on Windows has up to 260."""
 ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, PlainDataError)
 """One root of exceptions for each folder, with its exit code."""
 
@@ -170,8 +172,19 @@ def _code(error: Exception) -> str:
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and type(error).__module__ == "builtins" and error.strerror:
         name = error.filename2 or error.filename
-        return f"{os.fsdecode(name)} cannot be used: {error.strerror}" if name else error.strerror
-    return re.sub(r"\[(Errno|WinError) -?\d+\] ", "", " ".join(str(error).split())) or type(error).__name__
+        return _shortened(f"{os.fsdecode(name)} cannot be used: {error.strerror}" if name else error.strerror)
+    line = re.sub(r"\[(Errno|WinError) -?\d+\] ", "", " ".join(str(error).split()))
+    return _shortened(line) or type(error).__name__
+
+
+def _shortened(sentence: str) -> str:
+    """The sentence without the middle of what is too long, as a name from a file may be."""
+    kept = " ".join(_without_middle(word, LONGEST_WORD) for word in sentence.split(" "))
+    return _without_middle(kept, LONGEST_SENTENCE)
+
+
+def _without_middle(text: str, length: int) -> str:
+    return text if len(text) <= length else f"{text[: length // 2]}…{text[-length // 2 + 1 :]}"
 
 
 class ClosableOutput(io.FileIO):

@@ -129,6 +129,9 @@ def read_ik_setup(path: Path) -> IkSetup:
             SolverCode.WRONG_DOCUMENT,
         )
     setup = ik_setup_of(tool)
+    if not any(setup.markers.values()):
+        sentence = "has no marker with a weight above 0; give one to its IKMarkerTasks"
+        raise tool.refusal(sentence, SolverCode.NO_MARKERS)
     return replace(setup, unused=tuple(document.unused(WITHOUT_EFFECT)), moved=tuple(tool.moved_files()))
 
 
@@ -143,7 +146,7 @@ def ik_setup_of(tool: Element) -> IkSetup:
     coordinates: dict[str, CoordinateTask] = {}
     for task in tasks:
         if task.tag == "IKMarkerTask":
-            markers.setdefault(task.name, task.number("weight", "0"))  # OpenSim uses the first of a name
+            markers.setdefault(task.name, task.not_negative("weight", "0"))  # OpenSim uses the first of a name
         elif task.name in coordinates:
             raise task.refusal("has a task for this coordinate above; keep one of them")
         else:
@@ -215,7 +218,7 @@ def add_file(tool: Xml.Element, tag: str, file: Path | None, folder: Path) -> No
 
 
 def _coordinate_task(task: Element) -> CoordinateTask:
-    kind, weight = task.word("value_type", "from_file"), task.number("weight", "0")
+    kind, weight = task.word("value_type", "from_file"), task.not_negative("weight", "0")
     if kind not in ("default_value", "manual_value", "from_file"):
         raise task.refusal(f"has value_type {kind}, expected default_value, manual_value or from_file")
     value = task.number("value", "0") if kind == "manual_value" else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import xml.etree.ElementTree as Xml
 from collections import Counter
 from collections.abc import Sequence
@@ -259,7 +260,7 @@ def named_file(setup: Path | None, path: Path | None, what: str, option: str) ->
         raise ModelError(
             f"no {what} is given: neither the set-up nor {option} names one; add {option}", SolverCode.NOT_NAMED
         )
-    if not path.exists():
+    if not os.path.exists(path):  # noqa: PTH110  (False also for a name that is too long)
         line = read_document(setup).line_naming(path)
         raise ModelError(
             f"{setup.name}, line {line}, names the {what} {path.name}, which is not there; correct the path, put the "

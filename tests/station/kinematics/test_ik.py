@@ -175,9 +175,16 @@ def test_a_frame_without_markers_is_left_out_reported_and_code_3(tmp_path: Path,
     [
         ("", (), "has no task that is applied"),
         (TASK.format(name="of no model", weight=1), (), "[markers.none_in_common]"),
+        (TASK.format(name="C7", weight=1) + TASK.format(name="CLAV", weight=-1), (), "[model_unusable.not_positive]"),
+        (TASK.format(name=100_000 * "A", weight=-1), (), "[model_unusable.not_positive]"),
+        (TASK.format(name=100_000 * "A B", weight=-1), (), "[model_unusable.not_positive]"),
+        (f"<IKMarkerTask file='{100_000 * 'A'}.xml'/>", (), "[model_unusable.unreadable_file]"),
+        (TASK.format(name="C7", weight="nan"), (), "[model_unusable.malformed_element]"),
+        (TASK.format(name="C7", weight=0), (), "[model_unusable.no_markers_in_common]"),
         (TASK.format(name="of no model", weight=1), ("--from", "5"), "no frame between 5 and 9 s"),
         (TASK.format(name="of no model", weight=1), ("--from", "10"), "no frame between 10 and 9 s"),
         (TASK.format(name="of no model", weight=1), ("--from", "5", "--to", "4"), "should be before the end 4 s"),
+        ('<IKCoordinateTask name="x"><weight>-2</weight></IKCoordinateTask>', (), "[model_unusable.not_positive]"),
         ('<IKCoordinateTask name="x"><value_type>guessed</value_type></IKCoordinateTask>', (), "value_type guessed"),
     ],
 )
@@ -192,6 +199,16 @@ def test_a_set_up_that_does_not_fit_is_one_sentence(
     assert (code, output.exists()) == (1, False)
     assert expected in printed
     assert len(printed.strip().splitlines()) == 1
+    assert len(printed) < 1500, "a name from the file fills no screen"
+
+
+def test_a_file_of_too_long_a_name_is_one_that_is_not_there(tmp_path: Path, capsys, monkeypatch) -> None:
+    named = f"<marker_file>{100_000 * 'A'}</marker_file><IKTaskSet>"
+    text = SETUP.format(range="0 1", tasks=TASK.format(name="C7", weight=1)).replace("<IKTaskSet>", named)
+    (tmp_path / "setup.xml").write_text(text)
+    given = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.mot")
+    code, printed = run(capsys, monkeypatch, *given)
+    assert code == 1 and "[model_unusable.unreadable_file]" in printed and len(printed) < 1500
 
 
 @pytest.mark.shared
