@@ -24,9 +24,9 @@ from tests.station.console.served import ServedConsole, write_config
 
 pytestmark = pytest.mark.timeout(600)
 CHART = "getElement(Number(document.querySelector('.charts .nicegui-echart').id.slice(1))).chart.getOption()"
-LAST_POINT = f"() => {CHART}.series[0].data.at(-1)[0]"
+LAST_POINT = f"() => {CHART}.series[0].data.at(-1)?.[0]"
 ZOOMED = f"axis => {{ const {{ start, end }} = {CHART}.dataZoom[axis]; return end - start < 100; }}"
-MARKS = f"() => {CHART}.series[0].markLine.data.map((mark) => mark.name)"
+MARKS = f"() => ({CHART}.series[0].markLine?.data ?? []).map((mark) => mark.name)"
 FOCUS_AFTER = """action => {
     document.activeElement.blur();
     action === "click"
