@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import optimize, stats
 
 from fitting.results.codes import FitOutcome
 from fitting.study import variance_components
@@ -23,6 +23,7 @@ from fitting.study.variance_components import (
     evaluate,
     fit_components,
     maximise,
+    ratio_interval,
 )
 from tests.fitting.study.published import AIAG, PENICILLIN, SIRSTV
 
@@ -288,6 +289,45 @@ def test_the_interval_of_one_variance_is_that_of_the_likelihood_ratio() -> None:
     for end in (low, high):
         ratio = float(model.solution.theta[0]) / end
         assert 4 * (ratio - 1 - np.log(ratio)) == pytest.approx(deviance_quantile(4), rel=5e-3)
+
+
+APART = VALUES + np.repeat([0.0, 10.0, 25.0], 4)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.5])
+def test_the_interval_of_a_share_is_that_of_harville_s_profile(noise: float) -> None:
+    """At each end of ρ = θ / (θ + σ² + noise), the deviance over all σ² lies above its least by the quantile."""
+
+    def profile(odds: float) -> float:
+        def deviance(variance: float) -> float:
+            groups = odds * (variance + noise) * GROUPS @ GROUPS.T
+            return harville(APART, ONES, (variance + noise) * np.eye(12) + groups)
+
+        return float(
+            optimize.minimize_scalar(deviance, bounds=(1e-6, 50), method="bounded", options={"xatol": 1e-9}).fun
+        )
+
+    contrasts = one_way(APART, noise)
+    solution, unit = maximise(contrasts), contrasts.scale**2
+    least = profile(float(solution.theta[0]) / (float(solution.theta[1]) + noise / unit))
+    ends = ratio_interval(contrasts, solution, 0, noise / unit, 2)
+    assert 0.2 < ends[0] < ends[1] < 0.9999
+    for end in ends:
+        assert profile(end / (1 - end)) - least == pytest.approx(deviance_quantile(2), rel=5e-3)
+
+
+def test_a_share_beside_known_noise_alone_has_the_ends_of_its_variance() -> None:
+    contrasts = contrast(APART, ONES, 2.0 * np.eye(12), [GROUPS])
+    solution, noise = maximise(contrasts), 2.0 / contrasts.scale**2
+    ends = component_interval(contrasts, solution, 0, 2)
+    shares = [end / (end + noise) for end in ends]
+    assert ratio_interval(contrasts, solution, 0, noise, 2) == pytest.approx(shares, rel=2e-3)
+
+
+def test_a_component_beside_nothing_is_the_whole() -> None:
+    contrasts = contrast(VALUES, ONES, np.zeros((12, 12)), [np.eye(12)])
+    low, high = ratio_interval(contrasts, maximise(contrasts), 0, 0.0, 11)
+    assert np.isnan(low) and high == 1.0
 
 
 def test_the_quantile_for_many_levels_is_that_of_chi_square() -> None:
