@@ -324,6 +324,33 @@ def test_a_share_beside_known_noise_alone_has_the_ends_of_its_variance() -> None
     assert ratio_interval(contrasts, solution, 0, noise, 2) == pytest.approx(shares, rel=2e-3)
 
 
+def test_variances_ends_and_information_have_the_unit_of_the_values() -> None:
+    """The information is tr(P Z_i Z_i' P Z_j Z_j') / 2 (Searle, Casella and McCulloch 1992, Variance Components)."""
+    known = np.diag(np.linspace(0.5, 2.0, 12))
+    factors = [Factor("group", np.repeat(range(3), 4).tolist()), Factor("repeat", range(12))]
+    model, tens = fit_components(APART, factors, known), fit_components(10 * APART, factors, 100 * known)
+    assert (model.noise, tens.noise) == (pytest.approx(1.25), pytest.approx(125.0))
+    group, repeat = model.estimated
+    covariance = known + group.variance * GROUPS @ GROUPS.T + repeat.variance * np.eye(12)
+    np.testing.assert_allclose(model.covariance(), covariance, rtol=1e-9)
+    inverse = np.linalg.inv(covariance)
+    projected = inverse - inverse @ ONES @ ONES.T @ inverse / inverse.sum()
+    parts = [projected @ GROUPS @ GROUPS.T, projected]
+    information = [[0.5 * np.trace(one @ other) for other in parts] for one in parts]
+    np.testing.assert_allclose(model.theta_covariance(), np.linalg.inv(information), rtol=1e-4)
+    np.testing.assert_allclose(tens.theta_covariance(), 1e4 * model.theta_covariance(), rtol=1e-3)
+    for place, component in enumerate(model.estimated):
+        ends = component_interval(model.contrasts, model.solution, place, component.levels - 1)
+        assert component.ci95 == pytest.approx(np.array(ends) * model.contrasts.scale**2, rel=1e-9)
+        assert tens.estimated[place].ci95 == pytest.approx(100 * np.array(component.ci95), rel=5e-3)
+
+
+def test_one_observation_more_than_coefficients_is_enough() -> None:
+    assert fit_components(np.array([1.0, 2.0]), [], np.eye(2)).estimated == []
+    with pytest.raises(TooFewObservations):
+        fit_components(np.array([1.0]), [], np.eye(1))
+
+
 def test_a_component_beside_nothing_is_the_whole() -> None:
     contrasts = contrast(VALUES, ONES, np.zeros((12, 12)), [np.eye(12)])
     low, high = ratio_interval(contrasts, maximise(contrasts), 0, 0.0, 11)
