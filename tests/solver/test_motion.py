@@ -363,7 +363,7 @@ def test_limits_outside_the_motion_are_refused():
     [
         (None, None, ""),
         (0.0, 5.99, ""),
-        (-0.01, 6.0, ""),  # a step beside it
+        (-0.01, 6.0, ""),  # a step next to it
         (-0.02, 5.0, "from -0.02 s"),
         (1.0, 9.0, "to 9 s"),
         (-np.inf, np.inf, ""),

@@ -414,8 +414,8 @@ def test_the_certificate_of_uniform_edges_has_their_closed_form(has_stop: bool) 
     edge_sd, half_width = 1e-3 / np.sqrt(12), (1 - np.sqrt(0.05)) * 1e-3 / 3
     drift_sd = np.sqrt(2) * edge_sd / 3 if has_stop else 50e-6
     time_sd = edge_sd if has_stop else np.hypot(edge_sd, 2.99 * drift_sd)
-    told = {key: value for key, value in found.to_plain().items() if "finding" not in key}
-    assert told == {
+    stated = {key: value for key, value in found.to_plain().items() if "finding" not in key}
+    assert stated == {
         "has_both_edges": has_stop,
         "offset_s": pytest.approx(1.9995),
         "offset_standard_error_s": pytest.approx(edge_sd),
