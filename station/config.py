@@ -377,8 +377,7 @@ def load_config(path: Path) -> StationConfig:
     except FileNotFoundError as error:
         raise ConfigError(Message(ConfigCode.MISSING, {"path": str(path)})) from error
     except OSError as error:
-        figures = {"path": str(path), "reason": str(error.strerror)}
-        raise ConfigError(Message(ConfigCode.UNREADABLE, figures)) from error
+        raise ConfigError(Message(ConfigCode.UNREADABLE, {"path": str(path), **because(error)})) from error
     except PlainDataError as error:
         raise ConfigError(Message(ConfigCode.WRONG_SYNTAX, {"path": str(path), **because(error)})) from error
     return parse_config(data, str(path))

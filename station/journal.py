@@ -19,9 +19,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, RootModel
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, parse_json
-from documents.regular_file import append_to_regular, describe_failure, locked, read_regular, sync_file
+from documents.regular_file import append_to_regular, locked, read_regular, sync_file
 from recordings.manifest import CuffSite, DataOrigin, TrialCondition, is_file_name
 from station.checksums import JOURNAL_FILE, LARGEST_JOURNAL, write_checksums
 from station.errors import StationError
@@ -283,7 +283,7 @@ def read_journal(folder: Path) -> Journal:
     except FileNotFoundError:
         return Journal()
     except (OSError, UnicodeDecodeError) as error:
-        raise journal_error(JournalCode.UNREADABLE, path, reason=describe_failure(error)) from error
+        raise journal_error(JournalCode.UNREADABLE, path, **because(error)) from error
     lines = _Lines()
     for number, line in enumerate(text.split("\n")[:-1], 1):
         try:
@@ -464,7 +464,7 @@ def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise journal_error(JournalCode.NOT_WRITTEN, folder, reason=describe_failure(error)) from error
+        raise journal_error(JournalCode.NOT_WRITTEN, folder, **because(error)) from error
 
 
 def _append_line(path: Path, entry: dict[str, Any]) -> None:
@@ -485,10 +485,8 @@ def _append_line(path: Path, entry: dict[str, Any]) -> None:
             sync_file(file.fileno())
             with suppress(OSError):  # the line itself contains the hash of those above
                 write_checksums(path)
-    except OSError as error:
-        raise journal_error(JournalCode.NOT_WRITTEN, path, reason=describe_failure(error)) from error
-    except PlainDataError as error:
-        raise journal_error(JournalCode.NOT_WRITTEN, path, reason=str(error)) from error
+    except (OSError, PlainDataError) as error:
+        raise journal_error(JournalCode.NOT_WRITTEN, path, **because(error)) from error
 
 
 def journal_error(code: JournalCode, path: Path, **figures: float | str) -> JournalError:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_json, shortened
-from documents.regular_file import describe_failure, open_regular
+from documents.regular_file import open_regular
 from documents.validation import describe_error
 from station.assessment.assessment_json import KnownNumberEntry, MeasuredReductionEntry, NumberEntry, StrictEntry
 from station.assessment.drawn_postures import PostureEntry
@@ -41,7 +41,7 @@ def read_activations(path: Path) -> pd.DataFrame:
         with open_regular(path) as file:
             table = pd.read_csv(file, keep_default_na=False, na_values=["nan"])
     except (OSError, ValueError) as error:
-        raise _refusal(AssessmentFileCode.ACTIVATIONS_UNREADABLE, path, reason=describe_failure(error)) from error
+        raise _refusal(AssessmentFileCode.ACTIVATIONS_UNREADABLE, path, **because(error)) from error
     muscles = list(table.columns[3:])
     if list(table.columns[:3]) != ["condition", "cuff", "time_s"] or not muscles:
         found = shortened(", ".join(map(str, table.columns)))
@@ -176,9 +176,9 @@ def read_assessment(path: Path) -> dict[str, Any]:
     try:
         plain = read_json(path)
     except OSError as error:
-        raise _refusal(AssessmentFileCode.UNREADABLE, path, reason=error.strerror or str(error)) from error
+        raise _refusal(AssessmentFileCode.UNREADABLE, path, **because(error)) from error
     except PlainDataError as error:
-        raise _refusal(AssessmentFileCode.NOT_JSON, path, reason=str(error)) from error
+        raise _refusal(AssessmentFileCode.NOT_JSON, path, **because(error)) from error
     if not isinstance(plain, dict):
         raise _refusal(AssessmentFileCode.NOT_AN_OBJECT, path, found=shortened(plain))
     try:

@@ -27,9 +27,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from documents.plain_data import PlainDataError, read_toml
-from documents.regular_file import LARGEST_TABLE, describe_failure, read_regular
+from documents.regular_file import LARGEST_TABLE, read_regular
 from documents.validation import describe_error
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, Cuff, NotIdentified, with_interval_covariance
@@ -282,8 +282,7 @@ def read_effort(path: Path) -> EffortWeights:
     try:
         return EffortWeights.model_validate(read_toml(path))
     except (OSError, PlainDataError) as error:
-        reason = describe_failure(error)
-        raise EffortError(Message(InputCode.EFFORT, {"path": str(path), "reason": reason})) from error
+        raise EffortError(Message(InputCode.EFFORT, {"path": str(path), **because(error)})) from error
     except ValidationError as error:
         reason = describe_error(error)
         raise EffortError(Message(InputCode.EFFORT, {"path": str(path), "reason": reason})) from error
@@ -300,9 +299,7 @@ def read_emg(path: Path, known: Collection[str]) -> list[MeasuredReductionEntry]
             csv.DictReader(read_regular(path, LARGEST_TABLE).decode("utf-8-sig").splitlines(), skipinitialspace=True)
         )
     except (OSError, UnicodeDecodeError) as error:
-        raise EmgError(
-            Message(InputCode.EMG_UNREADABLE, {"path": str(path), "reason": describe_failure(error)})
-        ) from error
+        raise EmgError(Message(InputCode.EMG_UNREADABLE, {"path": str(path), **because(error)})) from error
     found = list(rows[0]) if rows else []
     if not set(REDUCTION_COLUMNS) <= set(found):
         figures = {"path": path.name, "found": ",".join(found) or "none", "expected": ",".join(REDUCTION_COLUMNS)}

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationError
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, parse_toml
-from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
+from documents.regular_file import LARGEST_SUIT, read_regular
 from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
 from solver.suit.decision import DecisionRule
 from solver.uncertainty.sources import (
@@ -132,4 +132,4 @@ def _parsed(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(read_regular(path, LARGEST_SUIT))
     except (OSError, PlainDataError) as error:
-        raise BudgetError(Message(InputCode.BUDGET, {"path": str(path), "reason": describe_failure(error)})) from error
+        raise BudgetError(Message(InputCode.BUDGET, {"path": str(path), **because(error)})) from error

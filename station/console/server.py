@@ -27,7 +27,7 @@ from starlette.responses import FileResponse, PlainTextResponse, RedirectRespons
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as AsgiMessage
 
-from documents.message import Figures, Message
+from documents.message import Figures, Message, because
 from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.child import ProcessLink, exit_with_parent
@@ -187,7 +187,7 @@ def ensure_free(host: str, port: int) -> None:
                 listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.bind(address)
     except OSError as error:
-        figures: Figures = {"host": host, "port": port, "reason": str(error.strerror)}
+        figures: Figures = {"host": host, "port": port, **because(error)}
         is_of_host = isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL
         raise ServeError(Message(ServeCode.WRONG_HOST if is_of_host else ServeCode.CANNOT_LISTEN, figures)) from error
 

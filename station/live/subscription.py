@@ -26,7 +26,7 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, parse_json
 from documents.regular_file import describe_failure, read_regular
 from station.errors import StationError
@@ -61,7 +61,7 @@ def serve_views(stack: ExitStack, setup: LiveSetup, folder: Path, on_command: Co
     try:
         announce(folder, server.address)
     except OSError as error:  # the values are written all the same
-        figures = {"path": str(folder / ADDRESS_FILE), "reason": describe_failure(error)}
+        figures = {"path": str(folder / ADDRESS_FILE), **because(error)}
         print(Message(LiveCode.NOT_ANNOUNCED, figures), file=sys.stderr, flush=True)
     else:
         stack.callback(withdraw, folder, server.address)

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-from documents.message import Message
-from documents.regular_file import describe_failure
+from documents.message import Message, because
 from recordings.manifest import DataOrigin
 from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.checksums import JOURNAL_FILE
@@ -91,7 +90,7 @@ class OpenSession:
         except FileNotFoundError as error:
             raise journal_error(JournalCode.GONE, self.folder) from error
         except OSError as error:
-            raise journal_error(JournalCode.UNREADABLE, path, reason=describe_failure(error)) from error
+            raise journal_error(JournalCode.UNREADABLE, path, **because(error)) from error
         stamp = status.st_mtime_ns, status.st_size
         if self._read is None or self._read[0] != stamp:
             self._read = stamp, read_journal(self.folder)

@@ -15,7 +15,6 @@ from typing import Any, Literal
 from filelock import FileLock, Timeout
 
 from documents.message import Message, because
-from documents.regular_file import describe_failure
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from recordings.recovery import RecoveryReport, recover
@@ -255,7 +254,7 @@ def adopt_recordings(folder: Path) -> tuple[Recorded, ...] | None:
     except Timeout:
         return None
     except (OSError, NotImplementedError) as error:  # read-only, or without locks
-        raise journal_error(JournalCode.NOT_WRITTEN, folder, reason=describe_failure(error)) from error
+        raise journal_error(JournalCode.NOT_WRITTEN, folder, **because(error)) from error
     return tuple(adopted)
 
 

@@ -19,9 +19,9 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from documents.interval import counted
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, parse_toml, read_toml
-from documents.regular_file import describe_failure, read_regular
+from documents.regular_file import read_regular
 from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
 from fitting.study.power import (
     SETTLING,
@@ -129,9 +129,7 @@ def read_study_plan(path: Path) -> StudyPlan:
     try:
         return StudyPlan.model_validate(read_toml(path))
     except (OSError, PlainDataError) as error:
-        raise StudyError(
-            Message(PlanCode.UNREADABLE, {"path": str(path), "reason": describe_failure(error)})
-        ) from error
+        raise StudyError(Message(PlanCode.UNREADABLE, {"path": str(path), **because(error)})) from error
     except ValidationError as error:
         figures = {"path": str(path), "reason": describe_error(error)}
         raise StudyError(Message(PlanCode.WRONG_TABLE, figures)) from error

@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, parse_toml
-from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
+from documents.regular_file import LARGEST_SUIT, read_regular
 from documents.validation import NonNegative, Positive, Section, describe_error
 from station.checksums import write_whole
 from station.errors import StationError
@@ -53,7 +53,7 @@ def read_subject(folder: Path) -> Subject:
     try:
         return Subject.model_validate(parse_toml(read_regular(path, LARGEST_SUIT)))
     except (OSError, PlainDataError) as error:
-        raise refuse_subject(SubjectCode.UNREADABLE, path=str(path), reason=describe_failure(error)) from error
+        raise refuse_subject(SubjectCode.UNREADABLE, path=str(path), **because(error)) from error
     except ValidationError as error:
         raise refuse_subject(SubjectCode.INVALID_KEY, path=str(path), reason=describe_error(error)) from error
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from distributed import Client
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_json
 from documents.regular_file import LARGEST_TABLE, read_regular
 from fitting.cuffs.wearable_cuff import Cuff
@@ -317,7 +317,7 @@ class SweepInputs:
                 sources.append(data_file(self._path(name)))
             return hashlib.sha256(b"".join(read_regular(source, LARGEST_TABLE) for source in sources)).hexdigest()
         except OSError as error:
-            figures = {"axis": axis, "file": str(name), "reason": str(error.strerror)}
+            figures = {"axis": axis, "file": str(name), **because(error)}
             raise PlanError(Message(SweepCode.FILE_UNREADABLE, figures)) from error
 
 

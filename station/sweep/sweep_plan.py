@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from documents.message import Message
+from documents.message import Message, because
 from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml
-from documents.regular_file import describe_failure, read_regular
+from documents.regular_file import read_regular
 from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error
 from solver.suit.scenarios import Condition
 from station.defaults import CUTOFF_HZ
@@ -106,9 +106,7 @@ def read_plan(path: Path) -> SweepPlan:
         content = read_regular(path, LARGEST_TOML)
         document = parse_toml(content)
     except (OSError, PlainDataError) as error:
-        raise PlanError(
-            Message(SweepCode.UNREADABLE, {"path": str(path), "reason": describe_failure(error)})
-        ) from error
+        raise PlanError(Message(SweepCode.UNREADABLE, {"path": str(path), **because(error)})) from error
     try:
         table = _PlanTable.model_validate(document)
     except ValidationError as error:
