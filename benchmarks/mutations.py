@@ -10,7 +10,8 @@ tests only the mutations of lines with TEXT. The exit code is 1 if a mutation su
 listed one is detected.
 
 No file is changed: a child process imports the mutated code, and everything that imports it; all other modules are
-imported once, before the fork. A process that a test starts has the original code. Linux and macOS only.
+imported once, before the fork. A process that a test starts has the original code. The tests that execute the changed
+line run first, the fastest of them at the beginning, and the first failure ends the run. Linux and macOS only.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -34,8 +36,10 @@ from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import CodeType, FrameType, ModuleType
 from typing import Any
+
+import pytest
 
 from benchmarks.mutants import Mutation, mutations_of
 
@@ -109,12 +113,14 @@ def assess(module: str, at: str, processes: int) -> None:
         runner = _Runner(module, str(path), tests, Path(folder))
         runner.prepare(compile(source, str(path), "exec"))
         chosen = [mutation for mutation in mutations_of(source) if at in mutation.line]
-        before = _processor_seconds()
-        survivors = runner.survivors(chosen, processes)
-    harmless = harmless_mutations().get(module, {})
+        before, harmless = _processor_seconds(), harmless_mutations().get(module, {})
+        survivors = []
+        for mutation in runner.survivors(chosen, processes):
+            survivors.append(mutation)
+            if mutation.key not in harmless:
+                print(f"survives  {path.relative_to(ROOT)}:{mutation.number}  {mutation.line}")
+                print(f"          {mutation.change}", flush=True)
     unknown = [mutation for mutation in survivors if mutation.key not in harmless]
-    for mutation in unknown:
-        print(f"survives  {path.relative_to(ROOT)}:{mutation.number}  {mutation.line}\n          {mutation.change}")
     lost = {m.key for m in chosen if m.key in harmless} - {mutation.key for mutation in survivors}
     for line, change in sorted(lost):
         print(f"detected, although listed as harmless  {path.relative_to(ROOT)}  {line}\n          {change}")
@@ -122,7 +128,7 @@ def assess(module: str, at: str, processes: int) -> None:
     print(
         f"{module}: {killed} of {len(chosen)} mutations detected ({killed / max(1, len(chosen)):.0%}), "
         f"{len(survivors) - len(unknown)} harmless, {len(unknown)} survive; "
-        f"{_processor_seconds() - before:.0f} s of processor, the tests alone {runner.seconds:.1f} s",
+        f"{_processor_seconds() - before:.0f} s of processor, {runner.seconds:.1f} s the tests without a mutation",
         flush=True,
     )
     sys.exit(bool(unknown or lost))
@@ -141,15 +147,24 @@ class _Runner:
     path: str
     tests: list[str]
     folder: Path
-    seconds: float = 0.0  # processor time of the tests on the original code
+    seconds: float = 0.0  # processor time of the tests on the original code, with the trace of their lines
+    _traced: dict[str, _TracedTest] = field(default_factory=dict)
     _limit: float = 600.0  # wall time of one run [s]
     _started: int = field(default=0)
 
     def prepare(self, original: CodeType) -> None:
         """Run the tests on the original code, then import what they imported and does not depend on the module."""
         receiver, sender = FORK.Pipe(duplex=False)
-        process = self._start(original, sender.send)
-        names, self.seconds, wall = receiver.recv() if receiver.poll(self._limit) else ([], 0.0, 0.0)
+        trace = _Trace(self.path)
+
+        def report() -> None:
+            usage = resource.getrusage(resource.RUSAGE_SELF)
+            seconds = usage.ru_utime + usage.ru_stime
+            sender.send((sorted(sys.modules), seconds, time.monotonic() - begun, trace.tests))
+
+        begun = time.monotonic()
+        process = self._start(original, trace, report)
+        names, self.seconds, wall, self._traced = receiver.recv() if receiver.poll(self._limit) else ([], 0.0, 0.0, {})
         process.join()
         if process.exitcode:
             sys.exit(f"{self.module}: its tests fail without a mutation: pytest {' '.join(self.tests)}")
@@ -158,14 +173,14 @@ class _Runner:
             with suppress(ImportError):
                 import_module(name)
 
-    def survivors(self, mutations: Iterable[Mutation], processes: int) -> list[Mutation]:
-        """The mutations with which all tests pass, in the order of the file."""
-        waiting, found = list(mutations), list[Mutation]()
+    def survivors(self, mutations: Iterable[Mutation], processes: int) -> Iterator[Mutation]:
+        """The mutations with which all tests pass."""
+        waiting = list(mutations)
         running: dict[Any, tuple[Mutation, BaseProcess, float]] = {}
         while waiting or running:
             while waiting and len(running) < processes:
                 mutation = waiting.pop(0)
-                process = self._start(mutation.compiled(self.path))
+                process = self._start(mutation.compiled(self.path), _Order(self._traced, mutation.number))
                 running[process.sentinel] = mutation, process, time.monotonic() + self._limit
             ended = wait(list(running), max(0.0, min(end for *_, end in running.values()) - time.monotonic()))
             late = [key for key, (*_, end) in running.items() if key not in ended and time.monotonic() > end]
@@ -175,34 +190,82 @@ class _Runner:
                 with suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)  # also what its tests have started
                 process.join()
+                if process.exitcode == pytest.ExitCode.INTERNAL_ERROR:
+                    sys.exit(f"{self.module}: pytest itself failed at {mutation.line}: {mutation.change}")
                 if process.exitcode == 0:
-                    found.append(mutation)
-        return sorted(found, key=lambda mutation: mutation.number)
+                    yield mutation
 
-    def _start(self, code: CodeType, report: object = None) -> multiprocessing.process.BaseProcess:
+    def _start(self, code: CodeType, plugin: object, report: Callable[[], None] = lambda: None) -> BaseProcess:
         self._started += 1
-        process = FORK.Process(target=self._run, args=(code, self.folder / str(self._started), report))
+        process = FORK.Process(target=self._run, args=(code, self.folder / str(self._started), plugin, report))
         process.start()
         return process
 
-    def _run(self, code: CodeType, folder: Path, report: object) -> None:
+    def _run(self, code: CodeType, folder: Path, plugin: object, report: Callable[[], None]) -> None:
         """In the child: import the code as the module, run the tests, and end with 0 if all pass."""
         os.setsid()
-        limit = int(20 + 10 * self.seconds) if self.seconds else 600
+        limit = int(5 + 5 * self.seconds) if self.seconds else 600
         resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
-        begun, null = time.monotonic(), os.open(os.devnull, os.O_RDWR)
+        null = os.open(os.devnull, os.O_RDWR)
         for descriptor in range(3):
             os.dup2(null, descriptor)
         sys.meta_path.insert(0, _Finder(self.module, code))  # type: ignore[arg-type]
-        import pytest
-
         options = ["-x", "-q", "-n0", "-pno:cacheprovider", "--assert=plain", f"--basetemp={folder}"]
-        outcome = int(pytest.main([*options, *self.tests]))
-        if callable(report):
-            usage = resource.getrusage(resource.RUSAGE_SELF)
-            report((sorted(sys.modules), usage.ru_utime + usage.ru_stime, time.monotonic() - begun))
+        outcome = int(pytest.main([*options, *self.tests], plugins=[plugin]))
+        report()
         shutil.rmtree(folder, ignore_errors=True)
         os._exit(outcome)
+
+
+@dataclass
+class _TracedTest:
+    """Lines of the module that a test executes, and its wall time [s]."""
+
+    lines: set[int] = field(default_factory=set)
+    seconds: float = 0.0
+
+
+class _Trace:
+    """Plugin of pytest that notes the lines of a file that every test executes."""
+
+    def __init__(self, path: str) -> None:
+        self.tests: dict[str, _TracedTest] = {}
+        self._path = path
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        test = self.tests[item.nodeid] = _TracedTest()
+
+        def trace(frame: FrameType, event: str, argument: object) -> Any:  # noqa: ARG001
+            if frame.f_code.co_filename != self._path:
+                return None
+            test.lines.add(frame.f_lineno)
+            return trace
+
+        begun = time.perf_counter()
+        threading.settrace(trace)
+        sys.settrace(trace)
+        try:
+            return (yield)
+        finally:
+            sys.settrace(None)
+            threading.settrace(None)
+            test.seconds = time.perf_counter() - begun
+
+
+class _Order:
+    """Plugin of pytest that runs the tests that execute a line first, the fastest of them at the beginning."""
+
+    def __init__(self, traced: dict[str, _TracedTest], line: int) -> None:
+        self._traced, self._line = traced, line
+
+    @pytest.hookimpl(trylast=True)  # after those that are left out
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        def key(item: pytest.Item) -> tuple[bool, float]:
+            test = self._traced.get(item.nodeid, _TracedTest())  # its name may contain a constant that is changed
+            return self._line not in test.lines, test.seconds
+
+        items.sort(key=key)
 
 
 class _Finder:
