@@ -201,18 +201,13 @@ def _root(basis: Array, incidence: Array) -> Array:
 
 
 LEVEL = 0.95
-MOST_DOF = 200
-"""Degrees of freedom beyond which q is that of χ²₁ within 0.2 %."""
 PRECISION = 1e-3
 """Relative precision of an end, far below its own uncertainty."""
 WIDEST = 1e6
 """An upper end beyond so many times the scale of the data is not found."""
 
-SINGULAR = 1e9
-"""Stands for the infinite deviance of a singular covariance: the search for an end needs its sign only."""
-
 INSIDE = 1e-3
-"""Start of a component for which the one before is singular, over the square of the scale of the data."""
+"""Component, over the square of the scale of the data, from which a search starts where zero would end it."""
 
 Profile = Callable[[float, Array], RemlSolution]
 """Value, start → the solution under the constraint that the function has this value."""
@@ -309,10 +304,9 @@ class MixedModel:
 
     def theta_covariance(self) -> Array:
         """Inverse of the information, of the components above zero; zero for the others."""
-        free = self.theta > 0
-        covariance = np.zeros((len(self.theta),) * 2)
-        if free.any():
-            covariance[np.ix_(free, free)] = np.linalg.pinv(self.information[np.ix_(free, free)])
+        covariance = np.zeros_like(self.information)
+        free = np.ix_(self.theta > 0, self.theta > 0)
+        covariance[free] = np.linalg.pinv(self.information[free])
         return covariance
 
 
@@ -341,7 +335,7 @@ def fit_components(
         fixed=fixed,
         known=known,
         components=components,
-        matrices=np.array([incidences[i] @ incidences[i].T for i in kept]).reshape(-1, len(values), len(values)),
+        matrices=np.array([incidences[i] @ incidences[i].T for i in kept]).reshape(len(kept), *known.shape),
         theta=solution.theta * unit,
         information=solution.curvature.information / unit**2,
         outcome=solution.outcome,
@@ -416,17 +410,17 @@ def ratio_interval(
 
 @cache
 def deviance_quantile(dof: int) -> float:
-    """q of a variance with ν degrees of freedom: P(ν (x − 1 − log x) ≤ q) = 0.95 for ν x ~ χ²_ν."""
-    freedom = min(max(dof, 1), MOST_DOF)
-    law = scipy.stats.chi2(freedom)
+    """q of a variance with ν degrees of freedom: P(ν (x − 1 − log x) ≤ q) = 0.95 for ν x ~ χ²_ν.
 
-    def excess(quantile: float) -> float:
-        height = 1 + quantile / freedom
-        low = scipy.optimize.brentq(lambda x: x - math.log(x) - height, math.exp(-height), 1.0)
-        high = scipy.optimize.brentq(lambda x: x - math.log(x) - height, 1.0, 4 + 4 * height)
-        return float(law.cdf(freedom * high) - law.cdf(freedom * low)) - LEVEL
+    Lambert's W solves x − log x = 1 + q / ν: x = −W(−exp(−1 − q / ν)), on its two real branches.
+    """
+    return float(scipy.optimize.brentq(lambda quantile: _coverage(quantile, dof) - LEVEL, 3.0, 8.0))
 
-    return float(scipy.optimize.brentq(excess, 3.0, 8.0))
+
+def _coverage(quantile: float, dof: int) -> float:
+    """P(ν (x − 1 − log x) ≤ q) for ν x ~ χ²_ν."""
+    low, high = -scipy.special.lambertw(-math.exp(-1 - quantile / dof), [0, -1]).real
+    return float(scipy.stats.chi2.cdf(dof * high, dof) - scipy.stats.chi2.cdf(dof * low, dof))
 
 
 def _split(contrasts: ErrorContrasts, index: int) -> tuple[tuple[Array, ...], Array]:
@@ -442,7 +436,7 @@ def _interval(
     last = start
 
     @cache
-    def excess(value: float) -> float:
+    def deviance(value: float) -> float:
         nonlocal last
         for begin in (last, np.maximum(last, INSIDE)):
             try:
@@ -451,22 +445,23 @@ def _interval(
             except scipy.linalg.LinAlgError:  # on the border of θ ≥ 0, where no noise is known
                 continue
         else:
-            return SINGULAR
+            return math.inf
         last = found.theta
-        return found.curvature.deviance - highest
+        return found.curvature.deviance
 
-    low = 0.0 if excess(0.0) <= 0 else _crossing(excess, 0.0, estimate)
+    low = 0.0 if deviance(0.0) <= highest else _crossing(deviance, highest, 0.0, estimate)
     last, inner = start, estimate
-    outer = max(2 * estimate, 1e-3)
-    while excess(outer) < 0:
-        inner, outer = outer, 4 * outer
-        if outer > WIDEST:
+    outer = max(estimate, INSIDE)
+    while deviance(outer) < highest:
+        if outer >= WIDEST:
             return (low, math.nan)
-    return (low, _crossing(excess, inner, outer))
+        inner, outer = outer, min(4 * outer, WIDEST)
+    return (low, _crossing(deviance, highest, inner, outer))
 
 
-def _crossing(excess: Callable[[float], float], low: float, high: float) -> float:
-    """NaN where the deviance does not cross q between both."""
-    if excess(low) * excess(high) > 0:
+def _crossing(deviance: Callable[[float], float], level: float, low: float, high: float) -> float:
+    """Value between low and high at which the deviance crosses the level; NaN where both ends lie on one side of it."""
+    try:
+        return float(scipy.optimize.brentq(lambda value: deviance(value) - level, low, high, rtol=PRECISION))
+    except ValueError:
         return math.nan
-    return float(scipy.optimize.brentq(excess, low, high, xtol=PRECISION * high, rtol=PRECISION))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from documents.interval import CountingFormatter, between, bracketed, digits_of, has_width, plus_minus
+from documents.interval import CountingFormatter, between, bracketed, digits_of, has_width, plus_minus, with_error
 
 
 def test_an_interval_has_two_digits_of_its_half_width() -> None:
@@ -89,6 +89,12 @@ def test_both_ends_of_an_interval_are_shown_where_its_halves_differ_in_the_print
     assert plus_minus(0.0, (-10.0, 11.0)) == "0 ± 10", "by one digit"
 
 
+def test_a_number_with_its_standard_error_has_two_digits_of_the_error_or_six_of_its_own() -> None:
+    assert with_error(8514.7, 29.7) == "8515 ± 30"
+    assert with_error(-0.2196, 0.00949) == "-0.2196 ± 0.0095"
+    assert with_error(8514.74321, 0.0) == "8514.74"
+
+
 def test_zero_has_no_sign() -> None:
     assert plus_minus(-0.0004, (-0.1204, 0.1196)) == "0.00 ± 0.12"
 
@@ -105,3 +111,4 @@ def test_negative_numbers_have_a_minus_sign() -> None:
 def test_a_count_has_its_noun_in_singular_or_plural(count: float, text: str) -> None:
     format_text = CountingFormatter().format
     assert format_text("{count:frame} of {load:.1f} N", count=count, load=2) == f"{text} of 2.0 N"
+    assert format_text("{count:cue}", count=count) == text.replace("frame", "cue")

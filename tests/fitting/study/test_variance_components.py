@@ -192,8 +192,15 @@ def test_the_gauge_study_of_aiag_gives_its_published_standard_deviations() -> No
     assert sd == pytest.approx(
         {"part": 1.042327, "appraiser": 0.226838, "interaction": 0.0, "repeat": 0.199933}, abs=1e-6
     )
-    assert model.components["interaction"].outcome is ComponentOutcome.AT_ZERO
+    outcomes = {name: component.outcome for name, component in model.components.items()}
+    assert outcomes.pop("interaction") is ComponentOutcome.AT_ZERO
+    assert set(outcomes.values()) == {ComponentOutcome.ESTIMATED}
     assert model.outcome is FitOutcome.CONVERGED
+    free = np.array([True, True, False, True])  # a variance at its limit has no standard error
+    covariance = model.theta_covariance()
+    np.testing.assert_array_equal(covariance[~free], 0.0)
+    within = np.linalg.inv(model.information[np.ix_(free, free)])
+    np.testing.assert_allclose(covariance[np.ix_(free, free)], within, rtol=1e-6)
 
 
 def test_the_silicon_wafers_of_nist_give_their_certified_mean_squares() -> None:
@@ -357,8 +364,79 @@ def test_a_component_beside_nothing_is_the_whole() -> None:
     assert np.isnan(low) and high == 1.0
 
 
+def profile_of_one_variance(theta: float, count: int, noise: float) -> float:
+    """Deviance of contrasts of mean square 1 and variance θ + noise."""
+    return count * np.log(theta + noise) + count / (theta + noise)
+
+
+@pytest.mark.parametrize("noise", [0.3, 0.53, 0.54, 0.7, 1.5, 40.0])
+def test_the_interval_of_a_variance_beside_known_noise_is_that_of_their_sum_less_the_noise(noise: float) -> None:
+    """The sum has a lower end of 0.5338; noise beyond leaves a lower end of zero, and beyond 1 an estimate of zero."""
+    values = np.random.default_rng(2).standard_normal(16)
+    none = np.zeros((16, 0))
+    contrasts = contrast(values, none, noise * np.mean(values**2) * np.eye(16), [np.eye(16)])
+    low, high = component_interval(contrasts, maximise(contrasts), 0, 15)
+    highest = profile_of_one_variance(max(0.0, 1 - noise), 16, noise) + deviance_quantile(15)
+    excess = [profile_of_one_variance(end, 16, noise) - highest for end in (0.0, low, high)]
+    slope = 16 * (1 - 1 / (high + noise)) / (high + noise)
+    assert excess[2] == pytest.approx(0.0, abs=1e-3 * slope * high)
+    assert (low > 0) == (noise < 0.5338) == (excess[0] > 0)
+    assert low == 0 or low + noise == pytest.approx(0.5338, abs=5e-4)
+
+
+def test_an_end_is_as_precise_where_a_part_of_the_values_is_far_more_precise_than_the_rest() -> None:
+    """The variance is known from ten values alone; it is 1e-6 of the mean square of all."""
+    noise = np.repeat([1e-6, 100.0], [10, 30])
+    values = np.sqrt(noise + 1e-4) * np.random.default_rng(3).standard_normal(40)
+    contrasts = contrast(values, np.zeros((40, 0)), np.diag(noise), [np.eye(40)])
+
+    def deviance(theta: float) -> float:
+        return float(np.sum(np.log(noise + theta) + values**2 / (noise + theta)))
+
+    least = optimize.minimize_scalar(deviance, bounds=(1e-5, 1e-3), method="bounded", options={"xatol": 1e-10})
+    ends = np.array(component_interval(contrasts, maximise(contrasts), 0, 39)) * contrasts.scale**2
+    limit = float(least.fun) + deviance_quantile(39)
+    for end, bracket in zip(ends, ((1e-6, least.x), (least.x, 1e-2)), strict=True):
+        assert end == pytest.approx(optimize.brentq(lambda theta: deviance(theta) - limit, *bracket), rel=2e-3)
+
+
+@pytest.mark.parametrize(("end", "is_found"), [(9e5, True), (1.1e6, False)])
+def test_an_upper_end_beyond_a_million_mean_squares_is_not_found(end: float, is_found: bool) -> None:
+    """Values that are far smaller than their noise: the end is where 4 log(1 + θ / noise) is the quantile."""
+    noise = end / np.expm1(deviance_quantile(3) / 4)
+    contrasts = contrast(np.array([1.0, -1.0, 1.0, 1.0]), np.zeros((4, 0)), noise * np.eye(4), [np.eye(4)])
+    low, high = component_interval(contrasts, maximise(contrasts), 0, 3)
+    assert low == 0.0
+    assert high == pytest.approx(end, rel=2e-3) if is_found else np.isnan(high)
+
+
+def test_a_variance_that_two_crossed_factors_can_replace_has_a_lower_end_of_zero() -> None:
+    """Both factors are at zero beside it. Without it and them the covariance is singular, with them it is not."""
+    volunteers, operators = [0, 2, 1, 1], [2, 0, 2, 0]
+    values, ones = np.array([4.0, 1.0, 0.0, 4.0]), np.ones((4, 1))
+    factors = [Factor("volunteer", volunteers), Factor("operator", operators), Factor("repeat", range(4))]
+    volunteer, operator, repeat = fit_components(values, factors, _no_noise(4)).estimated
+    assert (volunteer.variance, operator.variance) == (0.0, 0.0)
+    squares = [factor.incidence() @ factor.incidence().T for factor in factors[:2]]
+    instead = min(
+        harville(values, ones, one * squares[0] + other * squares[1])
+        for one in np.geomspace(0.1, 100, 20)
+        for other in np.geomspace(0.1, 100, 20)
+    )
+    assert instead - harville(values, ones, repeat.variance * np.eye(4)) < deviance_quantile(3)
+    assert repeat.ci95[0] == 0.0
+
+
+@pytest.mark.parametrize("dof", [1, 4, 60])
+def test_the_interval_of_a_mean_square_between_equal_deviances_covers_95_percent(dof: int) -> None:
+    ratios = np.linspace(1e-9, 20, 2_000_001)
+    inside = ratios[dof * (ratios - 1 - np.log(ratios)) <= deviance_quantile(dof)]
+    low, high = stats.chi2.cdf(dof * inside[[0, -1]], dof)
+    assert high - low == pytest.approx(0.95, abs=1e-4)
+
+
 def test_the_quantile_for_many_levels_is_that_of_chi_square() -> None:
-    assert deviance_quantile(200) == pytest.approx(float(stats.chi2.ppf(0.95, 1)), rel=2e-3)
+    assert deviance_quantile(5000) == pytest.approx(float(stats.chi2.ppf(0.95, 1)), rel=1e-4)
     assert deviance_quantile(1) > deviance_quantile(5) > deviance_quantile(50)
 
 
