@@ -42,8 +42,7 @@ from solver.model import (
 )
 from solver.motion import Motion
 from solver.multibody.constraints import constraint_gaps
-from solver.multibody.postures import postures
-from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.multibody.postures import postures, rotation_body_fixed_xyz
 
 Array = NDArray[np.float64]
 Table = dict[str, Any]

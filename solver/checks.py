@@ -7,7 +7,6 @@ from numbers import Integral
 from os import PathLike
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import ModelError, SolverCode
 
@@ -48,10 +47,3 @@ def freeze_arrays(noun: object, **shapes: tuple[int, ...]) -> None:
             raise ModelError(sentence, SolverCode.WRONG_SHAPE)
         values.flags.writeable = False
         object.__setattr__(noun, field, values)
-
-
-def read_only(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The values as a contiguous read-only array: for the compiler, arrays of another kind are of another type."""
-    view = np.ascontiguousarray(values).view()
-    view.flags.writeable = False
-    return view

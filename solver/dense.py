@@ -32,6 +32,13 @@ def aligned(*shape: int) -> Array:
     return memory[start : start + prod(shape)].reshape(shape)
 
 
+def read_only(values: Array) -> Array:
+    """The values as a contiguous read-only array: for the compiler, arrays of another kind are of another type."""
+    view = np.ascontiguousarray(values).view()
+    view.flags.writeable = False
+    return view
+
+
 @compiled
 def inner_product(x: Array, y: Array) -> float:
     """x·y in four independent sums, which the processor computes in parallel."""

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from solver.checks import freeze_arrays
 from solver.model import Model, Path
 from solver.multibody.loads import Loads, no_loads
-from solver.multibody.postures import Postures, points_in_ground
-from solver.multibody.rotations import wrench_about_origin
+from solver.multibody.postures import Postures, points_in_ground, wrench_about_origin
 from solver.muscle import evaluate_paths
 
 Array = NDArray[np.float64]

@@ -18,7 +18,6 @@ q, by axis; equations of Simbody's Force::LinearBushing. They are singular where
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -29,8 +28,15 @@ from solver.checks import freeze_arrays
 from solver.functions.coordinate_functions import Expression, Function
 from solver.model import Model, Path, Placement
 from solver.multibody.loads import Loads, no_loads
-from solver.multibody.postures import Postures, points_in_ground, velocity_at
-from solver.multibody.rotations import angular_rates_matrix, body_fixed_xyz_angles, rotate, wrench_about_origin
+from solver.multibody.postures import (
+    Postures,
+    angular_rates_matrix,
+    body_fixed_xyz_angles,
+    points_in_ground,
+    rotate,
+    velocity_at,
+    wrench_about_origin,
+)
 from solver.muscle import evaluate_paths
 
 Array = NDArray[np.float64]
@@ -59,10 +65,7 @@ class ContactSurface:
 
 @dataclass(frozen=True)
 class HuntCrossleyContact:
-    """Contact of every pair of the surfaces, except two half-spaces.
-
-    transition_velocity  of sliding [m/s], at which friction is greatest
-    """
+    """Contact of every pair of surfaces but two half-spaces; friction is greatest at transition_velocity [m/s]."""
 
     name: str
     surfaces: tuple[ContactSurface, ...]
@@ -70,7 +73,10 @@ class HuntCrossleyContact:
 
     def loads(self, model: Model, state: Postures) -> Loads:
         wrenches, forces = no_loads(model, state)
-        for one, two in self._pairs():
+        ordered = sorted(self.surfaces, key=lambda surface: surface.radius is not None)  # half-spaces first
+        for one, two in combinations(ordered, 2):
+            if two.radius is None:
+                continue
             touching = _sphere_on_sphere(state, one, two) if one.radius else _sphere_on_plane(state, one, two)
             with np.errstate(invalid="ignore", divide="ignore"):  # in frames without contact
                 wrench = self._wrench(state, one, two, touching)
@@ -78,11 +84,6 @@ class HuntCrossleyContact:
             wrenches[:, one.body] -= wrench
             wrenches[:, two.body] += wrench
         return wrenches, forces
-
-    def _pairs(self) -> Iterator[tuple[ContactSurface, ContactSurface]]:
-        """A half-space comes before a sphere."""
-        ordered = sorted(self.surfaces, key=lambda surface: surface.radius is not None)
-        return ((one, two) for one, two in combinations(ordered, 2) if two.radius is not None)
 
     def _wrench(self, state: Postures, one: ContactSurface, two: ContactSurface, touching: _Touching) -> Array:
         """(frames, 6) on the second body."""
@@ -176,7 +177,8 @@ class SmoothContact:
         tangent = sliding - approach[:, None] * into_plane
         pressure = self._pressure(depth, approach)
         slip = np.sqrt((tangent**2).sum(axis=1) + self.offset)
-        friction = pressure * self._friction_coefficient(slip) / slip
+        dry = _stribeck(self.material.static_friction, self.material.dynamic_friction, slip / self.transition_velocity)
+        friction = pressure * (dry + self.material.viscous_friction * slip) / slip
         wrench = wrench_about_origin(place, pressure[:, None] * into_plane + friction[:, None] * tangent)
         wrenches, forces = no_loads(model, state)
         wrenches[:, self.sphere_body] -= wrench
@@ -190,10 +192,6 @@ class SmoothContact:
         if c > 0.0:
             pressure *= _rise(self.speed_smoothing * (approach + 2.0 / (3.0 * c)))
         return pressure
-
-    def _friction_coefficient(self, slip: Array) -> Array:
-        one, relative = self.material, slip / self.transition_velocity
-        return _stribeck(one.static_friction, one.dynamic_friction, relative) + one.viscous_friction * slip
 
 
 def _stribeck(static: float, dynamic: float, relative: Array) -> Array:
@@ -290,7 +288,7 @@ class _BetweenPoints(ABC):
 
 @dataclass(frozen=True, eq=False)
 class PointToPointSpring(_BetweenPoints):
-    """stiffness [N/m] times what the distance is beyond rest_length [m]; it also pushes."""
+    """stiffness [N/m] times the distance beyond rest_length [m]; it also pushes."""
 
     stiffness: float
     rest_length: float

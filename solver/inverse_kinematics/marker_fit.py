@@ -9,13 +9,17 @@ Frames without a posture: short gaps are interpolated, and a motion ends at a lo
 
 Markers whose labels are exchanged for a while, from their trajectories alone: each appears where the other was about to
 be. Places are extrapolated from the last two frames, and over a gap they stay where they were last seen.
+
+Errors of markers and of targets of coordinates, which grow as the arm is raised: with the distance d of a posture from
+the hanging arm, where d² is the sum, over the bodies with markers, of (2 sin φ/2)², φ the angle between two
+orientations in the trunk.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -262,3 +266,65 @@ def exchanged_pairs(seen: Array, expected: Array) -> list[tuple[int, int]]:
         is_exchanged &= (own[:, None] > FAR * apart) & (own[None] > FAR * apart)
     pairs = np.argwhere(np.triu(is_exchanged, 1))
     return [(int(one), int(other)) for one, other in pairs]
+
+
+RAISED = np.radians(110.0)
+"""d between the hanging arm and one raised by 115 degrees, where the scapula has turned by 50. Errors are published for
+raises of 100 to 150 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class PostureErrors:
+    """Standard deviations of markers and of the targets of coordinates, √(at_rest² + (raised d / RAISED)²) with d from
+    the model's default posture.
+
+    markers (2, markers) at_rest and raised, along each axis [m];  targets (2, coordinates) alike [rad]
+    trunk, bodies  whose orientations make d;  resting (features,) theirs in that posture
+    """
+
+    markers: Array
+    targets: Array
+    trunk: int
+    bodies: tuple[int, ...]
+    resting: Array
+
+    def of_markers(self, chosen: Sequence[int]) -> PostureErrors:
+        """Of some of the markers, by their places."""
+        return replace(self, markers=self.markers[:, list(chosen)])
+
+    def at(self, rotations: Array) -> tuple[Array, Array]:
+        """Of markers (markers,) and targets (coordinates,), from rotations (bodies, 3, 3) to ground of a posture."""
+        apart = orientations_in_trunk(rotations[None], self.trunk, self.bodies)[0] - self.resting
+        part = float(np.linalg.norm(apart)) / RAISED
+        return np.hypot(self.markers[0], part * self.markers[1]), np.hypot(self.targets[0], part * self.targets[1])
+
+
+def posture_errors(
+    model: Model, markers: Sequence[Marker], placed: Array, slide: Array, targets: Array | None = None
+) -> PostureErrors:
+    """placed, slide (markers,) [m]: of where a marker was put, and of the skin that slides when the arm is raised;
+    targets (2, coordinates) [rad], 0 by default.
+    """
+    trunk, bodies = trunk_and_bodies(model, markers)
+    default = model.default_coordinates[None]
+    rotations = postures(model, default, np.zeros_like(default)).rotation_to_ground
+    none = np.zeros((2, len(model.coordinates)))
+    return PostureErrors(
+        np.array([placed, slide]),
+        none if targets is None else targets,
+        trunk,
+        bodies,
+        orientations_in_trunk(rotations, trunk, bodies)[0],
+    )
+
+
+def trunk_and_bodies(model: Model, markers: Sequence[Marker]) -> tuple[int, tuple[int, ...]]:
+    """The body that is jointed to ground, and the others with markers."""
+    trunk = next(joint.child for joint in model.joints if joint.parent == GROUND)
+    return trunk, tuple(sorted({marker.body for marker in markers} - {trunk, GROUND}))
+
+
+def orientations_in_trunk(rotations: Array, trunk: int, bodies: tuple[int, ...]) -> Array:
+    """(frames, features) of bodies in the trunk, from rotations (frames, bodies, 3, 3) to ground."""
+    turned = np.swapaxes(rotations[:, [trunk]], 2, 3) @ rotations[:, list(bodies)]
+    return np.asarray(turned.reshape(len(rotations), -1) / np.sqrt(2.0))

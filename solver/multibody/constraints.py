@@ -30,8 +30,15 @@ from solver.constraint import (
 )
 from solver.model import Model
 from solver.multibody.body_tables import tables_of
-from solver.multibody.postures import Postures, point_acceleration, points_in_ground, rates_of_coordinates
-from solver.multibody.rotations import cross, rotate, wrench_about_origin
+from solver.multibody.postures import (
+    Postures,
+    cross,
+    point_acceleration,
+    points_in_ground,
+    rates_of_coordinates,
+    rotate,
+    wrench_about_origin,
+)
 
 Array = NDArray[np.float64]
 

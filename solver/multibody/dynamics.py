@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.results import EqualByFields
-from solver.checks import ensure_known, ensure_names, read_only
+from solver.checks import ensure_known, ensure_names
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.errors import SolverCode
 from solver.model import GROUND, Joint, Model, ModelError
@@ -41,8 +41,17 @@ from solver.motion import Kinematics
 from solver.multibody.body_tables import Indices, Tables, tables_of
 from solver.multibody.constraints import constraint_rows, constraint_wrenches
 from solver.multibody.loads import ExternalForce, LoadWrenches, load_wrenches, on_all_bodies, total_loads
-from solver.multibody.postures import Postures, jacobians, point_acceleration, points_in_ground, postures, velocity_at
-from solver.multibody.rotations import cross, rotate, wrench_about_origin
+from solver.multibody.postures import (
+    Postures,
+    cross,
+    jacobians,
+    point_acceleration,
+    points_in_ground,
+    postures,
+    rotate,
+    velocity_at,
+    wrench_about_origin,
+)
 
 if TYPE_CHECKING:
     from solver.multibody.mass_matrix import DynamicsTerms, Responses
@@ -149,7 +158,7 @@ def response_to_loads(
     """The response to each of many loads. It is linear in them, so one geometry serves all scenarios.
 
     wrenches            (frames, loads, bodies, 6) moment about the ground origin [N m] and force [N] on each body, in
-                        ground, also sparse; see rotations.wrench_about_origin for forces at points
+                        ground, also sparse; see postures.wrench_about_origin for forces at points
     generalised_forces  (frames, loads, coordinates), that act on coordinates and on no body [N, N m]
     """
     if not isinstance(wrenches, LoadWrenches):
@@ -171,6 +180,7 @@ def responses_to(
     """The response to each load times its factor (frames, loads), and to forces of this strength (actuators,) on the
     `driven` coordinates (actuators,); their sum with shares (frames, loads) of the loads.
     """
+    from solver.dense import read_only  # the compiler behind them takes a third of a second to import
     from solver.multibody.mass_matrix import Loads, Mobility, Responses, fill_responses
 
     (frames, coordinates), columns = equations.screws.shape[:2], wrenches.loads + len(driven)

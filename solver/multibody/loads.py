@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import ActuatorOnBodies, Model
-from solver.multibody.postures import Postures
-from solver.multibody.rotations import rotate, wrench_about_origin
+from solver.multibody.postures import Postures, rotate, wrench_about_origin
 
 Array = NDArray[np.float64]
 Loads = tuple[Array, Array]

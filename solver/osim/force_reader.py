@@ -34,7 +34,7 @@ from solver.forces.passive_forces import (
 from solver.functions.coordinate_functions import Expression, ExpressionError, polynomial, simm_spline
 from solver.model import GROUND, Actuator, Coordinate, CoordinateActuator, CoordinateForce, Placement, WrapSurface
 from solver.multibody.loads import ForceElement
-from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.multibody.postures import rotation_body_fixed_xyz
 from solver.osim.document import Element
 from solver.osim.muscle_reader import geometry_path, read_path
 from solver.osim.names import Names, read_named_function

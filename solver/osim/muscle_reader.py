@@ -34,7 +34,7 @@ from solver.model import (
     SurfaceKind,
     WrapSurface,
 )
-from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.multibody.postures import rotation_body_fixed_xyz
 from solver.osim.document import Element
 from solver.osim.names import Names, OffsetFrame, read_function, read_named_function
 

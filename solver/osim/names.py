@@ -25,7 +25,7 @@ from solver.functions.coordinate_functions import (
     smooth_step,
 )
 from solver.model import Coordinate, Placement
-from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.multibody.postures import rotation_body_fixed_xyz
 from solver.osim.document import Element
 
 Array = NDArray[np.float64]

@@ -31,8 +31,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.inverse_kinematics.marker_fit import (
+    RAISED,
+    PostureErrors,
+    orientations_in_trunk,
+    posture_errors,
+    trunk_and_bodies,
+)
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
-from solver.model import GROUND, Marker, Model
+from solver.model import Marker, Model
 from solver.multibody.postures import postures
 from solver.personalisation.anthropometry import ELEVATION, BodyPriors, body_factors
 from solver.personalisation.estimate import (
@@ -59,9 +66,6 @@ ALIKE = np.radians(100.0)
 """d at which k is 0.6. Over a raise an error is then nearly proportional to d."""
 RESOLVED = np.radians(25.0)
 """Of Φ. Angles of a hanging arm change fast with its elevation, even where an error of orientation does not."""
-RAISED = np.radians(110.0)
-"""d between the hanging arm and one raised by 115 degrees, where the scapula has turned by 50. Errors are published for
-raises of 100 to 150 degrees."""
 SKIN_NOISE, POSTURE_NOISE = 0.0025, np.radians(1.5)
 """m along each axis, and rad; standard deviation of what does not follow the posture."""
 LEAST_MODE = 1e-3  # of the largest one of Φ
@@ -189,51 +193,6 @@ def smooth_wearer(
         knots=knots,
         body=body,
         parameters=at[: body.parameters],
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class PostureErrors:
-    """Standard deviations of markers and of the targets of coordinates, √(at_rest² + (raised d / RAISED)²) with d from
-    the model's default posture.
-
-    markers (2, markers) at_rest and raised, along each axis [m];  targets (2, coordinates) alike [rad]
-    trunk, bodies  whose orientations make d;  resting (features,) theirs in that posture
-    """
-
-    markers: Array
-    targets: Array
-    trunk: int
-    bodies: tuple[int, ...]
-    resting: Array
-
-    def of_markers(self, chosen: Sequence[int]) -> PostureErrors:
-        """Of some of the markers, by their places."""
-        return replace(self, markers=self.markers[:, list(chosen)])
-
-    def at(self, rotations: Array) -> tuple[Array, Array]:
-        """Of markers (markers,) and targets (coordinates,), from rotations (bodies, 3, 3) to ground of a posture."""
-        apart = _turned(rotations[None], self.trunk, self.bodies)[0] - self.resting
-        part = float(np.linalg.norm(apart)) / RAISED
-        return np.hypot(self.markers[0], part * self.markers[1]), np.hypot(self.targets[0], part * self.targets[1])
-
-
-def posture_errors(
-    model: Model, markers: Sequence[Marker], placed: Array, slide: Array, targets: Array | None = None
-) -> PostureErrors:
-    """placed, slide (markers,) [m]: of where a marker was put, and of the skin that slides when the arm is raised;
-    targets (2, coordinates) [rad], 0 by default.
-    """
-    trunk, bodies = _trunk_and_bodies(model, markers)
-    default = model.default_coordinates[None]
-    rotations = postures(model, default, np.zeros_like(default)).rotation_to_ground
-    none = np.zeros((2, len(model.coordinates)))
-    return PostureErrors(
-        np.array([placed, slide]),
-        none if targets is None else targets,
-        trunk,
-        bodies,
-        _turned(rotations, trunk, bodies)[0],
     )
 
 
@@ -400,19 +359,7 @@ def _to_bodies(body: _Body, coordinates: Array) -> Array:
 def _orientations(body: _Body, coordinates: Array) -> Array:
     """(frames, features) of the bodies with markers in the trunk, whose distance is about the angle between them."""
     state = postures(body.skeleton, coordinates, np.zeros_like(coordinates))
-    return _turned(state.rotation_to_ground, *_trunk_and_bodies(body.generic, body.markers))
-
-
-def _trunk_and_bodies(model: Model, markers: Sequence[Marker]) -> tuple[int, tuple[int, ...]]:
-    """The body that is jointed to ground, and the others with markers."""
-    trunk = next(joint.child for joint in model.joints if joint.parent == GROUND)
-    return trunk, tuple(sorted({marker.body for marker in markers} - {trunk, GROUND}))
-
-
-def _turned(rotations: Array, trunk: int, bodies: tuple[int, ...]) -> Array:
-    """(frames, features) of bodies in the trunk, from rotations (frames, bodies, 3, 3) to ground."""
-    turned = np.swapaxes(rotations[:, [trunk]], 2, 3) @ rotations[:, list(bodies)]
-    return np.asarray(turned.reshape(len(rotations), -1) / np.sqrt(2.0))
+    return orientations_in_trunk(state.rotation_to_ground, *trunk_and_bodies(body.generic, body.markers))
 
 
 def _alike(one: Array, other: Array, angle: float) -> Array:

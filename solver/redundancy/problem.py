@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
-from solver.multibody.rotations import each_frame
+from solver.multibody.postures import each_frame
 from solver.redundancy.effort import (
     ActivationCost,
     Effort,

@@ -23,10 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.checks import read_only
 from solver.compiled import compiled, compiled_for_python
-from solver.dense import aligned, copy, inner_product, padded
-from solver.multibody.rotations import each_frame
+from solver.dense import aligned, copy, inner_product, padded, read_only
+from solver.multibody.postures import each_frame
 from solver.redundancy.problem import RedundancyProblem
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.multibody.rotations import each_frame
+from solver.multibody.postures import each_frame
 from solver.redundancy.conic import solve_frame_with_clarabel
 from solver.redundancy.problem import (
     OUTCOME_OF_CODE,

@@ -16,8 +16,7 @@ from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
 from solver.model import Model, ModelError
 from solver.motion import Kinematics
-from solver.multibody.postures import postures
-from solver.multibody.rotations import wrench_about_origin
+from solver.multibody.postures import postures, wrench_about_origin
 from solver.muscle import PathState
 from solver.redundancy.effort import RedundancyOptions, effort_weights, ensure_convex
 from solver.redundancy.mechanics import Mechanics, evaluate_motion, glenoid_cone

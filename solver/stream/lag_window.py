@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.inverse_kinematics.gauss_newton import IkWorkspace, Problem
-from solver.inverse_kinematics.marker_fit import LONGEST_GAP
+from solver.inverse_kinematics.marker_fit import LONGEST_GAP, PostureErrors
 from solver.inverse_kinematics.smoother import (
     START_SD,
     advance,
@@ -49,7 +49,6 @@ from solver.inverse_kinematics.solve import (
 )
 from solver.model import Model
 from solver.personalisation.estimate import within_ranges
-from solver.personalisation.wearer_motion import PostureErrors
 
 Array = NDArray[np.float64]
 

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import SolverCode
+from solver.inverse_kinematics.marker_fit import PostureErrors, posture_errors
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
 from solver.model import Model, ModelError
 from solver.personalisation.anthropometry import marker_errors
-from solver.personalisation.wearer_motion import PostureErrors, posture_errors
 from solver.redundancy.effort import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.lag_window import FramePosture, LagWindow, PostureTracker

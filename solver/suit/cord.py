@@ -20,8 +20,7 @@ from solver.cuff import CuffLaw, CuffParameters
 from solver.errors import SolverCode
 from solver.model import Model
 from solver.motion import Kinematics
-from solver.multibody.postures import Postures, points_in_ground, postures
-from solver.multibody.rotations import rotate
+from solver.multibody.postures import Postures, points_in_ground, postures, rotate
 from solver.suit.suit import Rate, Suit, SuitError, SuitPoint
 
 Array = NDArray[np.float64]

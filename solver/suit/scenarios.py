@@ -25,8 +25,7 @@ from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate
 from solver.multibody.dynamics import Response, response_to_loads
 from solver.multibody.loads import ExternalForce, LoadWrenches
-from solver.multibody.postures import Postures, postures
-from solver.multibody.rotations import each_frame, wrench_about_origin
+from solver.multibody.postures import Postures, each_frame, postures, wrench_about_origin
 from solver.redundancy.effort import RedundancyOptions, options_for
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy

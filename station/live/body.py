@@ -16,11 +16,10 @@ from fitting.errors import FitError
 from recordings.errors import RecordingError
 from solver.cuff import CuffParameters
 from solver.errors import SolverError
-from solver.inverse_kinematics.marker_fit import Vertical
+from solver.inverse_kinematics.marker_fit import PostureErrors, Vertical
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import CoordinateLock, Model
 from solver.osim.model_writer import osim_document
-from solver.personalisation.wearer_motion import PostureErrors
 from solver.redundancy.mechanics import glenoid_cone
 from solver.stream.frame_muscles import SLACK, StreamScenario
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit

@@ -6,7 +6,7 @@ import numpy as np
 
 from solver.functions.coordinate_functions import polynomial, simm_spline
 from solver.model import NO_COORDINATE, AxisMotion, BallMotion, Body, Coordinate, Joint, Model, Motion, Placement
-from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.multibody.postures import rotation_body_fixed_xyz
 
 
 def linkage() -> Model:

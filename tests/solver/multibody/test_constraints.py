@@ -12,8 +12,7 @@ from solver.constraint import ConstantDistanceConstraint, CoordinatePrescription
 from solver.functions.coordinate_functions import Sine
 from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, PointConstraint
 from solver.multibody.constraints import constraint_gaps, constraint_rows
-from solver.multibody.postures import Postures, postures, speeds_from_rates
-from solver.multibody.rotations import rotate, rotation_body_fixed_xyz
+from solver.multibody.postures import Postures, postures, rotate, rotation_body_fixed_xyz, speeds_from_rates
 from tests.solver.linkage import linkage
 
 Array = NDArray[np.float64]

@@ -11,8 +11,15 @@ from solver.errors import SolverCode
 from solver.model import Model
 from solver.multibody.dynamics import equations_of_motion, multipliers, response_to_loads
 from solver.multibody.mass_matrix import fill_responses
-from solver.multibody.postures import Postures, jacobians, points_in_ground, postures, speeds_from_rates
-from solver.multibody.rotations import rotate, wrench_about_origin
+from solver.multibody.postures import (
+    Postures,
+    jacobians,
+    points_in_ground,
+    postures,
+    rotate,
+    speeds_from_rates,
+    wrench_about_origin,
+)
 from solver.muscle import evaluate_paths, muscle_forces
 from solver.redundancy.mechanics import response_maps
 from tests.refusals import raises_refusal

@@ -16,18 +16,16 @@ from solver.motion import decimate, differentiate
 from solver.multibody.loads import ExternalForce, LoadWrenches, load_wrenches, on_all_bodies
 from solver.multibody.postures import (
     Postures,
+    angular_rates_matrix,
     jacobians,
     points_in_ground,
     postures,
     rates_of_coordinates,
-    speeds_from_rates,
-)
-from solver.multibody.rotations import (
-    angular_rates_matrix,
     rotate,
     rotation_about,
     rotation_body_fixed_xyz,
     skew_matrix,
+    speeds_from_rates,
     wrench_about_origin,
 )
 from solver.redundancy.effort import RedundancyOptions

@@ -17,8 +17,7 @@ from solver.errors import SolverCode
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.dynamics import equations_of_motion, inverse_dynamics
-from solver.multibody.postures import Postures, postures
-from solver.multibody.rotations import rotate
+from solver.multibody.postures import Postures, postures, rotate
 from solver.osim.document import read_document
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document

@@ -9,7 +9,7 @@ import pytest
 
 from solver.errors import SolverCode
 from solver.model import NO_COORDINATE, AxisMotion, Model, MovingPathPoint
-from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.multibody.postures import rotation_body_fixed_xyz
 from solver.osim.document import as_utf8, read_document
 from solver.osim.model_reader import read_osim
 from tests.refusals import raises_refusal

@@ -33,7 +33,7 @@ from solver.functions.coordinate_functions import (
 )
 from solver.functions.muscle_curves import DeGrooteFreglyCurves, SchutteCurves, ThelenCurves, ThelenTendon
 from solver.model import BallMotion, Model
-from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.multibody.postures import rotation_body_fixed_xyz
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document, read_marker_set, with_markers
 from solver.osim.tool_setups import read_ik_setup

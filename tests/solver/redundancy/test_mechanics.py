@@ -16,8 +16,7 @@ from solver.forces.passive_forces import CoordinateSpring, PathSpring
 from solver.motion import Kinematics, decimate, differentiate
 from solver.multibody.dynamics import equations_of_motion, inverse_dynamics
 from solver.multibody.loads import ExternalForce
-from solver.multibody.postures import points_in_ground, postures
-from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.multibody.postures import points_in_ground, postures, rotation_body_fixed_xyz
 from solver.osim.model_reader import read_osim
 from solver.redundancy.mechanics import (
     actuator_forces,

@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
+from solver.inverse_kinematics.marker_fit import posture_errors
 from solver.inverse_kinematics.solve import PostureOutcome, posture_uncertainty, solve_inverse_kinematics
 from solver.model import ModelError
 from solver.multibody.postures import postures
 from solver.personalisation.estimate import estimate_body, within_ranges
-from solver.personalisation.wearer_motion import WearerMotion, posture_errors, smooth_wearer
+from solver.personalisation.wearer_motion import WearerMotion, smooth_wearer
 from solver.stream.lag_window import PostureTracker
 from tests.refusals import raises_refusal
 from tests.solver.personalisation.measured_person import MARKERS, RATE, MeasuredPerson, measure_person

@@ -18,8 +18,7 @@ from fitting.results.codes import FitErrorCode
 from solver.cuff import CuffParameters
 from solver.model import Model
 from solver.motion import decimate, differentiate, read_motion
-from solver.multibody.postures import Postures, jacobians, postures
-from solver.multibody.rotations import wrench_about_origin
+from solver.multibody.postures import Postures, jacobians, postures, wrench_about_origin
 from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions, options_for
