@@ -19,7 +19,8 @@ from solver.cuff import CuffParameters
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate, read_motion
 from solver.suit.assessment import Assessment, assess
-from solver.suit.scenarios import Condition, LoadedMotion
+from solver.suit.cord import Condition
+from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 
 SHARED = Path(__file__).parents[2] / "shared"

@@ -92,7 +92,8 @@ def _compile_paths() -> None:
 
     from solver.bundled import bundled_model
     from solver.multibody.body_tables import POSE
-    from solver.wrapping.path_tables import CHANGE, allocate_results, pack_paths
+    from solver.muscle import allocate_results
+    from solver.wrapping.path_tables import CHANGE, pack_paths
     from solver.wrapping.wrapped_paths import allocate_wrap, evaluate_wrapped_paths
 
     model = bundled_model()

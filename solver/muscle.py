@@ -28,7 +28,7 @@ from solver.functions.muscle_curves import Curves, DeGrooteFreglyCurves, Millard
 from solver.model import Model, ModelError, Muscle, Path
 from solver.multibody.loads import LoadWrenches
 from solver.multibody.postures import Postures
-from solver.wrapping.path_tables import PathTables, allocate_results, pack_paths
+from solver.wrapping.path_tables import PathResults, PathTables, pack_paths
 
 Array = NDArray[np.float64]
 PathMode = Literal["opensim", "geodesic"]
@@ -116,6 +116,18 @@ def evaluate_paths(
         results.mobilities if is_moving else np.broadcast_to(0.0, (*shape, len(model.coordinates))),
         is_moving,
         OUTCOMES[results.codes],
+    )
+
+
+def allocate_results(tables: PathTables, frames: int, coordinates: int) -> PathResults:
+    """coordinates is 0 where none moves a point of the paths."""
+    paths = len(tables.first_point) - 1
+    return PathResults(
+        lengths=np.empty((frames, paths)),
+        speeds=np.empty((frames, paths)),
+        wrenches=np.empty((frames, len(tables.bodies), 6)),
+        mobilities=np.zeros((frames, paths, coordinates)),
+        codes=np.zeros((frames, paths), np.int8),
     )
 
 

@@ -30,7 +30,8 @@ from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
 from solver.suit.assessment import assess as assess_suit
-from solver.suit.scenarios import Condition, LoadedMotion, ensure_all_frames
+from solver.suit.cord import Condition
+from solver.suit.scenarios import LoadedMotion, ensure_all_frames
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.assessment_inputs import cuff_findings, worn_cuffs
 from station.assessment.budget_file import read_budget

@@ -30,8 +30,7 @@ from solver.osim.earlier_versions import PRESENT_LAYOUT
 from solver.osim.elements import add, add_path, add_path_point, add_values, find_objects
 from solver.osim.model_reader import read_osim_model
 from solver.osim.model_writer import add_axes, add_body, add_joint
-from solver.suit.cord import cord_line, direction_to_joint, ensure_possible, suit_forces
-from solver.suit.scenarios import SuitScenario
+from solver.suit.cord import SuitScenario, cord_line, direction_to_joint, ensure_possible, suit_forces
 from solver.suit.suit import PARTS, Suit, SuitError, SuitMass, SuitPoint, ensure_fits, with_suit_masses
 
 Array = NDArray[np.float64]

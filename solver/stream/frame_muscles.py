@@ -23,8 +23,15 @@ from solver.redundancy.mechanics import Mechanics, evaluate_motion, glenoid_cone
 from solver.redundancy.problem import LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import FrameByFrame
 from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
-from solver.suit.cord import CordLine, cord_line, suit_forces
-from solver.suit.scenarios import Condition, SuitScenario, per_unit_wrench, response_to_wrenches
+from solver.suit.cord import (
+    Condition,
+    CordLine,
+    SuitScenario,
+    cord_line,
+    per_unit_wrench,
+    response_to_wrenches,
+    suit_forces,
+)
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
 
 Array = NDArray[np.float64]

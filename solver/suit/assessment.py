@@ -21,18 +21,16 @@ from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode, describe_codes
 from solver.muscle import MuscleOutcome
 from solver.redundancy.problem import FrameOutcome
+from solver.suit.cord import CUFF_CONDITIONS, Condition, SuitScenario
 from solver.suit.decision import Basis, CuffDecision, DecisionRule
 from solver.suit.quantity import Quantity
 from solver.suit.scenarios import (
-    CUFF_CONDITIONS,
     FIGURES,
-    Condition,
     CurveReadouts,
     LoadedMotion,
     Place,
     ScenarioEffort,
     SuitedMotion,
-    SuitScenario,
     prepare_suited_motion,
     read_off_curves,
     solve_scenarios,

@@ -1,4 +1,5 @@
-"""Forces of a suit on the bodies: cord tension and cuff displacement in all frames; comparison with a measured tension.
+"""Forces of a suit on the bodies: scenarios, cord tension and cuff displacement in all frames, and their effect on the
+accelerations; comparison with a measured tension.
 
 In every frame cord tension and cuff stiffness are in quasi-static equilibrium; the damping force of a cuff is added. A
 migrated cuff has another rest position: closer to the shoulder along the line of pull, which slackens the cord by the
@@ -12,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +22,68 @@ from solver.cuff import CuffLaw, CuffParameters
 from solver.errors import SolverCode
 from solver.model import Model
 from solver.motion import Kinematics
-from solver.multibody.postures import Postures, points_in_ground, postures, rotate
+from solver.multibody.dynamics import Response, response_to_loads
+from solver.multibody.loads import LoadWrenches
+from solver.multibody.postures import Postures, each_frame, points_in_ground, postures, rotate
+from solver.redundancy.mechanics import Mechanics
+from solver.redundancy.problem import LoadResponse
 from solver.suit.suit import Rate, Suit, SuitError, SuitPoint
 
 Array = NDArray[np.float64]
 Cuffs = Sequence[CuffParameters | None]
+Condition = Literal["rigid", "shift", "visco_elastic", "both"]
+CUFF_CONDITIONS: tuple[Condition, ...] = ("shift", "visco_elastic", "both")
 
 EQUILIBRIUM_RESIDUAL = 1e-9  # N
 EQUILIBRIUM_STEP, MOST_STEPS = 1e-11, 50  # N; of Newton's method
+MIGRATION_STEP = 1e-3  # m, of a central difference of the effort over migration
 ALONG_THE_BONE = np.array([0.0, 1.0, 0.0])  # the long axis of humerus and thorax, and the axis of their cuffs
+
+
+@dataclass(frozen=True, eq=False)
+class SuitScenario:
+    """The suit with these cuffs (None is a rigid one) in this condition, at each of some rest lengths (n,) [m].
+
+    with_slopes  whether to solve the change of the effort with the migration of each cuff at the last rest length
+    """
+
+    condition: Condition
+    waist: CuffParameters | None
+    arm: CuffParameters | None
+    rest_lengths: Array
+    with_slopes: bool = False
+
+    @property
+    def cuffs(self) -> tuple[CuffParameters | None, CuffParameters | None]:
+        return self.waist, self.arm
+
+    @property
+    def migrated(self) -> list[SuitScenario]:
+        """The scenario at its last rest length with the waist cuff, then the arm cuff, migrated by MIGRATION_STEP less,
+        then with both by as much more; none without slopes.
+        """
+        if not self.with_slopes or not self.is_shifted:
+            return []
+        cord = replace(self, rest_lengths=self.rest_lengths[-1:], with_slopes=False)
+        found = []
+        for step in (-MIGRATION_STEP, MIGRATION_STEP):
+            waist, arm = (cuff and replace(cuff, migration=cuff.migration + step) for cuff in self.cuffs)
+            found += [replace(cord, waist=waist)] if waist else []
+            found += [replace(cord, arm=arm)] if arm else []
+        return found
+
+    @property
+    def is_shifted(self) -> bool:
+        return self.condition in {"shift", "both"}
+
+    @property
+    def yields(self) -> bool:
+        return self.condition in {"visco_elastic", "both"}
+
+    @property
+    def migration(self) -> float:
+        """Migration of both cuffs together in this condition [m]."""
+        return sum(cuff.migration for cuff in self.cuffs if cuff and self.is_shifted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,6 +332,23 @@ def _rate(values: Array, interval: float, scheme: Rate) -> Array:
         rate: Array = np.gradient(values, interval, axis=1)
         return rate
     return np.diff(values, axis=1, prepend=values[:, :1]) / interval
+
+
+def per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response:
+    """Response maps to unit moments and forces on the bodies of waist, arm and shoulder, (frames, 18, …)."""
+    bodies = [model.body_index(point.body) for point in (suit.waist, suit.arm, suit.shoulder)]
+    count = 6 * len(bodies)
+    units = np.broadcast_to(np.tile(np.eye(6), (len(bodies), 1)), (len(mechanics.kinematics.time), count, 6))
+    wrenches = LoadWrenches(units, np.arange(count), np.repeat(bodies, 6), count, len(model.bodies))
+    return response_to_loads(mechanics.equations, wrenches)
+
+
+def response_to_wrenches(unit: Response, wrenches: Array) -> LoadResponse:
+    """Response to wrenches (scenarios, frames, 18) on the bodies of waist, arm and shoulder, by per_unit_wrench."""
+    return LoadResponse(
+        acceleration=each_frame(np.swapaxes(unit.acceleration, 1, 2), wrenches),
+        reaction=each_frame(np.swapaxes(unit.reaction, 1, 2), wrenches),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,77 +13,38 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import chain, islice
-from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from solver.cuff import CuffParameters
 from solver.errors import MotionError, SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate
-from solver.multibody.dynamics import Response, response_to_loads
-from solver.multibody.loads import ExternalForce, LoadWrenches
-from solver.multibody.postures import Postures, each_frame, postures, wrench_about_origin
+from solver.multibody.dynamics import Response
+from solver.multibody.loads import ExternalForce
+from solver.multibody.postures import Postures, postures, wrench_about_origin
 from solver.redundancy.effort import RedundancyOptions, options_for
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy
-from solver.suit.cord import CordLine, SuitForces, cord_line, suit_forces, with_migration
+from solver.suit.cord import (
+    CUFF_CONDITIONS,
+    MIGRATION_STEP,
+    Condition,
+    CordLine,
+    SuitForces,
+    SuitScenario,
+    cord_line,
+    per_unit_wrench,
+    response_to_wrenches,
+    suit_forces,
+    with_migration,
+)
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
 
 Array = NDArray[np.float64]
-Condition = Literal["rigid", "shift", "visco_elastic", "both"]
-CUFF_CONDITIONS: tuple[Condition, ...] = ("shift", "visco_elastic", "both")
 RANGE_TOLERANCE = 1e-6  # rad or m
-MIGRATION_STEP = 1e-3  # m, of a central difference of the effort over migration
-
-
-@dataclass(frozen=True, eq=False)
-class SuitScenario:
-    """The suit with these cuffs (None is a rigid one) in this condition, at each of some rest lengths (n,) [m].
-
-    with_slopes  whether to solve the change of the effort with the migration of each cuff at the last rest length
-    """
-
-    condition: Condition
-    waist: CuffParameters | None
-    arm: CuffParameters | None
-    rest_lengths: Array
-    with_slopes: bool = False
-
-    @property
-    def cuffs(self) -> tuple[CuffParameters | None, CuffParameters | None]:
-        return self.waist, self.arm
-
-    @property
-    def migrated(self) -> list[SuitScenario]:
-        """The scenario at its last rest length with the waist cuff, then the arm cuff, migrated by MIGRATION_STEP less,
-        then with both by as much more; none without slopes.
-        """
-        if not self.with_slopes or not self.is_shifted:
-            return []
-        cord = replace(self, rest_lengths=self.rest_lengths[-1:], with_slopes=False)
-        found = []
-        for step in (-MIGRATION_STEP, MIGRATION_STEP):
-            waist, arm = (cuff and replace(cuff, migration=cuff.migration + step) for cuff in self.cuffs)
-            found += [replace(cord, waist=waist)] if waist else []
-            found += [replace(cord, arm=arm)] if arm else []
-        return found
-
-    @property
-    def is_shifted(self) -> bool:
-        return self.condition in {"shift", "both"}
-
-    @property
-    def yields(self) -> bool:
-        return self.condition in {"visco_elastic", "both"}
-
-    @property
-    def migration(self) -> float:
-        """Migration of both cuffs together in this condition [m]."""
-        return sum(cuff.migration for cuff in self.cuffs if cuff and self.is_shifted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,23 +287,6 @@ def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
             "frames out, widen the range, or state in the header of a file in degrees that it is (inDegrees=yes)",
             SolverCode.OUT_OF_RANGE,
         )
-
-
-def per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response:
-    """Response maps to unit moments and forces on the bodies of waist, arm and shoulder, (frames, 18, …)."""
-    bodies = [model.body_index(point.body) for point in (suit.waist, suit.arm, suit.shoulder)]
-    count = 6 * len(bodies)
-    units = np.broadcast_to(np.tile(np.eye(6), (len(bodies), 1)), (len(mechanics.kinematics.time), count, 6))
-    wrenches = LoadWrenches(units, np.arange(count), np.repeat(bodies, 6), count, len(model.bodies))
-    return response_to_loads(mechanics.equations, wrenches)
-
-
-def response_to_wrenches(unit: Response, wrenches: Array) -> LoadResponse:
-    """Response to wrenches (scenarios, frames, 18) on the bodies of waist, arm and shoulder, by per_unit_wrench."""
-    return LoadResponse(
-        acceleration=each_frame(np.swapaxes(unit.acceleration, 1, 2), wrenches),
-        reaction=each_frame(np.swapaxes(unit.reaction, 1, 2), wrenches),
-    )
 
 
 def _effort(

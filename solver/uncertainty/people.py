@@ -17,16 +17,14 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
 from solver.scaling import scale_model
+from solver.suit.cord import CUFF_CONDITIONS, Condition, SuitScenario
 from solver.suit.scenarios import (
-    CUFF_CONDITIONS,
     UNMIGRATED,
-    Condition,
     CurveReadouts,
     LoadedMotion,
     Place,
     Solved,
     SuitedMotion,
-    SuitScenario,
     edge_of_minimum,
     efforts_at,
     prepare_suited_motion,

@@ -132,18 +132,6 @@ def pack_paths(model: Model, paths: tuple[Path, ...]) -> PathTables:
     )
 
 
-def allocate_results(tables: PathTables, frames: int, coordinates: int) -> PathResults:
-    """coordinates is 0 where none moves a point of the paths."""
-    paths = len(tables.first_point) - 1
-    return PathResults(
-        lengths=np.empty((frames, paths)),
-        speeds=np.empty((frames, paths)),
-        wrenches=np.empty((frames, len(tables.bodies), 6)),
-        mobilities=np.zeros((frames, paths, coordinates)),
-        codes=np.zeros((frames, paths), np.int8),
-    )
-
-
 def _check(model: Model, k: int, path: Path) -> None:
     if len(path.points) < 2:
         sentence = f"path {k} has {counted(len(path.points), 'point')}, expected at least 2: its beginning and its end"

@@ -12,7 +12,7 @@ from documents.message import Message
 from solver.osim.document import as_utf8
 from solver.osim.model_writer import osim_document
 from solver.osim.suited import add_suit
-from solver.suit.scenarios import Condition, SuitScenario
+from solver.suit.cord import Condition, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import WrongOptions, cuff_remarks, one_arm_cuff, read_cuffs_to_wear
 from station.checksums import write_whole

@@ -18,7 +18,7 @@ from documents.message import Message, because
 from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml
 from documents.regular_file import read_regular
 from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error
-from solver.suit.scenarios import Condition
+from solver.suit.cord import Condition
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
 from station.messages.study_messages import SweepCode

@@ -12,7 +12,8 @@ from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import FrameOutcome, build_redundancy
 from solver.redundancy.sequence import solve_redundancy
 from solver.suit.assessment import assess
-from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
+from solver.suit.cord import CUFF_CONDITIONS
+from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from tests.solver.published import (
     FREE_IN_SHRUGS,

@@ -22,8 +22,7 @@ from solver.osim.document import read_document
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from solver.osim.suited import SuitedModel, add_suit, read_suited
-from solver.suit.cord import SuitForces, cord_line, suit_forces, with_migration
-from solver.suit.scenarios import Condition, SuitScenario
+from solver.suit.cord import Condition, SuitForces, SuitScenario, cord_line, suit_forces, with_migration
 from solver.suit.suit import Suit, SuitMass, SuitPoint, read_suit, with_suit_masses
 from tests.refusals import raises_refusal
 from tests.solver.legs import leg

@@ -29,7 +29,8 @@ from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome, StreamSuitOutcome
 from solver.stream.stream_solver import StreamSolver
-from solver.suit.scenarios import LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios, solve_without_suit
+from solver.suit.cord import SuitScenario
+from solver.suit.scenarios import LoadedMotion, prepare_suited_motion, solve_scenarios, solve_without_suit
 from solver.suit.suit import Rate, SuitError
 from station.kinematics.marker_checks import read_body_markers
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT
