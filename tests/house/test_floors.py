@@ -33,7 +33,6 @@ LONGEST = {
     "drivers/simulators/qtm_server.py": 527,
     "fitting/diagnosis/causes.py": 576,
     "fitting/study/cuff_study.py": 531,
-    "solver/suit/scenarios.py": 546,
     "solver/tendons/fiber.py": 524,
     "station/validation/lifts.py": 547,
 }
