@@ -124,12 +124,12 @@ class ThelenCurves:
         return np.asarray(np.expm1(self.passive_shape * stretch) / np.expm1(self.passive_shape))
 
 
-_DE_GROOTE_BELLS = (  # height, centre, width at zero, growth of the width
+DE_GROOTE_BELLS = (  # height, centre, width at zero, growth of the width
     (0.8150671134243542, 1.055033428970575, 0.162384573599574, 0.063303448465465),
     (0.433004984392647, 0.716775413397760, -0.029947116970696, 0.200356847296188),
     (0.1, 1.0, 0.353553390593274, 0.0),
 )
-_DE_GROOTE_SPEED = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
+DE_GROOTE_SPEED = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
 
 
 @dataclass(frozen=True)
@@ -149,12 +149,12 @@ class DeGrooteFreglyCurves:
     def active_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
         """The sum of three bells of height, centre, and width that grows with the length."""
         x = (length - 1.0) / self.width + 1.0
-        bells = [b1 * np.exp(-0.5 * ((x - b2) / (b3 + b4 * x)) ** 2) for b1, b2, b3, b4 in _DE_GROOTE_BELLS]
+        bells = [b1 * np.exp(-0.5 * ((x - b2) / (b3 + b4 * x)) ** 2) for b1, b2, b3, b4 in DE_GROOTE_BELLS]
         return np.asarray(np.sum(bells, axis=0))
 
     def force_velocity(self, speed: Array, _codes: Codes | None = None) -> Array:
         """Lengthening is positive; d₁ ln(y + √(y² + 1)) + d₄ at y = d₂ v + d₃, which is 1 at rest."""
-        d1, d2, d3, d4 = _DE_GROOTE_SPEED
+        d1, d2, d3, d4 = DE_GROOTE_SPEED
         return np.asarray(d1 * np.arcsinh(d2 * speed + d3) + d4)
 
     def passive_force_length(self, length: Array, _codes: Codes | None = None) -> Array:

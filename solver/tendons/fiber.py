@@ -29,6 +29,8 @@ from solver.compiled import compiled, compiled_for_python
 from solver.errors import SolverCode
 from solver.functions.bezier import value_and_slope
 from solver.functions.muscle_curves import (
+    DE_GROOTE_BELLS,
+    DE_GROOTE_SPEED,
     INTERVALS,
     BezierChain,
     DeGrooteFreglyCurves,
@@ -55,11 +57,6 @@ FIRST_STEP = 0.2  # of the normalised length, twice the longest first step witho
 LENGTH_TOLERANCE = 1e-13  # of the normalised length
 WIDEST = 8.0  # normalised length beyond which no balance is sought
 
-BELL_1 = (0.8150671134243542, 1.055033428970575, 0.162384573599574, 0.063303448465465)
-BELL_2 = (0.433004984392647, 0.716775413397760, -0.029947116970696, 0.200356847296188)
-BELL_3 = (0.1, 1.0, 0.353553390593274, 0.0)
-SPEED = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
-"""Constants of De Groote's curves (functions/muscle_curves.py)."""
 Codes = NDArray[np.int8]
 MILLARD, THELEN, DE_GROOTE = 0, 1, 2
 KINDS = {MillardCurves: MILLARD, ThelenCurves: THELEN, DeGrooteFreglyCurves: DE_GROOTE}
@@ -69,55 +66,59 @@ LEAST_ACTIVATION = 0.01  # OpenSim's minimum_activation
 LEAST_DE_GROOTE = 0.2  # the length at which its passive force is zero; OpenSim's lower bound
 
 
+class FiberEquation(NamedTuple):
+    """The equation in l of a fibre at path length L [m] and activation a, with v = rate (l − anchor) + drift cos φ."""
+
+    path: float
+    a: float
+    rate: float
+    anchor: float
+    drift: float
+
+
 @compiled
-def settle_fiber(
-    tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, guess: float
-) -> Settled:
-    """The fibre in balance at path length L [m]; v = rate (l − anchor) + drift cos φ.
+def settle_fiber(tables: FiberTables, i: int, equation: FiberEquation, guess: float) -> Settled:
+    """The fibre in balance.
 
     Newton's method from the guess, which nearly always converges from the frame before. Where it does not, and in a
     first frame, where v does not make the equation rise, within a bracket of the root.
     """
-    if rate > 0.0:
-        found = _by_newton(tables, i, path, a, rate, anchor, drift, guess)
+    if equation.rate > 0.0:
+        found = _by_newton(tables, i, equation, guess)
         if found[4] == CONVERGED:
             return found
-    return _within_bracket(tables, i, path, a, rate, anchor, drift, guess)
+    return _within_bracket(tables, i, equation, guess)
 
 
 @compiled
-def _by_newton(
-    tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, guess: float
-) -> Settled:
+def _by_newton(tables: FiberTables, i: int, equation: FiberEquation, guess: float) -> Settled:
     """CONVERGED only if every step is shorter than half of the one before, and the length above the least one."""
     length, before = guess, FIRST_STEP
     for _ in range(STEPS):
-        value, slope, by_activation, passive = balance(tables, i, path, a, rate, anchor, drift, length)
+        value, slope, by_activation, passive = balance(tables, i, equation, length)
         step = -value / slope
         length += step
         if not (slope > 0.0 and abs(step) <= 0.5 * before and length > tables.scales[i, 6]):
             break
         before = abs(step)
         if before <= LENGTH_TOLERANCE:
-            force, by_length = tendon_force(tables, i, path, length)
+            force, by_length = tendon_force(tables, i, equation.path, length)
             return length, force, -by_length * by_activation / slope, passive, CONVERGED
     return length, 0.0, 0.0, 0.0, NOT_CONVERGED
 
 
 @compiled
-def _within_bracket(
-    tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, guess: float
-) -> Settled:
+def _within_bracket(tables: FiberTables, i: int, equation: FiberEquation, guess: float) -> Settled:
     low = tables.scales[i, 6]
-    value, _, _, passive = balance(tables, i, path, a, rate, anchor, drift, low)
+    value, _, _, passive = balance(tables, i, equation, low)
     if value >= 0.0:
-        return low, tendon_force(tables, i, path, low)[0], 0.0, passive, AT_SHORTEST
-    high = _upper_end(tables, i, path, a, rate, anchor, drift)
+        return low, tendon_force(tables, i, equation.path, low)[0], 0.0, passive, AT_SHORTEST
+    high = _upper_end(tables, i, equation)
     if not high < WIDEST:
         return low, 0.0, 0.0, 0.0, NOT_CONVERGED
     length, before, code = min(max(guess, low), high), inf, NOT_CONVERGED
     for _ in range(STEPS):
-        value, slope, _, _ = balance(tables, i, path, a, rate, anchor, drift, length)
+        value, slope, _, _ = balance(tables, i, equation, length)
         if value < 0.0:
             low = length
         else:
@@ -129,17 +130,16 @@ def _within_bracket(
         if abs(step) <= LENGTH_TOLERANCE:
             code = CONVERGED
             break
-    _, slope, by_activation, passive = balance(tables, i, path, a, rate, anchor, drift, length)
-    force, by_length = tendon_force(tables, i, path, length)
+    _, slope, by_activation, passive = balance(tables, i, equation, length)
+    force, by_length = tendon_force(tables, i, equation.path, length)
     gain = -by_length * by_activation / slope if slope > 0.0 else 0.0  # 0: a slack tendon and a fibre without force
     return length, force, gain, passive, code
 
 
 @compiled
-def balance(
-    tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, length: float
-) -> Four:
+def balance(tables: FiberTables, i: int, equation: FiberEquation, length: float) -> Four:
     """The left side of the equation, its derivatives by l and by a, and the passive force f_P cos φ."""
+    path, a, rate, anchor, drift = equation
     optimal, height, damping = tables.scales[i, 0], tables.scales[i, 2], tables.scales[i, 5]
     cos = sqrt(max(1.0 - (height / (optimal * length)) ** 2, 1e-12))
     cos_slope = (1.0 - cos * cos) / (length * cos)
@@ -170,15 +170,15 @@ def tendon_force(tables: FiberTables, i: int, path: float, length: float) -> tup
 
 
 @compiled
-def _upper_end(tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float) -> float:
+def _upper_end(tables: FiberTables, i: int, equation: FiberEquation) -> float:
     """A length with a balance that is not negative: the tendon is slack, and the fibre does not shorten."""
     scales = tables.scales[i]
     optimal, slack, height, shortest = scales[0], scales[1], scales[2], scales[6]
-    along = max(path - slack, 0.0)
+    along = max(equation.path - slack, 0.0)
     high = max(shortest, sqrt(along**2 + height**2) / optimal)
-    if rate > 0.0:
-        high = max(high, anchor)
-    while high < WIDEST and not balance(tables, i, path, a, rate, anchor, drift, high)[0] >= 0.0:
+    if equation.rate > 0.0:
+        high = max(high, equation.anchor)
+    while high < WIDEST and not balance(tables, i, equation, high)[0] >= 0.0:
         high *= 1.1
     return float(high)
 
@@ -199,7 +199,7 @@ def _length_factors(tables: FiberTables, i: int, length: float) -> Four:
         return active, -2.0 * (length - 1.0) / width * active, expm1(shape * stretch) / rigid, passive_slope
     x, strain = (length - 1.0) / shapes[0] + 1.0, shapes[1]
     active, active_slope = 0.0, 0.0
-    for height, centre, width, growth in (BELL_1, BELL_2, BELL_3):
+    for height, centre, width, growth in DE_GROOTE_BELLS:
         spread = width + growth * x
         z = (x - centre) / spread
         bell = height * exp(-0.5 * z * z)
@@ -221,7 +221,7 @@ def _speed_factor(tables: FiberTables, i: int, v: float, a: float) -> tuple[floa
         pace = 0.25 + 0.75 * a
         factor, slope = _thelen_speed(shapes[3], shapes[4], shapes[5], v / pace)
         return factor, slope / pace, -0.75 * v / pace**2 * slope
-    d1, d2, d3, d4 = SPEED
+    d1, d2, d3, d4 = DE_GROOTE_SPEED
     y = d2 * v + d3
     return d1 * asinh(y) + d4, d1 * d2 / sqrt(y * y + 1.0), 0.0
 
@@ -265,7 +265,7 @@ def _chain(tables: FiberTables, i: int, curve: int, x: float) -> tuple[float, fl
 
 
 class StepStart(NamedTuple):
-    """What the step of n fibres starts from: v = rate (l − anchor) + drift cos φ, and a guess of l; all (n,)."""
+    """Start of the step of n fibres: v = rate (l − anchor) + drift cos φ, and a guess of l; all (n,)."""
 
     anchor: Array
     rate: Array
@@ -291,9 +291,9 @@ def fill_settled(
 ) -> None:
     """Fibres (n,) at path lengths [m] and activations (n,)."""
     for i in range(len(tables.muscle)):
-        path, rate, anchor, drift = paths[i], start.rate[i], start.anchor[i], start.drift[i]
         a = max(activations[i], tables.least_activation[i])
-        length, force, gain, passive, code = settle_fiber(tables, i, path, a, rate, anchor, drift, start.guess[i])
+        equation = FiberEquation(paths[i], a, start.rate[i], start.anchor[i], start.drift[i])
+        length, force, gain, passive, code = settle_fiber(tables, i, equation, start.guess[i])
         settled.length[i], settled.force[i], settled.passive[i], settled.codes[i] = length, force, passive, code
         settled.gain[i] = gain if activations[i] >= a else 0.0
 
@@ -304,7 +304,7 @@ def fill_given(tables: FiberTables, paths: Array, settled: SettledFibers) -> Non
     for i in range(len(tables.muscle)):
         length, path = settled.length[i], paths[i]
         settled.force[i] = tendon_force(tables, i, path, length)[0]
-        settled.passive[i] = balance(tables, i, path, 0.0, 0.0, length, 0.0, length)[3]
+        settled.passive[i] = balance(tables, i, FiberEquation(path, 0.0, 0.0, length, 0.0), length)[3]
 
 
 def allocate_settled(count: int) -> SettledFibers:
