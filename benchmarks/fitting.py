@@ -34,7 +34,7 @@ from fitting.pull.pull import make_pulls
 from fitting.results.codes import CauseCode
 from fitting.results.sentences import NAMES
 from fitting.session import fit_session
-from fitting.spatial.tensors import entries_of, held_tensor, swung_tensor
+from fitting.spatial.tensors import held_tensor, swung_tensor, tensor_entries
 from fitting.trial.clocks import DRIFT_PRIOR_SD, LagUncertainty
 from fitting.trial.trial import Trial, build_trial
 from fitting.uncertainty import Repeat, combine
@@ -279,7 +279,7 @@ def _in_space(seed: int) -> list[Row]:
     rows: list[tuple[float, ...]] = []
     for tensor, true in ((stiffness, space.stiffness), (damping, space.damping)):
         off = tensor.value - true
-        inside = entries_of(np.abs(off)) < tensor.factor * entries_of(tensor.standard_error)
+        inside = tensor_entries(np.abs(off)) < tensor.factor * tensor_entries(tensor.standard_error)
         rows.append((float(np.mean(off**2)) / np.abs(true).max() ** 2, float(np.mean(inside))))
     return rows
 

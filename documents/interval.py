@@ -33,7 +33,7 @@ def bracketed(
     """
     if ci95 is None or not has_width(ci95):
         return shown(scale * value, digits)
-    decimals = digits_of(ci95, scale, digits)
+    decimals = significant_decimals(ci95, scale, digits)
     if is_limited:
         decimals = min(decimals, digits)
     low, high = (shown(end, decimals) for end in sorted(scale * end for end in ci95))
@@ -46,7 +46,7 @@ def bracketed(
 
 def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:
     """`12.21 to 12.47`."""
-    digits = digits_of(ci95, scale, digits)
+    digits = significant_decimals(ci95, scale, digits)
     low, high = sorted(scale * end for end in ci95)
     return f"{shown(low, digits)} to {shown(high, digits)}"
 
@@ -55,7 +55,7 @@ def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) ->
     """`12.34 ± 0.13`, with the half width of the interval; bracketed where its halves differ in these digits."""
     if ci95 is None or not has_width(ci95):
         return shown(scale * value, digits)
-    decimals = digits_of(ci95, scale, digits)
+    decimals = significant_decimals(ci95, scale, digits)
     if abs(scale * (ci95[0] + ci95[1] - 2.0 * value)) > 10.0**-decimals:
         return bracketed(value, ci95, scale, digits)
     return f"{shown(scale * value, decimals)} ± {rounded(_half(ci95, scale), decimals)}"
@@ -66,11 +66,11 @@ def with_error(value: float, error: float) -> str:
     ends = (value - error, value + error)
     if not has_width(ends):
         return f"{value:.6g}"
-    digits = digits_of(ends)
+    digits = significant_decimals(ends)
     return f"{rounded(value, digits)} ± {rounded(error, digits)}"
 
 
-def digits_of(ci95: Ends, scale: float = 1.0, otherwise: int = 0) -> int:
+def significant_decimals(ci95: Ends, scale: float = 1.0, otherwise: int = 0) -> int:
     """Decimals for SIGNIFICANT digits of the half width; `otherwise` without an interval."""
     if ci95 is None or not has_width(ci95):
         return otherwise

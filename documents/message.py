@@ -39,11 +39,11 @@ class Code(StrEnum):
 
     def sentence(self, figures: Figures = MappingProxyType({})) -> str:
         """A clause without capital or full stop in most cases. Raises KeyError if a figure is missing."""
-        shown = [clause for clause in self.clauses if fields_of(clause) <= figures.keys()]
+        shown = [clause for clause in self.clauses if clause_fields(clause) <= figures.keys()]
         return "".join(_FORMATTER.vformat(clause, (), figures) for clause in shown or self.clauses[:1])
 
 
-def fields_of(clause: str) -> set[str]:
+def clause_fields(clause: str) -> set[str]:
     """The figures that a clause shows."""
     return {field for _, field, _, _ in _FORMATTER.parse(clause) if field}
 

@@ -34,7 +34,7 @@ _own_drafts: set[Path] = set()
 """A lock of this process is no obstacle to itself on some network drives."""
 
 
-def path_of(argument: str, value: object) -> Path:
+def ensure_path(argument: str, value: object) -> Path:
     """The path that was given in Python. Raises TypeError, which names the argument, for anything else."""
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"{argument} should be a path, and got a {type(value).__name__}")

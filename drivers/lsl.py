@@ -101,7 +101,7 @@ class LslEmg:
         with contextlib.ExitStack() as undo:
             undo.callback(self.close)
             info = self._connect()
-            if info.nominal_srate() != self._rate_hz or self._labels_of(info) != self._labels:
+            if info.nominal_srate() != self._rate_hz or self._channel_labels(info) != self._labels:
                 sentence = f"{self.name} reconnected with other channels or another sample rate; start a new trial"
                 raise DeviceMisconfigured(sentence, DeviceCode.CHANGED)
             undo.pop_all()
@@ -184,7 +184,7 @@ class LslEmg:
             )
 
     def _describe(self, info: Any) -> None:
-        self._rate_hz, self._labels = float(info.nominal_srate()), self._labels_of(info)
+        self._rate_hz, self._labels = float(info.nominal_srate()), self._channel_labels(info)
         wanted = self._channels or {label: label for label in self._labels if label != self._sync_channel}
         missing = [label for label in (*wanted.values(), self._sync_channel) if label and label not in self._labels]
         if missing:
@@ -199,20 +199,20 @@ class LslEmg:
         clock_hz = 1 / CLOCK_INTERVAL_S
         described = [("/emg", unit, tuple(wanted), self._rate_hz)]
         if self._sync_channel:
-            described.append(("/emg_sync", _unit_of(units[self._sync_channel]), (self._sync_channel,), self._rate_hz))
+            described.append(("/emg_sync", _unit_name(units[self._sync_channel]), (self._sync_channel,), self._rate_hz))
         described.append(("/emg_clock", "s", ("offset", "uncertainty"), clock_hz))
         source, serial_number = f"LSL outlet {self._stream} at {info.hostname()}", info.source_id() or ""
         self._streams = tuple(Stream(*stream, source, serial_number) for stream in described)
         maker = " ".join(filter(None, (_text(info, key) for key in ("manufacturer", "model", "serial_number"))))
         self._identity = DeviceIdentity(self.name, maker or info.type(), False if maker else None)
 
-    def _labels_of(self, info: Any) -> tuple[str, ...]:
+    def _channel_labels(self, info: Any) -> tuple[str, ...]:
         labels = info.get_channel_labels() or []
         count = info.channel_count()
         return tuple((labels[i] if i < len(labels) else None) or f"channel_{i + 1}" for i in range(count))
 
     def _common_unit(self, units: Sequence[str | None]) -> str:
-        found = {_unit_of(unit) for unit in units}
+        found = {_unit_name(unit) for unit in units}
         if len(found) > 1:
             raise DeviceMisconfigured(
                 f"{self.name} has channels in {', '.join(sorted(found))}, expected one unit for all; list those of one "
@@ -352,7 +352,7 @@ def _time_correction(inlet: Any, timeout_s: float) -> tuple[float, float]:
     return float(offset), float(uncertainty.value)
 
 
-def _unit_of(text: str | None) -> str:
+def _unit_name(text: str | None) -> str:
     return UNITS.get((text or "").strip().lower(), (text or "").strip() or UNKNOWN_UNIT)
 
 

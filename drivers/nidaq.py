@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from drivers.device import HostClock
 from drivers.errors import DeviceCode, DeviceError, DeviceLost
-from drivers.nidaq_session import OVERRUN, TIMED_OUT, DaqSession, code_of, loss_of, refusal_of
+from drivers.nidaq_session import OVERRUN, TIMED_OUT, DaqSession, ni_error_code, opening_error, streaming_error
 from recordings.samples import DeviceIdentity, Item, Loss, Samples, Stream
 
 CONNECT_TIMEOUT_S = 3.0
@@ -145,7 +145,7 @@ class NiDaq:
                 time.sleep(max(0.0, min(1 / READS_PER_S, deadline_s - time.perf_counter())))
             return self._samples(volts)
         except self._vendor_errors as error:
-            if code_of(error) in OVERRUN:
+            if ni_error_code(error) in OVERRUN:
                 return self._restart(task)
             raise self._lost(error) from error
 
@@ -194,14 +194,14 @@ class NiDaq:
 
     def _continue_or_begin(self, session: DaqSession) -> None:
         task = session.attach() if self._is_started and self._reports_available else None
-        position = self._position_of(task) if task is not None else None
+        position = self._read_position(task) if task is not None else None
         if position is None or self._start_number + position < self._next_number:
             return self._begin(session)
-        self._task, self._reader = task, _reader_of(task)
+        self._task, self._reader = task, _channel_reader(task)
         self._next_number = self._start_number + position
         return None
 
-    def _position_of(self, task: Any) -> int | None:
+    def _read_position(self, task: Any) -> int | None:
         """Samples per channel read from the task, once no lost call is still reading; None if the task cannot be read
         further."""
         position = -1
@@ -232,7 +232,7 @@ class NiDaq:
         if self._start == "pfi0" and not self._has_begun:
             task.triggers.start_trigger.cfg_dig_edge_start_trig(f"/{self._device}/PFI0", trigger_edge=Edge.RISING)
         self._true_rate_hz = float(self._ask(lambda: task.timing.samp_clk_rate, 0.0)) or self._rate_hz
-        self._reader = _reader_of(task)
+        self._reader = _channel_reader(task)
         self._block = max(1, round(self._true_rate_hz / READS_PER_S))
         self._buffer = np.empty(len(self._inputs) * max(1, int(LARGEST_READ_S * self._true_rate_hz)))
 
@@ -277,7 +277,7 @@ class NiDaq:
         try:
             reader.read_many_sample(volts, count, timeout=timeout_s)
         except self._vendor_errors as error:
-            if code_of(error) != TIMED_OUT:
+            if ni_error_code(error) != TIMED_OUT:
                 raise
             volts = volts[:, : getattr(error, "samps_per_chan_read", 0)]
         return volts
@@ -339,10 +339,10 @@ class NiDaq:
     def _refusal(self, error: Exception) -> DeviceError:
         """The error of device, driver or server at opening, as one sentence."""
         asked = f"{' and '.join(map(str, self._inputs))} at {self._rate_hz:g} Hz each with start {self._start}"
-        return refusal_of(error, self.name, self._where, asked)
+        return opening_error(error, self.name, self._where, asked)
 
     def _lost(self, error: Exception) -> DeviceLost:
-        return loss_of(error, f"{self.name} at {self._where}")
+        return streaming_error(error, f"{self.name} at {self._where}")
 
     @property
     def _where(self) -> str:
@@ -353,7 +353,7 @@ def _channels(inputs: Sequence[AnalogInput]) -> str:
     return ", ".join(one.channel for one in inputs)
 
 
-def _reader_of(task: Any) -> Any:
+def _channel_reader(task: Any) -> Any:
     from nidaqmx.stream_readers import AnalogMultiChannelReader
 
     reader = AnalogMultiChannelReader(task.in_stream)

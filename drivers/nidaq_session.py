@@ -274,16 +274,16 @@ def _channel_with_deadline(target: str, deadline_s: float) -> Any:
     return grpc.intercept_channel(channel, Deadline())
 
 
-def code_of(error: BaseException | None) -> int:
+def ni_error_code(error: BaseException | None) -> int:
     """NI's error code; 0 for errors of the transport."""
     return int(getattr(error, "error_code", 0))
 
 
-def refusal_of(error: Exception, device: str, where: str, asked: str) -> DeviceError:
+def opening_error(error: Exception, device: str, where: str, asked: str) -> DeviceError:
     """The error at opening; asked names the inputs with their ranges, the rate and the start that were asked for."""
     from nidaqmx.errors import DaqNotFoundError
 
-    code, who = code_of(error), f"{device} at {where}"
+    code, who = ni_error_code(error), f"{device} at {where}"
     if isinstance(error, DaqNotFoundError):
         return DeviceUnavailable(
             f"{device} needs the NI-DAQmx driver, and this computer has none; "
@@ -301,22 +301,23 @@ def refusal_of(error: Exception, device: str, where: str, asked: str) -> DeviceE
         )
     if code < 0:
         return DeviceMisconfigured(
-            f"{who} was asked for {asked}, and refused: {_text_of(error)} (NI error {code}); correct the [daq] section",
+            f"{who} was asked for {asked}, and refused: {_error_text(error)} (NI error {code}); correct the [daq] "
+            "section",
             DeviceCode.REFUSED,
         )
-    sentence = f"{who}: expected an answer of NI-DAQmx, found {_text_of(error)}; restart its server"
+    sentence = f"{who}: expected an answer of NI-DAQmx, found {_error_text(error)}; restart its server"
     return DeviceUnavailable(sentence, DeviceCode.NO_ANSWER)
 
 
-def loss_of(error: Exception, who: str) -> DeviceLost:
+def streaming_error(error: Exception, who: str) -> DeviceLost:
     """The error of a device that was streaming."""
-    code = code_of(error)
+    code = ni_error_code(error)
     advice = "unplug it and plug it in again" if code in NO_TRANSFER else "check its cable and its server"
     shown = f" (NI error {code})" if code else ""
-    return DeviceLost(f"{who} stopped streaming: {_text_of(error)}{shown}; {advice}", DeviceCode.DISCONNECTED)
+    return DeviceLost(f"{who} stopped streaming: {_error_text(error)}{shown}; {advice}", DeviceCode.DISCONNECTED)
 
 
-def _text_of(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     """Error text of NI or gRPC on one line, without code and task name."""
     is_grpc = callable(getattr(error, "details", None))  # an error of gRPC itself, which nidaqmx passes on
     text = f"{error.code().name}: {error.details()}" if is_grpc else str(error)  # type: ignore[attr-defined]

@@ -27,6 +27,7 @@ from drivers.qualisys_wire import (
     MarkerBlocks,
     PacketGuard,
     Parameters,
+    answer_text,
     busy,
     decode_frame,
     decode_parameters,
@@ -36,7 +37,6 @@ from drivers.qualisys_wire import (
     no_server,
     refused_command,
     refused_step,
-    text_of,
 )
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
@@ -287,7 +287,7 @@ class QtmConnection:
     async def _ask_identity(self) -> DeviceIdentity:
         """QTM's answer to QTMVersion; a simulated QTM identifies itself in it."""
         try:
-            answer = text_of(await self._connection.qtm_version())
+            answer = answer_text(await self._connection.qtm_version())
         except self._refusal:
             return DeviceIdentity(self._name, "", None)
         return DeviceIdentity(self._name, answer, "simulat" in answer.lower())

@@ -372,7 +372,7 @@ def decode_parameters(xml: bytes) -> Parameters:
     return Parameters(labels, rate_hz, CameraSystem(serials, (root.findtext("The_3D/CalibrationTime") or "").strip()))
 
 
-def text_of(answer: Any) -> str:
+def answer_text(answer: Any) -> str:
     """Text of an answer or a refusal of QTM."""
     value = getattr(answer, "value", answer)
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
@@ -397,14 +397,14 @@ def no_answer(name: str, step: str) -> DeviceUnavailable:
 
 def refused_step(name: str, step: str, answer: Exception) -> DeviceMisconfigured:
     """QTM refused a step of opening the connection."""
-    sentence = f'{name} was asked for its {step} and answered "{text_of(answer)}"; {_ADVICE[step]}'
+    sentence = f'{name} was asked for its {step} and answered "{answer_text(answer)}"; {_ADVICE[step]}'
     return DeviceMisconfigured(sentence, DeviceCode.REFUSED)
 
 
 def refused_command(name: str, command: str, answer: Exception, *, has_control: bool) -> DeviceMisconfigured:
     """QTM refused a command, such as "start a capture"."""
     advice = "check QTM's measurement" if has_control else 'set mocap.control = "start"'
-    sentence = f'{name} was asked to {command} and answered "{text_of(answer)}"; {advice}'
+    sentence = f'{name} was asked to {command} and answered "{answer_text(answer)}"; {advice}'
     return DeviceMisconfigured(sentence, DeviceCode.REFUSED)
 
 

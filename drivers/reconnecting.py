@@ -132,7 +132,7 @@ class Reconnecting:
                 if item.stream in self._interrupted:
                     self._interrupted.discard(item.stream)
                     yield from self._gap(self._last[item.stream], item)
-                self._last[item.stream] = _end_of(item)
+                self._last[item.stream] = _last_place(item)
             yield item
 
     def _gap(self, last: _Place, item: Samples | Loss) -> list[Item]:
@@ -201,7 +201,7 @@ class _Place:
     host_time_ns: int
 
 
-def _end_of(item: Samples | Loss) -> _Place:
+def _last_place(item: Samples | Loss) -> _Place:
     if isinstance(item, Loss):
         return _Place(item.first_missing + item.count - 1, item.last_device_time_ns, item.host_time_ns)
     return _Place(int(item.sample_numbers[-1]), int(item.device_time_ns[-1]), item.host_time_ns)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit, TrialFit, estimate_lag, list_trials
 from fitting.cuffs.published_method import published_notes
-from fitting.cuffs.wearable_cuff import covariance_of
+from fitting.cuffs.wearable_cuff import joint_covariance
 from fitting.diagnosis.causes import diagnose
 from fitting.diagnosis.identification import (
     MIN_LOADS,
@@ -34,7 +34,7 @@ from fitting.spatial.tensors import fit_tensors
 from fitting.static.held_loads import fit_held_loads, fit_migration
 from fitting.trial.bounce import BounceTrial, calibrate
 from fitting.trial.timeline import damage_figures
-from fitting.trial.trial import RejectedTrial, Trial, TrialReading, calibrated_by, origins_of
+from fitting.trial.trial import RejectedTrial, Trial, TrialReading, calibrated_by, data_origins
 from recordings.manifest import DataOrigin
 
 
@@ -48,12 +48,12 @@ def fit_session(
     An unusable trial is listed with the reason under its cuff, and the other trials are fitted. rejected are recordings
     that cannot be read as trials; they are listed with their reasons. progress(done, total) counts donnings.
     """
-    trials_of: dict[tuple[str, str], list[Trial]] = {}
+    trials_by_donning: dict[tuple[str, str], list[Trial]] = {}
     for trial in sorted(trials, key=lambda trial: (trial.start_utc_ns, trial.file)):
-        trials_of.setdefault((trial.cuff.name, trial.donning), []).append(trial)
+        trials_by_donning.setdefault((trial.cuff.name, trial.donning), []).append(trial)
     donnings: dict[str, dict[str, CuffFit]] = {}
-    for done, ((cuff, donning), donning_trials) in enumerate(trials_of.items()):
-        progress(done, len(trials_of))
+    for done, ((cuff, donning), donning_trials) in enumerate(trials_by_donning.items()):
+        progress(done, len(trials_by_donning))
         donning_rejected = [
             trial
             for trial in rejected
@@ -62,7 +62,7 @@ def fit_session(
             and (trial.capture.cuff.name, trial.capture.donning) == (cuff, donning)
         ]
         donnings.setdefault(cuff, {})[donning] = fit_donning(donning_trials, donning_rejected)
-    progress(len(trials_of), len(trials_of))
+    progress(len(trials_by_donning), len(trials_by_donning))
     calibration = next((trial.calibration for trial in trials if trial.calibration), None)
     return SessionFit(donnings, tuple(rejected), calibration)
 
@@ -129,7 +129,7 @@ def fit_donning(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
         damping=identified.damping,
         migration=identified.migration,
         verdicts=identified.verdicts,
-        covariance=covariance_of(identified.estimates),
+        covariance=joint_covariance(identified.estimates),
         sources={pull.trial.file: pull.trial.sha256 for pull in (*used.values(), *all_static[:1])}
         | calibrated_by(trials),
         lag=estimate_lag([fitted_pull.pull.trial for fitted_pull in fitted.values()] or trials),
@@ -140,7 +140,7 @@ def fit_donning(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
         energy=swings.energy,
         complex_stiffness=swings.complex_stiffness,
         tensors=fit_tensors(list(used.values()), swings.oscillations),
-        origin=DataOrigin.joined(origins_of(trials)),
+        origin=DataOrigin.joined(data_origins(trials)),
         pulls=fitted,
         classes=classes,
     )
@@ -157,7 +157,7 @@ def _with_direction_error(fit: CuffFit, along_line: Sequence[Pull]) -> CuffFit:
     stiffness, damping = along_unknown_rope(fit.stiffness), fit.damping
     if not shows_rope(along_line):
         damping = along_unknown_rope(damping)
-    covariance = covariance_of((stiffness, damping, fit.migration))
+    covariance = joint_covariance((stiffness, damping, fit.migration))
     return replace(fit, stiffness=stiffness, damping=damping, covariance=covariance)
 
 

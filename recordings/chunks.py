@@ -203,7 +203,7 @@ def _parse(opcode: int, body: bytes, allowance: Allowance) -> list[McapRecord]:
     if chunk.compression not in {"zstd", "lz4", ""}:
         raise ValueError(f"a chunk is compressed by {chunk.compression!r}, expected zstd or lz4")
     allowance.unpack(chunk.uncompressed_size)
-    return list(_records_of(_without_lz4(chunk), allowance))
+    return list(_chunk_records(_without_lz4(chunk), allowance))
 
 
 def _without_lz4(chunk: Chunk) -> Chunk:
@@ -216,7 +216,7 @@ def _without_lz4(chunk: Chunk) -> Chunk:
     return replace(chunk, compression="", data=data)
 
 
-def _records_of(chunk: Chunk, allowance: Allowance) -> Iterator[McapRecord]:
+def _chunk_records(chunk: Chunk, allowance: Allowance) -> Iterator[McapRecord]:
     """Its schemas, channels and messages; the package's own way takes three times as long, and most of a reading."""
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     data, place, left = stream.read(size), 0, allowance.records

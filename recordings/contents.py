@@ -99,7 +99,7 @@ class Contents:
         return json.dumps(plain, indent=2, ensure_ascii=False)
 
 
-def contents_of(path: Path) -> Contents:
+def read_contents(path: Path) -> Contents:
     """Summarise a recording, whole or cut, in bounded memory. Raises RecordingError if nothing can be read."""
     return summarise(path, survey_file(path))
 

@@ -14,7 +14,7 @@ from documents.interval import counted
 from documents.regular_file import draft_folder, replace_file, sync_file
 from recordings import topics
 from recordings.chunks import Damage, read_entries
-from recordings.contents import Contents, contents_of
+from recordings.contents import Contents, read_contents
 from recordings.errors import RecordingCode, RecordingError
 from recordings.reader import is_ours, survey_file
 from recordings.writer import keep_index_encoded, sync_folder
@@ -79,7 +79,7 @@ def recover(path: Path, output: Path | None = None, progress: Callable[[int], No
         raise RecordingError(
             f"{output} cannot be written: {error.strerror or error}", RecordingCode.NOT_WRITABLE
         ) from error
-    return RecoveryReport(path, output, damage, contents_of(output))
+    return RecoveryReport(path, output, damage, read_contents(output))
 
 
 def _copy(path: Path, file: BinaryIO, progress: Callable[[int], None]) -> tuple[Damage, ...]:

@@ -274,7 +274,7 @@ def load_shipped(function: Callable[..., object], digest: str, signature: Any, t
     digest: of all that the machine code depends on (compiled.py).
     """
     triple = target.codegen().magic_tuple()[0]
-    processor = processor_of(triple.partition("-")[0], _host_features())
+    processor = find_processor(triple.partition("-")[0], _host_features())
     if processor is None:
         return None
     found = _file(FOLDER, function).load((signature, (triple, processor, ""), digest))
@@ -288,7 +288,7 @@ def ship(kernel: Any, digest: str, folder: Path) -> None:
         _file(folder, kernel.py_func).save((signature, result.codegen.magic_tuple(), digest), result._reduce())
 
 
-def processor_of(architecture: str, features: frozenset[str]) -> str | None:
+def find_processor(architecture: str, features: frozenset[str]) -> str | None:
     """The processor that a wheel for this architecture is compiled for; None if one with these features lacks some."""
     name, needed = TARGETS.get(architecture, (None, frozenset()))
     return name if needed <= features else None

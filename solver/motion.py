@@ -179,7 +179,7 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
     missing or malformed part.
     """
     columns, table, header = read_table(path)
-    names = [_coordinate_of(column) for column in columns]
+    names = [_coordinate_name(column) for column in columns]
     return _motion(path, names, table, header, model, with_defaults=with_defaults)
 
 
@@ -193,7 +193,7 @@ def motion_from_dataframe(table: pd.DataFrame, model: Model) -> Motion:
         table = table.reset_index()
     units = table.attrs.get("units", {})
     ensure_type("attrs['units']", units, Mapping, "a mapping from columns to units")
-    columns = ["time" if column in _TIMES else _coordinate_of(str(column)) for column in table.columns]
+    columns = ["time" if column in _TIMES else _coordinate_name(str(column)) for column in table.columns]
     _ensure_columns_with_units(units, [*columns, *table.columns, *model.coordinate_names, *_TIMES])
     values = np.zeros(table.shape)
     for index, (name, column) in enumerate(zip(columns, table.columns, strict=True)):
@@ -440,7 +440,7 @@ def _ensure_not_minutes(path: Path, model: Model, time: Array, coordinates: Arra
         )
 
 
-def _coordinate_of(column: str) -> str:
+def _coordinate_name(column: str) -> str:
     """Name of the coordinate of a column: OpenSim 4 writes /jointset/JOINT/COORDINATE/value into tables of states."""
     parts = column.split("/")
     return parts[-2] if len(parts) > 2 and parts[-1] == "value" else column

@@ -89,7 +89,7 @@ def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], A
             sentence = f"{path.name} should have a line 'endheader' above its table and has none; check it"
             raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
         first = ends[0] + 1
-        header = _header_of(lines[: ends[0]], path)
+        header = _parse_header(lines[: ends[0]], path)
     given = [line for line in lines[first:] if line.strip() and line[0] != "#"]
     rows = [line.replace(",", " ") for line in given]
     if len(rows) < 3:
@@ -188,7 +188,7 @@ def _ensure_same_length(path: Path, rows: Sequence[str]) -> None:
             )
 
 
-def _header_of(lines: Sequence[str], path: Path) -> TableHeader:
+def _parse_header(lines: Sequence[str], path: Path) -> TableHeader:
     """As the lines state. A motion file of SIMM, as OpenSim 1 wrote it, has no version and is in degrees.
 
     Spreadsheets fill the lines of a header with tabs or commas, up to the number of columns.

@@ -17,7 +17,7 @@ from os import PathLike
 from pathlib import Path
 
 from documents.message import Message
-from documents.regular_file import path_of, replaced
+from documents.regular_file import ensure_path, replaced
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.session import fit_session as fit_trials
 from fitting.trial.trial import Trial, TrialReading, read_alone, read_protocol, read_trials, within
@@ -37,7 +37,7 @@ def read_recording(path: File) -> Recording:
 
     `recording.load("/force").to_dataframe()` gives the samples of one stream in Stream.unit. Raises RecordingError.
     """
-    return open_recording(path_of("path", path))
+    return open_recording(ensure_path("path", path))
 
 
 def fit_donning(recordings: Sequence[File], *, window: Window | None = None) -> CuffFit:
@@ -51,7 +51,7 @@ def fit_donning(recordings: Sequence[File], *, window: Window | None = None) -> 
     """
     if isinstance(recordings, str | PathLike) or not isinstance(recordings, Iterable):
         raise TypeError(f"recordings should be a list of paths, and got a {type(recordings).__name__}")
-    paths = [path_of("recordings", path) for path in recordings]
+    paths = [ensure_path("recordings", path) for path in recordings]
     windowed = _windowed(paths, window, lambda path: read_alone(path, read_protocol(path.parent)))
     trials, rejected = read_trials(paths, windowed)
     if not trials:
@@ -73,7 +73,7 @@ def fit_session(folder: File, *, window: Window | None = None) -> SessionFit:
     its trials have a note on it. Zero drift and losses are those of the part; the clocks are aligned by the whole
     capture, and a bounce calibrates as a whole. Raises ValueError for a window outside of the trial.
     """
-    folder = path_of("folder", folder)
+    folder = ensure_path("folder", folder)
     return fit_session_folder(folder, None, readings=_windowed(pulls_in(folder), window, read_assigned))
 
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from documents.regular_file import path_of
-from fitting.cuffs.cuff_tables import CuffsLike, cuffs_of
+from documents.regular_file import ensure_path
+from fitting.cuffs.cuff_tables import CuffsLike, cuffs_by_name
 from solver.checks import ensure_at_least, ensure_known, ensure_names, ensure_type
 from solver.cuff import by_site
 from solver.errors import SolverCode
@@ -59,8 +59,8 @@ def load_model(source: File = BUNDLED, *, actuators: Sequence[File] = (), ignore
     the model names them. Raises ModelError.
     """
     ensure_names("actuators", actuators)
-    paths = [path_of("actuators", path) for path in actuators]
-    return model_of(str(path_of("source", source)), ignore_forces=ignore_forces, actuators=paths)
+    paths = [ensure_path("actuators", path) for path in actuators]
+    return model_of(str(ensure_path("source", source)), ignore_forces=ignore_forces, actuators=paths)
 
 
 def load_motion(
@@ -147,7 +147,7 @@ def open_stream(
     if not weights:
         raise ModelError("markers is empty, expected names of markers of the model; give them", SolverCode.WRONG_OPTION)
     tasks = TrackingTasks(tuple(model.marker(name) for name in weights), np.array(list(weights.values())))
-    arms, waists = by_site(worn_cuffs({} if cuffs is None else cuffs_of(cuffs), ()))
+    arms, waists = by_site(worn_cuffs({} if cuffs is None else cuffs_by_name(cuffs), ()))
     if len(arms) > 1 or len(waists) > 1:
         named = ", ".join(cuff.name for cuff in (*arms, *waists))
         raise SuitError(f"a suit has one cuff at the arm and one at the waist, got {named}", SolverCode.WRONG_CUFF)
@@ -184,7 +184,7 @@ def assess(  # noqa: PLR0913 (a notebook names what it changes)
     """Assess a suit with these cuffs in a motion: muscle effort over the rest length of the cord, in four conditions.
 
     The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. cuffs: as
-    cuffs_of() takes them: cuffs or fits, mappings, a DataFrame, or the path of a cuffs.json. rest_lengths [m] and
+    cuffs_by_name() takes them: cuffs or fits, mappings, a DataFrame, or the path of a cuffs.json. rest_lengths [m] and
     reference_rest_length [m] replace those of the suit; activations() of the result is at the latter. people: number of
     people drawn for intervals and the decision, at least 40, or 0 for none; None: as the bundled budget, and 0 with
     elastic tendons. sources: "all" of the budget, or "cuffs" for the noise of their fit alone. most_frames: limit of
@@ -192,7 +192,7 @@ def assess(  # noqa: PLR0913 (a notebook names what it changes)
     that `station assess` prints; its uncertainty.decisions are the decision. Raises FitError for cuffs that cannot be
     worn, ModelError, SuitError.
     """
-    fits = cuffs_of(cuffs)
+    fits = cuffs_by_name(cuffs)
     ensure_known("sources", sources, get_args(SourceChoice))
     if people is not None:
         ensure_at_least("people", people, LEAST_DRAWS if people else 0)
@@ -222,14 +222,14 @@ def _loads(
     external_loads: File | None, model: Model, kinematics: Kinematics
 ) -> tuple[tuple[ExternalForce, ...], list[Finding]]:
     """The loads, and the findings on them and on the motion."""
-    path = None if external_loads is None else path_of("external_loads", external_loads)
+    path = None if external_loads is None else ensure_path("external_loads", external_loads)
     loads = loads_of(path, model, kinematics.time)
     return loads, motion_findings(motion_checks(model, kinematics) | load_checks(path, loads, model, kinematics))
 
 
 def _suit(path: File | None) -> Suit:
     """The suit of a file, or the bundled one. Raises SuitError."""
-    return read_suit(BUNDLED_SUIT if path is None else path_of("suit", path))
+    return read_suit(BUNDLED_SUIT if path is None else ensure_path("suit", path))
 
 
 def _with_lengths(suit: Suit, rest_lengths: ArrayLike | None, reference: float | None) -> Suit:

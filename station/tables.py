@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from rich.console import Console
 
-from documents.interval import between, bracketed, digits_of, plus_minus, rounded
+from documents.interval import between, bracketed, plus_minus, rounded, significant_decimals
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.published_method import PublishedFit
 from fitting.results.codes import NoteCode
@@ -140,7 +140,7 @@ def optimum_table(optimised: OptimisedSuit) -> FoldedTable:
         drawn = ["-", "-"]
         if result.drawn.size:
             low, high = np.quantile(result.drawn, [0.025, 0.975])
-            digits = digits_of((low, high), otherwise=4)
+            digits = significant_decimals((low, high), otherwise=4)
             drawn = [rounded(float(result.drawn.mean()), digits), between((low, high), digits=4)]
         lengths = f"{result.suit.reference_rest_length:.4f}", f"{result.suit.stiffness:.0f}"
         table.add_row(name, *lengths, f"{result.cost:.4f}", *drawn)
@@ -182,8 +182,10 @@ def _estimate(estimate: Estimate | None, scale: float = 1.0, true: float | None 
     text = plus_minus(estimate.value, estimate.ci95, scale)
     if estimate.bound is not None:
         reach = NORMAL_95 * estimate.bound
-        text += f", at best ± {rounded(scale * reach, digits_of((-reach, reach), scale))}"
-    return text if true is None else f"{text} (true {rounded(scale * true, digits_of(estimate.ci95, scale))})"
+        text += f", at best ± {rounded(scale * reach, significant_decimals((-reach, reach), scale))}"
+    return (
+        text if true is None else f"{text} (true {rounded(scale * true, significant_decimals(estimate.ci95, scale))})"
+    )
 
 
 def _compare(value: float | None, estimate: Estimate | None, scale: float, form: str) -> str:

@@ -35,7 +35,7 @@ class Slider:
     viscosity: float
 
 
-def slider_of(migration: float, peak_load: float, law: SlipLaw) -> Slider:
+def slider_from_migration(migration: float, peak_load: float, law: SlipLaw) -> Slider:
     """The law under which a static test up to peak_load [N] leaves the cuff slipped by migration [m].
 
     At rest under the peak L(s) = peak, so H = (peak − L₀) / migration; a cuff without migration never slips.

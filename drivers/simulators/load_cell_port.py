@@ -70,7 +70,7 @@ class SerialLoadCellSimulator:
     def start(self) -> None:
         """Binds and serves. Raises OSError if the port is taken."""
         self._is_stopping.clear()
-        self._server = _Server(("127.0.0.1", self.port), _handler_of(self._serve_client))
+        self._server = _Server(("127.0.0.1", self.port), _line_handler(self._serve_client))
         self.port = self._server.server_address[1]
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), name="serial load cell")
         self._thread.start()
@@ -167,7 +167,7 @@ class _Server(socketserver.ThreadingTCPServer):
     daemon_threads = False  # server_close() waits for the clients' threads
 
 
-def _handler_of(serve: Any) -> type[socketserver.BaseRequestHandler]:
+def _line_handler(serve: Any) -> type[socketserver.BaseRequestHandler]:
     class LineHandler(socketserver.BaseRequestHandler):
         def handle(self) -> None:
             serve(self.request)

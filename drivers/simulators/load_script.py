@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import g
 
-from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_of
+from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_from_migration
 from drivers.simulators.markers import Wander, random_wander
 from drivers.simulators.settings import BounceTest, DynamicTest, Rig, Settings, StaticTest
 
@@ -53,7 +53,7 @@ class SimulatedPull:
         """From now on this cuff, slipped by slip [m], hangs at rest under the hook; begin() starts the load."""
         settings = self._settings
         tissue = settings.cuffs[cuff]
-        slider = slider_of(tissue.migration_m, settings.peak_static_n, settings.slip)
+        slider = slider_from_migration(tissue.migration_m, settings.peak_static_n, settings.slip)
         rest = slip + settings.rig.hook_n / tissue.stiffness_n_per_m
         self._script = script_for(test, settings, rest, self._rng)
         self._script_start = math.inf

@@ -43,7 +43,7 @@ def published_cuffs() -> dict[str, Cuff]:
     return {name: Cuff(name, stiffness=k, damping=c, migration=slip) for name, k, c, slip in table}
 
 
-def cuffs_of(given: CuffsLike) -> dict[str, Cuff]:
+def cuffs_by_name(given: CuffsLike) -> dict[str, Cuff]:
     """Cuffs by name, of any of these:
 
     - a Cuff, CuffFit or SessionFit, or a sequence or a mapping of them;

@@ -14,10 +14,10 @@ from pydantic import ValidationError
 
 from documents.message import Figures
 from documents.plain_data import PlainDataError, read_json, shortened
-from documents.regular_file import path_of, replaced
+from documents.regular_file import ensure_path, replaced
 from documents.validation import describe_error, faulty_key
 from fitting.cuffs.cuff_fit import CuffFit, Lag, SessionFit, TrialFit
-from fitting.cuffs.wearable_cuff import KNOWN_LAW, QUANTITIES, TENSOR, Cuff, covariance_of
+from fitting.cuffs.wearable_cuff import KNOWN_LAW, QUANTITIES, TENSOR, Cuff, joint_covariance
 from fitting.diagnosis.causes import Diagnosis
 from fitting.dynamic.cross_checks import ComplexStiffness
 from fitting.dynamic.damping import DampingFit
@@ -314,7 +314,7 @@ class CuffsFileError(CodedError):
 
 def read_cuffs(path: Path | str) -> dict[str, Cuff]:
     """Read the cuffs of a cuffs.json by name, also of one written by hand. Raises CuffsFileError."""
-    path = path_of("path", path)
+    path = ensure_path("path", path)
     return {name: _wearable(name, entry) for name, entry in _validated(path, _read_document(path)).cuffs.items()}
 
 
@@ -333,7 +333,7 @@ def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
     if others := [type(fit).__name__ for fit in cuffs.values() if not isinstance(fit, CuffFit)]:
         raise TypeError(f"cuffs should be results of a fit, and one is a {others[0]}; copy the file it was read from")
     text = cuffs_json(SessionFit({name: {fit.donning: fit} for name, fit in cuffs.items()}, ()))
-    with replaced(path_of("path", path), with_folder=False) as draft:
+    with replaced(ensure_path("path", path), with_folder=False) as draft:
         draft.write_text(text, encoding="utf-8")
 
 
@@ -451,7 +451,7 @@ def _law(entry: CuffEntry) -> tuple[str, ...]:
 
 def _covariance(entry: CuffEntry, estimates: list[Estimate | None]) -> NDArray[np.float64]:
     """The covariance of the entry, or else that of independent estimates."""
-    return covariance_of(estimates) if entry.covariance is None else np.array(entry.covariance)
+    return joint_covariance(estimates) if entry.covariance is None else np.array(entry.covariance)
 
 
 def _estimate(figure: FigureEntry) -> Estimate | None:

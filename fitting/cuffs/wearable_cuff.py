@@ -101,7 +101,7 @@ class Cuff(EqualByFields):
         site = site or ("waist" if name == "waist" else "arm")
         _ensure_usable(name, site, covariance)
         figures = {"stiffness": stiffness, "damping": damping, "migration": migration}
-        estimates = {key: _estimate_of(name, key, figure) for key, figure in figures.items()}
+        estimates = {key: _as_estimate(name, key, figure) for key, figure in figures.items()}
         if missing is None:
             missing = tuple(key for key, estimate in estimates.items() if estimate is None)
         if given is None:
@@ -113,7 +113,7 @@ class Cuff(EqualByFields):
             "donning": donning,
             "missing": missing,
             "verdicts": verdicts,
-            "covariance": covariance_of(list(estimates.values())) if covariance is None else covariance,
+            "covariance": joint_covariance(list(estimates.values())) if covariance is None else covariance,
             "law": law,
             "sources": sources or {},
             "origin": origin,
@@ -219,7 +219,7 @@ def _ensure_usable(name: object, site: object, covariance: object) -> None:
         )
 
 
-def _estimate_of(cuff: str, quantity: str, figure: Figure | None) -> Estimate | None:
+def _as_estimate(cuff: str, quantity: str, figure: Figure | None) -> Estimate | None:
     """The estimate of a figure. Raises TypeError, and ImpossibleCuff for a number out of range."""
     if figure is None or isinstance(figure, Estimate):
         return figure
@@ -238,7 +238,7 @@ def _estimate_of(cuff: str, quantity: str, figure: Figure | None) -> Estimate | 
     return normal_estimate(float(value), float(error))
 
 
-def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
+def joint_covariance(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
     """Covariance of k, c and migration of one donning, 0 for None. A wrong gain of the load cell or direction of the
     pull scales k and c alike; their other errors, and that of migration, are independent.
     """

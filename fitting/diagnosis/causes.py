@@ -427,7 +427,7 @@ def diagnose(
     bends_down = any(finding.code is FindingCode.CURVATURE and finding.value < 0 for finding in findings)
     if classes is not None and bends_down:
         classes = classes.as_softening()
-    return Diagnosis(findings, causes_of(findings, pulls, classes, creeps=creeps), classes)
+    return Diagnosis(findings, find_causes(findings, pulls, classes, creeps=creeps), classes)
 
 
 def _without_misfit(findings: Iterable[Finding], classes: ModelComparison | None) -> Iterator[Finding]:
@@ -437,7 +437,7 @@ def _without_misfit(findings: Iterable[Finding], classes: ModelComparison | None
         yield replace(finding, is_alarm=finding.is_alarm and not is_misfit)
 
 
-def causes_of(
+def find_causes(
     findings: Sequence[Finding],
     pulls: Sequence[FittedPull],
     classes: ModelComparison | None,

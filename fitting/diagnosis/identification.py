@@ -19,7 +19,7 @@ from fitting.results.trial_codes import TrialNoteCode
 from fitting.static.held_loads import Creep, HeldLoads, fit_migration, held_load_notes
 from fitting.static.stiffness import StaticFit, StiffnessFit
 from fitting.trial.bounce import Oscillation
-from fitting.trial.trial import RejectedTrial, Trial, origins_of
+from fitting.trial.trial import RejectedTrial, Trial, data_origins
 from fitting.uncertainty import Estimate, combine
 from recordings.manifest import DataOrigin
 
@@ -236,7 +236,7 @@ def notes_on(
         *migration_interval_notes(identified.migration),
         *held_load_notes(held),
         *_direction_notes(all_static),
-        *_origin_notes(trials, set(origins_of(trials))),
+        *_origin_notes(trials, set(data_origins(trials))),
         *_calibration_notes(trials),
         *_migration_notes(all_static, before),
     )

@@ -118,7 +118,7 @@ def fit_damping(pull: Pull, tie: Estimate | None = None) -> DampingFit:
     solution = estimate(swing)
     outcomes = [solution.outcome]
     _require_amplitude(solution)
-    slip = _slip_of(swing, solution, oscillation)
+    slip = _find_slip(swing, solution, oscillation)
     notes = _sign_notes(pull, oscillation)
     if slip.cycles:
         oscillation = replace(oscillation, start=oscillation.start + slip.cycles / oscillation.frequency)
@@ -180,7 +180,7 @@ def _require_amplitude(solution: Solution) -> tuple[Note, ...]:
     return ()
 
 
-def _slip_of(swing: Swing, solution: Solution, oscillation: Oscillation) -> Slip:
+def _find_slip(swing: Swing, solution: Solution, oscillation: Oscillation) -> Slip:
     """Slip during the swing. Raises UnusableTrial if it does not end and its apparent damping is large."""
     k, c = float(solution.parameters[K]), float(solution.parameters[C])
     force = np.interp(swing.marker_time, swing.force_time, swing.force)

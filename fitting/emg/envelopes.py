@@ -119,7 +119,7 @@ class EmgEnvelopes:
         return [float(values[(time >= first) & (time <= last)].mean()) for first, last in spans]
 
 
-def envelopes_of(
+def compute_envelopes(
     trial: EmgTrial, settings: EnvelopeSettings = LINEAR_ENVELOPE, minimum_subtracted: Collection[str] = ()
 ) -> EmgEnvelopes:
     """Check the channels, and compute the envelopes of the usable ones.

@@ -92,7 +92,7 @@ FACTOR, FLOOR = 5.0, 1e-3
 """A frame contains a ghost if the residual of its rigid fit exceeds 5 times the median, and 1 mm."""
 LARGEST_EXCHANGE, FRAMES_TESTED = 4, 50
 """Number of labels that are exchanged or rotated among each other, and of the frames in which all orders are tested."""
-ResidualOf = Callable[[Array], Array]
+ResidualFunction = Callable[[Array], Array]
 """Points (frames, markers, 3) → residual (frames,) [m] of their fit to a reference."""
 HAMPEL_FRAMES = 11
 HAMPEL_FACTOR, HAMPEL_FLOOR = 6.0, 1e-3
@@ -111,17 +111,17 @@ def rigid_without_ghosts(reference: Array, points: Array) -> tuple[Array, NDArra
     if not np.isfinite(residual).any():
         return points, none, pose
 
-    def residual_of(points: Array) -> Array:
+    def compute_residual(points: Array) -> Array:
         return fit_pose(reference, points).residual
 
-    limit = _largest_residual(points, residual, residual_of)
+    limit = _largest_residual(points, residual, compute_residual)
     suspect = np.flatnonzero(residual > limit)
     if not len(suspect):
         return points, none, pose
     cleaned = points.copy()
-    for candidates_of in (leave_each_out, partial(_relabelled, residual_of=residual_of, limit=limit)):
+    for propose in (leave_each_out, partial(_relabelled, compute_residual=compute_residual, limit=limit)):
         if len(suspect):
-            repaired, is_repaired = _best(candidates_of(points[suspect]), residual_of, limit)
+            repaired, is_repaired = _best(propose(points[suspect]), compute_residual, limit)
             cleaned[suspect[is_repaired]] = repaired[is_repaired]
             suspect = suspect[~is_repaired]
     cleaned[suspect] = np.nan
@@ -136,24 +136,24 @@ def _is_moved(points: Array, repaired: Array) -> NDArray[np.bool_]:
     return np.asarray(is_seen(points) & is_seen(repaired) & np.any(points != repaired, axis=-1))
 
 
-def _best(candidates: Array, residual_of: ResidualOf, limit: float) -> tuple[Array, NDArray[np.bool_]]:
+def _best(candidates: Array, compute_residual: ResidualFunction, limit: float) -> tuple[Array, NDArray[np.bool_]]:
     """The candidate (candidates, frames, markers, 3) of least residual in each frame; whether it is in the limit."""
-    remaining = np.array([residual_of(candidate) for candidate in candidates])
+    remaining = np.array([compute_residual(candidate) for candidate in candidates])
     remaining = np.where(np.isfinite(remaining), remaining, np.inf)
     best, frames = np.argmin(remaining, axis=0), np.arange(remaining.shape[1])
     return candidates[best, frames], remaining[best, frames] <= limit
 
 
-def _with_labels_restored(points: Array, residual_of: ResidualOf) -> Array:
-    """Points (frames, markers, 3), exchanged labels as in the reference of residual_of."""
-    residual = residual_of(points)
+def _with_labels_restored(points: Array, compute_residual: ResidualFunction) -> Array:
+    """Points (frames, markers, 3), exchanged labels as in the reference of compute_residual."""
+    residual = compute_residual(points)
     if points.shape[1] < 2 or not np.isfinite(residual).any():
         return points
-    limit = _largest_residual(points, residual, residual_of)
+    limit = _largest_residual(points, residual, compute_residual)
     suspect = np.flatnonzero(residual > limit)
     restored = points.copy()
     if len(suspect):
-        repaired, is_repaired = _best(_relabelled(points[suspect], residual_of, limit), residual_of, limit)
+        repaired, is_repaired = _best(_relabelled(points[suspect], compute_residual, limit), compute_residual, limit)
         restored[suspect[is_repaired]] = repaired[is_repaired]
     return restored
 
@@ -176,13 +176,13 @@ def _refitted(pose: Pose, reference: Array, points: Array, is_changed: NDArray[n
     return Pose(**columns)
 
 
-def _largest_residual(points: Array, residual: Array, residual_of: ResidualOf) -> float:
+def _largest_residual(points: Array, residual: Array, compute_residual: ResidualFunction) -> float:
     """Residual [m] above which a frame is wrong, from the median: of the best labels, as most may be exchanged."""
     typical = float(np.nanmedian(residual))
     if typical > FLOOR:
         some = _some(points[np.isfinite(residual)])
         every = [some, *(some[:, order] for order in _orders(points.shape[1], LARGEST_EXCHANGE))]
-        typical = float(np.median(np.nanmin([residual_of(relabelled) for relabelled in every], axis=0)))
+        typical = float(np.median(np.nanmin([compute_residual(relabelled) for relabelled in every], axis=0)))
     return max(FACTOR * typical, FLOOR)
 
 
@@ -211,7 +211,7 @@ def path_without_ghosts(points: Array) -> tuple[Array, NDArray[np.int64]]:
     return cleaned, np.count_nonzero(np.isfinite(points[..., 0]) & ~np.isfinite(cleaned[..., 0]), axis=0)
 
 
-def _relabelled(points: Array, residual_of: ResidualOf, limit: float) -> Array:
+def _relabelled(points: Array, compute_residual: ResidualFunction, limit: float) -> Array:
     """Points (frames, markers, 3) in other orders of their markers: (orders, frames, markers, 3).
 
     The orders are all with two markers exchanged, and those with more of which one frame of FRAMES_TESTED fits.
@@ -219,7 +219,7 @@ def _relabelled(points: Array, residual_of: ResidualOf, limit: float) -> Array:
     some, markers = _some(points), points.shape[1]
     pairs = _orders(markers, 2)
     more = [order for order in _orders(markers, LARGEST_EXCHANGE) if order not in pairs]
-    fitting = [order for order in more if np.any(residual_of(some[:, order]) <= limit)]
+    fitting = [order for order in more if np.any(compute_residual(some[:, order]) <= limit)]
     return np.array([points[:, order] for order in (*pairs, *fitting)])
 
 

@@ -82,7 +82,7 @@ class Tensor(EqualByFields):
         values, axes = np.linalg.eigh(self.value)
         found = []
         for value, axis in zip(values, axes.T, strict=True):
-            slope = entries_of(np.outer(axis, axis)) * _TWICE
+            slope = tensor_entries(np.outer(axis, axis)) * _TWICE
             error = math.sqrt(float(slope @ self.covariance @ slope))
             half = self.factor * error
             found.append(Estimate(float(value), error, (float(value) - half, float(value) + half)))
@@ -103,14 +103,14 @@ class Tensor(EqualByFields):
         for i in range(3):
             others = [j for j in range(3) if j != i]
             pairs = [np.outer(axes[:, j], axes[:, i]) / (values[i] - values[j]) for j in others]
-            slopes = np.array([entries_of((pair + pair.T) / 2) * _TWICE for pair in pairs])
+            slopes = np.array([tensor_entries((pair + pair.T) / 2) * _TWICE for pair in pairs])
             largest = float(np.linalg.eigvalsh(slopes @ self.covariance @ slopes.T)[-1])
             cones.append(min(math.pi / 2, self.factor / NORMAL_95 * math.sqrt(chi_square_limit(2, 0.95) * largest)))
         return tuple(cones)
 
     def scaled_error(self, relative: float) -> NDArray[np.float64]:
         """Covariance (6, 6) due to a relative error common to all entries."""
-        return relative**2 * np.outer(entries_of(self.value), entries_of(self.value))
+        return relative**2 * np.outer(tensor_entries(self.value), tensor_entries(self.value))
 
     def widened(self, causes: Mapping[str, NDArray[np.float64]]) -> Tensor:
         """The tensor with additional covariances (6, 6) by cause; its own covariance becomes the part "noise"."""
@@ -126,7 +126,7 @@ def symmetric(entries: NDArray[np.float64]) -> NDArray[np.float64]:
     return matrix
 
 
-def entries_of(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def tensor_entries(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """The six entries of a symmetric (3, 3)."""
     return np.array([matrix[i, j] for i, j in ENTRIES])
 
@@ -195,7 +195,7 @@ def posture_error(tensor: NDArray[np.float64], anchor: NDArray[np.float64], anch
     noise = anchor_rms**2 * 3 * count / max(3 * count - 6, 1) / 3
     inertia = np.sum(positions**2) * np.eye(3) - positions.T @ positions
     turns = [np.cross(np.eye(3), axis) for axis in -np.eye(3)]
-    slopes = np.array([entries_of(turn @ tensor - tensor @ turn) for turn in turns]).T
+    slopes = np.array([tensor_entries(turn @ tensor - tensor @ turn) for turn in turns]).T
     return np.asarray(slopes @ np.linalg.inv(inertia) @ slopes.T * noise)
 
 
@@ -255,7 +255,7 @@ def held_tensor(trials: Sequence[Pull], gain_sd: float) -> Tensor:
     inflation = fit.chi_square / fit.dof if fit.dof else 1.0
     # δK = −K δ(K⁻¹) K for every entry.
     stiffness = np.asarray(np.linalg.inv(fit.compliance), dtype=np.float64)
-    turn = np.array([entries_of(-stiffness @ unit @ stiffness) for unit in unit_tensors()]).T
+    turn = np.array([tensor_entries(-stiffness @ unit @ stiffness) for unit in unit_tensors()]).T
     covariance = max(1.0, inflation) * turn @ fit.covariance @ turn.T
     tensor = Tensor(stiffness, covariance, half_width_factor(inflation, max(fit.dof, 1)), directions)
     posture = posture_error(stiffness, seen[0][0].motion.anchor, seen[0][0].markers.anchor_rms)
@@ -338,7 +338,7 @@ def _solve(holds: Sequence[Sequence[_Hold]], segments: Sequence[NDArray[np.intp]
             raise NoTensor(TensorCode.EQUAL_LOADS)
         before, compliance = compliance, symmetric(solved[:6] / scale[:6])
         inverse = np.linalg.inv((white[:, :-1] / scale).T @ (white[:, :-1] / scale)) / np.outer(scale, scale)
-        change = entries_of(compliance - before)
+        change = tensor_entries(compliance - before)
         if count >= HELD_ROUNDS and np.all(change**2 <= NEGLIGIBLE**2 * np.diag(inverse)[:6]):
             outcome = FitOutcome.CONVERGED
             break
@@ -445,7 +445,7 @@ def _start(swings: Sequence[_Swing]) -> NDArray[np.float64]:
     scale = np.sqrt(np.diag(normal))
     solved = np.linalg.solve(normal / np.outer(scale, scale), right / scale) / scale
     stiffness = np.asarray(np.linalg.inv(symmetric(solved[:6])), dtype=np.float64)
-    return np.concatenate((entries_of(stiffness), entries_of(-stiffness @ symmetric(solved[6:12]) @ stiffness)))
+    return np.concatenate((tensor_entries(stiffness), tensor_entries(-stiffness @ symmetric(solved[6:12]) @ stiffness)))
 
 
 def _without_slow(swing: _Swing, values: NDArray[np.float64]) -> NDArray[np.float64]:

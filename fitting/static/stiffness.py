@@ -114,20 +114,20 @@ def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
     weight = points.x_sd**-2.0
     load = points.force - points.force.min()
 
-    def slope_of(growth: float) -> tuple[float, float]:
+    def fit_slope(growth: float) -> tuple[float, float]:
         bent = within(_bent(load, growth), points.group, weight)
         displacement = within(points.x, points.group, weight)
         slope = float(weight @ (bent * displacement)) / float(weight @ bent**2)
         return slope, float(weight @ (displacement - slope * bent) ** 2)
 
     found = scipy.optimize.minimize_scalar(
-        lambda growth: slope_of(growth)[1],
+        lambda growth: fit_slope(growth)[1],
         bounds=(SOFTEST / span, STIFFEST / span),
         method="bounded",
         options={"xatol": 1e-6 / span, "maxiter": MAX_STEPS},
     )
     growth = float(found.x)
-    slope, chi_square = slope_of(growth)
+    slope, chi_square = fit_slope(growth)
     if slope <= 0:
         return None
     step = 1e-4 / span

@@ -141,7 +141,9 @@ def analyse(measurements: Sequence[Observation]) -> CuffStudy:
     measurements = tuple(measurements)
     repeats = _median_repeats(measurements)
     try:
-        model = fit_components(values_of(measurements), study_factors(measurements), known_covariance(measurements))
+        model = fit_components(
+            observed_values(measurements), study_factors(measurements), known_covariance(measurements)
+        )
     except TooFewObservations:
         return CuffStudy(StudyOutcome.TOO_FEW, measurements, repeats)
     if model.outcome is not FitOutcome.CONVERGED:
@@ -171,7 +173,7 @@ def compare(measurements: Sequence[Observation], first: str, second: str) -> Cuf
     fixed = np.column_stack([np.ones(len(kept)), is_second])
     try:
         model = fit_components(
-            values_of(kept), study_factors(kept), known_covariance(kept), fixed, with_intervals=False
+            observed_values(kept), study_factors(kept), known_covariance(kept), fixed, with_intervals=False
         )
     except TooFewObservations:
         return CuffComparison(first, second, len(common), ComparisonOutcome.FEW_COMMON)
@@ -422,7 +424,7 @@ def agree(pairs: Array) -> Agreement:
 VOLUNTEER, OPERATOR, DONNING, REPEAT, INTERACTION = "volunteer", "operator", "donning", "repeat", "volunteer_by_cuff"
 
 
-def values_of(measurements: Sequence[Observation]) -> Array:
+def observed_values(measurements: Sequence[Observation]) -> Array:
     """(n,)"""
     return np.array([measurement.value for measurement in measurements], dtype=np.float64)
 
@@ -501,7 +503,10 @@ def estimate_donning_spread(measurements: Sequence[Observation]) -> DonningSprea
         return counted
     try:
         model = fit_components(
-            values_of(kept), [donnings, Factor(REPEAT, range(len(kept)))], known_covariance(kept), groups.incidence()
+            observed_values(kept),
+            [donnings, Factor(REPEAT, range(len(kept)))],
+            known_covariance(kept),
+            groups.incidence(),
         )
     except TooFewObservations:
         return counted

@@ -53,7 +53,7 @@ class MarkerMotion:
         return position
 
 
-def motion_of(manifest: Manifest) -> MarkerMotion:
+def marker_motion(manifest: Manifest) -> MarkerMotion:
     """Motion of the cuff relative to its anchor, of the bouncing weight, or of the wearer's elbow against his trunk."""
     if manifest.cuff is not None:
         return MarkerMotion(manifest.cuff.cuff_markers, manifest.cuff.anchor_markers)
@@ -66,7 +66,7 @@ class Decimator:
     """Decimate a recording while it is read. Decimated /markers have values (n, 3), the position of MarkerMotion."""
 
     def __init__(self, manifest: Manifest, streams: Iterable[Stream]) -> None:
-        self._motion = motion_of(manifest)
+        self._motion = marker_motion(manifest)
         self._in_force = {stream.name: stream for stream in streams}
         self._reducers = {stream.name: _reducer(manifest, stream) for stream in self._in_force.values()}
         self._pending: dict[str, list[Samples]] = {name: [] for name in self._reducers}
@@ -107,7 +107,7 @@ class Decimator:
 
 def decimate(manifest: Manifest, tracks: Mapping[str, Track]) -> dict[str, Track]:
     """Decimate tracks that are in memory."""
-    motion = motion_of(manifest)
+    motion = marker_motion(manifest)
     reduced = {}
     for name, track in tracks.items():
         reducer = _reducer(manifest, track.stream)

@@ -37,7 +37,7 @@ from fitting.trial.clocks import (
     stop_notes,
     stop_window,
 )
-from fitting.trial.decimation import highest_rate, motion_of
+from fitting.trial.decimation import highest_rate, marker_motion
 from recordings.manifest import Manifest
 from recordings.reader import Track
 from recordings.samples import Stream
@@ -471,7 +471,7 @@ def certify(manifest: Manifest, decimated: Mapping[str, Track]) -> SyncCertifica
     """Sync certificate from decimated tracks (decimation.py); None without a sync line. Raises UnusableTrial."""
     if not manifest.begins_at_edge:
         return None
-    motion = motion_of(manifest)
+    motion = marker_motion(manifest)
     if "/markers" in decimated:
         require_labels((*motion.anchor, *motion.pulled), decimated["/markers"].stream.labels)
     aligned = align_by_sync_edge(manifest, decimated)

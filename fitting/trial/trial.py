@@ -234,7 +234,7 @@ def calibrated_by(trials: Sequence[Trial]) -> dict[str, str]:
     return {file: sha for trial in trials if trial.calibration for file, sha in trial.calibration.sources.items()}
 
 
-def origins_of(trials: Sequence[Trial]) -> Iterator[DataOrigin]:
+def data_origins(trials: Sequence[Trial]) -> Iterator[DataOrigin]:
     """Origins of the trials and of the bounces that calibrate them."""
     for trial in trials:
         yield trial.origin

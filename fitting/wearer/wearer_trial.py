@@ -42,7 +42,9 @@ def elevation(shoulder: Floats, elbow: Floats, upper: Floats, lower: Floats) -> 
         return np.asarray(np.arctan2(across, np.sum(arm * trunk, axis=1)))
 
 
-def elevation_of(markers: Floats, labels: Sequence[str], arm: Sequence[str], trunk: Sequence[str]) -> Floats | None:
+def elevation_from_markers(
+    markers: Floats, labels: Sequence[str], arm: Sequence[str], trunk: Sequence[str]
+) -> Floats | None:
     """Elevation (frames,) [rad] from markers (frames, labels, 3); None if a label is not declared or not recorded."""
     wanted = (*arm, *trunk)
     if len(wanted) != 4 or not set(wanted) <= set(labels):
@@ -191,7 +193,7 @@ def build_wearer_trial(manifest: Manifest, tracks: Mapping[str, Track], file: st
     require_labels(body.labels, labels)
     timeline = build_timeline(manifest, tracks, labels)
     signals, notes = _signals(manifest, tracks, timeline)
-    angle = elevation_of(timeline.markers, labels, body.arm, body.trunk)
+    angle = elevation_from_markers(timeline.markers, labels, body.arm, body.trunk)
     is_motion = manifest.test == "motion" and angle is not None
     return WearerTrial(
         manifest=manifest,

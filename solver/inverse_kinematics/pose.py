@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled
 from solver.model import Model
-from solver.multibody.body_tables import AXES, POSE, SCAPULOTHORACIC, Functions, Indices, Record, Records, tables_of
+from solver.multibody.body_tables import AXES, POSE, SCAPULOTHORACIC, Functions, Indices, Record, Records, pack_bodies
 from solver.multibody.joints import MOVE, UNIT, derivatives, move_joint, place_child, screw_in_ground
 from solver.vectors import ORIGIN, Vector, add, along, cross, read, turn, write
 
@@ -66,7 +66,7 @@ class PoseWorkspace(NamedTuple):
 
 
 def build_skeleton(model: Model) -> Skeleton:
-    tables = tables_of(model)
+    tables = pack_bodies(model)
     joint_of = np.full(len(model.coordinates), -1, dtype=np.int64)
     place_of = np.zeros(len(model.coordinates), dtype=np.int64)
     for index, joint in enumerate(model.joints):

@@ -87,7 +87,7 @@ class Tables(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def tables_of(model: Model) -> Tables:
+def pack_bodies(model: Model) -> Tables:
     """Tables of a model; cached, because a model is frozen."""
     moving = [f for joint in model.joints if isinstance(joint.motion, AxisMotion) for f in joint.motion.functions]
     joints = np.zeros(len(model.joints), JOINT)

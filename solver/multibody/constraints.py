@@ -29,7 +29,7 @@ from solver.constraint import (
     WeldConstraint,
 )
 from solver.model import Model
-from solver.multibody.body_tables import tables_of
+from solver.multibody.body_tables import pack_bodies
 from solver.multibody.postures import (
     Postures,
     cross,
@@ -183,7 +183,7 @@ def _rows_at_point(model: Model, state: Postures, constraint: BodyConstraint, ob
     one, two = constraint.body_1, constraint.body_2
     point = points_in_ground(state, two, constraint.location_2)
     to_observer = _to_body(state, observer)
-    moves = tables_of(model).moves
+    moves = pack_bodies(model).moves
     relative = state.screws * (moves[two] - moves[one])[:, None]
     velocity_1, acceleration_1 = _at_point(state, one, point)
     velocity_2, acceleration_2 = _at_point(state, two, point)
@@ -197,7 +197,7 @@ def _turning_rows(model: Model, state: Postures, weld: WeldConstraint) -> tuple[
     one, two = weld.body_1, weld.body_2
     first, second = _axes(state, weld)
     normal = cross(second, first)
-    moves = tables_of(model).moves
+    moves = pack_bodies(model).moves
     relative = state.screws[..., :3] * (moves[two] - moves[one])[:, None]
     turning_1, turning_2 = (state.angular_velocity[:, body][:, None] for body in (one, two))
     change = cross(cross(turning_2, second), first) - cross(cross(turning_1, first), second)
@@ -210,7 +210,7 @@ def _distance_row(model: Model, state: Postures, rod: ConstantDistanceConstraint
     second = points_in_ground(state, rod.body_2, rod.location_2)
     length = np.linalg.norm(second - first, axis=1, keepdims=True)
     along = (second - first) / length
-    moves = tables_of(model).moves
+    moves = pack_bodies(model).moves
     columns = _columns(state.screws * moves[rod.body_2][:, None], second)
     columns -= _columns(state.screws * moves[rod.body_1][:, None], first)
     velocity_1, acceleration_1 = _at_point(state, rod.body_1, first)

@@ -38,7 +38,7 @@ from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePresc
 from solver.errors import SolverCode
 from solver.model import GROUND, Joint, Model, ModelError
 from solver.motion import Kinematics
-from solver.multibody.body_tables import Indices, Tables, tables_of
+from solver.multibody.body_tables import Indices, Tables, pack_bodies
 from solver.multibody.constraints import constraint_rows, constraint_wrenches
 from solver.multibody.loads import ExternalForce, LoadWrenches, load_wrenches, on_all_bodies, total_loads
 from solver.multibody.postures import (
@@ -123,7 +123,7 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
         constraint_bias=bias,
         mobility=mobility,
         multiplier_per_force=np.swapaxes(gain, 1, 2),
-        tables=tables_of(model),
+        tables=pack_bodies(model),
         screws=state.screws,
         acceleration_unloaded=acceleration,
         multipliers_unloaded=rotate(stiffness, bias) - rotate(np.swapaxes(gain, 1, 2), bias_force),
@@ -241,10 +241,10 @@ def _terms(model: Model, state: Postures, child: int, point: Array, jacobian: Ar
         q, u = state.coordinates[:, passive.coordinate], state.speeds[:, passive.coordinate]
         terms.bias_force[:, passive.coordinate] -= passive.at(q, u)
     gravity, carried = np.array(model.gravity), _carried(model, child)
-    mass_matrix_and_bias(tables_of(model), gravity, state.poses, state.screws, carried, point, jacobian, terms)
+    mass_matrix_and_bias(pack_bodies(model), gravity, state.poses, state.screws, carried, point, jacobian, terms)
     if model.forces:
         wrenches, on_coordinates = total_loads(model, state)
-        beyond = tables_of(model).moves.T @ wrenches  # of each coordinate
+        beyond = pack_bodies(model).moves.T @ wrenches  # of each coordinate
         terms.bias_force[...] -= on_coordinates + (beyond * state.screws).sum(axis=-1)
         direct = carried @ wrenches
         terms.reaction_bias[...] += direct
@@ -320,7 +320,7 @@ def inverse_dynamics(model: Model, kinematics: Kinematics, loads: Sequence[Exter
     mass_matrix, bias_force = mass_matrix_and_bias_force(model, state)
     forces = rotate(mass_matrix, kinematics.accelerations) + bias_force
     if loads:
-        beyond = tables_of(model).moves.T @ load_wrenches(loads, state)  # of each coordinate
+        beyond = pack_bodies(model).moves.T @ load_wrenches(loads, state)  # of each coordinate
         forces -= (beyond * state.screws).sum(axis=-1)
     return forces
 

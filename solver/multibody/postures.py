@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import SolverCode
 from solver.model import GROUND, AxisMotion, Model, ModelError
-from solver.multibody.body_tables import POSE, Records, tables_of
+from solver.multibody.body_tables import POSE, Records, pack_bodies
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def postures(model: Model, coordinates: Array, speeds: Array, time: Array | None
         sentence = f"expected q and u of shape {expected}, found {coordinates.shape} and {speeds.shape}"
         raise ModelError(sentence, SolverCode.WRONG_SHAPE)
     q, u = np.array(coordinates, dtype=float, order="C"), np.array(speeds, dtype=float, order="C")
-    tables = tables_of(model)
+    tables = pack_bodies(model)
     poses, screws = np.zeros((len(q), len(model.bodies)), POSE), np.zeros((*q.shape, 6))
     poses["rotation"][:, GROUND] = np.eye(3)
     move_bodies(tables.joints, tables.functions, q, u, poses, screws)
@@ -91,7 +91,7 @@ def postures(model: Model, coordinates: Array, speeds: Array, time: Array | None
 def jacobians(model: Model, state: Postures) -> Array:
     """(frames, bodies, 6, coordinates): each body's screw (w, v) about the ground origin per unit of each speed."""
     columns = np.swapaxes(state.screws, 1, 2)
-    return columns[:, None] * tables_of(model).moves[:, None]
+    return columns[:, None] * pack_bodies(model).moves[:, None]
 
 
 def points_in_ground(state: Postures, body: int, location: Array) -> Array:

@@ -52,7 +52,7 @@ def find_objects(model: Xml.Element, tag: str) -> Xml.Element:
     return add(found, "objects") if objects is None else objects
 
 
-def frame_of(bodies: Sequence[Body], body: int) -> str:
+def body_path(bodies: Sequence[Body], body: int) -> str:
     return "/ground" if body == GROUND else f"/bodyset/{bodies[body].name}"
 
 
@@ -176,7 +176,7 @@ def add_whole_path(force: Xml.Element, model: Model, path: Path, name: str) -> N
 
 
 def _add_point(points: Xml.Element, model: Model, point: AnyPathPoint, name: str) -> None:
-    frame = frame_of(model.bodies, point.body)
+    frame = body_path(model.bodies, point.body)
     if isinstance(point, PathPoint):
         add_path_point(points, name, frame, point.location)
         return

@@ -49,8 +49,8 @@ from solver.osim.elements import (
     add_offset_frame,
     add_values,
     add_whole_path,
+    body_path,
     find_objects,
-    frame_of,
     rotation_to_angles,
 )
 from solver.osim.force_reader import BUSHING_EXPRESSIONS, BUSHING_FUNCTIONS, unit_of_limits
@@ -151,7 +151,7 @@ def _between_frames(written: Xml.Element, model: Model, force: Any, tag: str) ->
     frames = add(made, "frames")
     ends: list[tuple[int, Placement]] = [(force.body_1, force.frame_1), (force.body_2, force.frame_2)]
     for name, (body, placement) in zip(names, ends, strict=True):
-        add_offset_frame(frames, name, frame_of(model.bodies, body), placement)
+        add_offset_frame(frames, name, body_path(model.bodies, body), placement)
     add_values(made, rotational_damping=force.damping[:3], translational_damping=force.damping[3:])
     return made
 
@@ -203,7 +203,7 @@ def _blankevoort_ligament(written: Xml.Element, model: Model, force: Blankevoort
 
 
 def _point_spring(written: Xml.Element, model: Model, force: PointToPointSpring) -> None:
-    bodies = [frame_of(model.bodies, body) for body in (force.body_1, force.body_2)]
+    bodies = [body_path(model.bodies, body) for body in (force.body_1, force.body_2)]
     values = {"socket_body1": bodies[0], "socket_body2": bodies[1], "point1": force.point_1, "point2": force.point_2}
     spring = {"stiffness": force.stiffness, "rest_length": force.rest_length}
     _force(written, "PointToPointSpring", force, **values, **spring)
@@ -217,7 +217,7 @@ def _point_expression(written: Xml.Element, model: Model, force: PointToPointExp
 
 def _constant_force(written: Xml.Element, model: Model, force: ConstantForce) -> None:
     flags = {"pointIsGlobal": force.is_point_in_ground, "forceIsGlobal": force.is_force_in_ground}
-    made = _force(written, "PrescribedForce", force, socket_frame=frame_of(model.bodies, force.body), **flags)
+    made = _force(written, "PrescribedForce", force, socket_frame=body_path(model.bodies, force.body), **flags)
     for kind in ("force", "point", "torque"):
         functions = add(add(made, "FunctionSet", f"{kind}Functions"), "objects")
         for value in getattr(force, kind):
@@ -240,7 +240,9 @@ def _smooth_contact(written: Xml.Element, model: Model, force: SmoothContact) ->
     sphere, plane = f"{force.name}_sphere", f"{force.name}_plane"
     shapes = find_objects(written, "ContactGeometrySet")
     made = add(shapes, "ContactSphere", sphere)
-    add_values(made, socket_frame=frame_of(model.bodies, force.sphere_body), location=force.center, radius=force.radius)
+    add_values(
+        made, socket_frame=body_path(model.bodies, force.sphere_body), location=force.center, radius=force.radius
+    )
     _add_surface(written, model, ContactSurface(force.plane_body, force.plane, None, force.material), plane)
     values = {"socket_sphere": f"/contactgeometryset/{sphere}", "socket_half_space": f"/contactgeometryset/{plane}"}
     values |= {"constant_contact_force": force.offset, "hertz_smoothing": force.hertz_smoothing}  # type: ignore[dict-item]
@@ -253,7 +255,7 @@ def _add_surface(written: Xml.Element, model: Model, surface: ContactSurface, na
     tag = "ContactHalfSpace" if surface.radius is None else "ContactSphere"
     made = add(find_objects(written, "ContactGeometrySet"), tag, name)
     placement = surface.placement
-    add_values(made, socket_frame=frame_of(model.bodies, surface.body), location=placement.translation)
+    add_values(made, socket_frame=body_path(model.bodies, surface.body), location=placement.translation)
     add_values(made, orientation=rotation_to_angles(placement.rotation))
     if surface.radius is not None:
         add_values(made, radius=surface.radius)

@@ -248,7 +248,7 @@ def with_components_in_sets(model: Element) -> Element:
         return model
     added: dict[str, list[Element]] = {}
     for component in loose:
-        added.setdefault(_set_of(component), []).append(component)
+        added.setdefault(_component_set(component), []).append(component)
     kept = [child for child in model.children if child.tag not in ("components", "ComponentSet", *added)]
     sets = [_joined(model, tag, [*model.objects(tag), *found]) for tag, found in added.items()]
     return replace(model, children=[*kept, *sets])
@@ -271,7 +271,7 @@ def _numbered(name: str) -> Iterator[str]:
     yield from (f"{name}_{number}" for number in count())
 
 
-def _set_of(component: Element) -> str:
+def _component_set(component: Element) -> str:
     kinds = {"Body": "BodySet", "Joint": "JointSet", "Constraint": "ConstraintSet", "Controller": "ControllerSet"}
     found = next((tag for kind, tag in kinds.items() if component.tag.endswith(kind)), "components")
     if component.tag.startswith("Contact"):

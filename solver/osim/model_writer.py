@@ -47,8 +47,8 @@ from solver.osim.elements import (
     add_function,
     add_offset_frame,
     add_values,
+    body_path,
     find_objects,
-    frame_of,
     rotation_to_angles,
 )
 from solver.osim.force_writer import add_force, add_muscle
@@ -83,7 +83,7 @@ def osim_document(model: Model) -> Xml.Element:
 
 def add_marker(objects: Xml.Element, bodies: Sequence[Body], marker: Marker) -> None:
     made = add(objects, "Marker", marker.name)
-    add_values(made, socket_parent_frame=frame_of(bodies, marker.body), location=marker.location)
+    add_values(made, socket_parent_frame=body_path(bodies, marker.body), location=marker.location)
     add_values(made, fixed="true" if marker.is_fixed else "false")
 
 
@@ -159,8 +159,8 @@ def _add_surface(objects: Xml.Element, surface: WrapSurface) -> None:
 def _add_joint(objects: Xml.Element, model: Model, joint: Joint) -> None:
     motion = joint.motion
     sides = [
-        (frame_of(model.bodies, joint.parent), joint.frame_in_parent),
-        (frame_of(model.bodies, joint.child), joint.frame_in_child),
+        (body_path(model.bodies, joint.parent), joint.frame_in_parent),
+        (body_path(model.bodies, joint.child), joint.frame_in_child),
     ]
     coordinates = [model.coordinates[index] for index in motion.coordinates]
     if isinstance(motion, ScapulothoracicMotion):
@@ -209,7 +209,7 @@ def _add_to_set(objects: Xml.Element, model: Model, constraint: Any) -> None:
     if isinstance(constraint, CoordinateCoupler):
         _add_coupler(objects, model, constraint)
         return
-    bodies = [frame_of(model.bodies, body) for body in (constraint.body_1, constraint.body_2)]
+    bodies = [body_path(model.bodies, body) for body in (constraint.body_1, constraint.body_2)]
     if isinstance(constraint, PointOnLineConstraint):
         add_values(
             add(objects, "PointOnLineConstraint", constraint.name),

@@ -128,14 +128,14 @@ def read_ik_setup(path: Path) -> IkSetup:
             f"{path.name} should have an InverseKinematicsTool and has none; give OpenSim's set-up of one",
             SolverCode.WRONG_DOCUMENT,
         )
-    setup = ik_setup_of(tool)
+    setup = parse_ik_setup(tool)
     if not any(setup.markers.values()):
         sentence = "has no marker with a weight above 0; give one to its IKMarkerTasks"
         raise tool.refusal(sentence, SolverCode.NO_MARKERS)
     return replace(setup, unused=tuple(document.unused(WITHOUT_EFFECT)), moved=tuple(tool.moved_files()))
 
 
-def ik_setup_of(tool: Element) -> IkSetup:
+def parse_ik_setup(tool: Element) -> IkSetup:
     """Set-up of an element with an IKTaskSet: an InverseKinematicsTool, or the MarkerPlacer of a ScaleTool."""
     kinds = ("IKMarkerTask", "IKCoordinateTask")
     tasks = [task for task in tool.objects("IKTaskSet") if task.tag in kinds and task.flag("apply", "true")]
@@ -161,7 +161,7 @@ def ik_setup_of(tool: Element) -> IkSetup:
     )
 
 
-def ik_setup_of_tasks(model: Model, tasks: TrackingTasks, model_file: Path) -> IkSetup:
+def ik_setup_from_tasks(model: Model, tasks: TrackingTasks, model_file: Path) -> IkSetup:
     """Set-up from tasks; marker weights are relative to the largest, which does not change the optimum.
 
     Raises ValueError for targets of coordinates that change from frame to frame.
@@ -390,7 +390,7 @@ def read_scale_setup(path: Path) -> ScaleSetup:
         (float(first), float(last)),
         scaler.named_file("marker_file"),
         maker.named_file("model_file") if maker is not None else None,
-        ik_setup_of(placer) if placer is not None and is_placed else None,
+        parse_ik_setup(placer) if placer is not None and is_placed else None,
         maker.named_file("marker_set_file") if maker is not None else None,
     )
     return replace(setup, unused=tuple(document.unused(WITHOUT_EFFECT_IN_SCALING)), moved=tuple(tool.moved_files()))

@@ -120,7 +120,7 @@ def estimate_body(
     return _estimate(problem, state, covariance, outcome, steps)
 
 
-def body_of(
+def body_from_parameters(
     model: Model, markers: Sequence[Marker], priors: BodyPriors, parameters: Array
 ) -> tuple[Model, TrackingTasks]:
     """The body of parameters θ: its skeleton, and the tasks of inverse kinematics with markers at their places."""
@@ -180,7 +180,7 @@ class _Problem:
 
     def body(self, parameters: Array) -> tuple[Model, TrackingTasks]:
         """The skeleton, and the tasks of inverse kinematics with markers at their places."""
-        return body_of(self.model, self.markers, self.priors, parameters)
+        return body_from_parameters(self.model, self.markers, self.priors, parameters)
 
     @property
     def parameters(self) -> int:

@@ -47,7 +47,7 @@ from solver.personalisation.estimate import (
     LEAST_ARM,
     BodyEstimate,
     angle_ranges,
-    body_of,
+    body_from_parameters,
     prior_precision,
 )
 from solver.personalisation.normal_equations import (
@@ -221,7 +221,7 @@ class _Body:
         return self.of(self.estimate.parameters)[0]
 
     def of(self, parameters: Array) -> tuple[Model, TrackingTasks]:
-        return body_of(self.generic, self.markers, self.priors, parameters)
+        return body_from_parameters(self.generic, self.markers, self.priors, parameters)
 
     def scaling(self, moved: Array) -> Scaling:
         """By the sizes among changes of θ, of which more may follow."""

@@ -353,7 +353,7 @@ def without_forces(model: Model, names: Sequence[str]) -> Model:
     )
 
 
-def forces_of(model: Model, kinematics: Kinematics, name: str) -> Array:
+def passive_force_on_coordinates(model: Model, kinematics: Kinematics, name: str) -> Array:
     """(frames, coordinates) generalised force [N, N m] of the passive forces of that name in a motion."""
     state = postures(model, kinematics.positions, kinematics.speeds)
     chosen = replace(model, forces=tuple(force for force in model.forces if force.name == name))

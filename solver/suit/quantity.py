@@ -48,7 +48,7 @@ class EdgeBounds:
     sides: Array
 
 
-def bounds_of(versions: CurveReadouts, name: str) -> EdgeBounds | None:
+def edge_bounds(versions: CurveReadouts, name: str) -> EdgeBounds | None:
     """EdgeBounds of a field; None for one that has none."""
     if name not in COLUMNS:
         return None

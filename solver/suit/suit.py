@@ -119,7 +119,7 @@ def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
         **points,
         stiffness=cord.stiffness_n_per_m,
         damping=cord.damping_n_s_per_m,
-        masses=tuple(_mass_of(getattr(table.masses, part), points[part]) for part in PARTS),
+        masses=tuple(_suit_mass(getattr(table.masses, part), points[part]) for part in PARTS),
         rest_lengths=np.linspace(lengths.first, lengths.last, lengths.count),
         reference_rest_length=table.reference_rest_length_m,
         migration_direction=table.migration_direction,
@@ -190,7 +190,7 @@ def with_suit_masses(model: Model, suit: Suit) -> Model:
     return model
 
 
-def _mass_of(table: _MassTable | None, point: SuitPoint) -> SuitMass:
+def _suit_mass(table: _MassTable | None, point: SuitPoint) -> SuitMass:
     """A part without a table has no mass."""
     return SuitMass(point.body, 0.0, point.location, np.zeros(3)) if table is None else table.mass()
 

@@ -96,7 +96,7 @@ def scores_by_factor(factors: Sequence[RandomFactor], scores: Array) -> dict[str
     return dict(zip((factor.name for factor in factors), np.split(scores, ends[:-1]), strict=True))
 
 
-def columns_of(factors: Sequence[RandomFactor], names: Sequence[str]) -> NDArray[np.int64]:
+def factor_columns(factors: Sequence[RandomFactor], names: Sequence[str]) -> NDArray[np.int64]:
     """Columns of the scores of these factors."""
     of_column = np.repeat([factor.name for factor in factors], [factor.size for factor in factors])
     columns: NDArray[np.int64] = np.flatnonzero(np.isin(of_column, list(names)))

@@ -33,7 +33,7 @@ from solver.suit.scenarios import (
     stacked,
 )
 from solver.suit.suit import Suit
-from solver.uncertainty.factors import RandomFactor, Scores, columns_of, random_factors, scores_by_factor
+from solver.uncertainty.factors import RandomFactor, Scores, factor_columns, random_factors, scores_by_factor
 from solver.uncertainty.sources import UncertaintySources
 from solver.uncertainty.varied_model import MODEL_FACTORS, varied_cuff, varied_model, varied_options, varied_suit
 from solver.uncertainty.varied_motion import MOTION_FACTORS, DrawnMotion, MotionDraws, varied_motion
@@ -83,7 +83,7 @@ def solve_people(
     scores (people, scores) are standard normal, in the order of case.factors; zeros are the assessed person with the
     fitted cuffs. workers are threads.
     """
-    shared = columns_of(case.factors, (*MODEL_FACTORS, *MOTION_FACTORS))
+    shared = factor_columns(case.factors, (*MODEL_FACTORS, *MOTION_FACTORS))
     groups: dict[bytes, list[int]] = {}
     for person, row in enumerate(scores[:, shared]):
         groups.setdefault(row.tobytes(), []).append(person)

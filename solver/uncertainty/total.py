@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
 from solver.suit.decision import BASES, DecisionRule, decide
-from solver.suit.quantity import COLUMNS, bounds_of, content_of_intervals, quantity_of_draws
+from solver.suit.quantity import COLUMNS, content_of_intervals, edge_bounds, quantity_of_draws
 from solver.suit.scenarios import LARGE_RESERVES, CurveReadouts, Place
 from solver.uncertainty.indices import SobolIndices
 
@@ -118,7 +118,7 @@ def _with_intervals(curve: EffortCurve, versions: CurveReadouts) -> EffortCurve:
     return replace(
         curve,
         figures={
-            name: quantity_of_draws(figure.value, getattr(versions, name), bounds_of(versions, name))
+            name: quantity_of_draws(figure.value, getattr(versions, name), edge_bounds(versions, name))
             for name, figure in curve.figures.items()
         },
         reduction={

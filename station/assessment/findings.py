@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from documents.interval import digits_of, rounded
+from documents.interval import rounded, significant_decimals
 from documents.message import Figures, Message
 from solver.muscle import MuscleOutcome
 from solver.redundancy.problem import FrameOutcome
@@ -104,7 +104,7 @@ def _comparison(comparison: Comparison, rest_length: float) -> Finding:
     (first, second), difference = comparison.cuffs, comparison.cost_difference
     if difference.value is None:
         return Message(AssessmentCode.NOT_COMPARED, {"first": first, "second": second})
-    digits = digits_of(difference.ci95, 100.0, otherwise=1)
+    digits = significant_decimals(difference.ci95, 100.0, otherwise=1)
     figures: Figures = {
         "first": first,
         "second": second,
@@ -184,7 +184,7 @@ def _migration(assessment: Assessment) -> Iterator[Finding]:
         found = curve.figures
         lost, cost = found["cord_force_lost"].value, found["cost_per_arm_migration"]
         if curve.condition == "both" and lost is not None and cost.value is not None:
-            digits = digits_of(cost.ci95, otherwise=1)
+            digits = significant_decimals(cost.ci95, otherwise=1)
             figures: Figures = {
                 "cuff": str(curve.cuff),
                 "cuffs": f"{curve.cuff}{waist}",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from documents.message import Figures, Message
 from solver.model import AxisMotion, BallMotion, Model
 from solver.motion import Kinematics
-from solver.multibody.body_tables import tables_of
+from solver.multibody.body_tables import pack_bodies
 from solver.multibody.dynamics import inverse_dynamics
 from solver.multibody.loads import ExternalForce
 from solver.redundancy.effort import (
@@ -149,7 +149,7 @@ def _is_counted(model: Model, options: RedundancyOptions) -> NDArray[np.bool_]:
 
 def _is_crossed(model: Model) -> NDArray[np.bool_]:
     """(coordinates,) whether the points of a muscle lie on both sides of the coordinate's joint."""
-    moves = tables_of(model).moves.astype(bool)
+    moves = pack_bodies(model).moves.astype(bool)
     is_crossed = np.zeros(len(model.coordinates), dtype=bool)
     for muscle in model.muscles:
         moved = moves[[point.body for point in muscle.path.points]]

@@ -29,7 +29,14 @@ from solver.multibody.dynamics import JointReactions
 from solver.multibody.postures import postures
 from solver.muscle import MuscleOutcome, PathMode, evaluate_paths
 from solver.redundancy.effort import RedundancyOptions, options_for
-from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, forces_of, is_shoulder, without_forces
+from solver.redundancy.mechanics import (
+    CENTER_MARKER,
+    EDGE_MARKER,
+    HEAD_MARKER,
+    is_shoulder,
+    passive_force_on_coordinates,
+    without_forces,
+)
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome
 from solver.time_series_table import write_table
@@ -228,7 +235,7 @@ def effect_of(
 ) -> LeftOutEffect:
     """The forces `names` of the model were left out of the solved motion; shares are those of its reserves."""
     is_solved = np.isfinite(solution.reserves).all(axis=1)
-    known = {name: forces_of(model, kinematics, name)[is_solved] for name in names}
+    known = {name: passive_force_on_coordinates(model, kinematics, name)[is_solved] for name in names}
     return LeftOutEffect(
         {name: _largest(model, forces) for name, forces in known.items()}, shares if model.lacking else {}
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from documents.message import Figures, Message
 from fitting.emg.change import EmgChange, PooledShape, emg_change, pool_shapes
-from fitting.emg.envelopes import EmgEnvelopes, envelopes_of, largest_envelopes, normalised
+from fitting.emg.envelopes import EmgEnvelopes, compute_envelopes, largest_envelopes, normalised
 from fitting.emg.shape import LEAST_ACTIVATION, ShapeComparison, compare_shapes
 from recordings.manifest import DataOrigin
 from solver.time_series_table import read_table
@@ -179,7 +179,7 @@ def read_activations_of(path: Path) -> ModelActivations:
 
 def _read_envelopes(path: Path, setup: EmgSetup) -> EmgEnvelopes:
     subtracted = [label for label, section in setup.channels.items() if section.subtract_minimum]
-    return envelopes_of(read_emg_trial(path, setup), setup.envelope.settings(), subtracted)
+    return compute_envelopes(read_emg_trial(path, setup), setup.envelope.settings(), subtracted)
 
 
 def _ensure_distinct(paths: Sequence[Path]) -> None:

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from documents.message import Message, because, join_sentences
 from fitting.trial.analog_signals import AnalogSignals, nearest_samples
-from fitting.wearer.wearer_trial import elevation_of, find_cycles
-from recordings.contents import contents_of
+from fitting.wearer.wearer_trial import elevation_from_markers, find_cycles
+from recordings.contents import read_contents
 from recordings.errors import RecordingError
 from recordings.exchange.motion_bids import BidsSignals, BidsTrial, bids_files, bids_label, bids_summary
 from recordings.exchange.qtm_tsv import write_qtm_tsv
@@ -111,7 +111,7 @@ def export_recordings(
 
 def _shortfalls(path: Path) -> list[Message[ExportCode]]:
     """A note on a recording that is incomplete, as `station info` finds it."""
-    found = contents_of(path).shortfalls
+    found = read_contents(path).shortfalls
     more = len(found) - SHORTFALLS_LISTED
     listed = [*found[:SHORTFALLS_LISTED], *([f"and {more} more, see `station info`"] if more > 0 else [])]
     return [Message(ExportCode.INCOMPLETE, {"file": path.name, "reasons": "; ".join(listed)})] if found else []
@@ -315,7 +315,7 @@ def _described(signals: AnalogSignals) -> dict[str, Any]:
 def _cycles(trial: SynchronisedRecording) -> list[dict[str, float]]:
     """Cycles of the arm in a motion: times [s] and elevations [deg]."""
     body = trial.manifest.body
-    angle = elevation_of(trial.line.markers, trial.labels, body.arm, body.trunk) if body is not None else None
+    angle = elevation_from_markers(trial.line.markers, trial.labels, body.arm, body.trunk) if body is not None else None
     if angle is None or trial.manifest.test != "motion":
         return []
     return [

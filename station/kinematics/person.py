@@ -26,7 +26,7 @@ from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
 from solver.model import CoordinateLock, Marker, Model, ModelError
 from solver.motion import Motion, decimate, differentiate
 from solver.osim.model_writer import osim_document
-from solver.osim.tool_setups import ik_setup_document, ik_setup_of_tasks
+from solver.osim.tool_setups import ik_setup_document, ik_setup_from_tasks
 from solver.personalisation.coverage import ESSENTIAL, check_coverage
 from solver.personalisation.estimate import BodyEstimate, EstimateOutcome, estimate_body
 from solver.personalisation.segment_masses import (
@@ -436,7 +436,7 @@ def write_person(output: Path, person: PersonBody, inputs: PersonInputs) -> tupl
     documents = {
         output: Xml.tostring(osim_document(person.model), encoding="utf-8", xml_declaration=True),
         setup: Xml.tostring(
-            ik_setup_document(ik_setup_of_tasks(person.model, person.estimate.tasks, output), output.parent),
+            ik_setup_document(ik_setup_from_tasks(person.model, person.estimate.tasks, output), output.parent),
             encoding="utf-8",
             xml_declaration=True,
         ),

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from documents.message import Figures, Message, because
 from fitting.trial.analog_signals import VOLTS
-from fitting.wearer.wearer_trial import CycleDetector, elevation_of
+from fitting.wearer.wearer_trial import CycleDetector, elevation_from_markers
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell
 from recordings.samples import Samples, Stream
 from recordings.topics import EMG, FORCE, MARKERS
@@ -212,7 +212,7 @@ class LivePipeline:
     def _elevation(self, places: Array) -> float:
         """Elevation of the arm [rad]; NaN without markers for it."""
         markers = self.plan.markers
-        angle = elevation_of(places[None], self._labels, markers.arm, markers.trunk) if markers else None
+        angle = elevation_from_markers(places[None], self._labels, markers.arm, markers.trunk) if markers else None
         return NAN if angle is None else float(angle[0])
 
     def _values(self, frame: StreamFrame) -> LiveValues:

@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from documents.interval import digits_of
+from documents.interval import significant_decimals
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
@@ -197,7 +197,7 @@ def _shown(fit: Cuff | None, entry: LocatedObject, quantity: ShownQuantity) -> S
 def _true(known: LocatedObject, fit: Cuff | None, quantity: ShownQuantity) -> Number:
     """With as many digits as the estimate above it."""
     estimate = getattr(fit, quantity.name, None)
-    digits = digits_of(estimate.ci95 if estimate else None, quantity.scale)
+    digits = significant_decimals(estimate.ci95 if estimate else None, quantity.scale)
     return fixed(known[quantity.key], quantity.scale, min(digits, quantity.most_digits))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fitting.emg.channels import UnusableEmg
-from fitting.emg.envelopes import EmgEnvelopes, envelopes_of, largest_envelopes, normalised
+from fitting.emg.envelopes import EmgEnvelopes, compute_envelopes, largest_envelopes, normalised
 from fitting.emg.shape import ShapeOutcome
 from fitting.errors import UnusableTrial
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
@@ -114,7 +114,7 @@ def _envelopes(trial: WearerTrial) -> EmgEnvelopes | None:
     if trial.emg is None:
         return None
     try:
-        return envelopes_of(emg_of(trial))
+        return compute_envelopes(emg_of(trial))
     except (EmgFileError, UnusableEmg):
         return None
 

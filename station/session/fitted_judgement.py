@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from documents.interval import bracketed, digits_of, rounded
+from documents.interval import bracketed, rounded, significant_decimals
 from documents.message import Message, because
 from fitting.cuffs.cuff_fit import SLIPPED, CuffFit, SessionFit, TrialFit, find_outliers, has_slipped
 from fitting.diagnosis.identification import FittedPull
@@ -284,7 +284,8 @@ def _rows(trial: TrialFit, others: Sequence[TrialFit], cuff: CuffFit) -> list[Ro
     for name, (symbol, scale, unit, most) in QUANTITIES.items():
         earlier = [getattr(other, name) for other in others if getattr(other, name) is not None]
         listed = ", ".join(
-            rounded(scale * estimate.value, min(most, digits_of(estimate.ci95, scale))) for estimate in earlier
+            rounded(scale * estimate.value, min(most, significant_decimals(estimate.ci95, scale)))
+            for estimate in earlier
         )
         this, so_far = (_text(getattr(fit, name), scale, most) for fit in (trial, cuff))
         rows.append(Row(f"{symbol} [{unit}]", this, listed or MISSING, so_far))

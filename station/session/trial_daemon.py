@@ -31,7 +31,7 @@ from documents.interval import counted
 from documents.message import join_sentences
 from drivers.errors import DeviceError
 from fitting.trial.analog_signals import VOLTS
-from fitting.wearer.wearer_trial import elevation_of
+from fitting.wearer.wearer_trial import elevation_from_markers
 from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from recordings.topics import EMG
@@ -260,7 +260,7 @@ class Telemetry(BackgroundView):
             self._new.displacement += _decimated(times, self._displacement.update(samples.values))
         elif self._body is not None:
             places = samples.values[..., :3].astype(np.float64)
-            angle = elevation_of(places, names, self._body.arm, self._body.trunk)
+            angle = elevation_from_markers(places, names, self._body.arm, self._body.trunk)
             self._new.elevation += [] if angle is None else _decimated(times, np.degrees(angle))
 
     def _times(self, samples: Samples) -> NDArray[np.float64]:

@@ -5,7 +5,15 @@ from collections.abc import Callable
 
 import pytest
 
-from documents.interval import CountingFormatter, between, bracketed, digits_of, has_width, plus_minus, with_error
+from documents.interval import (
+    CountingFormatter,
+    between,
+    bracketed,
+    has_width,
+    plus_minus,
+    significant_decimals,
+    with_error,
+)
 
 
 def test_an_interval_has_two_digits_of_its_half_width() -> None:
@@ -27,7 +35,7 @@ def test_a_half_width_that_rounds_up_to_the_next_power_of_ten_has_no_third_figur
 def test_a_scale_is_applied_before_rounding_and_a_negative_one_swaps_the_ends() -> None:
     assert bracketed(0.012224, (0.012183, 0.012265), 1e3) == "12.224 (12.183\u00a0to\u00a012.265)"
     assert between((-0.3, -0.1), -1.0) == "0.10 to 0.30"
-    assert digits_of((-0.09, 0.09)) == 3 and digits_of((-0.09, 0.09), 10.0) == 2
+    assert significant_decimals((-0.09, 0.09)) == 3 and significant_decimals((-0.09, 0.09), 10.0) == 2
 
 
 @pytest.mark.parametrize("write", [bracketed, plus_minus])
@@ -37,7 +45,7 @@ def test_without_a_width_the_number_has_the_requested_digits(
 ) -> None:
     assert write(4.8703, ci95) == "5"
     assert write(4.8703, ci95, 10.0, digits=3) == "48.703"
-    assert digits_of(ci95) == 0 and digits_of(ci95, otherwise=3) == 3
+    assert significant_decimals(ci95) == 0 and significant_decimals(ci95, otherwise=3) == 3
 
 
 @pytest.mark.parametrize(
@@ -50,7 +58,7 @@ def test_a_width_of_rounding_errors_is_none(ends: tuple[float, float], is_wide: 
 
 @pytest.mark.parametrize("ends", [(-math.inf, math.inf), (0.0, math.inf)])
 def test_an_endless_interval_has_the_requested_digits(ends: tuple[float, float]) -> None:
-    assert digits_of(ends, otherwise=3) == 3
+    assert significant_decimals(ends, otherwise=3) == 3
     assert between((5.0, math.inf)) == "5 to inf"
 
 

@@ -21,7 +21,7 @@ from nidaqmx.constants import AcquisitionType, TerminalConfiguration
 from drivers import nidaq, nidaq_session
 from drivers.errors import DeviceCode
 from drivers.nidaq import NiDaq
-from drivers.nidaq_session import refusal_of
+from drivers.nidaq_session import opening_error
 from drivers.reconnecting import Reconnecting
 from drivers.simulators.daq_rpcs import NiDaqSimulator, _Service
 from drivers.simulators.faults import Fault
@@ -288,7 +288,7 @@ class FrozenCall(grpc.RpcError):
 
 
 def test_a_call_without_an_answer_is_a_sentence_and_no_dump_of_the_transport() -> None:
-    error = refusal_of(FrozenCall(), "NI Dev1", "127.0.0.1:1", "ai0")
+    error = opening_error(FrozenCall(), "NI Dev1", "127.0.0.1:1", "ai0")
     assert error.code is DeviceCode.NO_ANSWER
     assert "StatusCode" not in str(error)
     assert is_one_sentence(error)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.errors import RecordingCode
 from recordings.samples import Item, Loss, Samples
 from tests.recordings.trials import MANIFEST, START_NS, chunk_ends, frames, record, scalars, skipped, trial
@@ -16,7 +16,7 @@ from tests.refusals import raises_refusal
 
 
 def test_a_whole_recording_is_summed_up(tmp_path: Path) -> None:
-    contents = contents_of(record(tmp_path / "a.mcap", list(trial(1.0))))
+    contents = read_contents(record(tmp_path / "a.mcap", list(trial(1.0))))
     assert contents.complete
     assert contents.gaps == ()
     assert contents.manifest == MANIFEST
@@ -32,7 +32,7 @@ def test_a_whole_recording_is_summed_up(tmp_path: Path) -> None:
 
 
 def test_the_json_has_the_keys_that_others_rely_on(tmp_path: Path) -> None:
-    plain = json.loads(contents_of(record(tmp_path / "a.mcap", [*trial(0.2), skipped(20, 3)])).to_json())
+    plain = json.loads(read_contents(record(tmp_path / "a.mcap", [*trial(0.2), skipped(20, 3)])).to_json())
     assert set(plain["topics"]["/force"]) == {"messages", "first_ns", "last_ns"}
     assert plain["complete"] is True
     assert [(gap["stream"], gap["cause"], gap["count"]) for gap in plain["gaps"]] == [("/markers", "skipped", 3)]
@@ -44,11 +44,11 @@ def test_the_json_has_the_keys_that_others_rely_on(tmp_path: Path) -> None:
 def test_the_rate_is_that_of_the_samples_that_came(tmp_path: Path) -> None:
     slow = scalars("/force", 0, 101)
     stretched = Samples("/force", slow.sample_numbers, slow.device_time_ns * 2, slow.host_time_ns, slow.values)
-    assert contents_of(record(tmp_path / "a.mcap", [stretched])).streams["/force"].rate_hz == pytest.approx(500.0)
+    assert read_contents(record(tmp_path / "a.mcap", [stretched])).streams["/force"].rate_hz == pytest.approx(500.0)
 
 
 def test_a_single_sample_has_no_rate(tmp_path: Path) -> None:
-    assert contents_of(record(tmp_path / "a.mcap", [scalars("/force", 0, 1)])).streams["/force"].rate_hz is None
+    assert read_contents(record(tmp_path / "a.mcap", [scalars("/force", 0, 1)])).streams["/force"].rate_hz is None
 
 
 def test_occlusion_is_counted_by_marker(tmp_path: Path) -> None:
@@ -60,19 +60,19 @@ def test_occlusion_is_counted_by_marker(tmp_path: Path) -> None:
         Samples("/markers", block.sample_numbers, block.device_time_ns, 0, part)
         for block, part in ((first, values[:4]), (second, values[4:]))
     ]
-    occluded = contents_of(record(tmp_path / "a.mcap", blocks)).streams["/markers"].occluded
+    occluded = read_contents(record(tmp_path / "a.mcap", blocks)).streams["/markers"].occluded
     assert occluded == {"anchor_1": 0.0, "anchor_2": 0.0, "anchor_3": 3 / 8, "cuff_1": 1.0}
 
 
 def test_a_jump_that_the_ledger_knows_has_its_cause_and_is_listed_once(tmp_path: Path) -> None:
     for i, items in enumerate(([skipped(5, 3), frames(8, 5)], [frames(8, 5), skipped(5, 3)])):
-        contents = contents_of(record(tmp_path / f"{i}.mcap", [frames(0, 5), *items]))
+        contents = read_contents(record(tmp_path / f"{i}.mcap", [frames(0, 5), *items]))
         assert [(gap.cause, gap.first_missing, gap.count) for gap in contents.gaps] == [("skipped", 5, 3)]
         assert contents.complete
 
 
 def test_a_jump_without_a_noted_loss_is_unexplained(tmp_path: Path) -> None:
-    gaps = contents_of(record(tmp_path / "a.mcap", [scalars("/force", 0, 10), scalars("/force", 25, 10)])).gaps
+    gaps = read_contents(record(tmp_path / "a.mcap", [scalars("/force", 0, 10), scalars("/force", 25, 10)])).gaps
     assert [(gap.stream, gap.cause, gap.first_missing, gap.count) for gap in gaps] == [
         ("/force", "unexplained", 10, 15)
     ]
@@ -83,25 +83,25 @@ def test_a_jump_within_a_block_is_found(tmp_path: Path) -> None:
     block = scalars("/force", 0, 5)
     numbers = np.array([0, 1, 4, 5, 9], np.uint64)
     jumping = Samples("/force", numbers, block.device_time_ns, block.host_time_ns, block.values)
-    gaps = contents_of(record(tmp_path / "a.mcap", [jumping])).gaps
+    gaps = read_contents(record(tmp_path / "a.mcap", [jumping])).gaps
     assert [(gap.first_missing, gap.count) for gap in gaps] == [(2, 2), (6, 3)]
 
 
 def test_a_device_that_counts_anew_is_a_gap_of_unknown_size(tmp_path: Path) -> None:
-    gaps = contents_of(record(tmp_path / "a.mcap", [scalars("/force", 50, 10), scalars("/force", 0, 10)])).gaps
+    gaps = read_contents(record(tmp_path / "a.mcap", [scalars("/force", 50, 10), scalars("/force", 0, 10)])).gaps
     assert [(gap.cause, gap.count) for gap in gaps] == [("numbers_went_back", 0)]
 
 
 def test_a_loss_without_a_jump_is_listed_too(tmp_path: Path) -> None:
     items: list[Item] = [scalars("/force", 0, 10), Loss("/force", "silent", 0, 3000, 9_000_000, START_NS)]
-    gaps = contents_of(record(tmp_path / "a.mcap", items)).gaps
+    gaps = read_contents(record(tmp_path / "a.mcap", items)).gaps
     assert [(gap.cause, gap.count) for gap in gaps] == [("silent", 3000)]
 
 
 def test_a_cut_recording_is_incomplete_with_the_reason(tmp_path: Path) -> None:
     path = record(tmp_path / "a.mcap", list(trial(1.0)))
     path.write_bytes(path.read_bytes()[: chunk_ends(path)[4] + 3])
-    contents = contents_of(path)
+    contents = read_contents(path)
     assert not contents.complete
     assert contents.outcome is None
     assert contents.gaps == ()
@@ -111,4 +111,4 @@ def test_a_cut_recording_is_incomplete_with_the_reason(tmp_path: Path) -> None:
 def test_a_file_with_nothing_in_it_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").touch()
     with raises_refusal(RecordingCode.EMPTY):
-        contents_of(tmp_path / "a.mcap")
+        read_contents(tmp_path / "a.mcap")

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from recordings import topics
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.errors import RecordingError
 from recordings.packing import MOST_SAMPLES_IN_A_BLOCK, pack, unpack
 from recordings.reader import open_recording
@@ -105,7 +105,7 @@ def _forged_messages_are_read_or_refused(messages: list[tuple[str, bytes]]) -> N
 def _is_read_or_refused(path: Path) -> None:
     before = path.read_bytes()
     with _one_line():
-        contents_of(path)
+        read_contents(path)
     with _one_line():
         recording = open_recording(path)
         list(recording.items())

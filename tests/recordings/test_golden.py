@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from recordings.samples import Event, Loss
@@ -60,7 +60,7 @@ def test_format_1_gives_its_events_and_losses() -> None:
     items = list(open_recording(FORMAT_1).items())
     assert [item.kind for item in items if isinstance(item, Event)] == ["armed"]
     assert [(item.first_missing, item.count) for item in items if isinstance(item, Loss)] == [(51, 2)]
-    assert [gap.cause for gap in contents_of(FORMAT_1).gaps] == ["skipped"]
+    assert [gap.cause for gap in read_contents(FORMAT_1).gaps] == ["skipped"]
 
 
 def test_format_1_can_be_recovered_when_it_is_cut(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_format_1_opens_whole_with_body_condition_and_amplifier() -> None:
     assert recording.manifest == of_body.MANIFEST
     assert recording.manifest.subject == of_body.MANIFEST.body
     assert recording.streams == of_body.STREAMS
-    assert not contents_of(BODY).gaps
+    assert not read_contents(BODY).gaps
 
 
 def test_emg_has_a_column_per_channel_and_both_clocks() -> None:

@@ -16,7 +16,7 @@ import numba
 import pytest
 
 from solver import compiled
-from solver.compiled import TARGETS, X86_64_V3, processor_of
+from solver.compiled import TARGETS, X86_64_V3, find_processor
 
 MODULE = "shipped_kernel"
 KERNEL = """
@@ -93,7 +93,7 @@ def test_a_kernel_that_does_not_fit_is_compiled(
     if difference == "numba":
         monkeypatch.setattr(numba, "__version__", "0.1.0")
     elif difference == "processor":
-        monkeypatch.setattr(compiled, "processor_of", lambda *_: None)
+        monkeypatch.setattr(compiled, "find_processor", lambda *_: None)
     elif difference == "source":
         monkeypatch.setattr(module, "FACTOR", 5.0)
         expected = 15.0
@@ -119,4 +119,4 @@ def test_a_kernel_that_does_not_fit_is_compiled(
 def test_code_runs_on_a_processor_that_has_all_its_instructions(
     architecture: str, features: set[str], processor: str | None
 ) -> None:
-    assert processor_of(architecture, frozenset(features)) == processor
+    assert find_processor(architecture, frozenset(features)) == processor

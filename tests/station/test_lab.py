@@ -21,7 +21,7 @@ import psutil
 import pytest
 
 from fitting.cuffs.cuffs_file import read_cuffs
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from station.journal import read_journal
 from station.messages.bench_messages import TrialCode
 from tests.house.sources import ROOT
@@ -95,7 +95,7 @@ def test_a_task_without_standard_input_records_the_plan_into_a_file(lab: Path) -
     events = [json.loads(line) for line in (lab / "monday.jsonl").read_text(encoding="utf-8").splitlines()]
     assert events[-1]["event"] == "session_closed" and events[-1]["is_complete"]
     recordings = list((lab / SESSION).glob("*.mcap"))
-    assert len(recordings) == 2 and all(contents_of(path).complete for path in recordings)
+    assert len(recordings) == 2 and all(read_contents(path).complete for path in recordings)
 
 
 @pytest.mark.parametrize(("verb", "name"), [("fit", "cuffs.json"), ("report", "report.html")])
@@ -136,7 +136,7 @@ def test_a_path_of_more_than_260_characters_is_refused_on_windows_before_anythin
     else:
         with Headless(lab, *PLAN, "--session", str(deep)) as terminal:
             assert terminal.until("trial_ended")["accepted"]
-        assert all(contents_of(path).complete for path in (lab / deep).glob("*.mcap"))
+        assert all(read_contents(path).complete for path in (lab / deep).glob("*.mcap"))
 
 
 def test_the_page_is_served_without_a_bench(lab: Path) -> None:
@@ -167,7 +167,7 @@ def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments
     killed = [one for one in recorded if TrialCode.RECORDER_KILLED in {message.code for message in one.codes}]
     assert killed and len(recorded) > KILLS / 2
     for one in recorded:
-        assert contents_of(folder / SESSION / one.file).complete == (one not in killed)
+        assert read_contents(folder / SESSION / one.file).complete == (one not in killed)
 
 
 def test_motions_are_recorded_whole_although_their_live_process_is_killed_at_random_moments(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_motions_are_recorded_whole_although_their_live_process_is_killed_at_ran
     recorded = journal.recorded
     assert len(recorded) >= LIVE_KILLS and {one.test for one in recorded} <= {"pose", "motion"}
     for one in recorded:
-        contents = contents_of(folder / SESSION / one.file)
+        contents = read_contents(folder / SESSION / one.file)
         assert one.accepted and contents.complete and not contents.gaps
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.constants import g
 
-from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_of
+from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_from_migration
 from drivers.simulators.settings import PUBLISHED_CUFFS, CuffTruth, SlipLaw
 
 Floats = NDArray[np.float64]
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 LAW = SlipLaw()
 ROPE = SpringDamper(stiffness=20_000.0, damping=30.0, is_driven=False)
 SPRING = SpringDamper(stiffness=100.0, damping=0.0, is_driven=True)
-NO_SLIP = slider_of(0.0, 77.0, LAW)
+NO_SLIP = slider_from_migration(0.0, 77.0, LAW)
 
 
 def still_body(far_end: Floats) -> Floats:
@@ -31,7 +31,7 @@ def half_steps(seconds: float) -> Floats:
 
 def cuff(k: float = 2500.0, c: float = 140.0, migration: float = 0.0, link: SpringDamper = ROPE) -> CuffMechanics:
     tissue = CuffTruth(stiffness_n_per_m=k, damping_n_s_per_m=c, migration_m=migration)
-    return CuffMechanics(tissue, 0.2, slider_of(migration, 77.0, LAW), link)
+    return CuffMechanics(tissue, 0.2, slider_from_migration(migration, 77.0, LAW), link)
 
 
 def hung(mechanics: CuffMechanics, mass: Floats) -> Floats:
@@ -95,7 +95,7 @@ def test_a_sinusoidal_pull_shows_the_complex_stiffness_of_spring_damper_and_mass
 @pytest.mark.parametrize("name", PUBLISHED_CUFFS)
 def test_a_donning_up_to_the_heaviest_load_leaves_the_configured_migration(name: str) -> None:
     truth = PUBLISHED_CUFFS[name]
-    mechanics = CuffMechanics(truth, 0.2, slider_of(truth.migration_m, 77.0, LAW), ROPE)
+    mechanics = CuffMechanics(truth, 0.2, slider_from_migration(truth.migration_m, 77.0, LAW), ROPE)
     trajectory = hung(mechanics, ramps(17, 32, 47, 62, 77, 62, 47, 32, 17, 2))
     displacement = trajectory[-1, 0] - 2.0 / truth.stiffness_n_per_m
     assert displacement == pytest.approx(truth.migration_m, rel=0.02)

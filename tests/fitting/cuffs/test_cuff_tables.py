@@ -14,7 +14,7 @@ import pytest
 
 from drivers.simulators.settings import PUBLISHED_CUFFS
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
-from fitting.cuffs.cuff_tables import CuffsLike, cuffs_of, published_cuffs
+from fitting.cuffs.cuff_tables import CuffsLike, cuffs_by_name, published_cuffs
 from fitting.cuffs.wearable_cuff import Cuff, NotIdentified, with_interval_covariance
 from fitting.errors import CodedError
 from fitting.results.codes import FitErrorCode, Verdict
@@ -60,21 +60,21 @@ ROWS = pd.DataFrame(
     ],
 )
 def test_a_cuff_may_be_given_in_many_forms(given: CuffsLike) -> None:
-    (cuff,) = cuffs_of(given).values()
+    (cuff,) = cuffs_by_name(given).values()
     assert (cuff.name, cuff.site, cuff.missing, set(cuff.given)) == ("hand", "arm", (), set(FIGURES))
     worn, expected = cuff.parameters(), HAND.parameters()
     assert (worn.stiffness, worn.damping, worn.migration) == (expected.stiffness, expected.damping, expected.migration)
 
 
 def test_a_table_has_a_cuff_in_every_row_and_a_fit_keeps_its_errors(tmp_path: Path) -> None:
-    assert [cuff.site for cuff in cuffs_of(ROWS).values()] == ["arm", "waist"]
+    assert [cuff.site for cuff in cuffs_by_name(ROWS).values()] == ["arm", "waist"]
     session = SessionFit({"hand": {"1": FIT}}, ())
     for given in (FIT, session, session.cuffs, FIT.to_dataframe(), session.to_dataframe()):
-        cuff = cuffs_of(given)["hand"]
+        cuff = cuffs_by_name(given)["hand"]
         np.testing.assert_allclose(np.diag(cuff.covariance), [900.0, 100.0, 1e-8])
     file = tmp_path / "cuffs.json"
     file.write_text(json.dumps({"cuffs": {"hand": SUFFIXED}}), encoding="utf-8")
-    assert cuffs_of(str(file)) == cuffs_of(file) == {"hand": HAND}
+    assert cuffs_by_name(str(file)) == cuffs_by_name(file) == {"hand": HAND}
 
 
 def test_a_number_with_a_standard_error_has_a_normal_interval() -> None:
@@ -118,11 +118,11 @@ def test_a_name_site_or_covariance_of_no_cuff_is_refused(name: Any, given: dict[
         (lambda: Cuff("hand", stiffness=float("nan")), FitErrorCode.CUFF_IMPOSSIBLE),
         (lambda: Cuff("hand", stiffness=(8520, -3)), FitErrorCode.CUFF_IMPOSSIBLE),
         (lambda: Cuff("hand", migration=12), FitErrorCode.CUFF_IMPOSSIBLE),
-        (lambda: cuffs_of({"hand": {"stiffness": 8520, "migration_mm": 12}}), FitErrorCode.CUFF_KEY),
-        (lambda: cuffs_of({"hand": {**FIGURES, **SUFFIXED}}), FitErrorCode.CUFF_KEY),
-        (lambda: cuffs_of(FIGURES), FitErrorCode.CUFF_NAME),
-        (lambda: cuffs_of([HAND, HAND]), FitErrorCode.CUFF_TWICE),
-        (lambda: cuffs_of(ROWS.drop(columns="name")), FitErrorCode.CUFF_NAME),
+        (lambda: cuffs_by_name({"hand": {"stiffness": 8520, "migration_mm": 12}}), FitErrorCode.CUFF_KEY),
+        (lambda: cuffs_by_name({"hand": {**FIGURES, **SUFFIXED}}), FitErrorCode.CUFF_KEY),
+        (lambda: cuffs_by_name(FIGURES), FitErrorCode.CUFF_NAME),
+        (lambda: cuffs_by_name([HAND, HAND]), FitErrorCode.CUFF_TWICE),
+        (lambda: cuffs_by_name(ROWS.drop(columns="name")), FitErrorCode.CUFF_NAME),
     ],
 )
 def test_what_is_no_cuff_is_refused_with_a_code(give: Callable[[], object], code: FitErrorCode) -> None:
@@ -133,12 +133,12 @@ def test_what_is_no_cuff_is_refused_with_a_code(give: Callable[[], object], code
 @pytest.mark.parametrize("given", [3, "x", {"hand": 3}, {"hand": {"stiffness": "8520"}}, [None]])
 def test_another_type_is_refused(given: object) -> None:
     with pytest.raises((TypeError, CodedError)) as refused:
-        cuffs_of(given)  # type: ignore[arg-type]
+        cuffs_by_name(given)  # type: ignore[arg-type]
     assert isinstance(refused.value, TypeError) or refused.value.code == FitErrorCode.CUFFS_UNREADABLE
 
 
 def test_a_gap_in_a_table_is_a_missing_figure() -> None:
-    cuff = cuffs_of(ROWS.assign(damping=[np.nan, 124]))["hand"]
+    cuff = cuffs_by_name(ROWS.assign(damping=[np.nan, 124]))["hand"]
     assert cuff.missing == ("damping",)
     with pytest.raises(NotIdentified):
         cuff.parameters()

@@ -11,7 +11,7 @@ import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_file import cuffs_json, read_cuffs
-from fitting.cuffs.wearable_cuff import covariance_of
+from fitting.cuffs.wearable_cuff import joint_covariance
 from fitting.results.codes import FitErrorCode, NoteCode, Verdict
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode
@@ -27,7 +27,7 @@ K, C, M = (
 
 
 def _fit(donning: str = "1", damping: Estimate | None = C, verdict: Verdict = Verdict.IDENTIFIED) -> CuffFit:
-    covariance = covariance_of((K, damping, M))
+    covariance = joint_covariance((K, damping, M))
     return CuffFit("hand", "arm", donning, K, damping, M, (verdict,), covariance, {"a.mcap": "abc"})
 
 

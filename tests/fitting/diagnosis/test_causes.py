@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
-from fitting.diagnosis.causes import Diagnosis, Finding, causes_of
+from fitting.diagnosis.causes import Diagnosis, Finding, find_causes
 from fitting.laws.model_class import ClassScore, ModelComparison
 from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
 from fitting.results.trial_codes import TrialNoteCode
@@ -161,9 +161,9 @@ def test_a_tare_with_the_weight_on_is_reported_although_the_cell_s_zero_is_not_z
 def test_creep_that_no_hold_shows_is_not_named_before_friction(chosen: CauseCode, creeps: bool) -> None:
     scores = tuple(ClassScore(name, 1.0, gain) for name, gain in (("creep", 0.62), ("friction", 0.61)))
     both = ModelComparison(scores, ("creep", "friction"))
-    assert causes_of([], [], both, creeps=creeps)[0].code is chosen
+    assert find_causes([], [], both, creeps=creeps)[0].code is chosen
     alone = ModelComparison(scores, ("creep",))
-    assert causes_of([], [], alone, creeps=False)[0].code is CauseCode.CREEP, "weak creep may not show in the holds"
+    assert find_causes([], [], alone, creeps=False)[0].code is CauseCode.CREEP, "weak creep may not show in the holds"
 
 
 def test_a_stiffness_that_skin_makes_wrong_is_not_called_identified() -> None:

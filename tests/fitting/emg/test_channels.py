@@ -16,8 +16,8 @@ from fitting.emg.envelopes import (
     PUBLISHED,
     EmgTrial,
     EnvelopeSettings,
+    compute_envelopes,
     emg_envelope,
-    envelopes_of,
     largest_envelopes,
     maximum_voluntary_contraction,
     normalised,
@@ -34,7 +34,7 @@ SOUND = raw_emg(activation(TIME), np.random.default_rng(1))[:, 0]
 LEVEL = np.where(TIME < 3, 0.2, 0.4)
 RAW = np.column_stack((raw_emg(LEVEL, np.random.default_rng(1), 2), np.zeros(6000)))
 TRIAL = EmgTrial("trial", ("a", "b", "off"), 2.0, RATE, RAW, "V")
-ENVELOPES = envelopes_of(TRIAL)
+ENVELOPES = compute_envelopes(TRIAL)
 LONG_TIME = np.arange(8000) / RATE
 INNER = slice(2000, 6000)
 
@@ -142,7 +142,7 @@ def test_a_channel_that_cannot_be_used_has_no_numbers_and_the_others_have() -> N
     assert np.isnan(ENVELOPES.of("off")).all()
     assert ENVELOPES.findings == {"a": (), "b": (), "off": (ChannelFinding.FLAT,)}
     with raises_refusal(FitErrorCode.EMG_NO_CHANNEL):
-        envelopes_of(EmgTrial("off", ("off",), 0.0, RATE, RAW[:, 2:], "V"))
+        compute_envelopes(EmgTrial("off", ("off",), 0.0, RATE, RAW[:, 2:], "V"))
 
 
 def test_the_mean_is_that_of_the_time_or_of_every_cycle_within_it() -> None:
@@ -167,7 +167,7 @@ def test_a_trial_is_never_above_its_own_maximum_and_is_above_half_of_it() -> Non
 
 
 def test_the_least_value_is_taken_off_where_that_is_asked() -> None:
-    lowered = envelopes_of(TRIAL, minimum_subtracted=["b"])
+    lowered = compute_envelopes(TRIAL, minimum_subtracted=["b"])
     assert lowered.of("b").min() == 0
     np.testing.assert_array_equal(lowered.of("a"), ENVELOPES.of("a"))
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from documents.message import Code, Figures, fields_of
+from documents.message import Code, Figures, clause_fields
 from fitting.results.codes import CauseCode, FindingCode, FitErrorCode, NoteCode, Verdict
 from fitting.results.sentences import NAMES
 from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
@@ -36,7 +36,7 @@ def test_every_verdict_has_a_sentence_and_what_is_not_identified_says_what_to_do
 
 def test_every_code_is_rendered_with_all_of_its_figures() -> None:
     for code in CODES:
-        names = set().union(*map(fields_of, code.clauses))
+        names = set().union(*map(clause_fields, code.clauses))
         figures: Figures = {name: f"<{name}>" if name in TEXTS else 0.0125 for name in names}
         sentence = code.sentence(figures)
         assert sentence and "{" not in sentence

@@ -15,7 +15,7 @@ from fitting.pull.pull import Pull, make_pulls
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
 from fitting.session import fit_session
-from fitting.spatial.tensors import NoTensor, Tensor, entries_of, held_tensor, require_span, swung_tensor, symmetric
+from fitting.spatial.tensors import NoTensor, Tensor, held_tensor, require_span, swung_tensor, symmetric, tensor_entries
 from tests.fitting.pulled_in_space import Space, directions, elbow, pulled
 from tests.refusals import figures_by_code, raises_refusal
 
@@ -52,7 +52,7 @@ def _covered(found: list[tuple[Space, Tensor, Tensor]], part: float = 1.0) -> tu
 
 
 def _inside(tensor: Tensor, true: NDArray[np.float64], part: float) -> NDArray[np.bool_]:
-    return np.abs(entries_of(tensor.value - true)) < part * tensor.factor * entries_of(tensor.standard_error)
+    return np.abs(tensor_entries(tensor.value - true)) < part * tensor.factor * tensor_entries(tensor.standard_error)
 
 
 @pytest.mark.slow
@@ -217,4 +217,4 @@ def test_one_direction_gives_its_line_and_says_why_no_tensor() -> None:
 
 def test_a_symmetric_matrix_is_its_six_entries() -> None:
     matrix = np.array([[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]])
-    np.testing.assert_array_equal(symmetric(entries_of(matrix)), matrix)
+    np.testing.assert_array_equal(symmetric(tensor_entries(matrix)), matrix)

@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
-from fitting.wearer.wearer_trial import CycleDetector, build_wearer_trial, elevation, elevation_of, find_cycles
+from fitting.wearer.wearer_trial import (
+    CycleDetector,
+    build_wearer_trial,
+    elevation,
+    elevation_from_markers,
+    find_cycles,
+)
 from recordings.manifest import BodyMarkers, EmgAmplifier
 from tests.fitting.trial.test_analog_signals import LABELS, MANIFEST, recorded
 from tests.refusals import raises_refusal
@@ -100,10 +106,10 @@ def test_elevation_is_the_angle_between_arm_and_trunk_in_any_frame(angle: float,
 def test_a_hidden_marker_leaves_no_angle_and_an_undeclared_one_no_curve() -> None:
     markers = np.random.default_rng(1).normal(size=(3, 4, 3))
     markers[1, 2] = np.nan
-    angle = elevation_of(markers, ("s", "e", "u", "l"), ("s", "e"), ("u", "l"))
+    angle = elevation_from_markers(markers, ("s", "e", "u", "l"), ("s", "e"), ("u", "l"))
     assert angle is not None and np.isnan(angle).tolist() == [False, True, False]
-    assert elevation_of(markers, ("s", "e", "u", "x"), ("s", "e"), ("u", "l")) is None
-    assert elevation_of(markers, ("s", "e", "u", "l"), (), ()) is None
+    assert elevation_from_markers(markers, ("s", "e", "u", "x"), ("s", "e"), ("u", "l")) is None
+    assert elevation_from_markers(markers, ("s", "e", "u", "l"), (), ()) is None
 
 
 def test_every_raise_is_a_cycle_with_its_times_and_its_height() -> None:

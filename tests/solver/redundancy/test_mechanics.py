@@ -24,9 +24,9 @@ from solver.redundancy.mechanics import (
     cone_rows,
     contact_points,
     force_agreement,
-    forces_of,
     glenoid_axes,
     glenoid_cone,
+    passive_force_on_coordinates,
     with_rim,
     without_forces,
 )
@@ -47,7 +47,7 @@ def test_a_force_is_what_it_takes_off_the_bias_force() -> None:
     for name in ("band", "stop"):
         others = [force for force in ("band", "stop") if force != name]
         alone = equations_of_motion(without_forces(MODEL, others), state).bias_force
-        found = forces_of(MODEL, MOTION, name)
+        found = passive_force_on_coordinates(MODEL, MOTION, name)
         np.testing.assert_allclose(found, bias - alone, atol=1e-9)
         assert np.abs(found).max() > 1.0
 

@@ -21,8 +21,8 @@ from solver.suit.quantity import (
     CensoredEnd,
     EdgeBounds,
     Quantity,
-    bounds_of,
     content_of_intervals,
+    edge_bounds,
     interval_of_draws,
     quantity_of_draws,
 )
@@ -346,7 +346,7 @@ def test_beyond_the_edge_the_cost_is_lower_and_a_shorter_cord_is_farther_from_sl
     name: str, sides: list[int], column: int
 ) -> None:
     table = np.array([[-1.0, 0.5, 0.9, 0.2], [1.0, 0.8, 0.7, 0.0], [0.0, np.nan, np.nan, np.nan]])
-    bounds = bounds_of(SimpleNamespace(bounds=table), name)  # type: ignore[arg-type]
+    bounds = edge_bounds(SimpleNamespace(bounds=table), name)  # type: ignore[arg-type]
     assert bounds is not None and bounds.sides.tolist() == sides
     np.testing.assert_array_equal(bounds.values, table[:, column])
-    assert bounds_of(SimpleNamespace(bounds=table), "cord_force") is None  # type: ignore[arg-type]
+    assert edge_bounds(SimpleNamespace(bounds=table), "cord_force") is None  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.uncertainty.factors import (
     RandomFactor,
-    columns_of,
+    factor_columns,
     normal_scores,
     random_factors,
     scores_by_factor,
@@ -82,7 +82,7 @@ def test_columns_and_scores_belong_to_their_factors():
     by_name = scores_by_factor(FACTORS, row)
     assert {name: len(scores) for name, scores in by_name.items()} == {f.name: f.size for f in FACTORS}
     np.testing.assert_array_equal(
-        row[columns_of(FACTORS, ("size", "duration"))], [*by_name["size"], by_name["duration"][0]]
+        row[factor_columns(FACTORS, ("size", "duration"))], [*by_name["size"], by_name["duration"][0]]
     )
 
 
@@ -121,7 +121,7 @@ def test_first_order_indices_of_the_suit_agree_with_brute_force():
     found = sobol_indices(case.factors, {"f": cost(group_sample(case.factors, 64, seed=1))}, seed=1)["f"]
     scores = normal_scores(unit_sample(case.factors, held * others, "latin_hypercube", seed=2))
     for group in ("donning", "body"):
-        columns = columns_of(case.factors, [factor.name for factor in case.factors if factor.group == group])
+        columns = factor_columns(case.factors, [factor.name for factor in case.factors if factor.group == group])
         drawn = scores.copy()
         drawn[:, columns] = np.repeat(scores[:held][:, columns], others, axis=0)
         efforts = cost(drawn).reshape(held, others)

@@ -17,7 +17,7 @@ from solver.scaling import Scaling, scale_model
 from solver.suit.assessment import assess
 from solver.suit.scenarios import LoadedMotion, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import read_suit
-from solver.uncertainty.factors import columns_of, normal_scores, unit_sample
+from solver.uncertainty.factors import factor_columns, normal_scores, unit_sample
 from solver.uncertainty.people import PeopleCase, solve_people
 from solver.uncertainty.sources import BodySpread, DonningSpread, MuscleSpread, UncertaintySources
 from solver.uncertainty.varied_model import covariance_root, varied_cuff, varied_model, varied_suit
@@ -32,7 +32,7 @@ HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.015, COVARIANCE)
 EVERY = 60
 CASE = PeopleCase(LoadedMotion(MODEL, MOTION), SUIT, WAIST, (HAND,), UncertaintySources(), EVERY)
 SCORES = normal_scores(unit_sample(CASE.factors, 3, "latin_hypercube", seed=1))
-CUFF_COLUMNS = columns_of(CASE.factors, ("fit.hand", "donning.hand", "donning.waist", "cord_stiffness"))
+CUFF_COLUMNS = factor_columns(CASE.factors, ("fit.hand", "donning.hand", "donning.waist", "cord_stiffness"))
 LIMITS = {"min_control": -0.1, "max_control": 0.1}
 
 
@@ -142,8 +142,8 @@ def test_a_curve_begins_above_its_longest_rest_length_without_a_solution(monkeyp
 
 def test_a_person_without_a_solution_is_unknown_and_the_others_are_not(people):
     scores = np.zeros((3, SCORES.shape[1]))
-    scores[1, columns_of(CASE.factors, ("donning.hand",))] = 20.0  # migrates beyond the shoulder point
-    scores[2, columns_of(CASE.factors, ("strength",))] = -20.0  # a fiftieth of the force, also with a slack cord
+    scores[1, factor_columns(CASE.factors, ("donning.hand",))] = 20.0  # migrates beyond the shoulder point
+    scores[2, factor_columns(CASE.factors, ("strength",))] = -20.0  # a fiftieth of the force, also with a slack cord
     shoulder = MODEL.coordinate_index("shoulder_elv")
     limited = (replace(one, **LIMITS) if one.coordinate == shoulder else one for one in MODEL.actuators)
     model = replace(MODEL, actuators=tuple(limited))
@@ -237,7 +237,7 @@ def test_a_drawn_motion_is_assessed_on_the_body_that_was_drawn_with_it():
     arm = {"humerus": np.full(3, 1.05)}
     case = replace(CASE, sources=CASE.sources.of_fit, drawn=(DrawnMotion(Scaling(arm, keeps_masses=True), MOTION),))
     scores = np.zeros((1, sum(factor.size for factor in case.factors)))
-    scores[:, columns_of(case.factors, ("drawn_motion",))] = 1.0
+    scores[:, factor_columns(case.factors, ("drawn_motion",))] = 1.0
     own = replace(CASE, motion=LoadedMotion(scale_model(MODEL, Scaling(arm, keeps_masses=True)), MOTION))
     expected = solve_people(own, np.zeros((1, SCORES.shape[1])), workers=1)
     found = solve_people(case, scores, workers=1)

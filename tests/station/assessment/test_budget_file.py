@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from fitting.study.cuff_study import SpreadOutcome
-from solver.uncertainty.factors import columns_of, normal_scores, random_factors, scores_by_factor, unit_sample
+from solver.uncertainty.factors import factor_columns, normal_scores, random_factors, scores_by_factor, unit_sample
 from solver.uncertainty.sources import DonningSpread, FitSpread, UncertaintySources
 from solver.uncertainty.varied_model import varied_cuff
 from station.assessment.budget_file import BUNDLED_BUDGET, BudgetError, read_budget
@@ -127,7 +127,7 @@ def test_cuffs_drawn_about_an_estimated_spread_have_the_t_distribution_of_its_de
     sources = replace(UncertaintySources(), donning=donning, fit=FitSpread(0.0))
     factors = random_factors(sources, MODEL, (HAND,))
     scores = normal_scores(unit_sample(factors, 2000, "latin_hypercube", seed=2))
-    assert len(columns_of(factors, ["donning_spread"])) == 3
+    assert len(factor_columns(factors, ["donning_spread"])) == 3
     drawn = [varied_cuff(HAND, sources.fit, donning, scores_by_factor(factors, row)) for row in scores]
     for name, spread, freedom in (("stiffness", 0.1, 5.0), ("damping", 0.2, np.inf), ("migration", 0.3, 12.0)):
         logs = np.log([getattr(cuff, name) / getattr(HAND, name) for cuff in drawn]) / (np.sqrt(2) * spread)
@@ -137,4 +137,4 @@ def test_cuffs_drawn_about_an_estimated_spread_have_the_t_distribution_of_its_de
 
 
 def test_a_declared_spread_needs_no_further_scores() -> None:
-    assert not len(columns_of(CASE.factors, ["donning_spread"]))
+    assert not len(factor_columns(CASE.factors, ["donning_spread"]))

@@ -16,7 +16,7 @@ from drivers.simulators.simulated_bench import Bench
 from drivers.simulators.world import World
 from fitting.results.trial_codes import TrialNoteCode
 from fitting.wearer.wearer_trial import read_wearer_trial
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.samples import Item
 from station.bench.bench_clock import BenchClock
 from station.bench.devices import devices_for
@@ -102,7 +102,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, W
 
 
 def test_the_losses_of_the_outlet_are_counted_in_the_recording(recorded: tuple[Path, World], station) -> None:
-    contents = contents_of(recorded[0])
+    contents = read_contents(recorded[0])
     gaps = {gap.stream: (gap.first_missing, gap.count) for gap in contents.gaps}
     assert gaps == {stream: (LOST.start, len(LOST)) for stream in ("/emg", "/emg_sync")}
     assert contents.complete

@@ -17,7 +17,7 @@ from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
 from drivers.qualisys import Qualisys
 from drivers.simulators import world_clock
 from drivers.simulators.simulated_bench import Bench
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.reader import open_recording
 from recordings.samples import Item, Samples
 from station.bench import bench_clock
@@ -129,7 +129,7 @@ def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_pat
     assert [message.code for message in result.messages] == [TrialCode.DEVICE_LOST]
     assert "the simulated devices" in result.sentence and "127.0.0.1" not in result.sentence
     assert result.sentence.count("\n") == 0
-    contents = contents_of(result.path)
+    contents = read_contents(result.path)
     assert contents.complete and contents.streams["/force"].samples > 1000
 
 

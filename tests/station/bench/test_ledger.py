@@ -15,7 +15,7 @@ import pytest
 import station.bench.feed
 from drivers.errors import DeviceLost, DeviceUnavailable
 from drivers.simulators.simulated_bench import Bench
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.reader import open_recording
 from recordings.samples import DeviceIdentity, Event, Item, Samples, Stream
 from station.bench.bench_clock import BenchClock
@@ -53,7 +53,7 @@ def test_every_lost_sample_is_counted_under_many_faults(
     bench = simulated_bench(faults=FAULTS, protocol={"static": {"hold_s": 3.5}})
     result = recorded(bench, tmp_path)
     assert result.path is not None
-    contents = contents_of(result.path)
+    contents = read_contents(result.path)
     causes = {(gap.stream, gap.cause) for gap in contents.gaps}
     assert causes >= {("/force", "overrun"), ("/force", "disconnected"), ("/markers", "skipped")}
     assert not {cause for _, cause in causes} & {"unexplained", "numbers_went_back", "file_damage"}
@@ -87,7 +87,7 @@ def test_the_samples_of_a_lost_device_are_counted_up_to_the_end_of_the_trial(
     result = recorded(bench, tmp_path)
     assert result.path is not None and not result.accepted
     assert [message.code for message in result.messages] == [TrialCode.DEVICE_LOST]
-    contents = contents_of(result.path)
+    contents = read_contents(result.path)
     items = list(open_recording(result.path).items())
     end_ns = next(item.host_time_ns for item in items if isinstance(item, Event) and item.kind == "device_lost")
     for stream in missing:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.topics import MARKERS
 from station.child import Child
 from station.live.process import warm_up
@@ -210,7 +210,7 @@ def test_frozen_closed_and_many_pages_do_not_affect_the_recording(polite_browser
         stop(page)
         seen(page, "Keep (k)")
     (recording,) = (tmp_path / "sessions").rglob("*.mcap")
-    contents = contents_of(recording)
+    contents = read_contents(recording)
     assert contents.complete and not contents.gaps and contents.outcome is not None
     markers = contents.streams[MARKERS]
     assert markers.samples / markers.nominal_rate_hz > frozen_s + 3.0

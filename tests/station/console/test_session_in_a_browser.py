@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from recordings.contents import Contents, contents_of
+from recordings.contents import Contents, read_contents
 from tests.station.console.browsing import (
     begin,
     buttons_are_in_view,
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.timeout(600)
 
 
 def the_recording(folder: Path, file: str = "sub-P01_ses-1_task-static_acq-hand_run-1.mcap") -> Contents:
-    return contents_of(folder / "sessions" / "simulated" / "sub-P01_ses-1" / file)
+    return read_contents(folder / "sessions" / "simulated" / "sub-P01_ses-1" / file)
 
 
 def assert_whole(contents: Contents) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from documents.message import Message
 from fitting.trial.trial import read_trial
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.reader import Track, open_recording
 from station.files.complete_trial import complete_trial
@@ -66,7 +66,7 @@ def test_the_completed_recording_has_every_frame_and_the_original_is_untouched(
     assert "401" in str(added.figures["first"])
     assert (labels.code, labels.figures) == (ImportCode.LABELS_ADDED, {"labels": "anchor_1"})
     assert (filled.code, filled.figures) == (ImportCode.MARKERS_FILLED, {"filled": "cuff_1 in 40"})
-    contents = contents_of(completed)
+    contents = read_contents(completed)
     assert contents.complete and not contents.gaps and contents.outcome
     assert contents.outcome.accepted
     assert recordings_in(tmp_path) == [completed]
@@ -104,7 +104,7 @@ def test_frames_that_a_cut_export_lacks_are_kept(truth: Truth, lossy: Path, tmp_
     part = {name: getattr(table, name)[500:2000] for name in ("time_s", "positions", "residuals")}
     done = complete_trial(lossy, MarkerSource(export(truth, tmp_path, **part)))
     assert done.notes[-1] == Message(ImportCode.FRAMES_KEPT, {"frames": 1409})
-    gaps = contents_of(done.path).gaps
+    gaps = read_contents(done.path).gaps
     assert [(gap.first_missing, gap.count) for gap in gaps] == [(401, 30)]
 
 

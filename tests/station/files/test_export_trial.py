@@ -17,7 +17,7 @@ from pyarrow import parquet
 
 from fitting.trial.trial import Trial, read_trial
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.exchange.trc import read_trc
 from recordings.manifest import BounceRig
 from recordings.reader import open_recording
@@ -240,7 +240,7 @@ def test_lost_samples_are_reported_by_an_export_and_by_info(station, session: Pa
     kept = np.r_[0:5000, 5100 : len(force.values)]
     held = {name: getattr(force, name)[kept] for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")}
     lossy = Truth(truth.manifest, truth.tracks | {"/force": replace(force, **held)}).record(tmp_path / "lossy.mcap")
-    (gap,) = contents_of(lossy).gaps
+    (gap,) = read_contents(lossy).gaps
     assert (gap.stream, gap.count) == ("/force", 100)
     whole = session / "cuff-hand_test-dynamic_run-1.mcap"
     (tmp_path / whole.name).write_bytes(whole.read_bytes())
@@ -248,7 +248,7 @@ def test_lost_samples_are_reported_by_an_export_and_by_info(station, session: Pa
     assert ran.code == station("info", lossy).code == 3
     (note,) = json.loads(ran.out)["note_codes"]
     assert note["code"] == ExportCode.INCOMPLETE
-    assert note["figures"] == {"file": lossy.name, "reasons": contents_of(lossy).shortfalls[0]}
+    assert note["figures"] == {"file": lossy.name, "reasons": read_contents(lossy).shortfalls[0]}
     assert station("export", whole, "--to", "csv", "--output", tmp_path / "out").code == 0
 
 
@@ -270,7 +270,7 @@ def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
     with raises_refusal(ExportCode.BOUNCE, kind=ExportRefused):
         export_recordings([path], "mot", tmp_path, "01")
     assert set(export(path, "csv", tmp_path / "out")) == {"_force.csv", "_markers.csv", ".csv.json"}
-    assert contents_of(path).complete
+    assert read_contents(path).complete
 
 
 def test_a_wrong_command_is_refused(station, static: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.trial.trial import read_trial, read_trials
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.exchange.c3d import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.sample_tables import MarkerTable
@@ -125,7 +125,7 @@ def test_newtons_and_pounds_are_stored_unchanged_and_give_the_fit_of_volts(
 def test_the_recording_is_complete_and_names_its_sources(static: tuple[Path, Path], tmp_path: Path) -> None:
     captured = datetime(2025, 3, 4, 12, 0, 0, tzinfo=timezone(timedelta(hours=2)))
     force, mocap = ForceSource(static[0]), MarkerSource(static[1])
-    contents = contents_of(import_trial(tmp_path / "s", STATIC, config(), force, mocap, captured).path)
+    contents = read_contents(import_trial(tmp_path / "s", STATIC, config(), force, mocap, captured).path)
     assert contents.complete and not contents.gaps
     assert contents.manifest and contents.manifest.start_utc_ns == 1741082400 * 10**9
     events = [item for item in open_recording(contents.path).items() if getattr(item, "kind", "") == "imported"]
@@ -210,7 +210,7 @@ def test_lost_rows_are_losses_of_the_recording(static: tuple[Path, Path], tmp_pa
         ]
         path.write_text("\n".join(lines), encoding="utf-8")
     done = run(tmp_path / "s", *static)
-    gaps = {gap.stream: (gap.cause, gap.first_missing, gap.count) for gap in contents_of(done.path).gaps}
+    gaps = {gap.stream: (gap.cause, gap.first_missing, gap.count) for gap in read_contents(done.path).gaps}
     assert gaps == {"/force": ("skipped", 5000, 50), "/sync": ("skipped", 5000, 50), "/markers": ("skipped", 301, 50)}
     assert not read_trial(done.path).is_whole
 
@@ -353,7 +353,7 @@ def test_a_stale_frame_rate_invents_no_loss(
     mocap = tmp_path / f"video{suffix}"
     mocap.write_text(write_trc(table, "video") if suffix == ".trc" else write_qtm_tsv(table), encoding="utf-8")
     done = run(tmp_path / "s", pair[0].write_csv(tmp_path / "daq.csv", has_sync=suffix == ".tsv"), mocap)
-    assert not contents_of(done.path).gaps
+    assert not read_contents(done.path).gaps
     found = read_trial(done.path).marker_time
     assert found - found[0] == pytest.approx(at[: len(found)], abs=2e-5)
 
@@ -525,7 +525,7 @@ def test_the_first_and_the_last_start_are_recorded(
     recorded_ns = read_manifest(Path(ran.out.strip())).start_utc_ns
     expected = np.datetime64(start, "ns").astype(np.int64)
     assert recorded_ns == expected
-    assert not contents_of(Path(ran.out.strip())).shortfalls
+    assert not read_contents(Path(ran.out.strip())).shortfalls
 
 
 @pytest.mark.parametrize("option", ["--session", "--cuff", "--test", "--force"])

@@ -12,7 +12,7 @@ import pytest
 from documents.message import Message
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.samples import Samples, Stream
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import simulator_settings
@@ -60,7 +60,7 @@ def test_a_recording_is_whole_although_the_live_process_ends(
         with BenchClock(bench.ports["clock"]) as clock, LiveTap(REQUEST, command) as tap:
             result = TrialRecorder(parse_config(data, "test"), clock, [tap]).record(folder, POSE)
     assert result.accepted and result.lost_samples == 0 and result.path is not None
-    assert contents_of(result.path).complete
+    assert read_contents(result.path).complete
     assert "recording is not affected" in capfd.readouterr().err
     assert tap.exit_code == (3 if command is crashes else None)
 

@@ -23,7 +23,7 @@ import pytest
 from scipy.constants import g
 
 from documents.message import Message
-from recordings.contents import contents_of
+from recordings.contents import read_contents
 from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell, MeasurementProtocol, TestKind
 from recordings.reader import open_recording
 from recordings.samples import Event, Item, Loss, Samples, Stream
@@ -103,7 +103,7 @@ def _full_pipe(pipe: Callable[[], Any] = connection.Pipe) -> tuple[Any, Any]:
 def assert_whole(folder: Path) -> None:
     """One recording, accepted by its recorder, with its line in the journal."""
     (recorded,) = read_journal(folder).recorded
-    contents = contents_of(folder / recorded.file)
+    contents = read_contents(folder / recorded.file)
     assert contents.complete and not contents.gaps
     assert contents.outcome is not None and contents.outcome.accepted
     assert recorded.accepted and [message.code for message in recorded.codes] == [TrialCode.CAPTURE_ENDED]
@@ -178,7 +178,7 @@ def test_the_file_of_a_killed_recorder_is_recovered_and_waits_for_a_decision(tmp
     assert [message.code for message in recorded.codes] == [TrialCode.RECORDER_KILLED]
     assert "/force keeps" in recorded.codes[0].figures["details"], "and no part of the operator's sentence"
     assert "/force" not in recorded.sentence
-    assert contents_of(tmp_path / recorded.file).streams["/force"].samples > 1000
+    assert read_contents(tmp_path / recorded.file).streams["/force"].samples > 1000
 
 
 def test_a_second_start_is_refused_and_the_first_continues_until_it_is_stopped(
@@ -218,7 +218,7 @@ def test_a_device_lost_during_a_trial_is_named_and_the_recording_kept(tmp_path: 
         result = recorder.end()["result"]
     assert not result["accepted"] and result["file"]
     assert codes(result)[0] == TrialCode.END_MISSING and "Dev1" in result["sentence"]
-    assert contents_of(tmp_path / result["file"]).complete
+    assert read_contents(tmp_path / result["file"]).complete
     assert read_journal(tmp_path).recorded[0].sentence == result["sentence"]
 
 
