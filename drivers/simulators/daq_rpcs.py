@@ -47,29 +47,27 @@ from drivers.simulators.usb6008 import (
 )
 
 Value = TypeVar("Value")
-Service = TypeVar("Service", bound="DaqService")
+Attributes = dict[int, Any]
 NO_SUCH_TASK = (-200088, "Task specified is invalid or does not exist.")
-# ruff: noqa: N802  (the RPCs are called what NI calls them)
-
 DRIVER_VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # major, minor, update
-# ruff: noqa: N802  (the RPCs are called what NI calls them)
-
 HIGHEST, LOWEST = 0x17DD, 0x17DE  # AI.Max, AI.Min
-# ruff: noqa: N802  (the RPCs are called what NI calls them)
-
 TIMED_OUT = -200284
 EVENT_POLL_S = 0.1
 FROZEN_GLANCE_S = 0.002  # wall
+# ruff: noqa: N802  (the RPCs are called what NI calls them)
 
 
-def rpc(method: Callable[[Service, Any], Any]) -> Callable[[Service, Any, grpc.ServicerContext], Any]:
-    """Send a DaqmxError as the real server does: status UNKNOWN with the code in the trailing metadata."""
+def rpc(method: Callable[[_Service, Any], Any]) -> Callable[[_Service, Any, grpc.ServicerContext], Any]:
+    """An RPC, with an empty response if the method returns None. Sends a DaqmxError as the real server does: status
+    UNKNOWN with the code in the trailing metadata.
+    """
 
     @functools.wraps(method)
-    def answer(self: Service, request: Any, context: grpc.ServicerContext) -> Any:
+    def answer(self: _Service, request: Any, context: grpc.ServicerContext) -> Any:
         self.wait_while_frozen(context)
         try:
-            return method(self, request)
+            response = method(self, request)
+            return getattr(wire, f"{method.__name__}Response")() if response is None else response
         except SessionRefused as error:
             return context.abort(error.status, str(error))
         except DaqmxError as error:
@@ -82,29 +80,19 @@ def rpc(method: Callable[[Service, Any], Any]) -> Callable[[Service, Any, grpc.S
     return answer
 
 
-class DaqService(NiDAQmxServicer):
-    """Device and sessions, for all RPCs. RPCs that are not imitated answer UNIMPLEMENTED."""
+def attribute_rpc(
+    method: Callable[[_Service, Any], Attributes],
+) -> Callable[[_Service, Any, grpc.ServicerContext], Any]:
+    """An RPC for one of the attributes that the method returns, by NI's numbers (NIDAQmx.h)."""
+    field = "value_raw" if method.__name__.endswith("AttributeInt32") else "value"
 
-    def __init__(self, device: Usb6008) -> None:
-        self.device = device
-        self.sessions = DaqSessions(device)
+    @rpc
+    @functools.wraps(method)
+    def answer(self: _Service, request: Any) -> Any:
+        value = attribute(request, method(self, request))
+        return getattr(wire, f"{method.__name__}Response")(**{field: value})
 
-    def wait_while_frozen(self, context: grpc.ServicerContext) -> None:
-        """Returns at once unless the server is frozen; a call that its client has cancelled has no effect."""
-        while self.device.world.faults.active("ni", "freeze"):
-            if not context.is_active():
-                context.abort(grpc.StatusCode.CANCELLED, "frozen")
-            time.sleep(FROZEN_GLANCE_S)
-
-    def task_of(self, request: Any) -> AcquisitionTask:
-        return self.sessions.find(request.task.name)
-
-
-def attribute(request: Any, values: dict[int, Value]) -> Value:
-    """Value of an attribute by NI's number (NIDAQmx.h). Raises DaqmxError for one that is not imitated."""
-    if request.attribute_raw not in values:
-        raise DaqmxError(-200452, f"Specified property is not supported: 0x{request.attribute_raw:04X}.")
-    return values[request.attribute_raw]
+    return answer
 
 
 class SessionRefused(DeviceError):
@@ -153,9 +141,8 @@ class DaqSessions:
 
     def clear(self, name: str) -> None:
         """End the task, also if its device is gone. Raises DaqmxError without a task."""
-        task = self._tasks.pop(name, None)
-        if task is None:
-            raise DaqmxError(*NO_SUCH_TASK)
+        task = self.find(name, must_live=False)
+        del self._tasks[name]
         task.stop()
 
     def clear_all(self) -> None:
@@ -164,141 +151,122 @@ class DaqSessions:
             self.clear(name)
 
 
-class DeviceRpcs(DaqService):
-    """System and device; attributes by NI's numbers (NIDAQmx.h)."""
+class _Service(NiDAQmxServicer):
+    """The imitated RPCs of NiDAQmx, attributes by NI's numbers (NIDAQmx.h); the others answer UNIMPLEMENTED."""
+
+    def __init__(self, device: Usb6008) -> None:
+        self.device = device
+        self.sessions = DaqSessions(device)
+
+    def wait_while_frozen(self, context: grpc.ServicerContext) -> None:
+        """Returns at once unless the server is frozen; a call that its client has cancelled has no effect."""
+        while self.device.world.faults.active("ni", "freeze"):
+            if not context.is_active():
+                context.abort(grpc.StatusCode.CANCELLED, "frozen")
+            time.sleep(FROZEN_GLANCE_S)
+
+    # --- System and device
 
     @rpc
-    def ResetDevice(self, request: Any) -> Any:
+    def ResetDevice(self, request: Any) -> None:
         self._known_device(request)
         self.device.reset()
-        return wire.ResetDeviceResponse()
 
-    @rpc
-    def GetSystemInfoAttributeUInt32(self, request: Any) -> Any:
-        return wire.GetSystemInfoAttributeUInt32Response(value=attribute(request, DRIVER_VERSION))
+    @attribute_rpc
+    def GetSystemInfoAttributeUInt32(self, _request: Any) -> Attributes:
+        return DRIVER_VERSION
 
-    @rpc
-    def GetSystemInfoAttributeString(self, request: Any) -> Any:
-        names = self.device.name if self.device.is_plugged_in else ""
-        return wire.GetSystemInfoAttributeStringResponse(value=attribute(request, {0x193B: names}))
+    @attribute_rpc
+    def GetSystemInfoAttributeString(self, _request: Any) -> Attributes:
+        return {0x193B: self.device.name if self.device.is_plugged_in else ""}
 
-    @rpc
-    def GetDeviceAttributeString(self, request: Any) -> Any:
+    @attribute_rpc
+    def GetDeviceAttributeString(self, request: Any) -> Attributes:
         name = self._known_device(request)
-        values = {
+        return {
             0x0631: "USB-6008",
             0x231E: ", ".join(f"{name}/ai{number}" for number in range(DIFFERENTIAL_INPUTS)),
             0x2A40: f"/{name}/PFI0",
         }
-        return wire.GetDeviceAttributeStringResponse(value=attribute(request, values))
 
-    @rpc
-    def GetDeviceAttributeUInt32(self, request: Any) -> Any:
+    @attribute_rpc
+    def GetDeviceAttributeUInt32(self, request: Any) -> Attributes:
         self._known_device(request)
-        values = {0x0632: self.device.serial_number, 0x231D: 0x717A}
-        return wire.GetDeviceAttributeUInt32Response(value=attribute(request, values))
+        return {0x0632: self.device.serial_number, 0x231D: 0x717A}
 
-    @rpc
-    def GetDeviceAttributeInt32(self, request: Any) -> Any:
+    @attribute_rpc
+    def GetDeviceAttributeInt32(self, request: Any) -> Attributes:
         self._known_device(request)
-        values = {0x2986: _TriggerUsageTypes.START.value, 0x2326: 12586, 0x29A9: 14646}  # trigger usage, USB, category
-        return wire.GetDeviceAttributeInt32Response(value_raw=attribute(request, values))
+        return {0x2986: _TriggerUsageTypes.START.value, 0x2326: 12586, 0x29A9: 14646}  # trigger usage, USB, category
 
-    @rpc
-    def GetDeviceAttributeBool(self, request: Any) -> Any:
+    @attribute_rpc
+    def GetDeviceAttributeBool(self, request: Any) -> Attributes:
         self._known_device(request)
-        values = {0x2984: False, 0x2985: True, 0x22CA: True}  # analog, digital trigger; is simulated
-        return wire.GetDeviceAttributeBoolResponse(value=attribute(request, values))
+        return {0x2984: False, 0x2985: True, 0x22CA: True}  # analog, digital trigger; is simulated
 
-    @rpc
-    def GetDeviceAttributeDouble(self, request: Any) -> Any:
+    @attribute_rpc
+    def GetDeviceAttributeDouble(self, request: Any) -> Attributes:
         self._known_device(request)
-        values = {0x298C: HIGHEST_RATE_HZ, 0x298D: HIGHEST_RATE_HZ}  # of one channel, of all together
-        return wire.GetDeviceAttributeDoubleResponse(value=attribute(request, values))
+        return {0x298C: HIGHEST_RATE_HZ, 0x298D: HIGHEST_RATE_HZ}  # of one channel, of all together
 
     @rpc
     def GetErrorString(self, request: Any) -> Any:
-        try:
-            text = DAQmxErrors(request.error_code).name.replace("_", " ").capitalize()
-        except ValueError:
-            text = ""
+        names = {error.value: error.name.replace("_", " ").capitalize() for error in DAQmxErrors}
+        text = names.get(request.error_code, "")
         return wire.GetErrorStringResponse(error_string=text)
 
-    def _known_device(self, request: Any) -> str:
-        self.device.ensure_known(request.device_name)
-        return self.device.name
-
-
-class ChannelRpcs(DaqService):
-    """Voltage inputs; attributes by NI's numbers (NIDAQmx.h)."""
+    # --- Voltage inputs
 
     @rpc
-    def CreateAIVoltageChan(self, request: Any) -> Any:
+    def CreateAIVoltageChan(self, request: Any) -> None:
         if request.terminal_config_raw not in (TerminalConfiguration.DIFF.value, TerminalConfiguration.DEFAULT.value):
             raise DaqmxError(
                 -200077,
                 "Requested value is not a supported value for this property.\n\n"
                 f"Property: AI.TermCfg\nRequested Value: {request.terminal_config_raw}",
             )
-        task = self.task_of(request)
+        task = self._task(request)
         for channel in unflatten_channel_string(request.physical_channel):
             task.inputs.append(self.device.input(channel, request.min_val, request.max_val))
-        return wire.CreateAIVoltageChanResponse()
 
-    @rpc
-    def GetChanAttributeInt32(self, request: Any) -> Any:
-        values = {
+    @attribute_rpc
+    def GetChanAttributeInt32(self, request: Any) -> Attributes:
+        _named(self._task(request), request.channel)
+        return {
             0x187F: ChannelType.ANALOG_INPUT.value,
             0x0695: UsageTypeAI.VOLTAGE.value,
             0x1097: TerminalConfiguration.DIFF.value,
             0x1094: VoltageUnits.VOLTS.value,
         }
-        _named(self.task_of(request), request.channel)
-        return wire.GetChanAttributeInt32Response(value_raw=attribute(request, values))
 
-    @rpc
-    def GetChanAttributeString(self, request: Any) -> Any:
-        task = self.task_of(request)
+    @attribute_rpc
+    def GetChanAttributeString(self, request: Any) -> Attributes:
+        task = self._task(request)
         names = ", ".join(task.inputs[number].name for number in _named(task, request.channel))
-        return wire.GetChanAttributeStringResponse(value=attribute(request, {0x18F5: names}))
+        return {0x18F5: names}
 
-    @rpc
-    def GetChanAttributeDouble(self, request: Any) -> Any:
-        task = self.task_of(request)
+    @attribute_rpc
+    def GetChanAttributeDouble(self, request: Any) -> Attributes:
+        task = self._task(request)
         channel = task.inputs[_named(task, request.channel)[0]]
-        values = {
+        return {
             HIGHEST: channel.highest_v,
             LOWEST: channel.lowest_v,
             0x1815: channel.range_v,
             0x1816: -channel.range_v,
         }
-        return wire.GetChanAttributeDoubleResponse(value=attribute(request, values))
 
     @rpc
-    def SetChanAttributeDouble(self, request: Any) -> Any:
-        task = self.task_of(request)
+    def SetChanAttributeDouble(self, request: Any) -> None:
+        task = self._task(request)
         attribute(request, {HIGHEST: None, LOWEST: None})
         for number in _named(task, request.channel):
             channel = task.inputs[number]
             is_highest = request.attribute_raw == HIGHEST
             lowest_v = channel.lowest_v if is_highest else request.value
             task.inputs[number] = channel.spanning(lowest_v, request.value if is_highest else channel.highest_v)
-        return wire.SetChanAttributeDoubleResponse()
 
-
-def _named(task: AcquisitionTask, channels: str) -> list[int]:
-    """Places of these channels in the task, all for an empty name. Raises DaqmxError for one that is not in it."""
-    if not channels:
-        return list(range(len(task.inputs)))
-    places = {channel.name.lower(): number for number, channel in enumerate(task.inputs)}
-    wanted = [name.lower() for name in unflatten_channel_string(channels)]
-    if unknown := [name for name in wanted if name not in places]:
-        raise DaqmxError(-200486, f"Specified channel is not in the task.\n\nChannel Name: {', '.join(unknown)}")
-    return [places[name] for name in wanted]
-
-
-class TaskRpcs(DaqService):
-    """Tasks; attributes by NI's numbers (NIDAQmx.h)."""
+    # --- Tasks
 
     @rpc
     def CreateTask(self, request: Any) -> Any:
@@ -306,60 +274,51 @@ class TaskRpcs(DaqService):
         return wire.CreateTaskResponse(task=Session(name=task.name), new_session_initialized=is_new)
 
     @rpc
-    def CfgSampClkTiming(self, request: Any) -> Any:
+    def CfgSampClkTiming(self, request: Any) -> None:
         modes = (AcquisitionType.CONTINUOUS.value, AcquisitionType.FINITE.value)
         if request.sample_mode_raw not in modes:
             raise DaqmxError(-200077, "The device has no hardware-timed single point.\n\nProperty: SampQuant.SampMode")
         is_finite = request.sample_mode_raw == AcquisitionType.FINITE.value
-        self.task_of(request).set_clock(request.rate, request.samps_per_chan, is_finite=is_finite)
-        return wire.CfgSampClkTimingResponse()
+        self._task(request).set_clock(request.rate, request.samps_per_chan, is_finite=is_finite)
 
     @rpc
-    def CfgDigEdgeStartTrig(self, request: Any) -> Any:
+    def CfgDigEdgeStartTrig(self, request: Any) -> None:
         source = request.trigger_source.strip("/").lower()
         if source not in ("pfi0", f"{self.device.name}/pfi0".lower()):
             raise DaqmxError(-200265, f"Invalid terminal: the only trigger is PFI0, found {request.trigger_source}.")
-        self.task_of(request).waits_for_trigger = True
-        return wire.CfgDigEdgeStartTrigResponse()
+        self._task(request).waits_for_trigger = True
 
     @rpc
-    def DisableStartTrig(self, request: Any) -> Any:
-        self.task_of(request).waits_for_trigger = False
-        return wire.DisableStartTrigResponse()
+    def DisableStartTrig(self, request: Any) -> None:
+        self._task(request).waits_for_trigger = False
 
     @rpc
-    def StartTask(self, request: Any) -> Any:
-        self.task_of(request).start()
-        return wire.StartTaskResponse()
+    def StartTask(self, request: Any) -> None:
+        self._task(request).start()
 
     @rpc
-    def StopTask(self, request: Any) -> Any:
-        self.task_of(request).stop()
-        return wire.StopTaskResponse()
+    def StopTask(self, request: Any) -> None:
+        self._task(request).stop()
 
     @rpc
-    def ClearTask(self, request: Any) -> Any:
+    def ClearTask(self, request: Any) -> None:
         self.sessions.clear(request.task.name)
-        return wire.ClearTaskResponse()
 
     @rpc
     def IsTaskDone(self, request: Any) -> Any:
-        return wire.IsTaskDoneResponse(is_task_done=self.task_of(request).is_done)
+        return wire.IsTaskDoneResponse(is_task_done=self._task(request).is_done)
 
     @rpc
-    def WaitUntilTaskDone(self, request: Any) -> Any:
-        task = self.task_of(request)
+    def WaitUntilTaskDone(self, request: Any) -> None:
+        task = self._task(request)
         if task.mode == "finite":
             task.wait_until_acquired(task.length, request.time_to_wait)
         if not task.is_done:
             raise DaqmxError(-200560, "Wait Until Done did not indicate that the task was done within the timeout.")
-        return wire.WaitUntilTaskDoneResponse()
-
-    # --- Samples
 
     @rpc
     def ReadAnalogF64(self, request: Any) -> Any:
-        task = self.task_of(request)
+        task = self._task(request)
         count = request.num_samps_per_chan
         timeout_s = request.timeout
         if count < 0:
@@ -371,9 +330,8 @@ class TaskRpcs(DaqService):
         values[:, :got] = volts
         if request.fill_mode_raw == FillMode.GROUP_BY_SCAN_NUMBER.value:
             values = values.T
-        return wire.ReadAnalogF64Response(
-            status=0 if got == count else TIMED_OUT, read_array=values.ravel(), samps_per_chan_read=got
-        )
+        status = 0 if got == count else TIMED_OUT
+        return wire.ReadAnalogF64Response(status=status, read_array=values.ravel(), samps_per_chan_read=got)
 
     def RegisterEveryNSamplesEvent(self, request: Any, context: Any) -> Iterator[Any]:
         task = self.sessions.find(request.task.name)
@@ -393,69 +351,80 @@ class TaskRpcs(DaqService):
                 )
 
     @rpc
-    def UnregisterEveryNSamplesEvent(self, request: Any) -> Any:
-        self.task_of(request)  # the client ends the stream itself
-        return wire.UnregisterEveryNSamplesEventResponse()
+    def UnregisterEveryNSamplesEvent(self, request: Any) -> None:
+        self._task(request)  # the client ends the stream itself
 
-    # --- Attributes, by NI's numbers (NIDAQmx.h)
-
-    @rpc
-    def GetTaskAttributeString(self, request: Any) -> Any:
+    @attribute_rpc
+    def GetTaskAttributeString(self, request: Any) -> Attributes:
         task = self.sessions.find(request.task.name, must_live=False)  # the name does not depend on the device
         names = ", ".join(channel.name for channel in task.inputs)
-        value = attribute(request, {0x1276: task.name, 0x1273: names})
-        return wire.GetTaskAttributeStringResponse(value=value)
+        return {0x1276: task.name, 0x1273: names}
 
     @rpc
     def GetReadAttributeUInt32(self, request: Any) -> Any:
-        task = self.task_of(request)
-        questions: dict[int, Callable[[], int]] = {
-            0x217B: lambda: len(task.inputs),
-            0x1223: task.available,
-            0x31E8: task.default_read_count,
-        }
-        return wire.GetReadAttributeUInt32Response(value=attribute(request, questions)())
+        task = self._task(request)
+        counts = {0x217B: lambda: len(task.inputs), 0x1223: task.available, 0x31E8: task.default_read_count}
+        return wire.GetReadAttributeUInt32Response(value=attribute(request, counts)())
 
-    @rpc
-    def GetReadAttributeUInt64(self, request: Any) -> Any:
-        task = self.task_of(request)
-        values = {0x1221: task.position, 0x192A: task.acquired()}  # current read position, total acquired
-        return wire.GetReadAttributeUInt64Response(value=attribute(request, values))
+    @attribute_rpc
+    def GetReadAttributeUInt64(self, request: Any) -> Attributes:
+        task = self._task(request)
+        return {0x1221: task.position, 0x192A: task.acquired()}  # current read position, total acquired
 
-    @rpc
-    def GetReadAttributeString(self, request: Any) -> Any:
-        names = ", ".join(channel.name for channel in self.task_of(request).inputs)
-        return wire.GetReadAttributeStringResponse(value=attribute(request, {0x1823: names}))
+    @attribute_rpc
+    def GetReadAttributeString(self, request: Any) -> Attributes:
+        names = ", ".join(channel.name for channel in self._task(request).inputs)
+        return {0x1823: names}
 
-    @rpc
-    def GetTimingAttributeInt32(self, request: Any) -> Any:
-        is_finite = self.task_of(request).mode == "finite"
+    @attribute_rpc
+    def GetTimingAttributeInt32(self, request: Any) -> Attributes:
+        is_finite = self._task(request).mode == "finite"
         mode = AcquisitionType.FINITE if is_finite else AcquisitionType.CONTINUOUS
-        return wire.GetTimingAttributeInt32Response(value_raw=attribute(request, {0x1300: mode.value}))
+        return {0x1300: mode.value}
+
+    @attribute_rpc
+    def GetTimingAttributeUInt64(self, request: Any) -> Attributes:
+        task = self._task(request)
+        return {0x1310: task.length or task.buffer_size}
+
+    @attribute_rpc
+    def GetTimingAttributeDouble(self, request: Any) -> Attributes:
+        return {0x1344: self._task(request).rate_hz}
+
+    @attribute_rpc
+    def GetBufferAttributeUInt32(self, request: Any) -> Attributes:
+        return {0x186C: self._task(request).buffer_size}
 
     @rpc
-    def GetTimingAttributeUInt64(self, request: Any) -> Any:
-        task = self.task_of(request)
-        return wire.GetTimingAttributeUInt64Response(
-            value=attribute(request, {0x1310: task.length or task.buffer_size})
-        )
-
-    @rpc
-    def GetTimingAttributeDouble(self, request: Any) -> Any:
-        return wire.GetTimingAttributeDoubleResponse(value=attribute(request, {0x1344: self.task_of(request).rate_hz}))
-
-    @rpc
-    def GetBufferAttributeUInt32(self, request: Any) -> Any:
-        return wire.GetBufferAttributeUInt32Response(
-            value=attribute(request, {0x186C: self.task_of(request).buffer_size})
-        )
-
-    @rpc
-    def SetBufferAttributeUInt32(self, request: Any) -> Any:
-        task = self.task_of(request)
+    def SetBufferAttributeUInt32(self, request: Any) -> None:
+        task = self._task(request)
         attribute(request, {0x186C: None})
         task.buffer_size = request.value
-        return wire.SetBufferAttributeUInt32Response()
+
+    def _task(self, request: Any) -> AcquisitionTask:
+        return self.sessions.find(request.task.name)
+
+    def _known_device(self, request: Any) -> str:
+        self.device.ensure_known(request.device_name)
+        return self.device.name
+
+
+def attribute(request: Any, values: dict[int, Value]) -> Value:
+    """Value of an attribute by NI's number (NIDAQmx.h). Raises DaqmxError for one that is not imitated."""
+    if request.attribute_raw not in values:
+        raise DaqmxError(-200452, f"Specified property is not supported: 0x{request.attribute_raw:04X}.")
+    return values[request.attribute_raw]
+
+
+def _named(task: AcquisitionTask, channels: str) -> list[int]:
+    """Places of these channels in the task, all for an empty name. Raises DaqmxError for one that is not in it."""
+    if not channels:
+        return list(range(len(task.inputs)))
+    places = {channel.name.lower(): number for number, channel in enumerate(task.inputs)}
+    wanted = [name.lower() for name in unflatten_channel_string(channels)]
+    if unknown := [name for name in wanted if name not in places]:
+        raise DaqmxError(-200486, f"Specified channel is not in the task.\n\nChannel Name: {', '.join(unknown)}")
+    return [places[name] for name in wanted]
 
 
 class NiDaqSimulator:
@@ -473,14 +442,9 @@ class NiDaqSimulator:
         clock: DaqClockSettings | None = None,
         seed: int = 0,
     ) -> None:
+        clock = clock or DaqClockSettings()
         self._device = Usb6008(
-            world,
-            name=device,
-            force_channel=force_channel,
-            sync_channel=sync_channel,
-            emg=emg,
-            clock=clock or DaqClockSettings(),
-            seed=seed,
+            world, name=device, force_channel=force_channel, sync_channel=sync_channel, emg=emg, clock=clock, seed=seed
         )
         self._service = _Service(self._device)  # type: ignore[abstract]  # the others answer UNIMPLEMENTED
         # Without SO_REUSEPORT a second server on the port is refused instead of sharing its calls.
@@ -533,7 +497,3 @@ class NiDaqSimulator:
     def stop(self) -> None:
         self._service.sessions.clear_all()
         self._server.stop(grace=None).wait()
-
-
-class _Service(TaskRpcs, ChannelRpcs, DeviceRpcs):
-    """The imitated part of NiDAQmx."""

@@ -74,7 +74,7 @@ FEWEST_PAIRS = 3
 
 
 class StudyOutcome(StrEnum):
-    """What a study gives for a quantity.
+    """Outcome of the analysis of a quantity.
 
     COMPLETE        mean over volunteers with a prediction interval
     ONE_VOLUNTEER   the mean is that of one volunteer: no prediction
@@ -139,12 +139,10 @@ class CuffComparison:
 def analyse(measurements: Sequence[Observation]) -> CuffStudy:
     """Variance components, mean, prediction, reliability and agreement of one quantity of one cuff."""
     measurements = tuple(measurements)
-    repeats = _median_repeats(measurements)
-    try:
-        model = fit_components(
-            observed_values(measurements), study_factors(measurements), known_covariance(measurements)
-        )
-    except TooFewObservations:
+    counts = Counter(one.donning_key for one in measurements)
+    repeats = round(float(np.median(list(counts.values())))) if counts else 1
+    model = _fit(measurements, _study_factors(measurements))
+    if model is None:
         return CuffStudy(StudyOutcome.TOO_FEW, measurements, repeats)
     if model.outcome is not FitOutcome.CONVERGED:
         return CuffStudy(StudyOutcome.NOT_CONVERGED, measurements, repeats)
@@ -170,22 +168,13 @@ def compare(measurements: Sequence[Observation], first: str, second: str) -> Cuf
         return CuffComparison(first, second, len(common), ComparisonOutcome.FEW_COMMON)
     kept = [one for one in measurements if one.volunteer in common and one.cuff in (first, second)]
     is_second = np.array([float(one.cuff == second) for one in kept])
-    fixed = np.column_stack([np.ones(len(kept)), is_second])
-    try:
-        model = fit_components(
-            observed_values(kept), study_factors(kept), known_covariance(kept), fixed, with_intervals=False
-        )
-    except TooFewObservations:
+    model = _fit(kept, _study_factors(kept), np.column_stack([np.ones(len(kept)), is_second]), with_intervals=False)
+    if model is None:
         return CuffComparison(first, second, len(common), ComparisonOutcome.FEW_COMMON)
     if model.outcome is not FitOutcome.CONVERGED:
         return CuffComparison(first, second, len(common), ComparisonOutcome.NOT_CONVERGED)
     difference = estimate_effect(model, np.array([0.0, 1.0]), len(common) - 1)
     return CuffComparison(first, second, len(common), ComparisonOutcome.COMPARED, difference)
-
-
-def _median_repeats(measurements: Sequence[Observation]) -> int:
-    counts = Counter(one.donning_key for one in measurements)
-    return round(float(np.median(list(counts.values())))) if counts else 1
 
 
 def _predict(model: MixedModel, repeats: int) -> FixedEffect:
@@ -257,11 +246,8 @@ def estimate_effect(model: MixedModel, weights: Array, most_dof: float = math.in
     most_dof limits the degrees of freedom: a variance that is estimated as zero is not known to be zero.
     """
     found = _adjust(model)
-    value, error = float(weights @ found.beta), math.sqrt(float(weights @ found.adjusted @ weights))
-    slopes = _slopes(found, weights)
-    dof = min(most_dof, _dof(float(weights @ found.covariance @ weights), slopes, model))
-    reach = quantile(dof) * error
-    return FixedEffect(value, error, dof, (value - reach, value + reach))
+    dof = min(most_dof, _dof(float(weights @ found.covariance @ weights), _slopes(found, weights), model))
+    return _effect(float(weights @ found.beta), float(weights @ found.adjusted @ weights), dof)
 
 
 def predict_observation(model: MixedModel, shares: Array, noise: float, most_dof: float = math.inf) -> FixedEffect:
@@ -274,7 +260,11 @@ def predict_observation(model: MixedModel, shares: Array, noise: float, most_dof
     found, weights = _adjust(model), np.ones(1)
     variance = float(shares @ model.theta) + noise + float(found.adjusted[0, 0])
     dof = min(most_dof, _dof(variance, shares + _slopes(found, weights), model))
-    value, error = float(found.beta[0]), math.sqrt(variance)
+    return _effect(float(found.beta[0]), variance, dof)
+
+
+def _effect(value: float, variance: float, dof: float) -> FixedEffect:
+    error = math.sqrt(variance)
     reach = quantile(dof) * error
     return FixedEffect(value, error, dof, (value - reach, value + reach))
 
@@ -310,7 +300,7 @@ def _dof(variance: float, slopes: Array, model: MixedModel) -> float:
 
 
 class ReliabilityOutcome(StrEnum):
-    """What the design allows to estimate.
+    """Which errors the design can estimate.
 
     COMPLETE        all sources of error vary
     LESS_OPERATOR   one operator: the error between operators is not included
@@ -424,32 +414,42 @@ def agree(pairs: Array) -> Agreement:
 VOLUNTEER, OPERATOR, DONNING, REPEAT, INTERACTION = "volunteer", "operator", "donning", "repeat", "volunteer_by_cuff"
 
 
-def observed_values(measurements: Sequence[Observation]) -> Array:
-    """(n,)"""
-    return np.array([measurement.value for measurement in measurements], dtype=np.float64)
+def _fit(
+    measurements: Sequence[Observation],
+    factors: Sequence[Factor],
+    fixed: Array | None = None,
+    *,
+    with_intervals: bool = True,
+) -> MixedModel | None:
+    """The model with the known errors of the fits, noise of each value and common errors of a session; None where there
+    are too few observations.
+    """
+    values, noise, shared = (
+        np.array([getattr(one, name) for one in measurements], dtype=np.float64)
+        for name in ("value", "noise", "shared")
+    )
+    sessions = Factor("session", [one.session for one in measurements]).incidence()
+    known = np.diag(noise**2) + (sessions @ sessions.T) * np.outer(shared, shared)
+    try:
+        return fit_components(values, factors, known, fixed, with_intervals=with_intervals)
+    except TooFewObservations:
+        return None
 
 
-def known_covariance(measurements: Sequence[Observation]) -> Array:
-    """Covariance (n, n) of the known errors of the fits: noise of each value, and common errors of a session."""
-    noise = np.array([measurement.noise for measurement in measurements])
-    shared = np.array([measurement.shared for measurement in measurements])
-    sessions = Factor("session", [measurement.session for measurement in measurements]).incidence()
-    return np.diag(noise**2) + (sessions @ sessions.T) * np.outer(shared, shared)
-
-
-def study_factors(measurements: Sequence[Observation]) -> list[Factor]:
+def _study_factors(measurements: Sequence[Observation]) -> list[Factor]:
     """Random effects of a study; of those that its design does not separate, the first keeps the estimate.
 
     Donnings are nested in volunteers, repeats in donnings; operators are crossed with volunteers.
     """
-    by_cuff = len({measurement.cuff for measurement in measurements}) > 1
-    labels: dict[str, list[object]] = {VOLUNTEER: [measurement.volunteer for measurement in measurements]}
-    if by_cuff:
-        labels[INTERACTION] = [f"{measurement.volunteer} {measurement.cuff}" for measurement in measurements]
-    labels[DONNING] = [measurement.donning_key for measurement in measurements]
-    labels[REPEAT] = list(range(len(measurements)))
-    labels[OPERATOR] = [measurement.operator for measurement in measurements]
-    return [Factor(name, found) for name, found in labels.items()]
+    pairs = [f"{one.volunteer} {one.cuff}" for one in measurements]
+    has_several = len({one.cuff for one in measurements}) > 1
+    return [
+        Factor(VOLUNTEER, [one.volunteer for one in measurements]),
+        *([Factor(INTERACTION, pairs)] if has_several else []),
+        Factor(DONNING, [one.donning_key for one in measurements]),
+        Factor(REPEAT, range(len(measurements))),
+        Factor(OPERATOR, [one.operator for one in measurements]),
+    ]
 
 
 LEAST_FREEDOM = 3.5  # degrees of freedom below which a spread is not used: 4, less the rounding of their estimate
@@ -495,20 +495,18 @@ def estimate_donning_spread(measurements: Sequence[Observation]) -> DonningSprea
     donned = Counter(
         (volunteer, cuff) for volunteer, cuff, _ in {(m.volunteer, m.cuff, m.donning_key) for m in positive}
     )
-    kept = [_logarithm(one) for one in positive if donned[one.volunteer, one.cuff] > 1]
+    kept = [
+        replace(one, value=math.log(one.value), noise=one.noise / one.value, shared=one.shared / one.value)
+        for one in positive
+        if donned[one.volunteer, one.cuff] > 1
+    ]
     groups = Factor("cuff", [f"{one.volunteer} {one.cuff}" for one in kept])
     donnings = Factor(DONNING, [one.donning_key for one in kept])
     counted = DonningSpreadEstimate(SpreadOutcome.FEW_DONNINGS, donnings.levels, groups.levels)
     if donnings.levels - groups.levels < LEAST_FREEDOM:
         return counted
-    try:
-        model = fit_components(
-            observed_values(kept),
-            [donnings, Factor(REPEAT, range(len(kept)))],
-            known_covariance(kept),
-            groups.incidence(),
-        )
-    except TooFewObservations:
+    model = _fit(kept, [donnings, Factor(REPEAT, range(len(kept)))], groups.incidence())
+    if model is None:
         return counted
     if model.outcome is not FitOutcome.CONVERGED:
         return replace(counted, outcome=SpreadOutcome.NOT_CONVERGED)
@@ -530,7 +528,3 @@ def _estimate(model: MixedModel, counted: DonningSpreadEstimate) -> DonningSprea
         ci95=(low, high),
         freedom=freedom,
     )
-
-
-def _logarithm(one: Observation) -> Observation:
-    return replace(one, value=math.log(one.value), noise=one.noise / one.value, shared=one.shared / one.value)
