@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from typing import Any, Literal
 
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
@@ -96,33 +95,31 @@ SCHEMAS = {
 _FIXED_WIDTH = {"fixed64", "sfixed64", "double", "float"}
 
 
-def register_topics(
-    writer: Writer, schemas: Mapping[str, str] = SCHEMAS, schema_of_topic: Mapping[str, str] = SCHEMA_OF_TOPIC
-) -> dict[str, int]:
+def register_topics(writer: Writer) -> dict[str, int]:
     """Declares every topic with its embedded schema, in file order, so that channel ids are the same in every file.
 
     Returns the channel id of each topic.
     """
     schema_ids = {
         name: writer.register_schema(name=name, encoding="protobuf", data=_embedded(name, fields))
-        for name, fields in schemas.items()
+        for name, fields in SCHEMAS.items()
     }
     return {
         topic: writer.register_channel(topic=topic, message_encoding="protobuf", schema_id=schema_ids[schema])
-        for topic, schema in schema_of_topic.items()
+        for topic, schema in SCHEMA_OF_TOPIC.items()
     }
 
 
-def wire_classes(schemas: Mapping[str, str] = SCHEMAS) -> dict[str, Any]:
+def wire_classes() -> dict[str, Any]:
     """A protobuf class for every schema, with packed numbers of fixed width read and written as bytes.
 
     On the wire a packed field of fixed-width numbers *is* a byte string of little-endian numbers, so a numpy array
     goes in and out untouched: every NaN keeps its bits, and no sample passes through a Python float.
     """
     pool = DescriptorPool()
-    for name, fields in schemas.items():
+    for name, fields in SCHEMAS.items():
         pool.AddSerializedFile(_describe(name, fields, "bytes").SerializeToString())
-    return {name: GetMessageClass(pool.FindMessageTypeByName(name)) for name in schemas}
+    return {name: GetMessageClass(pool.FindMessageTypeByName(name)) for name in SCHEMAS}
 
 
 def _embedded(name: str, declared: str) -> bytes:

@@ -91,13 +91,13 @@ def lag_posterior(measured: Array, shifted: Array, lags: Array, interval: float)
 
 
 def correlation_interval(
-    measured: Array, shifted: Array, weight: Array, place: int, interval: float, seed: int = 0
+    measured: Array, shifted: Array, weight: Array, place: int, interval: float
 ) -> tuple[float, float]:
     """2.5 and 97.5 % quantiles of ρ for measured EMG (n,) and activation at some lags, shifted (k, n).
 
     weight (noises, k) over NOISES; place is that of the reported lag, at which the noise is evaluated.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     centred = shifted - shifted.mean(axis=1, keepdims=True)
     square = (centred**2).sum(axis=1)
     noise, lag = np.unravel_index(random.choice(weight.size, DRAWS, p=weight.ravel()), weight.shape)

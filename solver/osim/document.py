@@ -210,13 +210,6 @@ class Element:
         """Whether one of these boolean properties is false; they are true by default."""
         return not all(self.flag(switch, "true") for switch in switches)
 
-    def require(self, tag: str, expected: str) -> None:
-        """Refuse any value of an option but the one that the solver supports, which is also OpenSim's default."""
-        found = self.find(tag)
-        if found is not None and found.text != expected:
-            complaint = f"has <{tag}> {found.text}; the solver supports only {expected}"
-            raise self.refusal(complaint, SolverCode.UNSUPPORTED)
-
     def values(self, text: str | None = None) -> Array:
         """Numbers in a text, by default the element's own."""
         text = self.text if text is None else text

@@ -273,15 +273,6 @@ def with_markers(model: Model, markers: Sequence[Marker]) -> Model:
     return replace(model, markers=(*(marker for marker in model.markers if marker.name not in names), *markers))
 
 
-def marker_set_document(model: Model, markers: Sequence[Marker]) -> Xml.Element:
-    """The root of a document of OpenSim 4 with these markers of the model."""
-    root = Xml.Element("OpenSimDocument", Version=VERSION)
-    objects = add(add(root, "MarkerSet", "markerset"), "objects")
-    for marker in markers:
-        add_marker(objects, model.bodies, marker)
-    return root
-
-
 def _marker(element: Element, model: Model) -> Marker | None:
     frame = element.word("socket_parent_frame", "") or element.word("body", "")
     if not frame:

@@ -86,15 +86,13 @@ class BodyEstimate:
     steps: int
 
 
-def estimate_body(
-    model: Model, markers: Sequence[Marker], trials: Sequence[Array], priors: BodyPriors | None = None
-) -> BodyEstimate:
+def estimate_body(model: Model, markers: Sequence[Marker], trials: Sequence[Array]) -> BodyEstimate:
     """The most probable body. trials: observed (frames, markers, 3) [m] in ground, NaN where a marker is hidden.
 
-    priors are those of the population by default. Raises ModelError for shapes that do not fit, and for a trial of
+    Raises ModelError for shapes that do not fit, and for a trial of
     which no frame can be solved.
     """
-    priors = priors or population_priors(model, markers)
+    priors = population_priors(model, markers)
     for observed in trials:
         if observed.ndim != 3 or observed.shape[1:] != (len(markers), 3):
             raise ModelError(

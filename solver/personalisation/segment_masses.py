@@ -129,9 +129,7 @@ class TendonChange:
     before: tuple[float, float]
 
 
-def fit_tendons(
-    model: Model, motions: Sequence[Array], fibres: tuple[float, float] = FIBRE_RANGE
-) -> tuple[Model, tuple[TendonChange, ...]]:
+def fit_tendons(model: Model, motions: Sequence[Array]) -> tuple[Model, tuple[TendonChange, ...]]:
     """The model with such tendons. motions: postures (frames, coordinates) of the person's own lifts.
 
     A fibre that goes through more than the whole range is centred in it. A muscle whose path jumps is left as it is,
@@ -143,7 +141,7 @@ def fit_tendons(
     jumps = np.max([found.jump for found in ranges], axis=0) > LARGEST_JUMP
     muscles, changes = [], []
     for muscle, low, high, is_torn in zip(model.muscles, shortest, longest, jumps, strict=True):
-        wanted = 0.0 if is_torn else _slack_change(muscle, (float(low), float(high)), fibres)
+        wanted = 0.0 if is_torn else _slack_change(muscle, float(low), float(high))
         change = max(wanted, -muscle.tendon_slack_length)
         if change:
             muscles.append(replace(muscle, tendon_slack_length=muscle.tendon_slack_length + change))
@@ -153,9 +151,9 @@ def fit_tendons(
     return replace(model, muscles=tuple(muscles)), tuple(changes)
 
 
-def _slack_change(muscle: Muscle, found: tuple[float, float], wanted: tuple[float, float]) -> float:
-    """That brings a fibre which goes from low to high into the wanted range [m]; 0 where it is in it."""
-    (low, high), (lowest, highest) = found, wanted
+def _slack_change(muscle: Muscle, low: float, high: float) -> float:
+    """Change of the slack length [m] that moves a fibre's range, low to high, into FIBRE_RANGE; 0 if it is there."""
+    lowest, highest = FIBRE_RANGE
     if low >= lowest and high <= highest:
         return 0.0
     if high - low > highest - lowest:

@@ -74,13 +74,11 @@ class ConicSolution:
     """Unknowns (problems, n), NaN where infeasible, with an outcome for each problem.
 
     violation   (problems,) largest one of an equality, a bound or the cone where the solver stopped, in the rows' units
-    optimality  (problems,) larger of the stationarity residual and the duality gap over max(1, objective)
     """
 
     x: Array
     outcomes: tuple[ConicOutcome, ...]
     violation: Array
-    optimality: Array
 
 
 def solve_conic(problem: ConicProblem) -> ConicSolution:
@@ -219,22 +217,22 @@ def _solve_each(problem: ConicProblem) -> ConicSolution:
     )
     solver = _clarabel_solver(problem, matrix, int(above.sum() + below.sum()))
     x = np.empty(problem.lower.shape)
-    violation, optimality = np.empty((2, len(x)))
+    violation = np.empty(len(x))
     outcomes: list[ConicOutcome] = []
     for i, target in enumerate(targets):
         solver.update(b=np.append(target, np.tile([1.0, -1.0, 0.0, 0.0, 0.0, 0.0], problem.cubed)))
         answer = solver.solve()
         primal, dual = np.array(answer.x)[: problem.weights.size], np.array(answer.z)[: len(target)]
         violation[i] = _violation(problem, i, primal)
-        optimality[i] = _optimality(problem, matrix, target, primal, dual)
-        if violation[i] <= VIOLATION_LIMIT and optimality[i] <= OPTIMALITY_LIMIT:
+        optimality = _optimality(problem, matrix, target, primal, dual)
+        if violation[i] <= VIOLATION_LIMIT and optimality <= OPTIMALITY_LIMIT:
             outcomes.append(ConicOutcome.SOLVED)
         else:
             outcomes.append(
                 ConicOutcome.INFEASIBLE if _is_certificate(matrix, target, dual) else ConicOutcome.NOT_CONVERGED
             )
         x[i] = primal
-    return ConicSolution(x=x, outcomes=tuple(outcomes), violation=violation, optimality=optimality)
+    return ConicSolution(x=x, outcomes=tuple(outcomes), violation=violation)
 
 
 def _ensure_shapes(problem: ConicProblem) -> None:
@@ -323,6 +321,7 @@ def _violation(problem: ConicProblem, i: int, x: Array) -> float:
 
 
 def _optimality(problem: ConicProblem, matrix: Array, target: Array, x: Array, dual: Array) -> float:
+    """Larger of the stationarity residual and the duality gap, over max(1, objective)."""
     slopes, cubed = problem.effort.gradient(x), problem.cubed
     errors = slopes + matrix.T @ dual
     errors[:cubed] = np.minimum(errors[:cubed], x[:cubed])  # the cones of a cube also hold x ≥ 0

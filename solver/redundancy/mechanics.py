@@ -129,12 +129,12 @@ def is_shoulder(model: Model, joint_name: str = JOINT) -> bool:
     return not names.isdisjoint((CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))
 
 
-def with_rim(model: Model, tangent: float, joint_name: str = JOINT) -> Model:
+def with_rim(model: Model, tangent: float) -> Model:
     """The model with its edge marker moved along the edge's direction, so that tan θ of the cone is this tangent.
 
     Raises ModelError as glenoid_cone does.
     """
-    cone, center = glenoid_cone(model, joint_name=joint_name), model.marker(CENTER_MARKER)
+    cone, center = glenoid_cone(model), model.marker(CENTER_MARKER)
     edge = center.location + cone.distance * tangent * cone.edge
     markers = (replace(marker, location=edge) if marker.name == EDGE_MARKER else marker for marker in model.markers)
     return replace(model, markers=tuple(markers))

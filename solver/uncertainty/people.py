@@ -6,7 +6,7 @@ matrices of the redundancy problem; those who differ in body, muscles or motion 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import islice
@@ -75,9 +75,7 @@ class PeopleCase:
         return MotionDraws(self.motion.model, self.motion.kinematics, self.drawn)
 
 
-def solve_people(
-    case: PeopleCase, scores: Array, progress: Callable[[int, int], None] = lambda *_: None, workers: int | None = None
-) -> dict[Place, CurveReadouts]:
+def solve_people(case: PeopleCase, scores: Array, workers: int | None = None) -> dict[Place, CurveReadouts]:
     """Readouts of every condition of every person (people,), NaN where a person cannot be solved, with the outcome.
 
     scores (people, scores) are standard normal, in the order of case.factors; zeros are the assessed person with the
@@ -88,12 +86,9 @@ def solve_people(
     for person, row in enumerate(scores[:, shared]):
         groups.setdefault(row.tobytes(), []).append(person)
     found: dict[int, dict[Place, CurveReadouts] | SolverCode] = {}
-    done = 0
     for people in groups.values():
         for person, readouts in zip(people, _solve_alike(case, scores[people], workers), strict=True):
             found[person] = readouts
-        done += len(people)
-        progress(done, len(scores))
     template = next((readouts for readouts in found.values() if isinstance(readouts, dict)), None)
     if template is None:
         raise SolverError(

@@ -96,12 +96,12 @@ def varied_cuff(cuff: CuffParameters, fit: FitSpread, donning: DonningSpread, sc
     return replace(drawn, stiffness=max(drawn.stiffness, LEAST_STIFFNESS * cuff.stiffness))
 
 
-def drawn_cuffs(cuffs: Sequence[CuffParameters], count: int, seed: int = 1) -> list[list[CuffParameters]]:
+def drawn_cuffs(cuffs: Sequence[CuffParameters], count: int) -> list[list[CuffParameters]]:
     """These cuffs, drawn together from the uncertainty of their fits; empty where none of them has one."""
     factors = [RandomFactor(f"fit.{cuff.name}", "fit", len(cuff.UNITS)) for cuff in cuffs if cuff.covariance.any()]
     if not factors or not count:
         return []
-    sample = normal_scores(unit_sample(factors, count, "latin_hypercube", seed))
+    sample = normal_scores(unit_sample(factors, count, "latin_hypercube", 1))
     drawn = [scores_by_factor(factors, row) for row in sample]
     return [[varied_cuff(cuff, FitSpread(), NO_DONNING, scores) for cuff in cuffs] for scores in drawn]
 

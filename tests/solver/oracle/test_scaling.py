@@ -20,7 +20,7 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.model import AnyPathPoint, AxisMotion, Marker, Model, MovingPathPoint, ScapulothoracicMotion
 from solver.osim.model_reader import read_osim
-from solver.osim.model_writer import marker_set_document, osim_document, read_marker_set
+from solver.osim.model_writer import osim_document, read_marker_set
 from solver.osim.tool_setups import (
     CoordinateTask,
     IkSetup,
@@ -260,12 +260,25 @@ def test_opensim_scales_by_our_set_up_as_we_do(files: Path) -> None:
     assert humerus == pytest.approx([ours.marker("EpL").location[1]], abs=1e-9)
 
 
-def test_opensim_takes_over_our_marker_set_and_reads_it_as_we_do(files: Path) -> None:
+MARKER_SET = """<OpenSimDocument Version="40000"><MarkerSet name="markerset"><objects>
+    <Marker name="ACv">
+        <socket_parent_frame>/bodyset/scapula</socket_parent_frame>
+        <location>-0.02 0.01 0.003</location><fixed>true</fixed>
+    </Marker>
+    <Marker name="c7">
+        <socket_parent_frame>/bodyset/thorax</socket_parent_frame>
+        <location>-0.1 0.03 0</location><fixed>false</fixed>
+    </Marker>
+</objects></MarkerSet></OpenSimDocument>"""
+
+
+def test_opensim_reads_a_marker_set_as_we_do(files: Path) -> None:
     added = (
         Marker("ACv", MODEL.body_index("scapula"), np.array([-0.02, 0.01, 0.003]), is_fixed=True),
         Marker("c7", MODEL.body_index("thorax"), np.array([-0.1, 0.03, 0.0])),
     )
-    path = write(files / "markers.xml", marker_set_document(MODEL, added))
+    path = files / "markers.xml"
+    path.write_text(MARKER_SET, encoding="utf-8")
     model = opensim.Model(str(files / "generic.osim"))
     model.updateMarkerSet(opensim.MarkerSet(str(path)))
     model.initSystem()
