@@ -196,7 +196,7 @@ class TrackCollector:
 
 
 def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -> Recording:
-    """Open a recording, whole or cut, in one pass over the file; what is missing is in the result.
+    """Open a recording, whole or cut, in one pass over the file; the result lists missing data.
 
     take receives every message. Raises RecordingError for a file that cannot be read, is empty, or is not a recording.
     """
@@ -243,7 +243,7 @@ class Survey:
 
     @property
     def damaged(self) -> tuple[str, ...]:
-        """The same without what a cut explains."""
+        """The same without losses that a cut explains."""
         return (*(str(damage) for damage in self.damage if not damage.is_cut), *self._lost)
 
     @property

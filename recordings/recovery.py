@@ -1,4 +1,4 @@
-"""Recover what a killed writer or a failing disk left into a whole file; the original stays unchanged."""
+"""Recover the remains of a killed writer or a failing disk into a whole file; the original stays unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of what is given in Python: values of options, and arrays of frozen dataclasses."""
+"""Checks of arguments in Python: values of options, and arrays of frozen dataclasses."""
 
 from __future__ import annotations
 

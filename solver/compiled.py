@@ -239,7 +239,7 @@ def _digest(function: Any) -> str:
 
 
 def _parts(function: Any, seen: set[object]) -> Iterator[object]:
-    """What the machine code depends on: the function, the constants it names, the compiled functions it calls
+    """Dependencies of the machine code: the function, the constants it names, the compiled functions it calls
     and their options.
     """
     seen.add(function)
@@ -260,7 +260,7 @@ def _parts(function: Any, seen: set[object]) -> Iterator[object]:
 
 FOLDER = Path(__file__).parent / "kernels"
 X86_64_V3 = frozenset({"avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"})
-"""What x86-64-v3 has beyond x86-64-v2, in LLVM's names: System V ABI of x86-64, table 3.1."""
+"""Features of x86-64-v3 beyond x86-64-v2, in LLVM's names: System V ABI of x86-64, table 3.1."""
 TARGETS = {"x86_64": ("x86-64-v3", X86_64_V3), "aarch64": ("generic", frozenset()), "arm64": ("generic", frozenset())}
 """Architecture → LLVM's name of the processor that a wheel is compiled for, and the features that it needs."""
 

@@ -43,7 +43,7 @@ class Bone:
 
 
 def skeleton(model: Model) -> tuple[Bone, ...]:
-    """Bones of all bodies: what the joints, constraints, muscle attachments and surfaces of the model show of them."""
+    """Bones of all bodies, drawn between the joints, constraints, muscle attachments and surfaces of the model."""
     cage = _thorax(model)
     bones = list(_rings(cage)) if cage is not None else []
     for body in range(1, len(model.bodies)):

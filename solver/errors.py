@@ -1,4 +1,4 @@
-"""The root of what the solver raises, and the codes of what it finds.
+"""The root of the solver's exceptions, and the codes of its findings.
 
 SolverError
 ├── ModelError        a model, or an option for it, that cannot be solved
@@ -108,7 +108,7 @@ def describe_codes(findings: Iterable[Message[Code]]) -> str:
 
 
 class CoverageCode(Code):
-    """What a marker set does not determine."""
+    """Degrees of freedom that a marker set does not determine."""
 
     THORAX_NOT_DETERMINED = (
         "thorax_not_determined",

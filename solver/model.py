@@ -335,7 +335,7 @@ class Model:
 
     @property
     def actuated_names(self) -> tuple[str, ...]:
-        """What each actuator is named by in weights and figures: its coordinate, or itself if it acts on bodies."""
+        """Names of the actuators in weights and figures: of the coordinate, or of the actuator if it acts on bodies."""
         return tuple(
             self.coordinates[actuator.coordinate].name if isinstance(actuator, CoordinateActuator) else actuator.name
             for actuator in self.actuators

@@ -78,7 +78,7 @@ class Kinematics(EqualByFields):
     cutoff        of the low-pass filter [Hz], None where none was used
     derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
     steps, missing, largest_degrees, row_counts, repeated_rows, unused  of the recorded motion, as in Motion
-    findings      of cuffstation.load_motion: what is unusual in the motion
+    findings      of cuffstation.load_motion: unusual properties of the motion
     units         name of a coordinate → rad or m, in the order of positions; of cuffstation.load_motion, else empty
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an

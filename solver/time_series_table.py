@@ -25,7 +25,7 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class TableHeader:
-    """What the lines above a table state.
+    """Header lines of a table.
 
     in_degrees  whether angles are in degrees
     rows        number of rows, nRows or SIMM's datarows; None where it is not stated

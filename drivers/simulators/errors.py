@@ -25,7 +25,7 @@ class SimulatorCode(StrEnum):
 
 
 class SimulatorError(DeviceError, ValueError):
-    """One sentence: what the simulated bench was asked for and what it expects."""
+    """One sentence: the request to the simulated bench and the expected one."""
 
     def __init__(self, sentence: str, code: SimulatorCode) -> None:
         super().__init__(sentence, code)

@@ -249,7 +249,7 @@ class Trajectory:
         self._first = max(self._first, self._end - len(self._ring))
 
     def at(self, t: Floats) -> Floats:
-        """(n, 3) at the times t (n,) [s], linear between steps; outside what is kept, its first or last row."""
+        """(n, 3) at the times t (n,) [s], linear between steps; outside the rows that are kept, the first or last."""
         place = np.clip(t / STEP_S, self._first, self._end - 1)
         step = np.floor(place).astype(np.int64)
         before = self._ring[step % len(self._ring)]

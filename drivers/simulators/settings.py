@@ -215,7 +215,7 @@ class EmgWire(_Section):
 
 
 class Wiring(_Section):
-    """The DAQ by name, and what is wired to its inputs; emg by the names of its channels."""
+    """The DAQ by name, and the signals wired to its inputs; emg by the names of its channels."""
 
     device: str = "Dev1"
     force_channel: str = "ai0"

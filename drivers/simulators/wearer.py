@@ -89,7 +89,7 @@ class Person:
         return self._shoulder.coordinate_names
 
     def set_up(self, test: str, worn: Worn | None, now: float) -> None:
-        """What the next capture plays, and what is worn from now on; the test may be one of something else."""
+        """Set the test of the next capture, of the wearer or not, and the cuff that is worn from now on."""
         settings = self._settings
         raises = realised_raises(settings.raises, self._rng) if test == "motion" else no_raises(settings.pose_s)
         self._trials.append(_Trial(test in BODY_TESTS, worn, now, math.inf, raises))

@@ -1,4 +1,4 @@
-"""Cuffs from what a user has in Python: fits, cuffs, mappings, rows of a table, or a cuffs.json."""
+"""Cuffs from objects in Python: fits, cuffs, mappings, rows of a table, or a cuffs.json."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def emg_change(reference: Sequence[Sequence[float]], condition: Sequence[Sequenc
 
 
 def _log_levels(trials: Sequence[Sequence[float]]) -> tuple[NDArray[np.float64], RepeatUnit]:
-    """Logarithms (repeats,) of the levels, and what the repeats are."""
+    """Logarithms (repeats,) of the levels, and the kind of the repeats."""
     logs = [np.log(np.asarray(cycles, dtype=np.float64)) for cycles in trials]
     if len(logs) == 1 and len(logs[0]) > 1:
         return logs[0], RepeatUnit.CYCLE

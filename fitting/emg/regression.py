@@ -2,9 +2,9 @@
 
     e(t) = α + β a(t − τ) + ε(t),   Cov ε = σ² V,   V = (1 − λ) G R G + λ D²
 
-R is the correlation exp(−|t − t'| / ℓ) of what model and muscle disagree about, G² = (1 − κ) + κ D² its size, of which
-the part κ is proportional to the level. D is the level, with a mean square of 1: the envelope of a random signal varies
-about its mean by white noise that is proportional to its level.
+R is the correlation exp(−|t − t'| / ℓ) of the model error, G² = (1 − κ) + κ D² its size, of which the part κ is
+proportional to the level. D is the level, with a mean square of 1: the envelope of a random signal varies about its
+mean by white noise that is proportional to its level.
 
 α, β and τ are estimated by least squares, whose weights do not depend on the noise. Generalised least squares is more
 precise if the noise is as modelled; in measured EMG it is not, and then a small noise near rest or at high frequencies

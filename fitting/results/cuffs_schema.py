@@ -65,7 +65,7 @@ class _CodeEntry(_Entry):
 
 
 class NoteEntry(_CodeEntry):
-    """What a reader should know of a donning."""
+    """Remark on a donning."""
 
     code: Annotated[NoteCode, Field(strict=False)]
 
@@ -82,7 +82,7 @@ class NoteEntry(_CodeEntry):
 
 
 class TrialNoteEntry(_CodeEntry):
-    """What a reader should know of a trial."""
+    """Remark on a trial."""
 
     code: Annotated[TrialNoteCode, Field(strict=False)]
 
@@ -356,7 +356,7 @@ class RecordingEntry(_Entry):
 
 
 class CuffsDocument(_Entry):
-    """cuffs.json: the cuffs of a session, with what they were fitted from."""
+    """cuffs.json: the cuffs of a session, with the origins of their data."""
 
     format: Literal[1]
     origin: Origin = DataOrigin.UNKNOWN

@@ -10,7 +10,7 @@ from fitting.results.codes import EXPLAINED_BY, CauseCode, FindingCode, FitError
 from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
 
 Note = Message[NoteCode | TrialNoteCode | RejectionCode | TensorCode | FitErrorCode]
-"""What a reader should know of figures, or why there are none."""
+"""Remarks on figures, or the reason for missing ones."""
 NAMES: Mapping[StrEnum, str] = {
     CauseCode.TARE: "tare with the weight on",
     CauseCode.ZERO_DRIFT: "zero drift of the load cell",

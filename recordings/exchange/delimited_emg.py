@@ -158,7 +158,7 @@ def _listed(rates: set[float]) -> str:
 
 
 def _fields(line: str, separator: str) -> list[str]:
-    """The fields of a line, without what is empty at its end; titles may be quoted and hold the separator."""
+    """The fields of a line, without empty ones at its end; titles may be quoted and hold the separator."""
     fields = [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
     while fields and not fields[-1]:
         fields.pop()

@@ -42,7 +42,7 @@ class BidsSignals:
 
 @dataclass(frozen=True)
 class BidsTrial:
-    """What one trial is called, and what was measured in it.
+    """Name of one trial, and the signals measured in it.
 
     markers   in the mocap frame; its times count from the sync edge [s]
     force     (n,) N sampled every 1/force_rate s from force_start [s] after the edge on, NaN where samples are lost

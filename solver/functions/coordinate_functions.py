@@ -166,7 +166,7 @@ def _pieces(breaks: ArrayLike, origins: ArrayLike, coefficients: Array) -> Piece
 
 
 class ExpressionError(ModelError):
-    """The rest of a sentence about a property of a model: what its expression has that the parser does not support."""
+    """End of a sentence about a property of a model: the part of its expression that the parser does not support."""
 
 
 @dataclass(frozen=True)

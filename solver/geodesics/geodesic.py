@@ -43,7 +43,7 @@ from solver.wrapping.path_tables import ELLIPSOID, NOT_CONVERGED, SPHERE, Codes,
 
 ORDER, JACOBI_ORDER = 30, 12
 MOST_STEPS = 1000
-EXACT = 1e-16  # accuracy: what the truncated terms may add to a step, in semi-axes
+EXACT = 1e-16  # largest contribution of the truncated terms to a step, in semi-axes
 ROW_G, ROW_P, ROW_J, ROWS = 3, 4, 5, 7  # rows of the series: x in three, g, p, and j in two
 
 JacobiScalars = tuple[float, float, float, float]

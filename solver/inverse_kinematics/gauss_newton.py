@@ -46,7 +46,7 @@ from solver.multibody.body_tables import Indices
 Array = NDArray[np.float64]
 
 SOLVED, NOT_CONVERGED, GAP_OPEN, NO_MARKERS = 0, 1, 2, 3
-TOLERANCE = 1e-9  # rad or m; of what a step leaves: it shrinks again as it has shrunk from the one before
+TOLERANCE = 1e-9  # rad or m; of the error after a step: it shrinks again as it has shrunk from the one before
 STALE_ABOVE = 0.03  # of a step's shrinking; above it the curvature is recomputed
 GAP_TOLERANCE = 1e-10  # m or rad
 NEWTON_BELOW = 0.03  # rad or m; from farther away Newton heads for saddles

@@ -54,7 +54,7 @@ class CoordinatePull(NamedTuple):
 
 
 class Targets(NamedTuple):
-    """What the postures of a frame should come close to.
+    """Targets of the postures of a frame.
 
     seen   (markers, 3) x;  share (markers,) w_m over their sum, 0 for a marker that is hidden
     value  (coordinates,) v_k;  pull of the coordinates to it
@@ -80,7 +80,7 @@ class ConstraintTable(NamedTuple):
 
 
 class LeastSquares(NamedTuple):
-    """What `linearise` fills.
+    """Results of `linearise`.
 
     points       (markers, 3) in ground [m]
     hessian      (coordinates, coordinates): Gauss–Newton's part, Σ w JᵀJ + Σ w_k c cᵀ, c = ∂(q_k − s_k q_l)/∂q

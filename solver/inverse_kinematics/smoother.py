@@ -290,7 +290,7 @@ MOST_SEARCHES = 4  # for markers to leave out; leaving one out shows others
 
 
 class SmootherOutcome(StrEnum):
-    """What became of the trial."""
+    """Outcome of the smoothing of a trial."""
 
     SOLVED = "solved"
     NOT_CONVERGED = "not_converged"  # or no frame has a posture
@@ -321,7 +321,7 @@ class SmoothedMotion:
         return self.prior.standard_deviations
 
     def kinematics(self, time: Array) -> Kinematics:
-        """What the muscles take, at evenly spaced time (frames,) [s]."""
+        """Kinematics for the muscles, at evenly spaced time (frames,) [s]."""
         interval = float(time[-1] - time[0]) / (len(time) - 1)
         return Kinematics(time, interval, self.positions, self.speeds, self.accelerations, None)
 
@@ -405,7 +405,7 @@ def _far(model: Model, observed: Array, tasks: TrackingTasks, coordinates: Array
 
 
 def _median(values: Array) -> Array:
-    """Over the frames; 0 for what is never seen."""
+    """Over the frames; 0 for a marker that is never seen."""
     return np.asarray(np.nanmedian(np.where(np.isfinite(values).any(axis=0), values, 0.0), axis=0))
 
 

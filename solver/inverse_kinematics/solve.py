@@ -65,7 +65,7 @@ TURN, ROUND_OFF = 2.0 * pi, 1e-12
 
 
 class PostureOutcome(StrEnum):
-    """What became of a frame."""
+    """Outcome of a frame."""
 
     SOLVED = "solved"
     NOT_CONVERGED = "not_converged"

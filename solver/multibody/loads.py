@@ -67,7 +67,7 @@ def load_wrenches(loads: Sequence[ExternalForce], state: Postures) -> Array:
 
 
 class ForceElement(Protocol):
-    """A force element of a model: what Model.forces holds."""
+    """A force element of a model, as in Model.forces."""
 
     @property
     def name(self) -> str: ...
@@ -78,7 +78,7 @@ class ForceElement(Protocol):
 
 
 class LoadingActuator(Protocol):
-    """An actuator of a model that acts on bodies: what Model.actuators holds besides CoordinateActuator."""
+    """An actuator of a model that acts on bodies, in Model.actuators beside CoordinateActuator."""
 
     def full_loads(self, model: Model, state: Postures) -> Loads:
         """The loads in a batch of postures, at a control of 1."""

@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ForceContext:
-    """What a force refers to: frames, wrap surfaces, and the elements of the contact geometry."""
+    """Objects that a force refers to: frames, wrap surfaces, and the elements of the contact geometry."""
 
     names: Names
     surfaces: Sequence[WrapSurface]

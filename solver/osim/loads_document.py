@@ -34,7 +34,7 @@ LEAST_RECORDED = 20
 
 @dataclass(frozen=True)
 class LoadsDocument:
-    """What an ExternalLoads file says beside its forces, for findings.
+    """Contents of an ExternalLoads file beside its forces, for findings.
 
     on_ground      names of the loads that act on the ground, which do not move the model
     moved, unused  as Element.moved_files and Element.unused

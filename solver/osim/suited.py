@@ -210,7 +210,7 @@ def _cuff(element: Element, name: str) -> tuple[SuitPoint, SuitMass]:
 
 
 def _unused(cuffs: Mapping[str, tuple[SuitPoint, SuitMass]]) -> tuple[SuitPoint, SuitMass]:
-    """What a suit with a straight cord has for its shoulder: the point of its first end, and no mass."""
+    """Shoulder of a suit with a straight cord: the point of its first end, and no mass."""
     point, _ = cuffs[CUFF_NAMES[0]]
     return point, SuitMass(point.body, 0.0, point.location, np.zeros(3))
 
@@ -227,7 +227,7 @@ def _require_no_bend(cord: Element, worn: tuple[str, ...]) -> None:
 
 
 def _names_of_parts(cord: Element, worn: tuple[str, ...]) -> dict[str, str]:
-    """Waist, shoulder or arm → what it is called; the cord's points carry these names."""
+    """Waist, shoulder or arm → its name; the cord's points carry these names."""
     points = cord.child("GeometryPath").objects("PathPointSet")
     parts = (name.removesuffix("_cuff") for name in worn)
     return {part: point.name.removeprefix(f"{CORD}_") or part for part, point in zip(parts, points, strict=True)}

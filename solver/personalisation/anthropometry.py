@@ -1,4 +1,4 @@
-"""What is known of a body before its markers are seen: sizes, marker errors, posture of the shoulder girdle.
+"""Priors of a body before its markers are seen: sizes, marker errors, posture of the shoulder girdle.
 
 Sizes: covariance of the logarithms of body dimensions in ANSUR II (Gordon et al. 2014, Anthropometric Survey of U.S.
 Army Personnel, NATICK/TR-15/007; public data), 4,082 men and 1,986 women, both sexes with equal weight (computed by

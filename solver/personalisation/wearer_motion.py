@@ -67,11 +67,11 @@ ALIKE = np.radians(100.0)
 RESOLVED = np.radians(25.0)
 """Of Φ. Angles of a hanging arm change fast with its elevation, even where an error of orientation does not."""
 SKIN_NOISE, POSTURE_NOISE = 0.0025, np.radians(1.5)
-"""m along each axis, and rad; standard deviation of what does not follow the posture."""
+"""m along each axis, and rad; standard deviation of the error that does not follow the posture."""
 LEAST_MODE = 1e-3  # of the largest one of Φ
 GAP_SD = 1e-3  # m or rad; a basis of few modes does not close a joint exactly
 LOOSE, FIXED = 1.0, 1e-6
-"""rad or m; standard deviation of what only markers determine, and of what no marker moves."""
+"""rad or m; standard deviation of coordinates that only markers determine, and of those that no marker moves."""
 MOST_STEPS, SETTLED = 12, 0.05
 """Of the mode; the longest step, in standard deviations, at which it is found."""
 CLOSINGS = 3
@@ -163,7 +163,7 @@ def smooth_wearer(
 ) -> WearerMotion:
     """The posterior of a motion with the coordinates wanted (frames, coordinates), which are a part of one trial.
 
-    generic and markers are what the body was estimated from; trials its observed (frames, markers, 3) [m] and their
+    generic and markers are those of the estimate; trials its observed (frames, markers, 3) [m] and their
     postures within the ranges of the joints (within_ranges).
     """
     body = _Body(generic, tuple(markers), estimate)

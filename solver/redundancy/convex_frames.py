@@ -116,7 +116,7 @@ class ReducedFrame:
 
 @dataclass(frozen=True, eq=False)
 class ClarabelFrame:
-    """A frame for Clarabel: the reference, and what the compiled solver cannot reduce."""
+    """A frame for Clarabel: the reference, and problems that the compiled solver cannot reduce."""
 
     problem: RedundancyProblem
     multipliers: Array

@@ -189,7 +189,7 @@ class _ElasticFrames:
         return force, gain
 
     def _keep(self, point: ForcePoint, multipliers: Array) -> None:
-        """What the next frame starts from."""
+        """Store the start of the next frame."""
         self._history.keep(self._settled)
         self._guess, self._gain, self._curvature = point.activations, point.gain, point.curvature
         self._multipliers = multipliers

@@ -1,6 +1,6 @@
 """The glenoid cone: directions of the joint reaction for which the humeral head stays in the socket.
 
-A model in a motion: what the redundancy problem is built from.
+A model in a motion: the inputs of the redundancy problem.
 
 Accelerations and joint reaction respond to activations and controls by affine maps. With x = (activations of the
 muscles, controls of the actuators), q̈ = q̈₀ + A x and F = F₀ + A_F x. The response to a muscle is that to its path's

@@ -74,7 +74,7 @@ def solve_motion(
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """What solve_motion is called with."""
+    """Arguments of solve_motion."""
 
     model: Model
     kinematics: Kinematics

@@ -44,7 +44,7 @@ SLACK = float("inf")
 class FrameMuscles:
     """Solves frames in the order of time; each starts from the activations of the frame before.
 
-    scenarios  name → what is worn, None for the body without the suit;  notices  what the model cannot give
+    scenarios  name → suit that is worn, None for the body without;  notices  results that the model cannot give
     """
 
     def __init__(
@@ -215,7 +215,7 @@ def _ensure_solvable(model: Model, options: RedundancyOptions) -> None:
 
 
 def _possible_options(model: Model, options: RedundancyOptions) -> tuple[RedundancyOptions, frozenset[StreamNotice]]:
-    """Without what the model lacks: the reaction of another joint, and no cone."""
+    """Options that the model can meet: the reaction of another joint, and no cone."""
     notices: set[StreamNotice] = set()
     if options.joint not in [joint.name for joint in model.joints]:
         notices.add(StreamNotice.NO_GLENOHUMERAL_JOINT)

@@ -183,7 +183,7 @@ USUAL_INTERVAL = 0.01
 
 @dataclass(frozen=True, eq=False)
 class SmoothedState:
-    """state (3, coordinates) q, q̇, q̈, and their standard deviations, infinite for what is not determined."""
+    """state (3, coordinates) q, q̇, q̈, and their standard deviations, infinite if not determined."""
 
     state: Array
     standard_deviations: Array

@@ -51,9 +51,9 @@ _SOFT_TISSUE_RATES = np.array([[(2 * np.pi * SOFT_TISSUE_HZ) ** k / np.sqrt(2 * 
 class StreamSolver:
     """Solves markers frame by frame; see the module's docstring.
 
-    model      with or without a glenoid; notices says what it lacks
+    model      with or without a glenoid; notices lists missing parts
     tasks      markers and weights that the posture tracks, as for solve_inverse_kinematics
-    scenarios  name → what is worn; None is the body without the suit
+    scenarios  name → suit that is worn; None is the body without the suit
     suit       cord and masses of all scenarios
     lag_s      how far behind the markers results are [s], 0 to 0.5
     soft_tissue_m  standard deviation along each axis [m] of a marker's place on its body, one for all or (markers,); 0
@@ -88,7 +88,7 @@ class StreamSolver:
 
     @property
     def notices(self) -> frozenset[StreamNotice]:
-        """What the model cannot give, for the whole stream."""
+        """Results that the model cannot give, for the whole stream."""
         return self._muscles.notices
 
     @property
@@ -120,7 +120,7 @@ class StreamSolver:
         return ready
 
     def finish(self, *, solve_muscles: bool = True) -> list[StreamFrame]:
-        """The frames whose lag has not elapsed, from what is known."""
+        """The frames whose lag has not elapsed, from the frames so far."""
         return [self._give_out(solve_muscles=solve_muscles) for _ in range(len(self._pending))]
 
     def _track(self, time: float, observed: Array) -> _Pending:

@@ -356,7 +356,7 @@ class CordCheck:
     """Measured and predicted tension (frames,) [N] at time (frames,) [s].
 
     offset       measured less predicted, mean over the frames [N]: the load cell's zero is part of it
-    rms          of what differs besides the offset [N]
+    rms          of the difference less the offset [N]
     correlation  of the two, NaN where one of them is constant
     """
 

@@ -1,4 +1,4 @@
-"""A model with a suit in a motion: what all scenarios share, and the muscle effort of each.
+"""A model with a suit in a motion: the mechanics that all scenarios share, and the muscle effort of a scenario.
 
 Geometry and response maps are computed once; a scenario (condition, cuffs, rest length) only changes the loads on the
 bodies. Cuffs are evaluated in all frames of the motion, also where muscles are solved in every N-th only.
@@ -111,7 +111,7 @@ class SuitedMotion:
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names of what mean_activation is of: muscles, then the suit's groups of them."""
+        """Names for the entries of mean_activation: muscles, then the suit's groups of them."""
         return (*self.model.muscle_names, *self.suit.groups)
 
     def mean_activation(self, activations: Array) -> Array:

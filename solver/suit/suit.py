@@ -72,7 +72,7 @@ class Suit:
     rate                 how rates of cuffs and cord are taken: "backward" (as published) or "central" difference
     groups               name of a group of muscles → its muscles
     is_straight          the cord has no guide: shoulder is not used
-    names                waist, shoulder and arm → what these places are called in messages and in the report
+    names                waist, shoulder and arm → names of these places in messages and in the report
     """
 
     waist: SuitPoint

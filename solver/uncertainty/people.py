@@ -48,7 +48,7 @@ UNBOUNDED = (-np.inf, np.inf)
 
 @dataclass(frozen=True, eq=False)
 class PeopleCase:
-    """What the drawn people have in common.
+    """Common inputs of the drawn people.
 
     motion  the assessed one;  drawn: bodies and motions of the posterior of a wearer, if any
     every   muscles are solved in every N-th frame
@@ -106,7 +106,7 @@ def solve_people(case: PeopleCase, scores: Array, workers: int | None = None) ->
 def _solve_alike(
     case: PeopleCase, scores: Array, workers: int | None
 ) -> Iterator[dict[Place, CurveReadouts] | SolverCode]:
-    """People with the same body, muscles and motion, who may differ in cuffs and cord; the code of what refuses one."""
+    """People with the same body, muscles and motion, who may differ in cuffs and cord; or the code of a refusal."""
     people = [scores_by_factor(case.factors, row) for row in scores]
     try:
         suited = _prepare(case, people[0])

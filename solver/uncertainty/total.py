@@ -29,7 +29,7 @@ COMPARED = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
 
 @dataclass(frozen=True, eq=False)
 class DrawnPeople:
-    """What is known of the people beyond the summary in the assessment.
+    """Results of the drawn people beyond the summary in the assessment.
 
     readouts    of each curve: of the fitted cuffs on the assessed person, then of the people
     seed        of the sample;  index_blocks: blocks of the sample for Sobol indices

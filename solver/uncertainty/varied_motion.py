@@ -34,7 +34,7 @@ class DrawnMotion:
 
 @dataclass(frozen=True, eq=False)
 class MotionDraws:
-    """What the drawn motions of a model have in common.
+    """Common inputs of the drawn motions of a model.
 
     assessed   the assessed motion;  drawn: those of the posterior of a wearer, if any
     """
