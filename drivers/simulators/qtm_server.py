@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import asyncio
 import re
-import selectors
 import socket
+import socketserver
 import struct
 import sys
 import threading
@@ -32,21 +32,19 @@ from drivers.simulators.marker_frames import COMPONENTS, Camera, QtmFaults
 from drivers.simulators.settings import MocapSettings
 from drivers.simulators.world import Capture, World
 
-ERROR, COMMAND, XML, NO_MORE_DATA, EVENT = 0, 1, 2, 4, 6
+ERROR, COMMAND, XML, NO_MORE_DATA, EVENT, DISCOVER = 0, 1, 2, 4, 6, 7
 CONNECTED, CLOSED, CAPTURE_STARTED, CAPTURE_STOPPED, SETTINGS_CHANGED, CAPTURE_SAVED = 1, 2, 3, 4, 11, 13
 PASSING = (SETTINGS_CHANGED, CAPTURE_SAVED)  # events that do not report a state
 VERSIONS = tuple(f"1.{minor}" for minor in range(1, 26))
+PARAMETERS = f"QTM_Parameters_Ver_{VERSIONS[-1]}"
 MOST_CLIENTS = 10
 LONGEST_COMMAND_BYTES = 65_536
 GLANCE_S = 0.008  # wall
 MASTERS_COMMANDS = ("new", "close", "start", "stop", "save", "event")
 MOST_UNSENT_BYTES = 1_000_000  # a client that is further behind slows the world down
-QTM_VERSION = "2024.3 (build 17700), simulated"
-CAMERAS = 8
-DISCOVER = 7
+QTM_VERSION, CAMERAS = "2024.3 (build 17700), simulated", 8
 REQUEST = struct.Struct("<II")  # size and type; the response port follows, big endian
 PORT = struct.Struct(">H")
-LONGEST_REQUEST_BYTES = 64
 LOCAL, EVERYBODY = "127.0.0.1", "255.255.255.255"
 
 
@@ -154,8 +152,6 @@ class _Server:
         for client in self.clients:
             client.close()
 
-    # Frames
-
     async def step(self, now: float) -> None:
         if self.ending.is_set():
             return
@@ -239,8 +235,7 @@ class _Server:
                     client.send(NO_MORE_DATA)
 
     def _start_preview(self, since: float) -> None:
-        has_preview = self._mocap.has_preview and self._is_connected
-        self._camera = Camera(self._world, since) if has_preview else None
+        self._camera = Camera(self._world, since) if self._mocap.has_preview and self._is_connected else None
 
     def _announce(self, event: int) -> None:
         if event not in PASSING:
@@ -248,8 +243,6 @@ class _Server:
         for client in self.clients:
             if not self._trouble.is_now("silent"):
                 client.send(EVENT, bytes([event]))
-
-    # Commands
 
     async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = Client(writer)
@@ -259,17 +252,16 @@ class _Server:
             return
         self.clients.append(client)
         try:
-            client.send_text(COMMAND, "QTM RT Interface connected")
-            while True:
-                size, kind = struct.unpack("<II", await reader.readexactly(8))
-                if not 8 <= size <= LONGEST_COMMAND_BYTES:
-                    break
-                body = await reader.readexactly(size - 8)
-                while self._trouble.is_now("silent") and not self.ending.is_set():
-                    await asyncio.sleep(GLANCE_S)
-                self._handle_command(client, kind, body.rstrip(b"\0").decode("utf-8", "replace").strip())
-        except (asyncio.IncompleteReadError, ConnectionError):
-            pass
+            with suppress(asyncio.IncompleteReadError, ConnectionError):
+                client.send_text(COMMAND, "QTM RT Interface connected")
+                while True:
+                    size, kind = struct.unpack("<II", await reader.readexactly(8))
+                    if not 8 <= size <= LONGEST_COMMAND_BYTES:
+                        break
+                    body = await reader.readexactly(size - 8)
+                    while self._trouble.is_now("silent") and not self.ending.is_set():
+                        await asyncio.sleep(GLANCE_S)
+                    self._handle_command(client, kind, body.rstrip(b"\0").decode("utf-8", "replace").strip())
         finally:
             self.clients.remove(client)
             self._closed.append(client.port)
@@ -287,8 +279,7 @@ class _Server:
                 raise _RefusedError("Parse error")
             if word in MASTERS_COMMANDS and client is not self.master:
                 raise _RefusedError("You must be master to issue this command")
-            answer = command(client, rest.strip())
-            if answer is not None:
+            if (answer := command(client, rest.strip())) is not None:
                 client.send_text(COMMAND, answer)
         except _RefusedError as refusal:
             client.send_text(ERROR, str(refusal))
@@ -311,7 +302,7 @@ class _Server:
 
     def _on_getparameters(self, client: Client, wanted: str) -> None:
         labels = [label for label, _ in self._trouble.labels(self._applied_until)]
-        xml = parameters_xml(wanted.lower().split(), VERSIONS[-1], self._mocap, labels)
+        xml = parameters_xml(wanted.lower().split(), self._mocap, labels)
         if xml is None:
             raise _RefusedError("Parse error")
         client.send_text(XML, xml)
@@ -447,7 +438,7 @@ class Client:
         self._writer.transport.abort()
 
 
-def parameters_xml(wanted: Sequence[str], version: str, mocap: MocapSettings, labels: Sequence[str]) -> str | None:
+def parameters_xml(wanted: Sequence[str], mocap: MocapSettings, labels: Sequence[str]) -> str | None:
     """The XML of the settings that are wanted ("general", "3d", "all"); None where none of them is known."""
     names = "".join(f"<Label><Name>{escape(name)}</Name><RGBColor>65280</RGBColor></Label>" for name in labels)
     cameras = "".join(
@@ -460,11 +451,11 @@ def parameters_xml(wanted: Sequence[str], version: str, mocap: MocapSettings, la
         f"<Labels>{len(labels)}</Labels>{names}</The_3D>",
     }
     chosen = "".join(block for name, block in blocks.items() if name in wanted or "all" in wanted)
-    return f"<QTM_Parameters_Ver_{version}>{chosen}</QTM_Parameters_Ver_{version}>" if chosen else None
+    return f"<{PARAMETERS}>{chosen}</{PARAMETERS}>" if chosen else None
 
 
 class QtmDiscovery:
-    """Answers in a separate thread; port 0 takes a free one. start() and stop() work once each.
+    """Answers in threads of its own; port 0 takes a free one. start() and stop() work once each.
 
     qtm_port is that of QTM's little-endian server, one above its base port.
     """
@@ -474,50 +465,34 @@ class QtmDiscovery:
         info = f"{socket.gethostname()}, QTM {QTM_VERSION}, {CAMERAS} cameras"
         body = info.encode() + b"\0" + PORT.pack(qtm_port - 1)
         self._answer = REQUEST.pack(REQUEST.size + len(body), COMMAND) + body
-        self._sockets: list[socket.socket] = []
-        self._wake, self._woken = socket.socketpair()
-        self._thread = threading.Thread(target=self._run, name="QTM discovery", daemon=True)
+        self._servers: list[socketserver.UDPServer] = []
+        self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
-        """Binds and answers. Raises OSError if the port is taken."""
+        """Binds and answers; on Windows one socket also receives broadcasts. Raises OSError if the port is taken."""
         try:
-            self._bind(LOCAL)
-            if sys.platform != "win32":  # there a socket bound to an address also receives broadcasts
-                self._bind(EVERYBODY)
+            for address in (LOCAL,) if sys.platform == "win32" else (LOCAL, EVERYBODY):
+                server = socketserver.UDPServer((address, self.port), self._receive)  # type: ignore[arg-type]
+                self.port = server.server_address[1]
+                self._servers.append(server)
         except OSError:
-            self._close()
+            self.stop()
             raise
-        self._thread.start()
+        self._threads = [threading.Thread(target=server.serve_forever, daemon=True) for server in self._servers]
+        for thread in self._threads:
+            thread.start()
 
     def stop(self) -> None:
-        self._wake.send(b"\0")
-        self._thread.join()
-        self._close()
+        for server in self._servers:
+            if self._threads:
+                server.shutdown()
+            server.server_close()
 
-    def _bind(self, address: str) -> None:
-        server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._sockets.append(server)
-        server.bind((address, self.port))
-        self.port = server.getsockname()[1]
-
-    def _close(self) -> None:
-        for one in (*self._sockets, self._wake, self._woken):
-            one.close()
-
-    def _run(self) -> None:
-        with selectors.DefaultSelector() as ready:
-            for server in (*self._sockets, self._woken):
-                ready.register(server, selectors.EVENT_READ)
-            while True:
-                for key, _ in ready.select():
-                    if key.fileobj is self._woken:
-                        return
-                    with suppress(OSError):  # the closed port of an earlier answer
-                        self._receive(*key.fileobj.recvfrom(LONGEST_REQUEST_BYTES))  # type: ignore[union-attr]
-
-    def _receive(self, packet: bytes, sender: tuple[str, int]) -> None:
+    def _receive(self, request: tuple[bytes, socket.socket], sender: tuple[str, int], _: object) -> None:
+        packet, _ = request
         if len(packet) != REQUEST.size + PORT.size or not ip_address(sender[0]).is_loopback:
             return
         if REQUEST.unpack_from(packet) == (len(packet), DISCOVER):
             (port,) = PORT.unpack_from(packet, REQUEST.size)
-            self._sockets[0].sendto(self._answer, (sender[0], port))
+            with suppress(OSError):  # the port is closed already
+                self._servers[0].socket.sendto(self._answer, (sender[0], port))

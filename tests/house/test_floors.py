@@ -29,7 +29,6 @@ def test_imports_keep_the_contracts() -> None:
 
 LONGEST = {
     "drivers/qualisys.py": 544,
-    "drivers/simulators/qtm_server.py": 527,
     "fitting/diagnosis/causes.py": 576,
     "fitting/study/cuff_study.py": 531,
     "solver/tendons/fiber.py": 524,
