@@ -53,7 +53,7 @@ from solver.uncertainty.varied_motion import DrawnMotion
 from station.assessment.budget_file import read_budget
 from station.assessment.case import AssessedCase
 from station.assessment.people_run import PeopleRun, assess_people
-from station.assessment.uncertainty_json import plain_decision
+from station.assessment.uncertainty_json import decision_entry
 from station.defaults import LEAST_DRAWS
 from station.sources import motion_of
 from tests.solver.personalisation.measured_person import MARKERS, RATE, MeasuredPerson, measure_person
@@ -90,11 +90,11 @@ def main() -> None:
     if people is None or found.uncertainty is None:
         raise SystemExit("no source of uncertainty varies")
     print_tables(found)
-    for basis, entry in plain_decision(found.uncertainty, people.indices, assessment.reference_rest_length).items():
-        if isinstance(entry, dict) and "text" in entry:
-            print(f"\n{basis}: {entry['text']}")
-            for pair in entry.get("pairs", ()):
-                print(f"  {pair}")
+    decision = decision_entry(found.uncertainty, people.indices, assessment.reference_rest_length)
+    for basis, entry in (("at_reference", decision.at_reference), ("at_best", decision.at_best)):
+        print(f"\n{basis}: {entry.text}")
+        for pair in entry.pairs:
+            print(f"  {pair}")
     print_indices(people)
     if chosen.picture and people.indices:
         draw_indices(people, chosen.picture)

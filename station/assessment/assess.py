@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ from solver.model import Model
 from solver.personalisation.anthropometry import has_arm_segments
 from solver.redundancy.effort import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
-from solver.suit.decision import BASES
 from solver.suit.scenarios import LoadedMotion
 from solver.uncertainty.total import DrawnPeople
 from station.assessment.assessment_file import FORMAT, AssessmentDocument
@@ -37,29 +36,31 @@ from station.assessment.assessment_json import (
     ASSESSMENT_FILE,
     MeasuredReductionEntry,
     activations_table,
-    plain_assessment,
-    plain_cuffs,
+    cuff_entries,
+    motion_entries,
 )
 from station.assessment.case import AssessedCase, read_case
-from station.assessment.drawn_postures import plain_postures
+from station.assessment.drawn_postures import PostureEntry, drawn_postures
 from station.assessment.findings import Finding, findings
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, assess_people
 from station.assessment.study_comparison import StudyComparisonEntry, compare_with_study
 from station.assessment.uncertainty_json import (
     PEOPLE_FILE,
+    DecisionEntry,
     DonningSources,
+    decision_entry,
     donning_sources,
     people_table,
-    plain_decision,
-    plain_uncertainty,
+    uncertainty_entry,
     without_decision,
 )
 from station.checksums import write_checksums, write_whole
 from station.messages.assessment_messages import AssessmentCode
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
-from station.subject.assessed_subject import compare_cord, plain_subject, subject_inputs
+from station.subject.assessed_subject import compare_cord, subject_document, subject_inputs
+from station.subject.subject_document import SubjectDocument
 from station.versions import solving_versions
 
 POINT = re.compile(r"\[\s+(-?[\d.]+),\s+(-?[\d.]+),\s+(-?[\d.]+)\s+\]")
@@ -85,9 +86,9 @@ class AssessedSuit:
     emg: tuple[MeasuredReductionEntry, ...]
     inputs: dict[str, str]
     cuffs_standing: Standing
-    postures: list[dict[str, Any]]
+    postures: list[PostureEntry]
     suit_names: dict[str, str]
-    subject: dict[str, Any] | None = None
+    subject: SubjectDocument | None = None
     people: DrawnPeople | None = None
     donning: DonningSources | None = None
     on_inputs: tuple[Finding, ...] = ()
@@ -97,7 +98,7 @@ class AssessedSuit:
     @property
     def is_changed(self) -> bool:
         """Whether the cuffs file has changed since it was recorded, or a recording of the wearer is not whole."""
-        return self.cuffs_standing.is_break or not (self.subject is None or self.subject["is_whole"])
+        return self.cuffs_standing.is_break or not (self.subject is None or self.subject.is_whole)
 
     @property
     def origin(self) -> DataOrigin:
@@ -144,7 +145,7 @@ def assess_cuffs(
     if people is not None:
         spread = None if donning is None else donning.spread
         assessment, drawn_people = assess_people(people, case, moving, worn, assessment, progress, spread)
-    drawn = plain_postures(model, kinematics, suit, assessment.time)
+    drawn = drawn_postures(model, kinematics, suit, assessment.time)
     hashes = inputs.hashes() | ({} if people is None else people.inputs)
     subject, named = _wearer(inputs, case, worn, assessment.waist_cuff)
     hashes |= named
@@ -179,12 +180,12 @@ def _donning(people: PeopleRun, cuffs: Path) -> DonningSources | None:
 
 def _wearer(
     inputs: AssessmentInputs, case: AssessedCase, worn: Sequence[CuffParameters], waist: str | None
-) -> tuple[dict[str, Any] | None, dict[str, str]]:
-    """The wearer as plain data, and what stood for the inputs of the assessment; None and nothing without one."""
+) -> tuple[SubjectDocument | None, dict[str, str]]:
+    """The wearer, and what stood for the inputs of the assessment; None and nothing without one."""
     if inputs.subject is None or case.subject is None:
         return None, {}
     cord = compare_cord(case.subject, case.suit, {cuff.name: cuff for cuff in worn}, waist)
-    return plain_subject(case.subject, case.spread, cord), subject_inputs(inputs.subject, case.subject)
+    return subject_document(case.subject, case.spread, cord), subject_inputs(inputs.subject, case.subject)
 
 
 def _assess_other_motion(
@@ -237,53 +238,28 @@ def assess_file(
 
 def sentences_on(assessed: AssessedSuit, cuffs: Path) -> list[str]:
     """The decision, remarks on the cuffs of this file, and findings on the suit and on the wearer."""
-    on_subject = assessed.subject["findings"] if assessed.subject else ()
+    on_subject = assessed.subject.findings if assessed.subject else ()
     return [
         *decision_sentences(assessed),
         *cuff_remarks(cuffs, assessed.cuffs),
         *map(str, assessed.findings),
         *([str(assessed.donning.message)] if assessed.donning else []),
-        *(f"{finding['text']} [{finding['code']}]" for finding in on_subject),
+        *(f"{finding.text} [{finding.code}]" for finding in on_subject),
     ]
 
 
 def decision_sentences(assessed: AssessedSuit) -> list[str]:
     """Which cuff to choose at the reference rest length, and with each at its own best one."""
-    plain = _plain_decision(assessed)
-    entries = [plain[basis] for basis in BASES]
-    settle = [entry["settle"] for entry in entries if entry.get("settle")]
-    return list(dict.fromkeys(entry["text"] for entry in (*entries, *settle)))
+    decision = _decision(assessed)
+    entries = [decision.at_reference, decision.at_best]
+    settle = [entry.settle.text for entry in entries if entry.settle]
+    return list(dict.fromkeys([*(entry.text for entry in entries), *settle]))
 
 
 def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     """Write assessment.json and, for the figures of the report, activations.csv."""
     folder.mkdir(parents=True, exist_ok=True)
-    plain: dict[str, Any] = {
-        "format": FORMAT,
-        "origin": assessed.origin,
-        "cuffs": plain_cuffs(assessed.cuffs),
-        **plain_assessment(assessed.assessment),
-    }
-    if assessed.beside:
-        name, other = assessed.beside
-        plain["beside"] = {"motion": name, **plain_assessment(other)}
-    plain["findings"] = list(map(str, assessed.findings))
-    plain["finding_codes"] = [asdict(finding) for finding in assessed.findings]
-    plain["decision"] = _plain_decision(assessed)
-    summary = assessed.assessment.uncertainty
-    if summary is not None and assessed.people is not None:
-        plain["uncertainty"] = plain_uncertainty(summary, assessed.people, assessed.donning)
-    plain["against_study"] = None if assessed.study is None else assessed.study.model_dump(mode="json")
-    plain["emg"] = [row.model_dump(exclude_unset=True) for row in assessed.emg]
-    plain["postures"] = assessed.postures
-    plain["suit_names"] = assessed.suit_names
-    if assessed.subject is not None:
-        plain["subject"] = assessed.subject
-    plain["inputs"] = assessed.inputs
-    plain["inputs_checked"] = {"cuffs": assessed.cuffs_standing}
-    plain["versions"] = solving_versions()
-    AssessmentDocument.model_validate(plain)
-    text = json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain_document(assessment_document(assessed)), indent=2, ensure_ascii=False, allow_nan=False)
     write_whole(folder / ASSESSMENT_FILE, POINT.sub(r"[\1, \2, \3]", text) + "\n")
     write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))
     written = [folder / ASSESSMENT_FILE, folder / ACTIVATIONS_FILE]
@@ -293,8 +269,42 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     write_checksums(*written)
 
 
-def _plain_decision(assessed: AssessedSuit) -> dict[str, Any]:
+def plain_document(document: AssessmentDocument) -> dict[str, Any]:
+    """The document as it is written, without the keys that it does not set."""
+    return document.model_dump(mode="json", exclude_unset=True)
+
+
+def assessment_document(assessed: AssessedSuit) -> AssessmentDocument:
+    """The content of assessment.json."""
+    summary = assessed.assessment.uncertainty
+    given: dict[str, Any] = {
+        "format": FORMAT,
+        "origin": assessed.origin,
+        "cuffs": cuff_entries(assessed.cuffs),
+        **motion_entries(assessed.assessment),
+        "findings": list(map(str, assessed.findings)),
+        "finding_codes": assessed.findings,
+        "decision": _decision(assessed),
+        "against_study": assessed.study,
+        "emg": list(assessed.emg),
+        "postures": assessed.postures,
+        "suit_names": assessed.suit_names,
+        "inputs": assessed.inputs,
+        "inputs_checked": {"cuffs": assessed.cuffs_standing},
+        "versions": solving_versions(),
+    }
+    if assessed.beside:
+        name, other = assessed.beside
+        given["beside"] = {"motion": name, **motion_entries(other)}
+    if summary is not None and assessed.people is not None:
+        given["uncertainty"] = uncertainty_entry(summary, assessed.people, assessed.donning)
+    if assessed.subject is not None:
+        given["subject"] = assessed.subject
+    return AssessmentDocument.model_validate(given)
+
+
+def _decision(assessed: AssessedSuit) -> DecisionEntry:
     summary, people = assessed.assessment.uncertainty, assessed.people
     if summary is None or people is None or not summary.is_total:
         return without_decision(can_draw_people="tendons" not in assessed.inputs)
-    return plain_decision(summary, people.indices, assessed.assessment.reference_rest_length)
+    return decision_entry(summary, people.indices, assessed.assessment.reference_rest_length)

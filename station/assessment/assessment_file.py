@@ -5,13 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import open_regular
 from documents.validation import describe_error
-from station.assessment.assessment_json import KnownNumberEntry, MeasuredReductionEntry, NumberEntry, StrictEntry
+from solver.muscle import PathMode
+from solver.redundancy.effort import Tendons
+from station.assessment.assessment_json import (
+    RIGID,
+    AssessedMotionEntry,
+    CurveEntries,
+    MeasuredReductionEntry,
+    Real,
+    StrictEntry,
+    WornCuffEntry,
+)
 from station.assessment.drawn_postures import PostureEntry
 from station.assessment.study_comparison import StudyComparisonEntry
 from station.assessment.uncertainty_json import DecisionEntry, UncertaintyEntry
@@ -22,7 +32,6 @@ from station.subject.subject_document import SubjectDocument
 if TYPE_CHECKING:
     import pandas as pd
 
-RIGID = "rigid"
 FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""
 SHOWN: Literal["both"] = "both"
@@ -52,127 +61,79 @@ def read_activations(path: Path) -> pd.DataFrame:
     return table
 
 
-class SeriesEntry(StrictEntry):
-    """A number for every rest length; null where frames have no solution, or too many people have no interval."""
-
-    value: Annotated[list[float | None], Field(min_length=1)]
-    ci95: list[Annotated[list[float], Field(min_length=2, max_length=2)] | None] | None = None
-
-
-class RestLengthsEntry(StrictEntry):
-    """The rest lengths that were solved."""
-
-    value: Annotated[list[float], Field(min_length=1)]
-
-
-class OptimumEntry(StrictEntry):
-    """The best rest length, the effort there, and the width that keeps 90 % of the saving."""
-
-    rest_length_m: NumberEntry
-    normalised_cost: NumberEntry
-    permissible_error_m: NumberEntry
-
-
-class UnsolvedEntry(StrictEntry):
-    """Frames without a regular solution: their number, and by outcome in outcome_codes."""
-
-    count: KnownNumberEntry
-    outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
-
-
 class AssessmentInputsEntry(StrictEntry):
     """Names of the input files, with their SHA-256."""
 
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, str]
+
     model: str
     motion: str
-    suit: str
+    external_loads: str | None = None
+    external_loads_data: str | None = None
     cuffs: str
-    subject: str | None = None
-    budget: str | None = None
-    donnings: str | None = None
+    suit: str
+    emg: str | None = None
+    beside: str | None = None
     effort: str | None = None
     cutoff_hz: str | None = None
+    tendons: Tendons | None = None
+    paths: PathMode = "opensim"
+    budget: str | None = None
+    donnings: str | None = None
+    subject: str | None = None
 
 
 class AssessedFindingEntry(StrictEntry):
     """A finding: its code, and the figures of its sentence."""
 
     code: Annotated[AssessmentCode, Field(strict=False)]
-    figures: dict[str, float | str] = Field(default_factory=dict)
+    figures: dict[str, Real | str] = Field(default_factory=dict)
 
 
-class AssessedMotionEntry(StrictEntry):
-    """The results for one motion; figures by cuff and condition are checked separately."""
-
-    reference_rest_length_m: KnownNumberEntry
-    bare_body_cost: NumberEntry
-    longest_cord_m: NumberEntry
-    rest_lengths_m: RestLengthsEntry
-    waist_cuff: str | None
-    frames: KnownNumberEntry
-    scenarios: KnownNumberEntry
-    unsolved: UnsolvedEntry
-    muscle_outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
-    at_rigid_optimum: dict[str, Any]
-    optimum: dict[str, Any]
-    cost: dict[str, Any]
-    muscle_reduction: dict[str, Any]
-    optimum_to_slack_m: dict[str, Any]
-    largest_cord_force_n: dict[str, Any]
-    cord_force_lost_to_migration: dict[str, Any]
-    cost_per_arm_migration_per_m: dict[str, Any]
-    cost_per_waist_migration_per_m: dict[str, Any]
-
-
-class OtherMotionEntry(AssessedMotionEntry):
-    """A shorter assessment of another motion, for comparison."""
-
+class _OtherMotion(StrictEntry):
     motion: str
 
 
-class AssessmentDocument(AssessedMotionEntry):
+class OtherMotionEntry(AssessedMotionEntry, _OtherMotion):
+    """A shorter assessment of another motion, for comparison."""
+
+
+class _Head(StrictEntry):
+    format: Literal[1]
+    origin: str | None = None
+    cuffs: dict[str, WornCuffEntry] = Field(default_factory=dict)
+
+
+class AssessmentDocument(AssessedMotionEntry, _Head):
     """assessment.json: muscle effort in a suit with these cuffs. SI, with the unit in the key."""
 
-    format: Literal[1]
-    inputs: AssessmentInputsEntry
+    beside: OtherMotionEntry | None = None
     findings: Annotated[list[str], Field(description="finding_codes in sentences")]
     finding_codes: list[AssessedFindingEntry] = Field(default_factory=list)
     decision: DecisionEntry | None = None
     uncertainty: UncertaintyEntry | None = None
-    emg: list[MeasuredReductionEntry]
-    cuffs: dict[str, dict[str, NumberEntry | str | list[str] | None]] = Field(default_factory=dict)
-    beside: OtherMotionEntry | None = None
-    subject: SubjectDocument | None = None
     against_study: StudyComparisonEntry | None = None
+    emg: list[MeasuredReductionEntry]
     postures: Annotated[list[PostureEntry], Field(description="for the picture of the body")] = Field(
         default_factory=list
     )
     suit_names: Annotated[
         dict[str, str] | None, Field(description="what waist, shoulder and arm are called in the suit's file")
     ] = None
+    subject: SubjectDocument | None = None
+    inputs: AssessmentInputsEntry
+    inputs_checked: dict[str, str] = Field(default_factory=dict)
+    versions: dict[str, str] = Field(default_factory=dict)
+
+    @property
+    def parts(self) -> dict[str, AssessedMotionEntry]:
+        """Place in the document → assessment of one motion."""
+        return {"": self} | ({"beside.": self.beside} if self.beside else {})
 
 
-_BY_CONDITION: dict[str, TypeAdapter[Any]] = {
-    "cost": TypeAdapter(SeriesEntry),
-    "optimum": TypeAdapter(OptimumEntry),
-    "muscle_reduction": TypeAdapter(dict[str, NumberEntry]),
-    **{
-        key: TypeAdapter(NumberEntry)
-        for key in (
-            "at_rigid_optimum",
-            "optimum_to_slack_m",
-            "largest_cord_force_n",
-            "cord_force_lost_to_migration",
-            "cost_per_arm_migration_per_m",
-            "cost_per_waist_migration_per_m",
-        )
-    },
-}
-"""Key → type of the entry for "rigid", and for every condition of every arm cuff."""
-
-
-def read_assessment(path: Path) -> dict[str, Any]:
-    """The file as plain data. Raises AssessmentFileError, with the key, for any other file."""
+def read_assessment(path: Path) -> AssessmentDocument:
+    """Raises AssessmentFileError, with the key, for any other file."""
     try:
         plain = read_json(path)
     except OSError as error:
@@ -185,63 +146,43 @@ def read_assessment(path: Path) -> dict[str, Any]:
         document = AssessmentDocument.model_validate(plain)
     except ValidationError as error:
         raise _refusal(AssessmentFileCode.INVALID_ENTRY, path, reason=describe_error(error)) from error
-    for part, where in ((plain, ""), (plain.get("beside"), "beside.")):
-        if part is not None:
-            _check_conditions(path, part, where)
+    for where, part in document.parts.items():
+        _check_curves(path, part, where)
     if len(document.postures) not in (0, 3):
         raise _refusal(AssessmentFileCode.WRONG_POSTURES, path, count=len(document.postures))
-    _check_muscles(path, plain, [row.muscle for row in document.emg])
-    return plain
+    _check_muscles(path, document)
+    return document
 
 
-def _check_conditions(path: Path, plain: dict[str, Any], where: str) -> None:
-    """All keys must have the same arm cuffs in the same conditions, and a cost for every rest length."""
-    conditions = {cuff: _conditions(cuff, entry) for cuff, entry in plain["cost"].items()}
-    if RIGID not in conditions:
-        raise _wrong_entry(AssessmentFileCode.NO_RIGID_CUFFS, path, f"{where}cost", plain["cost"])
-    for key, kind in _BY_CONDITION.items():
-        if plain[key].keys() != conditions.keys():
-            code, cuffs = AssessmentFileCode.OTHER_CUFFS, ", ".join(conditions)
-            raise _wrong_entry(code, path, where + key, list(plain[key]), cuffs=cuffs)
-        for cuff, expected in conditions.items():
-            place = f"{where}{key}.{cuff}"
-            entry = plain[key].get(cuff)
-            entries = {"": entry} if cuff == RIGID else entry
-            if (
-                not isinstance(entries, dict)
-                or entries.keys() != set(expected)
-                or (cuff != RIGID and SHOWN not in entries)
-            ):
-                named = ", ".join(expected or (SHOWN,)) or "an entry"
-                raise _wrong_entry(AssessmentFileCode.OTHER_CONDITIONS, path, place, entry, conditions=named)
-            for condition in expected:
-                try:
-                    kind.validate_python(entries[condition])
-                except ValidationError as error:
-                    fault = describe_error(error, context=f"{place}.{condition}".strip("."))
-                    raise _refusal(AssessmentFileCode.INVALID_ENTRY, path, reason=fault) from error
-                if key == "cost":
-                    _check_cost(path, place, entries[condition], len(plain["rest_lengths_m"]["value"]))
+def _check_curves(path: Path, part: AssessedMotionEntry, where: str) -> None:
+    """All keys must have the same arm cuffs in the same conditions, SHOWN among them, and a cost for every length."""
+    arms = part.cost.arms
+    for key in type(part).model_fields:
+        entries = getattr(part, key)
+        if not isinstance(entries, CurveEntries):
+            continue
+        if entries.arms.keys() != arms.keys():
+            code, cuffs = AssessmentFileCode.OTHER_CUFFS, ", ".join((RIGID, *arms))
+            raise _wrong_entry(code, path, where + key, [RIGID, *entries.arms], cuffs=cuffs)
+        for cuff, curves in entries.arms.items():
+            if curves.keys() != arms[cuff].keys() or SHOWN not in curves:
+                code, conditions = AssessmentFileCode.OTHER_CONDITIONS, ", ".join(arms[cuff]) or SHOWN
+                raise _wrong_entry(code, path, f"{where}{key}.{cuff}", list(curves), conditions=conditions)
+    lengths = len(part.rest_lengths_m.value)
+    costs = [(RIGID, part.cost.rigid), *((name, series) for name, curves in arms.items() for series in curves.values())]
+    for cuff, series in costs:
+        if len(series.value) != lengths:
+            raise _wrong_entry(AssessmentFileCode.COST_MISSING, path, f"{where}cost.{cuff}", series.value)
+        if series.ci95 is not None and len(series.ci95) != lengths:
+            raise _wrong_entry(AssessmentFileCode.INTERVAL_MISSING, path, f"{where}cost.{cuff}", series.ci95)
 
 
-def _check_cost(path: Path, place: str, entry: dict[str, Any], lengths: int) -> None:
-    """The cost, and its intervals where there are any, must be of every rest length."""
-    if len(entry["value"]) != lengths:
-        raise _wrong_entry(AssessmentFileCode.COST_MISSING, path, place, entry)
-    if entry.get("ci95") is not None and len(entry["ci95"]) != lengths:
-        raise _wrong_entry(AssessmentFileCode.INTERVAL_MISSING, path, place, entry)
-
-
-def _conditions(cuff: str, entry: Any) -> tuple[str, ...]:
-    return ("",) if cuff == RIGID else tuple(entry) if isinstance(entry, dict) else ()
-
-
-def _check_muscles(path: Path, plain: dict[str, Any], measured: list[str]) -> None:
+def _check_muscles(path: Path, document: AssessmentDocument) -> None:
     """Every reduction must have the muscles that are drawn: those of the EMG file, or all muscles of the rigid case."""
-    reductions = plain["muscle_reduction"]
-    names = measured or list(reductions[RIGID])
-    for cuff in plain["cost"]:
-        reduction = reductions[cuff] if cuff == RIGID else reductions[cuff][SHOWN]
+    reductions = document.muscle_reduction
+    names = [row.muscle for row in document.emg] or list(reductions.rigid)
+    for cuff in (RIGID, *reductions.arms):
+        reduction = reductions.of(cuff, SHOWN)
         if missing := [name for name in names if name not in reduction]:
             code, where = AssessmentFileCode.MUSCLE_MISSING, f"muscle_reduction.{cuff}"
             raise _wrong_entry(code, path, where, list(reduction), muscle=missing[0])

@@ -1,4 +1,4 @@
-"""Results as the plain data of assessment.json, every number with its interval, and as the table activations.csv.
+"""The results of an assessment in assessment.json, every number with its interval, and as the table activations.csv.
 
 Outcomes of frames and muscles are sentences here.
 """
@@ -6,11 +6,11 @@ Outcomes of frames and muscles are sentences here.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
 from documents.interval import counted
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
@@ -47,7 +47,6 @@ MUSCLE_SENTENCES = {
     MuscleOutcome.FIBER_NOT_CONVERGED: "fibre and elastic tendon did not come into balance; the last point is used",
 }
 UNSOLVED, UNCONVERGED = tuple(FRAME_SENTENCES), tuple(MUSCLE_SENTENCES)
-Plain = dict[str, Any]
 ASSESSMENT_FILE, ACTIVATIONS_FILE = "assessment.json", "activations.csv"
 CURVE_KEYS = {
     "to_slack": "optimum_to_slack_m",
@@ -57,19 +56,23 @@ CURVE_KEYS = {
     "cost_per_waist_migration": "cost_per_waist_migration_per_m",
 }
 """Field of CurveReadouts → key, for the numbers other than the effort at the reference and the optimum."""
+RIGID = "rigid"
+Real = Annotated[int | float, WithJsonSchema({"type": "number"})]
+"""A count stays a whole number in the file."""
+Ends = Annotated[list[float], Field(strict=False, min_length=2, max_length=2)]
 
 
 class StrictEntry(BaseModel):
-    """An entry of a file of results; a number is not accepted as a text."""
+    """An entry of a file of results, also from the attributes of a result; a number is not accepted as a text."""
 
-    model_config = ConfigDict(strict=True)
+    model_config = ConfigDict(strict=True, from_attributes=True)
 
 
 class NumberEntry(StrictEntry):
     """A number with its 95 % interval; value is null where it is unknown."""
 
-    value: float | None
-    ci95: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    value: Real | None
+    ci95: Ends | None = None
     censored: Annotated[
         Literal["low", "high", "both"] | None,
         Field(description="end of ci95 that is a bound: it lies there or beyond, outside the rest lengths tried"),
@@ -79,7 +82,7 @@ class NumberEntry(StrictEntry):
 class KnownNumberEntry(NumberEntry):
     """A number that is always known."""
 
-    value: float
+    value: Real
 
 
 class MeasuredReductionEntry(StrictEntry):
@@ -90,11 +93,116 @@ class MeasuredReductionEntry(StrictEntry):
     sd_percent: NumberEntry
 
 
-def plain_assessment(assessment: Assessment) -> Plain:
-    """Numbers by arm cuff and condition; a list of numbers is one entry, {"value": […], "ci95": null}."""
+class SeriesEntry(StrictEntry):
+    """A number for every rest length; null where frames have no solution, or too many people have no interval."""
 
-    def by_cuff(entry: Callable[[EffortCurve], Any]) -> Plain:
-        nested: Plain = {}
+    value: Annotated[list[float | None], Field(min_length=1)]
+    ci95: list[Ends | None] | None = None
+
+
+class RestLengthsEntry(StrictEntry):
+    """The rest lengths that were solved."""
+
+    value: Annotated[list[float], Field(min_length=1)]
+    ci95: None = None
+
+
+class OptimumEntry(StrictEntry):
+    """The best rest length, the effort there, and the width that keeps 90 % of the saving."""
+
+    rest_length_m: NumberEntry
+    normalised_cost: NumberEntry
+    permissible_error_m: NumberEntry
+
+
+Entry = TypeVar("Entry")
+
+
+class CurveEntries(StrictEntry, Generic[Entry]):
+    """An entry with rigid cuffs, and one with every arm cuff in every condition."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, dict[str, Entry]]
+
+    rigid: Entry
+
+    @property
+    def arms(self) -> dict[str, dict[str, Entry]]:
+        """Arm cuff → condition → entry."""
+        return self.__pydantic_extra__
+
+    def of(self, cuff: str, condition: str = "both") -> Entry:
+        """The entry of an arm cuff, or of RIGID. Raises KeyError for a curve that was not solved."""
+        return self.rigid if cuff == RIGID else self.arms[cuff][condition]
+
+
+class UnsolvedEntry(StrictEntry):
+    """Frames without a regular solution: their number, by outcome in outcome_codes, and by curve."""
+
+    count: KnownNumberEntry
+    outcomes: Annotated[dict[str, KnownNumberEntry], Field(description="outcome_codes in sentences")] = Field(
+        default_factory=dict
+    )
+    outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
+    by_condition: CurveEntries[KnownNumberEntry] | None = None
+
+
+class ComparisonEntry(StrictEntry):
+    """Effort at the reference rest length with the first arm cuff less that with the second."""
+
+    cuffs: Annotated[list[str], Field(min_length=2, max_length=2)]
+    cost_difference: NumberEntry
+    differ: bool | None
+
+
+class AssessedMotionEntry(StrictEntry):
+    """The results for one motion."""
+
+    reference_rest_length_m: KnownNumberEntry
+    at_rigid_optimum: CurveEntries[NumberEntry]
+    optimum: CurveEntries[OptimumEntry]
+    optimum_to_slack_m: CurveEntries[NumberEntry]
+    largest_cord_force_n: CurveEntries[NumberEntry]
+    cord_force_lost_to_migration: CurveEntries[NumberEntry]
+    cost_per_arm_migration_per_m: CurveEntries[NumberEntry]
+    cost_per_waist_migration_per_m: CurveEntries[NumberEntry]
+    bare_body_cost: NumberEntry
+    longest_cord_m: NumberEntry
+    muscle_reduction: CurveEntries[dict[str, NumberEntry]]
+    comparisons: list[ComparisonEntry] = Field(default_factory=list)
+    waist_cuff: str | None
+    rest_lengths_m: RestLengthsEntry
+    cost: CurveEntries[SeriesEntry]
+    reserve_cost: CurveEntries[SeriesEntry] | None = None
+    frames: KnownNumberEntry
+    scenarios: KnownNumberEntry
+    unsolved: UnsolvedEntry
+    muscle_outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
+
+
+class QuantityEntry(NumberEntry):
+    """A parameter of a worn cuff, with the origin of its value."""
+
+    source: str
+
+
+class WornCuffEntry(StrictEntry):
+    """A worn cuff; assumed are the assumptions that were needed to wear it."""
+
+    site: str
+    origin: str | None = None
+    stiffness_n_per_m: QuantityEntry
+    damping_n_s_per_m: QuantityEntry
+    migration_m: QuantityEntry
+    assumed: Annotated[str, Field(description="assumed_codes in sentences")] = ""
+    assumed_codes: list[str] = Field(default_factory=list)
+
+
+def motion_entries(assessment: Assessment) -> dict[str, Any]:
+    """Fields of AssessedMotionEntry."""
+
+    def by_curve(entry: Callable[[EffortCurve], object]) -> dict[str, Any]:
+        nested: dict[str, Any] = {}
         for curve in assessment.curves:
             place = nested if curve.cuff is None else nested.setdefault(curve.cuff, {})
             place[curve.condition] = entry(curve)
@@ -102,41 +210,48 @@ def plain_assessment(assessment: Assessment) -> Plain:
 
     return {
         "reference_rest_length_m": known(assessment.reference_rest_length),
-        "at_rigid_optimum": by_cuff(lambda curve: _number(curve.figures["at_reference"])),
-        "optimum": by_cuff(_optimum),
-        **{key: by_cuff(lambda curve, name=name: _number(curve.figures[name])) for name, key in CURVE_KEYS.items()},  # type: ignore[misc]
-        "bare_body_cost": known(assessment.bare_body_cost),
-        "longest_cord_m": known(assessment.longest_cord),
-        "muscle_reduction": by_cuff(
-            lambda curve: {muscle: _number(figure) for muscle, figure in curve.reduction.items()}
+        "at_rigid_optimum": by_curve(lambda curve: number(curve.figures["at_reference"])),
+        "optimum": by_curve(_optimum),
+        **{key: by_curve(lambda curve, name=name: number(curve.figures[name])) for name, key in CURVE_KEYS.items()},  # type: ignore[misc]
+        "bare_body_cost": finite(assessment.bare_body_cost),
+        "longest_cord_m": finite(assessment.longest_cord),
+        "muscle_reduction": by_curve(
+            lambda curve: {muscle: number(figure) for muscle, figure in curve.reduction.items()}
         ),
         "comparisons": [
-            {
-                "cuffs": list(comparison.cuffs),
-                "cost_difference": _number(comparison.cost_difference),
-                "differ": comparison.differ,
-            }
-            for comparison in assessment.comparisons
+            ComparisonEntry(cuffs=list(one.cuffs), cost_difference=number(one.cost_difference), differ=one.differ)
+            for one in assessment.comparisons
         ],
         "waist_cuff": assessment.waist_cuff,
-        "rest_lengths_m": _list(assessment.rest_lengths),
-        "cost": by_cuff(_cost),
-        "reserve_cost": by_cuff(lambda curve: _list(curve.reserve_cost)),
+        "rest_lengths_m": RestLengthsEntry(value=assessment.rest_lengths.tolist(), ci95=None),
+        "cost": by_curve(_cost),
+        "reserve_cost": by_curve(lambda curve: SeriesEntry(value=_nulls(curve.reserve_cost), ci95=None)),
         "frames": known(len(assessment.time)),
         "scenarios": known(assessment.scenarios),
         "unsolved": {
             "count": known(assessment.unsolved),
             "outcomes": {FRAME_SENTENCES[outcome]: known(count) for outcome, count in assessment.outcomes.items()},
             "outcome_codes": {outcome: known(count) for outcome, count in assessment.outcomes.items()},
-            "by_condition": by_cuff(lambda curve: known(curve.unsolved)),
+            "by_condition": by_curve(lambda curve: known(curve.unsolved)),
         },
         "muscle_outcome_codes": {outcome: known(count) for outcome, count in assessment.muscle_outcomes.items()},
     }
 
 
-def known(value: float) -> Plain:
+def known(value: float) -> KnownNumberEntry:
+    """A number without an interval."""
+    return KnownNumberEntry(value=value, ci95=None)
+
+
+def finite(value: float) -> NumberEntry:
     """A number without an interval; null if it is not finite."""
-    return {"value": value if np.isfinite(value) else None, "ci95": None}
+    return NumberEntry(value=value if np.isfinite(value) else None, ci95=None)
+
+
+def number(figure: Quantity) -> NumberEntry:
+    """A figure of the assessment."""
+    bound = {"censored": figure.censored.value} if figure.censored else {}
+    return NumberEntry.model_validate({"value": figure.value, "ci95": figure.ci95, **bound})
 
 
 def activations_table(assessment: Assessment) -> str:
@@ -150,57 +265,41 @@ def activations_table(assessment: Assessment) -> str:
     return "\n".join(lines) + "\n"
 
 
-def plain_cuffs(cuffs: Sequence[Cuff]) -> Plain:
+def cuff_entries(cuffs: Sequence[Cuff]) -> dict[str, WornCuffEntry]:
     """Parameters of the cuffs; a figure that was given by hand has no interval."""
-
-    def number(estimate: Estimate | None) -> Plain:
-        if estimate is None:
-            return _number(Quantity(None))
-        return _number(Quantity(estimate.value, estimate.ci95 if estimate.ci95[0] < estimate.ci95[1] else None))
-
-    return {
-        cuff.name: {
-            "site": cuff.site,
-            "origin": cuff.origin,
-            **{
-                key: {**number(getattr(cuff, name)), "source": Standing.BY_HAND if name in cuff.given else "fit"}
-                for name, key in QUANTITIES.items()
-            },
-            **_plain_assumed(cuff),
-        }
-        for cuff in cuffs
-    }
+    entries = {}
+    for cuff in cuffs:
+        values = {key: _quantity(cuff, name) for name, key in QUANTITIES.items()}
+        entry: dict[str, object] = {"site": cuff.site, "origin": cuff.origin, **values}
+        if cuff.assumed:
+            entry |= {"assumed": "; ".join(map(str, cuff.assumed)), "assumed_codes": [one.code for one in cuff.assumed]}
+        entries[cuff.name] = WornCuffEntry.model_validate(entry)
+    return entries
 
 
-def _plain_assumed(cuff: Cuff) -> Plain:
-    """Assumptions that were needed to wear the cuff, as a sentence and as codes."""
-    if not cuff.assumed:
-        return {}
-    return {"assumed": "; ".join(map(str, cuff.assumed)), "assumed_codes": [note.code for note in cuff.assumed]}
+def _quantity(cuff: Cuff, name: str) -> QuantityEntry:
+    estimate: Estimate | None = getattr(cuff, name)
+    value, ends = (None, None) if estimate is None else (estimate.value, estimate.ci95)
+    ci95 = list(ends) if ends and ends[0] < ends[1] else None
+    return QuantityEntry(value=value, ci95=ci95, source=Standing.BY_HAND if name in cuff.given else "fit")
 
 
-def _optimum(curve: EffortCurve) -> Plain:
-    return {
-        "rest_length_m": _number(curve.figures["rest_length"]),
-        "normalised_cost": _number(curve.figures["lowest_cost"]),
-        "permissible_error_m": _number(curve.figures["permissible_error"]),
-    }
+def _optimum(curve: EffortCurve) -> OptimumEntry:
+    return OptimumEntry(
+        rest_length_m=number(curve.figures["rest_length"]),
+        normalised_cost=number(curve.figures["lowest_cost"]),
+        permissible_error_m=number(curve.figures["permissible_error"]),
+    )
 
 
-def _cost(curve: EffortCurve) -> Plain:
-    plain = _list(curve.cost)
-    if curve.cost_ci95 is not None:
-        plain["ci95"] = [None if np.isnan(ends).any() else ends for ends in curve.cost_ci95.tolist()]
-    return plain
+def _cost(curve: EffortCurve) -> SeriesEntry:
+    ends = None if curve.cost_ci95 is None else curve.cost_ci95.tolist()
+    bands = None if ends is None else [None if np.isnan(pair).any() else pair for pair in ends]
+    return SeriesEntry(value=_nulls(curve.cost), ci95=bands)
 
 
-def _number(figure: Quantity) -> Plain:
-    censored = {"censored": figure.censored.value} if figure.censored else {}
-    return {"value": figure.value, "ci95": list(figure.ci95) if figure.ci95 else None, **censored}
-
-
-def _list(values: NDArray[np.float64]) -> Plain:
-    return {"value": [None if np.isnan(value) else float(value) for value in values], "ci95": None}
+def _nulls(values: NDArray[np.float64]) -> list[float | None]:
+    return [None if np.isnan(value) else float(value) for value in values]
 
 
 def describe_unsolved(solution: MotionSolution) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,9 @@ from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.suit.suit import PARTS, Suit, SuitPoint
-from station.assessment.assessment_json import KnownNumberEntry, StrictEntry
+from station.assessment.assessment_json import KnownNumberEntry, StrictEntry, known
 
 Array = NDArray[np.float64]
-Plain = dict[str, Any]
 
 RING_POINTS = 24
 DECIMALS = 3
@@ -52,7 +51,7 @@ class PostureEntry(StrictEntry):
     cuffs_m: dict[str, LineEntry] = Field(description="rings of waist and arm cuff about their bodies, if they weigh")
 
 
-def plain_postures(model: Model, kinematics: Kinematics, suit: Suit, times: Array) -> list[Plain]:
+def drawn_postures(model: Model, kinematics: Kinematics, suit: Suit, times: Array) -> list[PostureEntry]:
     """Of the postures at times (n,) [s]: with the lowest arm, at the middle elevation, with the highest arm. Of a suit
     on another limb: with the shortest cord, at the middle length, with the longest cord.
     """
@@ -69,18 +68,18 @@ def plain_postures(model: Model, kinematics: Kinematics, suit: Suit, times: Arra
     worn = {part for part, mass in zip(PARTS, suit.masses, strict=True) if mass.mass > 0.0} | {"arm"}
     rings = {part: _ring(model, state, getattr(suit, part)) for part in ("waist", "arm") if part in worn}
     return [
-        {
-            "time_s": _number(float(times[frame])),
-            "elevation_deg": _number(float(np.degrees(elevation[frame]))),
-            "cord_length_m": _number(float(length[frame])),
-            "chosen_by": "elevation" if is_arm else "cord_length",
-            "bones": [
-                {"kind": bone.kind, "line_m": _line(line[shown])} for bone, line in zip(bones, lines, strict=True)
+        PostureEntry(
+            time_s=known(float(times[frame])),
+            elevation_deg=known(float(np.degrees(elevation[frame]))),
+            cord_length_m=known(float(length[frame])),
+            chosen_by="elevation" if is_arm else "cord_length",
+            bones=[
+                BoneEntry(kind=bone.kind, line_m=_line(line[shown])) for bone, line in zip(bones, lines, strict=True)
             ],
-            "muscles_m": {name: _line(line) for name, line in zip(model.muscle_names, muscles[shown], strict=True)},
-            "cord_m": _line(cord[shown]),
-            "cuffs_m": {part: _line(ring[shown]) for part, ring in rings.items()},
-        }
+            muscles_m={name: _line(line) for name, line in zip(model.muscle_names, muscles[shown], strict=True)},
+            cord_m=_line(cord[shown]),
+            cuffs_m={part: _line(ring[shown]) for part, ring in rings.items()},
+        )
         for shown, frame in enumerate(frames)
     ]
 
@@ -122,9 +121,5 @@ def _ring(model: Model, state: Postures, point: SuitPoint) -> Array:
     return np.stack([points_in_ground(state, body, place) for place in circle], axis=1)
 
 
-def _number(value: float) -> Plain:
-    return {"value": value, "ci95": None}
-
-
-def _line(points: Array) -> Plain:
-    return {"value": np.round(points, DECIMALS).tolist(), "ci95": None}
+def _line(points: Array) -> LineEntry:
+    return LineEntry(value=np.round(points, DECIMALS).tolist(), ci95=None)

@@ -86,8 +86,8 @@ def compare_with_study(
     answers = [_answer(part, setting, pair, worn_cuff) for part, setting, worn_cuff in settings]
     return StudyComparisonEntry(
         cuff=cuff,
-        study_rest_length_m=KnownNumberEntry(value=STUDY_REST_LENGTH),
-        study_effort=KnownNumberEntry(value=STUDY_EFFORT),
+        study_rest_length_m=KnownNumberEntry(value=STUDY_REST_LENGTH, ci95=None, censored=None),
+        study_effort=KnownNumberEntry(value=STUDY_EFFORT, ci95=None, censored=None),
         answers=answers,
         interaction_rest_length_m=_interaction([answer.rest_length_m.value for answer in answers]),
         interaction_effort=_interaction([answer.effort.value for answer in answers]),
@@ -98,9 +98,9 @@ def _interaction(answers: Sequence[float | None]) -> NumberEntry:
     """Of the session's own answer, those with one part exchanged, and that with all; unknown where one of them is."""
     known = [answer for answer in answers if answer is not None]
     if len(known) < len(answers):
-        return NumberEntry(value=None)
+        return _number(None)
     own, *single, all_exchanged = known
-    return NumberEntry(value=all_exchanged - own - sum(answer - own for answer in single))
+    return _number(all_exchanged - own - sum(answer - own for answer in single))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +139,12 @@ def _answer(part: str, setting: _Setting, worn: Sequence[CuffParameters], cuff: 
             every=every,
         )
     except SolverError:
-        return AnswerEntry(exchanged=part, rest_length_m=NumberEntry(value=None), effort=NumberEntry(value=None))
+        return AnswerEntry(exchanged=part, rest_length_m=_number(None), effort=_number(None))
     condition = "rigid" if cuff is None else "both"
     curve = next(curve for curve in found.curves if (curve.condition, curve.cuff) == (condition, cuff))
     length, effort = curve.figures["rest_length"].value, curve.figures["lowest_cost"].value
-    return AnswerEntry(exchanged=part, rest_length_m=NumberEntry(value=length), effort=NumberEntry(value=effort))
+    return AnswerEntry(exchanged=part, rest_length_m=_number(length), effort=_number(effort))
+
+
+def _number(value: float | None) -> NumberEntry:
+    return NumberEntry(value=value, ci95=None, censored=None)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -23,9 +23,9 @@ from solver.suit.decision import Basis, CuffDecision, DecisionOutcome, DecisionR
 from solver.suit.quantity import TAIL
 from solver.suit.scenarios import FIGURES
 from solver.uncertainty.indices import SobolIndices
-from solver.uncertainty.sources import DonningSpread, Group
+from solver.uncertainty.sources import GROUPS, DonningSpread, Group
 from solver.uncertainty.total import DrawnPeople, IndexedFigure
-from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, StrictEntry, known
+from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, Real, StrictEntry, finite, known
 from station.checksums import sha256_of
 from station.messages.assessment_messages import DecisionCode, InputCode
 from station.study.sessions import StudySession, measurements_of, read_session, read_sessions, refuse_mixed
@@ -43,7 +43,6 @@ UNITS = {
     "cost_per_waist_migration": "cost_per_waist_migration_per_m",
 }
 """Field of CurveReadouts → column of people.csv."""
-Plain = dict[str, Any]
 CERTAIN = 0.995
 """Above it the percentage is "> 99": draws do not resolve certainty."""
 
@@ -88,21 +87,22 @@ class DonningSources:
         figures: Figures = {quantity: self._text(quantity) for quantity in self.estimates}
         return Message(InputCode.DONNING_SPREAD, figures)
 
-    def plain(self) -> dict[str, Any]:
-        """As of DonningEntry, by quantity."""
-        return {quantity: self._plain(quantity, estimate) for quantity, estimate in self.estimates.items()}
+    @property
+    def entries(self) -> dict[str, DonningEntry]:
+        """By quantity."""
+        return {quantity: self._entry(quantity, estimate) for quantity, estimate in self.estimates.items()}
 
-    def _plain(self, quantity: str, estimate: DonningSpreadEstimate) -> dict[str, Any]:
+    def _entry(self, quantity: str, estimate: DonningSpreadEstimate) -> DonningEntry:
         is_estimated = self.is_estimated(quantity)
         ends = [float(end) for end in estimate.ci95] if is_estimated and np.isfinite(estimate.ci95).all() else None
-        return {
-            "is_estimated": is_estimated,
-            "outcome": estimate.outcome.value,
-            "spread": {"value": getattr(self.spread, quantity), "ci95": ends},
-            "degrees_of_freedom": {"value": estimate.freedom if is_estimated else None, "ci95": None},
-            "donnings": known(estimate.donnings),
-            "cuffs": known(estimate.cuffs),
-        }
+        return DonningEntry(
+            is_estimated=is_estimated,
+            outcome=estimate.outcome.value,
+            spread=KnownNumberEntry(value=getattr(self.spread, quantity), ci95=ends),
+            degrees_of_freedom=NumberEntry(value=estimate.freedom if is_estimated else None, ci95=None),
+            donnings=known(estimate.donnings),
+            cuffs=known(estimate.cuffs),
+        )
 
     def _text(self, quantity: str) -> str:
         estimate, percent = self.estimates[quantity], 100 * getattr(self.spread, quantity)
@@ -176,29 +176,31 @@ class UncertaintyEntry(StrictEntry):
     donning: dict[str, DonningEntry] = Field(default_factory=dict)
 
 
-def plain_uncertainty(summary: UncertaintySummary, people: DrawnPeople, donning: DonningSources | None) -> Plain:
+def uncertainty_entry(
+    summary: UncertaintySummary, people: DrawnPeople, donning: DonningSources | None
+) -> UncertaintyEntry:
     """The block "uncertainty" of the file."""
     difference = summary.largest_difference
-    return {
-        "people": known(summary.people),
-        "seed": known(people.seed),
-        "solved": known(summary.solved),
-        "infeasible": known(summary.infeasible),
-        "every_frame": known(summary.every),
-        "sources": list(summary.sources),
-        "content": {"value": 1 - 2 * TAIL, "ci95": list(summary.content)},
-        "subsampling_difference": {
-            "at_rigid_optimum": known(difference["at_reference"]),
-            "rest_length_m": known(difference["rest_length"]),
-            "normalised_cost": known(difference["lowest_cost"]),
-            "permissible_error_m": known(difference["permissible_error"]),
+    return UncertaintyEntry(
+        people=known(summary.people),
+        seed=known(people.seed),
+        solved=known(summary.solved),
+        infeasible=known(summary.infeasible),
+        every_frame=known(summary.every),
+        sources=[source for source in GROUPS if source in summary.sources],
+        content=KnownNumberEntry(value=1 - 2 * TAIL, ci95=list(summary.content)),
+        subsampling_difference={
+            "at_rigid_optimum": finite(difference["at_reference"]),
+            "rest_length_m": finite(difference["rest_length"]),
+            "normalised_cost": finite(difference["lowest_cost"]),
+            "permissible_error_m": finite(difference["permissible_error"]),
         },
-        "index_blocks": known(people.index_blocks),
-        "indices": [
+        index_blocks=known(people.index_blocks),
+        indices=[
             _indices(figure, cuffs, found) for (figure, cuffs), found in people.indices.items() if found is not None
         ],
-        "donning": {} if donning is None else donning.plain(),
-    }
+        donning={} if donning is None else donning.entries,
+    )
 
 
 def people_table(people: DrawnPeople) -> str:
@@ -211,21 +213,21 @@ def people_table(people: DrawnPeople) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> Plain:
-    def number(value: float, half_width: float) -> Plain:
-        return {"value": float(value), "ci95": [float(value - half_width), float(value + half_width)]}
+def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> IndicesEntry:
+    def index(value: float, half_width: float) -> NumberEntry:
+        return NumberEntry(value=float(value), ci95=[float(value - half_width), float(value + half_width)])
 
     rows = zip(found.groups, found.first, found.first_half_width, found.total, found.total_half_width, strict=True)
-    return {
-        "figure": figure,
-        "cuffs": list(cuffs),
-        "variance": known(found.variance),
-        "blocks": known(found.blocks),
-        "groups": {
-            group: {"first": number(first, first_half), "total": number(total, total_half)}
+    return IndicesEntry(
+        figure=figure,
+        cuffs=list(cuffs),
+        variance=known(found.variance),
+        blocks=known(found.blocks),
+        groups={
+            group: GroupIndexEntry(first=index(first, first_half), total=index(total, total_half))
             for group, first, first_half, total, total_half in rows
         },
-    }
+    )
 
 
 class PairEntry(StrictEntry):
@@ -244,7 +246,7 @@ class SettleEntry(StrictEntry):
     """
 
     code: Annotated[DecisionCode, Field(strict=False)]
-    figures: dict[str, float | str]
+    figures: dict[str, Real | str]
     text: str
 
 
@@ -257,7 +259,7 @@ class BasisEntry(StrictEntry):
     undecided: list[str] = Field(default_factory=list)
     probability: NumberEntry = Field(default_factory=lambda: NumberEntry(value=None))
     pairs: list[PairEntry] = Field(default_factory=list)
-    figures: dict[str, float | str] = Field(default_factory=dict)
+    figures: dict[str, Real | str] = Field(default_factory=dict)
     text: str
     settle: SettleEntry | None = None
 
@@ -276,38 +278,32 @@ class DecisionEntry(StrictEntry):
     at_best: BasisEntry
 
 
-def plain_decision(
+def decision_entry(
     summary: UncertaintySummary,
     indices: Mapping[IndexedFigure, SobolIndices | None],
     reference_rest_length: float,
-) -> dict[str, Any]:
+) -> DecisionEntry:
     """The decision from the efforts of drawn people; reference_rest_length [m]."""
     rule, drawn = summary.rule, summary.people
     places: dict[Basis, str] = {
         "at_reference": f"At {reference_rest_length:.3f} m",
         "at_best": "Each at its own best rest length",
     }
-    return {
-        "contains": "total",
-        **_plain_rule(rule, drawn),
-        **{
-            basis: {
-                **_plain_basis(decision, rule, drawn, places[basis]),
-                "settle": _plain_settle(decision, basis, indices),
-            }
-            for basis, decision in summary.decisions.items()
-        },
-    }
+    found: dict[Basis, BasisEntry] = {}
+    for basis, decision in summary.decisions.items():
+        message = decision_message(decision, rule, drawn, places[basis])
+        found[basis] = _basis(decision, message, _settle(decision, basis, indices))
+    return _decision("total", rule, drawn, found["at_reference"], found["at_best"])
 
 
-def without_decision(rule: DecisionRule | None = None, *, can_draw_people: bool = True) -> dict[str, Any]:
+def without_decision(rule: DecisionRule | None = None, *, can_draw_people: bool = True) -> DecisionEntry:
     """No decision, because the fit of one donning does not contain what differs between days and people.
 
     can_draw_people: False with elastic tendons, with which people are refused
     """
     message = Message(DecisionCode.FIT_ONLY if can_draw_people else DecisionCode.NO_PEOPLE)
-    entry = {"code": message.code.value, "text": str(message)}
-    return {"contains": "fit", **_plain_rule(rule or DecisionRule(), 0), "at_reference": entry, "at_best": entry}
+    entry = BasisEntry(code=message.code, text=str(message))
+    return _decision("fit", rule or DecisionRule(), 0, entry, entry)
 
 
 def decision_message(decision: CuffDecision, rule: DecisionRule, drawn: int, at: str) -> Message[DecisionCode]:
@@ -342,41 +338,46 @@ def percent(probability: float) -> str:
     return "< 1" if probability < 1 - CERTAIN else f"{100 * probability:.0f}"
 
 
-def _plain_rule(rule: DecisionRule, people: int) -> dict[str, Any]:
-    return {
-        "people": known(people),
-        "relevant_difference": known(rule.relevant_difference),
-        "certainty": known(rule.certainty),
-    }
+def _decision(
+    contains: Literal["fit", "total"], rule: DecisionRule, people: int, at_reference: BasisEntry, at_best: BasisEntry
+) -> DecisionEntry:
+    return DecisionEntry(
+        contains=contains,
+        people=known(people),
+        relevant_difference=known(rule.relevant_difference),
+        certainty=known(rule.certainty),
+        at_reference=at_reference,
+        at_best=at_best,
+    )
 
 
-def _plain_basis(decision: CuffDecision, rule: DecisionRule, drawn: int, at: str) -> dict[str, Any]:
-    message = decision_message(decision, rule, drawn, at)
-    return {
-        "code": message.code.value,
-        "leading": list(decision.leading),
-        "worse": list(decision.worse),
-        "undecided": list(decision.undecided),
-        "probability": {"value": decision.probability, "ci95": None},
-        "pairs": [_plain_pair(pair) for pair in decision.pairs],
-        "figures": dict(message.figures),
-        "text": str(message),
-    }
+def _basis(decision: CuffDecision, message: Message[DecisionCode], settle: SettleEntry | None) -> BasisEntry:
+    return BasisEntry(
+        code=message.code,
+        leading=list(decision.leading),
+        worse=list(decision.worse),
+        undecided=list(decision.undecided),
+        probability=NumberEntry(value=decision.probability, ci95=None),
+        pairs=[_pair(pair) for pair in decision.pairs],
+        figures=dict(message.figures),
+        text=str(message),
+        settle=settle,
+    )
 
 
-def _plain_pair(pair: PairProbability) -> dict[str, Any]:
-    return {
-        "cuffs": list(pair.cuffs),
-        "difference": {"value": pair.difference, "ci95": list(pair.ci95)},
-        "first_saves_more": known(pair.first_saves_more),
-        "second_saves_more": known(pair.second_saves_more),
-        "equivalent": known(pair.equivalent),
-    }
+def _pair(pair: PairProbability) -> PairEntry:
+    return PairEntry(
+        cuffs=list(pair.cuffs),
+        difference=KnownNumberEntry(value=pair.difference, ci95=list(pair.ci95)),
+        first_saves_more=known(pair.first_saves_more),
+        second_saves_more=known(pair.second_saves_more),
+        equivalent=known(pair.equivalent),
+    )
 
 
-def _plain_settle(
+def _settle(
     decision: CuffDecision, basis: Basis, indices: Mapping[IndexedFigure, SobolIndices | None]
-) -> dict[str, Any] | None:
+) -> SettleEntry | None:
     """The group with the largest expected reduction of the variance of the open difference, its first-order index; a
     code of its own where no share is known to differ from zero. None for a decision that is not open.
     """
@@ -392,8 +393,7 @@ def _plain_settle(
             if share > found.first_half_width[largest]:
                 code = DecisionCode(f"settle.{group}")
                 figures = {"group": group, "percent": percent(share), "first": cuffs[0], "second": cuffs[1]}
-    message = Message(code, figures)
-    return {"code": code.value, "figures": dict(figures), "text": str(message)}
+    return SettleEntry(code=code, figures=dict(figures), text=code.sentence(figures))
 
 
 def _rival(decision: CuffDecision) -> Figures:

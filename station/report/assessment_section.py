@@ -9,14 +9,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver.errors import CoverageCode
 from solver.suit.suit import PARTS
-from station.assessment.assessment_file import read_activations
-from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
+from station.assessment.assessment_file import AssessmentDocument, read_activations
+from station.assessment.assessment_json import (
+    ACTIVATIONS_FILE,
+    CURVE_KEYS,
+    RIGID,
+    AssessedMotionEntry,
+    NumberEntry,
+    WornCuffEntry,
+)
+from station.assessment.drawn_postures import LineEntry, PostureEntry
 from station.charts.marks import SIXTH, Array, Chart, Colour, Line, Panel, values
 from station.report.first_page import findings_of, intervals_of
 from station.report.muscle_figures import (
@@ -31,11 +39,10 @@ from station.report.muscle_figures import (
 )
 from station.report.pictures import Picture, PlannedFigure
 from station.sources import without_hash
+from station.subject.subject_document import SubjectDocument
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Plain = Mapping[str, Any]
 
 FOREARM = ("elbow_flexion", "pro_sup")
 """Coordinates of the finding that there is no marker on the forearm."""
@@ -68,97 +75,94 @@ class AssessmentSection:
     names: Mapping[str, str]
     not_measured: Sequence[str]
     places: Mapping[str, str]
-    cuffs: Plain
-    rows: list[dict[str, Any]]
-    beside: list[dict[str, Any]] | None
+    cuffs: Mapping[str, WornCuffEntry]
+    rows: list[dict[str, NumberEntry | str]]
+    beside: list[dict[str, NumberEntry | str]] | None
     findings: list[str]
     intervals: str
     pictures: Sequence[Picture]
 
 
-def assessment_section(assessment: Plain, pictures: Sequence[Picture]) -> AssessmentSection:
-    beside = assessment.get("beside")
+def assessment_section(assessment: AssessmentDocument, pictures: Sequence[Picture]) -> AssessmentSection:
+    beside = assessment.beside
     return AssessmentSection(
-        names={role: without_hash(what) for role, what in assessment["inputs"].items()},
-        not_measured=_not_measured(assessment.get("subject") or {}),
+        names={role: without_hash(what) for role, what in assessment.inputs if what},
+        not_measured=_not_measured(assessment.subject),
         places=places_of(assessment),
-        cuffs=assessment.get("cuffs", {}),
+        cuffs=assessment.cuffs,
         rows=_rows(assessment),
-        beside=[row for row in _rows(beside) if row["key"] in ("rigid", "both")] if beside else None,
+        beside=[row for row in _rows(beside) if row["key"] in (RIGID, "both")] if beside else None,
         findings=findings_of(assessment),
         intervals=intervals_of(assessment),
         pictures=pictures,
     )
 
 
-def _not_measured(subject: Plain) -> list[str]:
-    codes = {finding["code"] for finding in subject.get("findings", ())}
+def _not_measured(subject: SubjectDocument | None) -> list[str]:
+    if subject is None:
+        return []
+    codes = {finding.code for finding in subject.findings}
     explained = FOREARM if CoverageCode.NO_FOREARM_MARKERS in codes else ()
-    return [name for name in subject.get("coordinates_not_measured", ()) if name not in explained]
+    return [name for name in subject.coordinates_not_measured if name not in explained]
 
 
-def places_of(assessment: Plain) -> Mapping[str, str]:
+def places_of(assessment: AssessmentDocument) -> Mapping[str, str]:
     """What waist, shoulder and arm are called in the suit; an assessment of an older station has the bundled names."""
-    return assessment.get("suit_names") or {part: part for part in PARTS}
+    return assessment.suit_names or {part: part for part in PARTS}
 
 
-def effort_figures(assessment: Plain) -> list[PlannedFigure]:
+def effort_figures(assessment: AssessmentDocument) -> list[PlannedFigure]:
     """The first page's picture of the muscles: effort over the rest length with every arm cuff."""
-    uncertainty = assessment.get("uncertainty")
-    bands = f"; shaded: 95 % bands of {uncertainty['people']['value']:.0f} drawn people" if uncertainty else ""
+    uncertainty = assessment.uncertainty
+    bands = f"; shaded: 95 % bands of {uncertainty.people.value:.0f} drawn people" if uncertainty else ""
     caption = (
         f"Effort over the rest length of the cord, with migration and compliance{bands}. Small dots: lengths solved"
     )
-    return [PlannedFigure(partial(cuffs_figure, assessment), caption, is_printed=True)] if _arms(assessment) else []
+    return [PlannedFigure(partial(cuffs_figure, assessment), caption, is_printed=True)] if assessment.cost.arms else []
 
 
-def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
+def suit_figures(assessment: AssessmentDocument, folder: Path) -> list[PlannedFigure]:
     """Muscle effort of every arm cuff, activations and their change if they are in the folder, and EMG."""
-    waist = f" and the {places_of(assessment)['waist']} cuff" if assessment["waist_cuff"] else ""
-    arms = _arms(assessment)
+    waist = f" and the {places_of(assessment)['waist']} cuff" if assessment.waist_cuff else ""
     figures = []
-    if arms:
+    if assessment.cost.arms:
         caption = f"Effort over the rest length of the cord in every condition, with the named cuff{waist}"
         figures.append(PlannedFigure(partial(cost_figure, assessment), caption, is_wide=True))
     if (folder / ACTIVATIONS_FILE).is_file():
-        at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.3f} m"
+        at = f"at a rest length of {assessment.reference_rest_length_m.value:.3f} m"
         activations = read_activations(folder / ACTIVATIONS_FILE)
         figures = [
             *_body_figures(assessment, activations, at),
             *figures,
             *_activation_figures(assessment, activations, at),
         ]
-    if assessment["emg"]:
+    if assessment.emg:
         caption = "Reduction of the mean activation, relative to a slack cord, in the model and in the EMG"
         figures.append(PlannedFigure(partial(reduction_figure, assessment), caption, is_wide=True, is_printed=True))
     return figures
 
 
-def _arms(assessment: Plain) -> list[str]:
-    return [cuff for cuff in assessment["cost"] if cuff != "rigid"]
-
-
-def _best_arm(assessment: Plain, activations: pd.DataFrame) -> str | None:
+def _best_arm(assessment: AssessmentDocument, activations: pd.DataFrame) -> str | None:
     """The arm cuff of the least effort at the reference rest length whose activations are known."""
-    efforts = {cuff: assessment["at_rigid_optimum"][cuff]["both"]["value"] for cuff in _arms(assessment)}
+    efforts = {cuff: assessment.at_rigid_optimum.of(cuff).value for cuff in assessment.cost.arms}
     drawn = set(activations["cuff"][activations["condition"] == "both"])
     known = {cuff: effort for cuff, effort in efforts.items() if effort is not None and cuff in drawn}
     return min(known, key=known.__getitem__) if known else None
 
 
-def _body_figures(assessment: Plain, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
+def _body_figures(assessment: AssessmentDocument, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
     """With the arm cuff of the least effort."""
     cuff = _best_arm(assessment, activations)
-    if cuff and assessment.get("postures"):
-        chosen = postures_text(assessment["postures"])
+    if cuff and assessment.postures:
+        chosen = postures_text(assessment.postures)
         caption = f"Change of activation from a slack cord to the {cuff} cuff {at}, {CONDITIONS['both']}: {chosen}"
-        plan = partial(body_figure, assessment["postures"], activations, cuff, places_of(assessment))
+        plan = partial(body_figure, assessment.postures, activations, cuff, places_of(assessment))
         yield PlannedFigure(plan, caption, is_wide=True, is_printed=True)
 
 
-def _activation_figures(assessment: Plain, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
+def _activation_figures(assessment: AssessmentDocument, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
     """The change of every muscle's mean activation; activations over time with the arm cuff of the least effort."""
-    changes = muscle_changes(activations, _arms(assessment))
+    changes = muscle_changes(activations, list(assessment.cost.arms))
     caption = f"Mean activation of each muscle {at}, with migration and compliance, and its change"
     rest = ", ".join(muscle.muscle for muscle in changes if muscle.is_at_rest)
     at_rest = f". At rest throughout (below {LEAST_SHOWN}): {rest}" if rest else ""
@@ -169,20 +173,20 @@ def _activation_figures(assessment: Plain, activations: pd.DataFrame, at: str) -
         yield PlannedFigure(partial(activation_figure, activations, cuff), over_time, is_wide=True)
 
 
-def _rows(assessment: Plain) -> list[dict[str, Any]]:
-    """A row per condition and arm cuff: numbers as in the JSON, under its keys."""
-    rows = []
-    for cuff, by_condition in assessment["at_rigid_optimum"].items():
-        for condition in ["rigid"] if cuff == "rigid" else by_condition:
-
-            def of(key: str, cuff: str = cuff, condition: str = condition) -> Any:
-                found = assessment[key][cuff]
-                return found if cuff == "rigid" else found[condition]
-
-            numbers = {"cost": of("at_rigid_optimum"), **of("optimum"), **{key: of(key) for key in CURVE_KEYS.values()}}
-            arm = "" if cuff == "rigid" else cuff
-            rows.append({"key": condition, "condition": CONDITIONS.get(condition, condition), "cuff": arm, **numbers})
-    return rows
+def _rows(part: AssessedMotionEntry) -> list[dict[str, NumberEntry | str]]:
+    """A row per condition and arm cuff: numbers under their keys in the JSON."""
+    curves = [("", RIGID), *((cuff, condition) for cuff, found in part.cost.arms.items() for condition in found)]
+    return [
+        {
+            "key": condition,
+            "condition": CONDITIONS.get(condition, condition),
+            "cuff": cuff,
+            "cost": part.at_rigid_optimum.of(cuff or RIGID, condition),
+            **dict(part.optimum.of(cuff or RIGID, condition)),
+            **{key: getattr(part, key).of(cuff or RIGID, condition) for key in CURVE_KEYS.values()},
+        }
+        for cuff, condition in curves
+    ]
 
 
 @dataclass(frozen=True)
@@ -197,7 +201,7 @@ VIEWS = (ViewDirection("from behind", 145.0), ViewDirection("from the front", 35
 
 
 def body_figure(
-    postures: Sequence[Plain], activations: pd.DataFrame, cuff: str, places: Mapping[str, str] | None = None
+    postures: Sequence[PostureEntry], activations: pd.DataFrame, cuff: str, places: Mapping[str, str] | None = None
 ) -> Chart:
     """A column per posture and view, from behind and from the front.
 
@@ -209,7 +213,7 @@ def body_figure(
     size = WIDTH, WIDTH * extent[1] / extent[0] + TITLE
     columns = []
     for posture, column, name in zip(postures, ends, _names(postures), strict=True):
-        changes = activation_changes(activations, cuff, posture["time_s"]["value"])
+        changes = activation_changes(activations, cuff, posture.time_s.value)
         for view, (low, high) in zip(VIEWS, column, strict=True):
             title = f"{name}, {view.name}"
             marks = (*_legend(), *_marks(posture, changes, view, places or {}))
@@ -219,16 +223,16 @@ def body_figure(
     return Chart(tuple(columns), has_one_legend=True)
 
 
-def postures_text(postures: Sequence[Plain]) -> str:
+def postures_text(postures: Sequence[PostureEntry]) -> str:
     """What the postures are."""
-    return POSTURES[postures[0]["chosen_by"]]
+    return POSTURES[postures[0].chosen_by]
 
 
-def _names(postures: Sequence[Plain]) -> Iterator[str]:
+def _names(postures: Sequence[PostureEntry]) -> Iterator[str]:
     """Of the postures: the figure by which they were chosen."""
     for posture in postures:
-        is_length = posture["chosen_by"] == "cord_length"
-        yield f"{posture['cord_length_m']['value']:.3f} m" if is_length else f"{posture['elevation_deg']['value']:.0f}°"
+        length = posture.cord_length_m if posture.chosen_by == "cord_length" else None
+        yield f"{length.value:.3f} m" if length else f"{posture.elevation_deg.value:.0f}°"
 
 
 def activation_changes(activations: pd.DataFrame, cuff: str, time: float) -> dict[str, float]:
@@ -260,28 +264,28 @@ def _legend() -> Iterator[Line]:
 
 
 def _marks(
-    posture: Plain, changes: Mapping[str, float], view: ViewDirection, places: Mapping[str, str]
+    posture: PostureEntry, changes: Mapping[str, float], view: ViewDirection, places: Mapping[str, str]
 ) -> Iterator[Line]:
     """Bones, then muscles from the farthest to the nearest, then cord and cuffs."""
-    for bone in posture["bones"]:
-        across, up, _ = _seen(bone["line_m"], view)
-        yield Line(across, up, "bone", width=BONE[bone["kind"]])
-    lines = {name: _seen(line, view) for name, line in posture["muscles_m"].items()}
+    for bone in posture.bones:
+        across, up, _ = _seen(bone.line_m, view)
+        yield Line(across, up, "bone", width=BONE[bone.kind])
+    lines = {name: _seen(line, view) for name, line in posture.muscles_m.items()}
     for name in sorted(lines, key=lambda name: float(lines[name][2].mean())):
         across, up, _ = lines[name]
         colour, change = change_colour(changes.get(name, 0.0)), changes.get(name, 0.0)
         width = UNCHANGED if colour == "same" else MUSCLE
         yield Line(across, up, colour, width=width, title=f"{name}: {change:+.3f}".replace("-", "−"))
-    for part, ring in posture["cuffs_m"].items():
+    for part, ring in posture.cuffs_m.items():
         across, up, _ = _seen(ring, view)
         yield Line(across, up, "cord", width=CORD, title=f"{places.get(part, part)} cuff")
-    across, up, _ = _seen(posture["cord_m"], view)
+    across, up, _ = _seen(posture.cord_m, view)
     yield Line(across, up, "cord", width=CORD, title="cord")
 
 
-def _seen(line: Plain, view: ViewDirection) -> tuple[Array, Array, Array]:
+def _seen(line: LineEntry, view: ViewDirection) -> tuple[Array, Array, Array]:
     """Across, up and towards the viewer [m], parallel projection; x is forward, y up, z to the right of the body."""
-    x, y, z = values(line["value"]).T
+    x, y, z = values(line.value).T
     azimuth, elevation = np.radians([view.azimuth, ELEVATION])
     before = np.cos(azimuth) * x + np.sin(azimuth) * z
     across = np.sin(azimuth) * x - np.cos(azimuth) * z
@@ -289,8 +293,8 @@ def _seen(line: Plain, view: ViewDirection) -> tuple[Array, Array, Array]:
     return across, up, np.cos(elevation) * before + np.sin(elevation) * y
 
 
-def _ends(posture: Plain, view: ViewDirection) -> tuple[Array, Array]:
+def _ends(posture: PostureEntry, view: ViewDirection) -> tuple[Array, Array]:
     """Least and greatest (across, up) of muscles and suit; the arm beyond them is cut off."""
-    lines = (*posture["muscles_m"].values(), *posture["cuffs_m"].values(), posture["cord_m"])
+    lines = (*posture.muscles_m.values(), *posture.cuffs_m.values(), posture.cord_m)
     seen = np.concatenate([np.column_stack(_seen(line, view)[:2]) for line in lines])
     return seen.min(axis=0), seen.max(axis=0)

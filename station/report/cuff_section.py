@@ -18,6 +18,8 @@ from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
 from recordings.manifest import DataOrigin
+from station.assessment.assessment_file import AssessmentDocument
+from station.assessment.assessment_json import RIGID, WornCuffEntry
 from station.checksums import write_checksums, write_whole
 from station.cuff_text import of_cuff
 from station.report.fit_figures import MM, checks_figure, fit_figure
@@ -95,7 +97,7 @@ class ReportedCuff:
     """
 
     name: str
-    entry: LocatedObject
+    entry: Plain
     figures: Sequence[Shown]
     true: Sequence[Number]
     best_length: Shown
@@ -118,22 +120,23 @@ class ReportedCuff:
 def reported_cuffs(
     cuffs: Cuffs,
     document: LocatedObject,
-    assessment: Plain | None,
+    assessment: AssessmentDocument | None,
     known: LocatedObject,
     pictures: Mapping[str, Sequence[Picture]],
 ) -> list[ReportedCuff]:
     """The cuffs of cuffs.json (document), or those that the assessment has worn; known: true ones by name."""
-    entries = document.get("cuffs") or (assessment or {}).get("cuffs") or {}
+    entries: Plain = document.get("cuffs") or {}
+    worn_cuffs = assessment.cuffs if assessment else {}
     return [
         ReportedCuff(
             name,
-            entry,
-            [_shown(cuffs.get(name), entry, quantity) for quantity in QUANTITIES_SHOWN],
+            entries.get(name, {}),
+            [_shown(cuffs.get(name), worn_cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN],
             [_true(known[name], cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN] if name in known else (),
             *effect_of(assessment, name),
             pictures.get(f"cuff {name}", ()),
         )
-        for name, entry in entries.items()
+        for name in entries or worn_cuffs
     ]
 
 
@@ -144,18 +147,15 @@ def shared_notes(cuffs: Sequence[ReportedCuff]) -> list[str]:
     return [note for note in cuffs[0].notes if all(note in cuff.notes for cuff in cuffs)]
 
 
-def effect_of(assessment: Plain | None, cuff: str) -> tuple[Shown, Shown, Shown]:
+def effect_of(assessment: AssessmentDocument | None, cuff: str) -> tuple[Shown, Shown, Shown]:
     """The best rest length with this arm cuff, migration and compliance, what it saves there, and at the reference.
 
     Of rigid cuffs by their name.
     """
-    cost = (assessment or {}).get("cost") or {}
-    if assessment is None or cuff not in cost or (cuff != "rigid" and "both" not in cost[cuff]):
+    if assessment is None or cuff not in (RIGID, *assessment.cost.arms):
         return "", "", ""
-    best, reference = assessment["optimum"][cuff], assessment["at_rigid_optimum"][cuff]
-    if cuff != "rigid":
-        best, reference = best["both"], reference["both"]
-    return figure(best["rest_length_m"]), saving(best["normalised_cost"]), saving(reference)
+    best, reference = assessment.optimum.of(cuff), assessment.at_rigid_optimum.of(cuff)
+    return figure(best.rest_length_m), saving(best.normalised_cost), saving(reference)
 
 
 def figure_of(fit: Cuff, quantity: str) -> LocatedObject | None:
@@ -186,10 +186,10 @@ def cuff_figures(fit: CuffFit, truth: TrueCuff | None = None) -> list[PlannedFig
     return figures
 
 
-def _shown(fit: Cuff | None, entry: LocatedObject, quantity: ShownQuantity) -> Shown:
+def _shown(fit: Cuff | None, in_suit: WornCuffEntry | None, quantity: ShownQuantity) -> Shown:
     """With a remark if it is given by hand, or not identified; as worn by the assessment without cuffs.json."""
     if fit is None:
-        return worn(entry[quantity.key], quantity.scale, quantity.most_digits)
+        return worn(getattr(in_suit, quantity.key, None), quantity.scale, quantity.most_digits)
     shown = interval(figure_of(fit, quantity.name), quantity.scale, quantity.most_digits)
     return shown if isinstance(shown, str) else shown.within(of_cuff(fit, quantity.name, "{}"))
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from documents.interval import UNBROKEN
 from fitting.cuffs.wearable_cuff import QUANTITIES
+from station.assessment.assessment_file import AssessmentDocument
+from station.assessment.assessment_json import RIGID
 from station.assessment.uncertainty_json import listed
 from station.messages.assessment_messages import AssessmentCode, DecisionCode, sources_text
 from station.report.cuff_section import Cuffs, effect_of
 from station.report.numbers import Shown, figure, fixed, length, saving_in_words
 from station.sources import without_hash
 
-Plain = Mapping[str, Any]
 Parts = tuple[Shown, ...]
 
 LIMITING = frozenset(
@@ -66,7 +66,7 @@ class FirstPage:
     limits: tuple[str, ...]
 
 
-def first_page(assessment: Plain | None, cuffs: Cuffs) -> FirstPage:
+def first_page(assessment: AssessmentDocument | None, cuffs: Cuffs) -> FirstPage:
     """Content of the first page; without an assessment only what was fitted and the limits of the fits."""
     if assessment is None:
         return FirstPage(tuple(_fitted(cuffs)), (), (), (), tuple(_limits_of_cuffs(cuffs)))
@@ -74,22 +74,22 @@ def first_page(assessment: Plain | None, cuffs: Cuffs) -> FirstPage:
         tuple(answer(assessment)),
         tuple(_basis(assessment)),
         _decision(assessment),
-        effect_of(assessment, "rigid"),
+        effect_of(assessment, RIGID),
         (*_limits_of_cuffs(cuffs), *limits_of(assessment)),
     )
 
 
-def answer(assessment: Plain) -> Iterator[Shown]:
+def answer(assessment: AssessmentDocument) -> Iterator[Shown]:
     """Which cuff, how much less effort than with a slack cord, with which interval, at which rest length."""
-    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
-    efforts = {cuff: assessment["optimum"][cuff]["both"]["normalised_cost"]["value"] for cuff in arms}
+    arms, optimum, decision = list(assessment.cost.arms), assessment.optimum, assessment.decision
+    efforts = {cuff: optimum.of(cuff).normalised_cost.value for cuff in arms}
     known = {cuff: effort for cuff, effort in efforts.items() if effort is not None}
     if not known:
         yield "The best rest length is not known: the least effort is at the end of the range that was tried."
         return
-    entry = (assessment.get("decision") or {}).get("at_best") or {}
-    leading = [cuff for cuff in entry.get("leading") or () if cuff in known] or [min(known, key=known.__getitem__)]
-    code = entry.get("code")
+    chosen = decision.at_best.leading if decision else []
+    leading = [cuff for cuff in chosen if cuff in known] or [min(known, key=known.__getitem__)]
+    code = decision.at_best.code if decision else None
     if len(arms) == 1:
         yield f"The {arms[0]} cuff: "
     elif code == DecisionCode.CHOOSE:
@@ -99,9 +99,9 @@ def answer(assessment: Plain) -> Iterator[Shown]:
         yield "their savings differ by less than matters in practice: "
     else:
         yield f"Not decided between {listed(list(known))}; {leading[0]} has the least effort so far: "
-    yield saving_in_words(assessment["optimum"][leading[0]]["both"]["normalised_cost"])
+    yield saving_in_words(optimum.of(leading[0]).normalised_cost)
     yield " at a rest length of "
-    yield from _rest_lengths({cuff: figure(assessment["optimum"][cuff]["both"]["rest_length_m"]) for cuff in leading})
+    yield from _rest_lengths({cuff: figure(optimum.of(cuff).rest_length_m) for cuff in leading})
     yield "."
 
 
@@ -115,7 +115,7 @@ def _rest_lengths(by_cuff: Mapping[str, Shown]) -> Iterator[Shown]:
         yield from (", " if number else "", at, f"{UNBROKEN}m", f" with {cuff}" if len(texts) > 1 else "")
 
 
-def findings_of(assessment: Plain) -> list[str]:
+def findings_of(assessment: AssessmentDocument) -> list[str]:
     """Sentences for the section on the muscles: those that are neither on the first page nor in a table."""
     return [
         text
@@ -130,35 +130,33 @@ def _fitted(cuffs: Cuffs) -> Iterator[Shown]:
         yield f"Stiffness, damping and migration are identified of {', '.join(identified)}."
 
 
-def _basis(assessment: Plain) -> Iterator[Shown]:
+def _basis(assessment: AssessmentDocument) -> Iterator[Shown]:
     """Whose body and motion, and what the intervals contain."""
-    subject = assessment.get("subject")
+    subject = assessment.subject
     why = [text for code, text in _coded(assessment) if code in WEARER]
     if subject:
-        trials, noun = length(subject["trials"]), "trial" if len(subject["trials"]) == 1 else "trials"
-        yield from ("Body and motion are the wearer's: ", fixed(subject["mass_kg"]), " kg, estimated from ")
-        yield from (trials, f" {noun}; the motion was recorded {RECORDED_AS[subject['condition']]}. ")
+        trials, noun = length(subject.trials), "trial" if len(subject.trials) == 1 else "trials"
+        yield from ("Body and motion are the wearer's: ", fixed(subject.mass_kg), " kg, estimated from ")
+        yield from (trials, f" {noun}; the motion was recorded {RECORDED_AS[subject.condition]}. ")
     elif why:
         yield from (why[0], " ")
     else:
-        names = {role: without_hash(assessment["inputs"][role]) for role in ("model", "motion")}
-        yield f"Body: {names['model']}; motion: {names['motion']}; they are not the wearer's. "
+        model, motion = map(without_hash, (assessment.inputs.model, assessment.inputs.motion))
+        yield f"Body: {model}; motion: {motion}; they are not the wearer's. "
     contained = intervals_of(assessment)
     if contained:
         yield f"Effort is the sum of squared activations; 95 % intervals contain {contained}."
 
 
-def intervals_of(assessment: Plain) -> str:
+def intervals_of(assessment: AssessmentDocument) -> str:
     """What the intervals of the assessment contain; empty without any."""
-    uncertainty = assessment.get("uncertainty")
-    return sources_text(list(map(str, uncertainty["sources"]))) if uncertainty else ""
+    return sources_text([*assessment.uncertainty.sources]) if assessment.uncertainty else ""
 
 
-def _decision(assessment: Plain) -> tuple[str, ...]:
+def _decision(assessment: AssessmentDocument) -> tuple[str, ...]:
     """Of the best rest lengths and of the reference one."""
-    decision = assessment.get("decision") or {}
-    entries = [decision.get(basis) for basis in ("at_best", "at_reference")]
-    texts = [entry["text"] for entry in entries if entry and entry["code"] not in (*ADVICE, DecisionCode.ONLY_CUFF)]
+    entries = (assessment.decision.at_best, assessment.decision.at_reference) if assessment.decision else ()
+    texts = [entry.text for entry in entries if entry.code not in (*ADVICE, DecisionCode.ONLY_CUFF)]
     return tuple(dict.fromkeys(texts))
 
 
@@ -169,21 +167,20 @@ def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:
             yield f"Cuff {name}: {' and '.join(missing)} not identified."
 
 
-def limits_of(assessment: Plain) -> Iterator[str]:
+def limits_of(assessment: AssessmentDocument) -> Iterator[str]:
     """What limits the result, in sentences."""
     yield from (text for code, text in _coded(assessment) if code in LIMITING)
-    decision = (assessment.get("decision") or {}).get("at_reference") or {}
-    if decision.get("code") in ADVICE:
+    if assessment.decision and assessment.decision.at_reference.code in ADVICE:
         yield (
             "The intervals do not contain the variation of donnings, bodies and muscles, so that no decision between "
             "the cuffs rests on them."
         )
-    suit = assessment.get("inputs", {}).get("suit")
-    if not assessment.get("subject") and suit in (None, without_hash(str(suit))):
+    suit = assessment.inputs.suit
+    if not assessment.subject and suit == without_hash(suit):
         yield BUNDLED_SUIT
 
 
-def _coded(assessment: Plain) -> list[tuple[str, str]]:
+def _coded(assessment: AssessmentDocument) -> list[tuple[str, str]]:
     """Code and sentence of every finding; a document without a code for each of them has none."""
-    texts, codes = assessment["findings"], [finding["code"] for finding in assessment.get("finding_codes", ())]
+    texts, codes = assessment.findings, [str(finding.code) for finding in assessment.finding_codes]
     return list(zip(codes if len(codes) == len(texts) else [""] * len(texts), texts, strict=True))

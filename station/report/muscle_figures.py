@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
+from station.assessment.assessment_file import AssessmentDocument
+from station.assessment.assessment_json import RIGID
 from station.charts.marks import (
     COLOURS,
     HALF,
@@ -30,8 +32,6 @@ from station.charts.marks import (
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Plain = Mapping[str, Any]
 
 LEAST_SHOWN = 0.01
 """A muscle whose activation stays below this in all conditions is at rest: it is named, not drawn."""
@@ -84,22 +84,21 @@ class MuscleChange:
         return self.largest < LEAST_SHOWN
 
 
-def cost_figure(assessment: Plain) -> Chart:
+def cost_figure(assessment: AssessmentDocument) -> Chart:
     """Muscle effort over the cord's rest length: a panel per arm cuff with every condition; 1 is a slack cord."""
     panels = []
-    for cuff in (name for name in assessment["cost"] if name != "rigid"):
-        places = {LIMIT: ("rigid",), **{CONDITIONS[name]: (cuff, name) for name in assessment["cost"][cuff]}}
+    for cuff, conditions in assessment.cost.arms.items():
+        places = {LIMIT: (RIGID, ""), **{CONDITIONS[name]: (cuff, name) for name in conditions}}
         panels.append(replace(_effort_panel(assessment, places), title=cuff, width=THIRD, height=205.0))
     return chart(*panels, has_one_legend=True)
 
 
-def cuffs_figure(assessment: Plain) -> Chart:
+def cuffs_figure(assessment: AssessmentDocument) -> Chart:
     """The same with every arm cuff, with migration and compliance, beside rigid ones; where people were drawn, with the
     band of total uncertainty of every arm cuff.
     """
-    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
-    places = {LIMIT: ("rigid",), **{cuff: (cuff, "both") for cuff in arms}}
-    return chart(_effort_panel(assessment, places, tuple(_bands(assessment, arms))))
+    places = {LIMIT: (RIGID, ""), **{cuff: (cuff, "both") for cuff in assessment.cost.arms}}
+    return chart(_effort_panel(assessment, places, tuple(_bands(assessment))))
 
 
 def muscle_changes(activations: pd.DataFrame, cuffs: Sequence[str]) -> list[MuscleChange]:
@@ -173,24 +172,23 @@ def shown_muscles(activations: pd.DataFrame) -> list[str]:
     return [name for name in named if float(activations[name].max()) >= LEAST_SHOWN]
 
 
-def reduction_figure(assessment: Plain) -> Chart:
+def reduction_figure(assessment: AssessmentDocument) -> Chart:
     """Reduction of mean activation in the model at the reference rest length, and in the measured EMG, by arm cuff."""
-    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
-    return chart(*(_reductions(assessment, cuff) for cuff in arms))
+    return chart(*(_reductions(assessment, cuff) for cuff in assessment.cost.arms))
 
 
-def _reductions(assessment: Plain, cuff: str) -> Panel:
-    measured = {row["muscle"]: row for row in assessment["emg"]}
+def _reductions(assessment: AssessmentDocument, cuff: str) -> Panel:
+    measured = {row.muscle: row for row in assessment.emg}
     rows = values(range(len(measured)))
-    modelled = [assessment["muscle_reduction"][cuff]["both"][name] for name in measured]
-    percent = values([row["reduction_percent"]["value"] for row in measured.values()])
-    spread = values([row["sd_percent"]["value"] for row in measured.values()])
-    ends = 100 * values([number["ci95"] or (None, None) for number in modelled]).reshape(-1, 2)
+    modelled = [assessment.muscle_reduction.of(cuff)[name] for name in measured]
+    percent = values([row.reduction_percent.value for row in measured.values()])
+    spread = values([row.sd_percent.value for row in measured.values()])
+    ends = 100 * values([number.ci95 or (None, None) for number in modelled]).reshape(-1, 2)
     return Panel(
         (
             Rule(0.0, "quiet", is_upright=True),
             Intervals(rows - 0.12, ends[:, 0], ends[:, 1], "c1", is_upright=False),
-            Points(100 * values([number["value"] for number in modelled]), rows - 0.12, "c1", f"model, {cuff}"),
+            Points(100 * values([number.value for number in modelled]), rows - 0.12, "c1", f"model, {cuff}"),
             Intervals(rows + 0.12, percent - spread, percent + spread, "c2", is_upright=False),
             Points(percent, rows + 0.12, "c2", "EMG ± sd", is_hollow=True),
         ),
@@ -205,10 +203,12 @@ def _activation_panel(marks: tuple[Line, ...], muscle: str) -> Panel:
     return Panel(marks, "time [s]", "activation", muscle, y_limits=(0.0, None), width=QUARTER, height=120.0)
 
 
-def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], bands: Sequence[Band | Line] = ()) -> Panel:
+def _effort_panel(
+    assessment: AssessmentDocument, places: Mapping[str, tuple[str, str]], bands: Sequence[Band | Line] = ()
+) -> Panel:
     """A curve for each label and its place in the assessment, its best rest length marked, above the bands."""
-    lengths = values(assessment["rest_lengths_m"]["value"])
-    reference = assessment["reference_rest_length_m"]["value"]
+    lengths = values(assessment.rest_lengths_m.value)
+    reference = assessment.reference_rest_length_m.value
     marks: list[Mark] = [
         *bands,
         Rule(1.0, "quiet", word="slack cord"),
@@ -217,14 +217,11 @@ def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], band
     lowest = min([1.0, *(float(np.nanmin(band.low, initial=1.0)) for band in bands if isinstance(band, Band))])
     colours: tuple[Colour, ...] = ("ink", *COLOURS)
     for (label, place), colour in zip(places.items(), colours, strict=False):
-        cost, best = assessment["cost"], assessment["optimum"]
-        for step in place:
-            cost, best = cost[step], best[step]
-        curve = values(cost["value"])
+        best, curve = assessment.optimum.of(*place), values(assessment.cost.of(*place).value)
         marks.append(Line(*_smooth(lengths, curve), colour, label))
         marks.append(Points(lengths, curve, colour, radius=SOLVED))
-        if best["rest_length_m"]["value"] is not None:
-            at, effort = values([best["rest_length_m"]["value"]]), values([best["normalised_cost"]["value"]])
+        if best.rest_length_m.value is not None:
+            at, effort = values([best.rest_length_m.value]), values([best.normalised_cost.value])
             title = f"{label}: best at {at[0]:.3f} m, effort {effort[0]:.3f}"
             marks.append(Points(at, effort, colour, titles=(title,)))
         lowest = min(lowest, float(np.nanmin(curve, initial=1.0)))
@@ -238,11 +235,11 @@ def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], band
     )
 
 
-def _bands(assessment: Plain, arms: Sequence[str]) -> Iterator[Band | Line]:
+def _bands(assessment: AssessmentDocument) -> Iterator[Band | Line]:
     """Of the intervals, with their edges, which distinguish overlapping bands."""
-    lengths = values(assessment["rest_lengths_m"]["value"])
-    for cuff, colour in zip(arms, COLOURS, strict=False):
-        if ends_of_lengths := assessment["cost"][cuff]["both"].get("ci95"):
+    lengths = values(assessment.rest_lengths_m.value)
+    for cuff, colour in zip(assessment.cost.arms, COLOURS, strict=False):
+        if ends_of_lengths := assessment.cost.of(cuff).ci95:
             low, high = values([ends or (None, None) for ends in ends_of_lengths]).T
             fine, low = _smooth(lengths, low)
             _, high = _smooth(lengths, high)

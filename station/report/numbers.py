@@ -1,8 +1,9 @@
 """Numbers of the report: each knows its place in a result, has an id on the page, and is listed in report.json.
 
-`located` copies plain data; the copies behave as the values they replace and know their place. The functions below it
-make a text of such a number, and `NumberRegister` gives each one that the templates print an id and an entry. What is
-computed from a located number is plain again. Its provenance is its recordings, and random draws with their seed.
+`located` copies a document or plain data; the copies behave as the values they replace and know their place. The
+functions below it make a text of such a number, and `NumberRegister` gives each one that the templates print an id and
+an entry. What is computed from a located number is plain again. Its provenance is its recordings, and random draws with
+their seed.
 """
 
 from __future__ import annotations
@@ -11,16 +12,19 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import sha256
-from typing import Any
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from markupsafe import Markup
+from pydantic import BaseModel
 
 from documents.interval import UNBROKEN, between, bracketed, plus_minus, rounded
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.results.codes import Standing
-from station.assessment.assessment_json import ASSESSMENT_FILE
+from station.assessment.assessment_file import AssessmentDocument
+from station.assessment.assessment_json import ASSESSMENT_FILE, NumberEntry, QuantityEntry
 from station.report.pictures import Picture
 from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source
 
@@ -33,6 +37,9 @@ _BOUND_OF_SAVING = {"low": "high", "high": "low"}
 _SENTENCE = re.compile(r"(?=.*\d)(?=.*\s)", re.DOTALL)
 """A text with a number and a space; without a space it is a name or a hash."""
 Plain = Mapping[str, Any]
+Entry = BaseModel | Plain
+"""A number with its interval: an entry of a document, or plain data."""
+Document = TypeVar("Document", bound=BaseModel)
 WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "reference_rest_length_m", "emg"})
 """Keys of assessment.json whose numbers do not depend on the cuffs."""
 
@@ -57,15 +64,25 @@ class LocatedInteger(int):
     source: Source
 
 
+_PLACE = "place"
 _LOCATED: dict[type, type[Any]] = {str: LocatedText, float: LocatedFloat, int: LocatedInteger}
 
 
+@overload
+def located(value: Document, source: Source) -> Document: ...
+@overload
+def located(value: object, source: Source) -> Any: ...
 def located(value: Any, source: Source) -> Any:
-    """A copy of plain data, every object, array, string and number with its place; source is that of the whole.
+    """A copy of a document or of plain data, every object, array, string and number with its place; source is that of
+    the whole.
 
-    Booleans and null are not replaced.
+    Booleans, null and codes are not replaced.
     """
     copy: Any
+    if isinstance(value, BaseModel):
+        copy = value.model_copy(update={key: located(part, source.child(key)) for key, part in value})
+        object.__setattr__(copy, "__pydantic_private__", {_PLACE: source})  # beside its fields
+        return copy
     if isinstance(value, Mapping):
         copy = LocatedObject({key: located(part, source.child(key)) for key, part in value.items()})
     elif isinstance(value, list | tuple):
@@ -107,7 +124,13 @@ class Number:
 Shown = Number | str
 
 
-def interval(entry: Mapping[str, Any] | None, scale: float = 1.0, most_digits: int | None = None) -> Shown:
+def source_of(found: Any) -> Source:
+    """The place of a located value. Raises KeyError or AttributeError for one without a place."""
+    source: Source = (found.__pydantic_private__ or {})[_PLACE] if isinstance(found, BaseModel) else found.source
+    return source
+
+
+def interval(entry: Entry | None, scale: float = 1.0, most_digits: int | None = None) -> Shown:
     """`12.34 (12.21 to 12.47)` of an entry {"value", "ci95"}, with two digits of the half width; a fit without a value
     is not identified.
 
@@ -116,7 +139,7 @@ def interval(entry: Mapping[str, Any] | None, scale: float = 1.0, most_digits: i
     return _bracketed(entry, NOT_IDENTIFIED, scale, most_digits or 0, is_limited=most_digits is not None)
 
 
-def figure(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> Shown:
+def figure(entry: Entry | None, scale: float = 1.0, digits: int = 3) -> Shown:
     """The same of assessment.json and emg.json, with at most `digits` decimals; a dash where it is unknown.
 
     The interval of the fit alone would give it more decimals than the total uncertainty bears.
@@ -124,25 +147,24 @@ def figure(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3)
     return _bracketed(entry, UNKNOWN, scale, digits, is_limited=True)
 
 
-def worn(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> Shown:
+def worn(entry: Entry | None, scale: float = 1.0, digits: int = 3) -> Shown:
     """A parameter of a worn cuff, with its source where that is not the fit."""
     number = _bracketed(entry, UNKNOWN, scale, digits)
-    if isinstance(number, Number) and entry is not None and entry.get("source") == Standing.BY_HAND:
-        return number.within("{} (given by hand)")
-    return number
+    is_by_hand = isinstance(entry, QuantityEntry) and entry.source == Standing.BY_HAND
+    return number.within("{} (given by hand)") if is_by_hand and isinstance(number, Number) else number
 
 
-def saving(entry: Mapping[str, Any]) -> Shown:
+def saving(entry: NumberEntry) -> Shown:
     """`9.4 (2.0 to 15.1)`: per cent saved, from an effort relative to that with a slack cord; negative above 1."""
-    return UNKNOWN if _is_unknown(entry) else _number(entry, _percent(entry, -1.0))
+    return UNKNOWN if entry.value is None else _number(entry, _percent(entry, entry.value, -1.0))
 
 
-def saving_in_words(entry: Mapping[str, Any]) -> Shown:
+def saving_in_words(entry: NumberEntry) -> Shown:
     """`9 % less effort than with a slack cord (95 % interval 2 to 15 %)`; `more` above 1."""
-    if _is_unknown(entry):
+    if entry.value is None:
         return "effort not known"
-    sign, word = (-1.0, "less") if entry["value"] <= 1.0 else (1.0, "more")
-    number, _, brackets = _percent(entry, sign).partition(" (")
+    sign, word = (-1.0, "less") if entry.value <= 1.0 else (1.0, "more")
+    number, _, brackets = _percent(entry, entry.value, sign).partition(" (")
     low, more, _ = brackets.removesuffix(")").partition(f"{UNBROKEN}or{UNBROKEN}more")
     interval = f" (95 % interval {low} %{more})" if brackets else ""
     return _number(entry, f"{number} % {word} effort than with a slack cord{interval}")
@@ -178,9 +200,9 @@ def plain(number: Any) -> Number:
     return Number(text, str(number) if isinstance(number, str) else number, number.source)
 
 
-def length(found: LocatedList | LocatedObject) -> Number:
+def length(found: Any) -> Number:
     """The number of entries of a located list or object."""
-    return Number(str(len(found)), len(found), found.source.derived(Derivation.LENGTH))
+    return Number(str(len(found)), len(found), source_of(found).derived(Derivation.LENGTH))
 
 
 def total(found: LocatedList) -> Number:
@@ -188,30 +210,32 @@ def total(found: LocatedList) -> Number:
     return Number(f"{sum(found):g}", sum(found), found.source.derived(Derivation.SUM))
 
 
-def _is_unknown(entry: Mapping[str, Any] | None) -> bool:
-    return not entry or entry["value"] is None
+def _parts(entry: Entry) -> tuple[Any, Any, Any]:
+    """Value, ends of the interval, and the end that is a bound."""
+    read = partial(getattr, entry) if isinstance(entry, BaseModel) else entry.get
+    value, ci95, censored = (read(key, None) for key in ("value", "ci95", "censored"))
+    return value, ci95, censored
 
 
-def _bracketed(entry: Any, unknown: str, scale: float, digits: int, *, is_limited: bool = False) -> Shown:
-    if _is_unknown(entry):
+def _bracketed(entry: Entry | None, unknown: str, scale: float, digits: int, *, is_limited: bool = False) -> Shown:
+    value, ci95, censored = _parts(entry or {})
+    if entry is None or value is None:
         return unknown
-    value, ci95, censored = entry["value"], entry.get("ci95"), entry.get("censored")
     return _number(entry, bracketed(value, ci95, scale, digits, censored, is_limited=is_limited))
 
 
-def _number(entry: Any, text: str) -> Number:
-    """Raises AttributeError for an entry without a place."""
-    value, ci95 = entry["value"], entry.get("ci95")
+def _number(entry: Entry, text: str) -> Number:
+    """Raises the errors of source_of."""
+    value, ci95, _ = _parts(entry)
     given = tuple(value) if isinstance(value, list) else value
-    return Number(text, given, entry.source, (ci95[0], ci95[1]) if ci95 else None)
+    return Number(text, given, source_of(entry), (ci95[0], ci95[1]) if ci95 else None)
 
 
-def _percent(entry: Mapping[str, Any], sign: float) -> str:
+def _percent(entry: NumberEntry, effort: float, sign: float) -> str:
     """Change of an effort from that with a slack cord, times the sign."""
-    changes = sorted(sign * (end - 1.0) for end in entry.get("ci95") or ()) or None
-    censored = entry.get("censored")
-    bound = censored if sign > 0 else _BOUND_OF_SAVING.get(str(censored), censored)
-    return bracketed(sign * (entry["value"] - 1.0), changes, 100.0, 1, bound, is_limited=True)
+    changes = sorted(sign * (end - 1.0) for end in entry.ci95 or ()) or None
+    bound = entry.censored if sign > 0 else _BOUND_OF_SAVING.get(str(entry.censored), entry.censored)
+    return bracketed(sign * (effort - 1.0), changes, 100.0, 1, bound, is_limited=True)
 
 
 def _minus(text: str) -> str:
@@ -291,10 +315,10 @@ def _unit(source: Source) -> str:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance of the numbers in cuffs.json and assessment.json, given as plain data; None without the file."""
+    """Provenance of the numbers in cuffs.json, given as plain data, and in assessment.json; None without the file."""
 
     cuffs: Plain | None
-    assessment: Plain | None
+    assessment: AssessmentDocument | None
 
     def recordings(self, source: Source) -> tuple[str, ...]:
         """Recordings from whose samples the value at this place was computed, including those of the calibration."""
@@ -311,8 +335,8 @@ class Provenance:
         """Number of random draws behind the interval of an assessed number, and their seed."""
         if source.file != ASSESSMENT_FILE or self.assessment is None or source.keys[:1] in (["cuffs"], ["subject"]):
             return None, None
-        settings = self.assessment.get("uncertainty")
-        return (int(settings["people"]["value"]), int(settings["seed"]["value"])) if settings else (None, None)
+        settings = self.assessment.uncertainty
+        return (int(settings.people.value), int(settings.seed.value)) if settings else (None, None)
 
     def _behind_cuffs_file(self, keys: list[str]) -> Iterable[str]:
         plain = self.cuffs or {}
@@ -326,11 +350,11 @@ class Provenance:
             return [cuff["trials"][int(keys[3])]["file"], *calibration]
         return [*cuff.get("sources", ()), *calibration]
 
-    def _behind_assessment(self, keys: list[str], assessment: Plain) -> Iterable[str]:
-        wearer = [trial["file"] for trial in (assessment.get("subject") or {}).get("trials", ()) if "file" in trial]
+    def _behind_assessment(self, keys: list[str], assessment: AssessmentDocument) -> Iterable[str]:
+        wearer = [trial.file for trial in assessment.subject.trials] if assessment.subject else []
         if keys[:1] == ["subject"]:
             return wearer
-        worn = assessment.get("cuffs") or {}
+        worn = assessment.cuffs
         named = [name for name in keys if name in worn] or ([] if WITHOUT_CUFFS & set(keys) else list(worn))
-        worn_cuffs = dict.fromkeys([assessment.get("waist_cuff"), *named] if named else ())
+        worn_cuffs = dict.fromkeys([assessment.waist_cuff, *named] if named else ())
         return [*(file for name in worn_cuffs if name for file in self._behind_cuffs_file(["cuffs", name])), *wearer]

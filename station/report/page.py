@@ -29,7 +29,7 @@ from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json, read_cuffs
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
 from fitting.results.codes import Standing
 from recordings.manifest import DataOrigin
-from station.assessment.assessment_file import read_assessment
+from station.assessment.assessment_file import AssessmentDocument, read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.charts.svg import with_commands
 from station.checksums import drafted, write_checksums, write_whole
@@ -97,15 +97,15 @@ class Results:
     cuffs: Mapping[str, Cuff]
     document: LocatedObject
     truth: dict[str, TrueCuff]
-    assessment: Mapping[str, Any] | None
+    assessment: AssessmentDocument | None
     emg: EmgDocument | None
 
     @property
     def origin(self) -> DataOrigin:
         """Of all that the page shows."""
         found = [fit.origin for fit in self.cuffs.values()]
-        if self.assessment and self.assessment.get("origin") in list(DataOrigin):
-            found.append(DataOrigin(self.assessment["origin"]))
+        if self.assessment and self.assessment.origin in list(DataOrigin):
+            found.append(DataOrigin(self.assessment.origin))
         if self.emg:
             found.append(self.emg.origin)
         return DataOrigin.joined(found)
@@ -168,10 +168,9 @@ def read_results(folder: Path, fitted: SessionFit | None = None) -> Results:
     )
 
 
-def located_assessment(assessment: Mapping[str, Any]) -> Mapping[str, Any]:
+def located_assessment(assessment: AssessmentDocument) -> AssessmentDocument:
     """assessment.json as the page shows it."""
-    found: Mapping[str, Any] = located(assessment, Source.of(ASSESSMENT_FILE))
-    return found
+    return located(assessment, Source.of(ASSESSMENT_FILE))
 
 
 def render(results: Results, drawn: Drawn = MappingProxyType({})) -> tuple[str, NumberRegister]:
@@ -189,6 +188,7 @@ def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
     folder, document, assessment, emg = results.folder, results.document, results.assessment, results.emg
     origin, chain = results.origin, chain_of(folder, is_report_included=False)
     known = located({name: cuff.model_dump() for name, cuff in results.truth.items()}, Source.of(TRUTH_FILE))
+    sentences = _beside(folder / MISSING_FILE, _MISSING) or []
     cuffs = reported_cuffs(results.cuffs, document, assessment, known, pictures)
     return {
         "folder": folder.resolve().name,
@@ -202,7 +202,7 @@ def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
         "chain": chain,
         "doubts": [str(link) for link in chain if link.standing.is_break] + _contradictions(results.cuffs, assessment),
         "given": [str(link) for link in chain if link.standing is Standing.BY_HAND],
-        "missing": located(_beside(folder / MISSING_FILE, _MISSING) or [], Source.of(MISSING_FILE)),
+        "missing": located(sentences, Source.of(MISSING_FILE)),
         "recordings": recording_rows(folder, document),
         "assessment": assessment,
         "suit": assessment_section(assessment, pictures.get(MUSCLES, ())) if assessment else None,
@@ -251,19 +251,18 @@ def _inputs(folder: Path) -> list[str]:
     return [path.name for path in made_of if path.is_file()]
 
 
-def _contradictions(cuffs: Mapping[str, Cuff], assessment: Mapping[str, Any] | None) -> list[str]:
+def _contradictions(cuffs: Mapping[str, Cuff], assessment: AssessmentDocument | None) -> list[str]:
     """Where the assessment wears other figures than those in the table of cuffs, in sentences."""
     sentences = []
-    for name, entries in ((assessment or {}).get("cuffs") or {}).items():
+    for name, entries in (assessment.cuffs if assessment else {}).items():
         for quantity, key in QUANTITIES.items() if name in cuffs else ():
-            shown, entry = getattr(cuffs[name], quantity), entries.get(key) or {}
-            value = entry.get("value")
-            if shown is None or value is None or math.isclose(shown.value, value, rel_tol=1e-9):
+            shown, entry = getattr(cuffs[name], quantity), getattr(entries, key)
+            if shown is None or entry.value is None or math.isclose(shown.value, entry.value, rel_tol=1e-9):
                 continue
-            by_hand = f", {Standing.BY_HAND}" if entry.get("source") == Standing.BY_HAND else ""
+            by_hand = f", {Standing.BY_HAND}" if entry.source == Standing.BY_HAND else ""
             sentences.append(
                 f"the muscles were solved with another {quantity} of cuff {name} than that in the table: "
-                f"{value:.6g} {UNITS[quantity]}{by_hand}, and the table has {shown.value:.6g}"
+                f"{entry.value:.6g} {UNITS[quantity]}{by_hand}, and the table has {shown.value:.6g}"
             )
     return sentences
 

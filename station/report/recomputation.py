@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from documents.interval import counted
@@ -16,7 +15,7 @@ from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.results.codes import Standing
-from station.assessment.assessment_file import AssessmentFileError, read_assessment
+from station.assessment.assessment_file import AssessmentDocument, AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.assessment.budget_file import read_budget
@@ -73,8 +72,8 @@ def recomputed_links(folder: Path, progress: Progress = silent) -> Iterator[Link
     if fitted is not None:
         results = read_results(folder, fitted)
         yield from _links(CUFFS_FILE, results.document, results, "fit of the recordings")
-    if (plain := _read(folder / ASSESSMENT_FILE)) is not None:
-        yield from _assessment_links(folder, plain, fitted, progress)
+    with suppress(AssessmentFileError):  # which the chain of files reports
+        yield from _assessment_links(folder, read_assessment(folder / ASSESSMENT_FILE), fitted, progress)
 
 
 def differences(found: Any, expected: Any, pointer: str = "") -> Iterator[Difference]:
@@ -103,55 +102,57 @@ def _links(file: str, computed: Plain, results: Results, what: str) -> Iterator[
             yield _link(f"{NUMBERS_FILE} ← {what}, {counted(len(reported), 'number')}", found)
 
 
-def _assessment_links(folder: Path, plain: Plain, fitted: SessionFit | None, progress: Progress) -> Iterator[Link]:
-    from station.assessment.assess import assess_cuffs, write_assessment
+def _assessment_links(
+    folder: Path, recorded: AssessmentDocument, fitted: SessionFit | None, progress: Progress
+) -> Iterator[Link]:
+    from station.assessment.assess import assess_cuffs, assessment_document, plain_document
 
-    inputs = _inputs(folder, plain)
+    inputs = _inputs(folder, recorded)
     if inputs is None:
         yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, ELSEWHERE)
         return
-    worn, people = read_cuffs_to_wear(inputs.cuffs, inputs.chosen), _people(plain)
-    frames, lengths = int(plain["frames"]["value"]), len(plain["rest_lengths_m"]["value"])
+    worn, people = read_cuffs_to_wear(inputs.cuffs, inputs.chosen), _people(recorded)
+    frames, lengths = int(recorded.frames.value), len(recorded.rest_lengths_m.value)
     assessed = assess_cuffs(
         worn, inputs, most_frames=frames, most_rest_lengths=lengths, people=people, progress=progress
     )
-    with TemporaryDirectory() as written:
-        write_assessment(assessed, Path(written))
-        computed = read_json(Path(written) / ASSESSMENT_FILE)
-    whole = {**computed, **{key: plain[key] for key in NOT_COMPUTED & set(plain)}}
+    computed = assessment_document(assessed)
+    whole = computed.model_copy(
+        update={key: getattr(recorded, key) for key in NOT_COMPUTED & recorded.model_fields_set}
+    )
     results = replace(read_results(folder, fitted), assessment=located_assessment(whole))
-    yield from _links(ASSESSMENT_FILE, computed, results, "the model")
+    yield from _links(ASSESSMENT_FILE, plain_document(computed), results, "the model")
 
 
-def _people(plain: Plain) -> PeopleRun | None:
+def _people(recorded: AssessmentDocument) -> PeopleRun | None:
     """The people of the assessment, drawn again from the bundled budget."""
-    if not (uncertainty := plain.get("uncertainty")):
+    if not (uncertainty := recorded.uncertainty):
         return None
-    budget = read_budget(people=int(uncertainty["people"]["value"]))
-    sources: SourceChoice = "cuffs" if uncertainty["sources"] == ["fit"] else "all"
-    return PeopleRun(budget, sources=sources, index_blocks=int(uncertainty["index_blocks"]["value"]))
+    budget = read_budget(people=int(uncertainty.people.value))
+    sources: SourceChoice = "cuffs" if uncertainty.sources == ["fit"] else "all"
+    return PeopleRun(budget, sources=sources, index_blocks=int(uncertainty.index_blocks.value))
 
 
-def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
+def _inputs(folder: Path, recorded: AssessmentDocument) -> AssessmentInputs | None:
     """The inputs of the assessment, where all of them are bundled or in the folder."""
-    named, cuffs = plain["inputs"], folder / CUFFS_FILE
-    has_subject = bool(plain.get("subject"))
-    is_bundled = {role: without_hash(named[role]) == named[role] for role in ("model", "motion", "suit")}
-    is_bundled_budget = named.get("budget", "bundled").startswith("bundled")
-    others = {"emg", "external_loads", "beside", "effort", "donnings"} & set(named)
-    is_known = is_bundled["suit"] and is_bundled_budget and (has_subject or all(is_bundled.values()))
-    if others or not is_known or not (cuffs.is_file() and named["cuffs"].endswith(sha256_of(cuffs))):
+    named, cuffs, has_subject = recorded.inputs, folder / CUFFS_FILE, recorded.subject is not None
+    are_bundled = [without_hash(name) == name for name in (named.model, named.motion)]
+    is_known = without_hash(named.suit) == named.suit and (named.budget or "bundled").startswith("bundled")
+    others = (named.emg, named.external_loads, named.beside, named.effort, named.donnings)
+    if any(others) or not is_known or not (has_subject or all(are_bundled)):
         return None
-    chosen = tuple(name for name, cuff in plain["cuffs"].items() if cuff["site"] != "waist")
-    inputs = AssessmentInputs(cuffs, chosen=chosen, paths=named["paths"], subject=folder if has_subject else None)
-    cutoff = named.get("cutoff_hz", f"{CUTOFF_HZ:g}")
-    return replace(inputs, tendons=named.get("tendons", "rigid"), cutoff_hz=None if cutoff == "none" else float(cutoff))
+    if not (cuffs.is_file() and named.cuffs.endswith(sha256_of(cuffs))):
+        return None
+    chosen = tuple(name for name, cuff in recorded.cuffs.items() if cuff.site != "waist")
+    subject, cutoff = folder if has_subject else None, named.cutoff_hz or f"{CUTOFF_HZ:g}"
+    inputs = AssessmentInputs(cuffs, chosen=chosen, paths=named.paths, subject=subject)
+    return replace(inputs, tendons=named.tendons or "rigid", cutoff_hz=None if cutoff == "none" else float(cutoff))
 
 
 def _read(path: Path) -> Any:
     """A file of results; None if it is missing or cannot be read, which the chain of files reports."""
-    with suppress(OSError, PlainDataError, AssessmentFileError):
-        return read_assessment(path) if path.name == ASSESSMENT_FILE else read_json(path)
+    with suppress(OSError, PlainDataError):
+        return read_json(path)
     return None
 
 

@@ -62,7 +62,7 @@ def _write_activations(folder: Path, assessed: AssessedSuit | None) -> dict[str,
     solved = assessed.assessment
     with drafted(folder / MODEL_FILE) as draft:
         write_table(draft, solved.muscles, solved.time, solved.slack)
-    return {assessed.subject["motion"]: folder / MODEL_FILE}
+    return {assessed.subject.motion: folder / MODEL_FILE}
 
 
 def _compare(

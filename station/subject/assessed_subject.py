@@ -9,7 +9,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -310,8 +309,10 @@ def compare_cord(
     return check_cord(at_rest, subject.model, differentiate(motion), measured, worn)
 
 
-def plain_subject(subject: AssessedSubject, spread: dict[str, float] | None, cord: CordCheck | None) -> dict[str, Any]:
-    """The document as plain data."""
+def subject_document(
+    subject: AssessedSubject, spread: dict[str, float] | None, cord: CordCheck | None
+) -> SubjectDocument:
+    """spread of each suit marker about its point [m]; cord: None without a measured tension."""
     estimate = subject.body.estimate
     posterior = subject.posterior
     factors = {
@@ -336,7 +337,7 @@ def plain_subject(subject: AssessedSubject, spread: dict[str, float] | None, cor
         suit_point_spread_m=spread,
         cord=None if cord is None else _tension(cord),
         findings=[WearerFinding(code=finding.code, text=str(finding)) for finding in subject.body.findings],
-    ).model_dump(mode="json")
+    )
 
 
 def subject_inputs(folder: Path, subject: AssessedSubject) -> dict[str, str]:

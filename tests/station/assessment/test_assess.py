@@ -32,7 +32,7 @@ from station.assessment.assessment_inputs import (
     wearable,
     worn_cuffs,
 )
-from station.assessment.uncertainty_json import DecisionEntry, percent, plain_decision, without_decision
+from station.assessment.uncertainty_json import decision_entry, percent, without_decision
 from station.checksums import sha256_of
 from station.messages.assessment_messages import AssessmentCode, AssessmentFileCode, DecisionCode, InputCode
 from station.report.first_page import IN_TABLES
@@ -399,8 +399,7 @@ def test_every_outcome_has_its_code_and_its_sentence(
 ) -> None:
     decision = decide(efforts, RULE)
     decisions: Any = {"at_reference": decision, "at_best": decision}
-    plain = plain_decision(summary(decisions), INDICES, 0.74)
-    entry = DecisionEntry.model_validate(plain)
+    entry = decision_entry(summary(decisions), INDICES, 0.74)
     assert entry.at_reference.code is code
     assert entry.at_reference.text.startswith(sentence)
     settle = entry.at_reference.settle
@@ -415,14 +414,14 @@ def test_every_outcome_has_its_code_and_its_sentence(
 def test_an_open_decision_without_indices_asks_for_them() -> None:
     decision = decide({"hand": LOW + 0.02 + SPREAD, "tube": LOW}, RULE)
     decisions: Any = {"at_reference": decision, "at_best": decision}
-    settle = DecisionEntry.model_validate(plain_decision(summary(decisions), {}, 0.74)).at_reference.settle
+    settle = decision_entry(summary(decisions), {}, 0.74).at_reference.settle
     assert settle is not None and settle.code is DecisionCode.SETTLE_UNKNOWN
     assert settle.figures == {"first": "tube", "second": "hand"}
 
 
 @pytest.mark.parametrize(("can_draw_people", "code"), [(True, DecisionCode.FIT_ONLY), (False, DecisionCode.NO_PEOPLE)])
 def test_without_people_there_is_no_decision(*, can_draw_people: bool, code: DecisionCode) -> None:
-    entry = DecisionEntry.model_validate(without_decision(can_draw_people=can_draw_people))
+    entry = without_decision(can_draw_people=can_draw_people)
     assert (entry.contains, entry.people.value, entry.at_reference.code, entry.at_best.code) == ("fit", 0, code, code)
 
 

@@ -14,7 +14,7 @@ from solver.suit.assessment import Assessment, Comparison, EffortCurve, Uncertai
 from solver.suit.decision import DecisionRule
 from solver.suit.quantity import Quantity
 from solver.suit.scenarios import CurveReadouts
-from station.assessment.assessment_json import plain_assessment
+from station.assessment.assessment_json import known, motion_entries
 from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
 from station.messages.assessment_messages import AssessmentCode
 
@@ -32,7 +32,7 @@ def curve(cuff: str | None, cost: float | None, condition: str = "both") -> Effo
     names = [field.name for field in fields(CurveReadouts)]
     values = {name: Quantity(None) for name in names} | {"at_reference": Quantity(cost)}
     nothing = np.zeros((0, 0))
-    return EffortCurve(condition, cuff, nothing, np.array([0.5, 0.0012]), nothing, 0, values, {})  # type: ignore[arg-type]
+    return EffortCurve(condition, cuff, np.ones(2), np.array([0.5, 0.0012]), nothing, 0, values, {})  # type: ignore[arg-type]
 
 
 def with_figures(plain: EffortCurve, **figures: float) -> EffortCurve:
@@ -205,7 +205,7 @@ def test_frames_with_an_unconverged_muscle_are_counted_by_outcome_in_findings_an
     counted = assessment(curve("hand", 0.85), muscle_outcomes={outcome: 1})
     found = findings(counted)[-1]
     assert (found.code, found.figures) == (MUSCLE_OUTCOMES[outcome], {"frames": 1, "all_frames": 2})
-    assert plain_assessment(counted)["muscle_outcome_codes"] == {str(outcome): {"value": 1, "ci95": None}}
+    assert motion_entries(counted)["muscle_outcome_codes"] == {outcome: known(1)}
 
 
 def test_every_outcome_but_solved_has_a_finding() -> None:

@@ -26,7 +26,7 @@ from station.assessment.assess import assess_cuffs, decision_sentences, write_as
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.budget_file import read_budget
-from station.assessment.drawn_postures import PostureEntry, plain_postures
+from station.assessment.drawn_postures import PostureEntry, drawn_postures
 from station.assessment.people_run import (
     PeopleOptions,
     PeopleRun,
@@ -63,8 +63,9 @@ def assessed(folder: Path, run: PeopleRun, output: Path) -> dict[str, Any]:
     inputs = AssessmentInputs(folder / "cuffs.json")
     found = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, most_frames=8, most_rest_lengths=9, people=run)
     write_assessment(found, output)
-    plain = read_assessment(output / "assessment.json")
-    assert decision_sentences(found)[:2] == [plain["decision"][basis]["text"] for basis in ("at_reference", "at_best")]
+    decision = read_assessment(output / "assessment.json").decision
+    assert decision and decision_sentences(found)[:2] == [decision.at_reference.text, decision.at_best.text]
+    plain: dict[str, Any] = json.loads((output / "assessment.json").read_text(encoding="utf-8"))
     return plain
 
 
@@ -242,12 +243,12 @@ def test_people_are_drawn_by_default_and_kept_where_they_are_asked_for(tmp_path:
 
 
 @pytest.fixture(scope="module")
-def drawn() -> list[dict[str, Any]]:
-    return plain_postures(MODEL, MOTION, SUIT, MOTION.time[::20])
+def drawn() -> list[PostureEntry]:
+    return drawn_postures(MODEL, MOTION, SUIT, MOTION.time[::20])
 
 
-def test_the_arm_is_at_its_lowest_in_the_middle_and_at_its_highest(drawn: list[dict[str, Any]]) -> None:
-    elevations = [posture["elevation_deg"]["value"] for posture in drawn]
+def test_the_arm_is_at_its_lowest_in_the_middle_and_at_its_highest(drawn: list[PostureEntry]) -> None:
+    elevations = [posture.elevation_deg.value for posture in drawn]
     state = postures(MODEL, MOTION.positions[::20], MOTION.speeds[::20])
     of = {marker.name: marker for marker in MODEL.markers}
     epicondyles = np.mean(
@@ -260,16 +261,15 @@ def test_the_arm_is_at_its_lowest_in_the_middle_and_at_its_highest(drawn: list[d
     assert elevations == sorted(elevations)
 
 
-def test_lines_are_those_of_the_model_and_the_suit_at_that_time(drawn: list[dict[str, Any]]) -> None:
+def test_lines_are_those_of_the_model_and_the_suit_at_that_time(drawn: list[PostureEntry]) -> None:
     for posture in drawn:
-        PostureEntry.model_validate(posture)
-        frame = int(np.argmin(np.abs(MOTION.time - posture["time_s"]["value"])))
+        frame = int(np.argmin(np.abs(MOTION.time - posture.time_s.value)))
         state = postures(MODEL, MOTION.positions[[frame]], MOTION.speeds[[frame]])
         for muscle in MODEL.muscles:
-            line = np.array(posture["muscles_m"][muscle.name]["value"])
+            line = np.array(posture.muscles_m[muscle.name].value)
             for end, point in ((line[0], muscle.path.points[0]), (line[-1], muscle.path.points[-1])):
                 np.testing.assert_allclose(end, points_in_ground(state, point.body, point.location)[0], atol=6e-4)
         arm = points_in_ground(state, MODEL.body_index(SUIT.arm.body), SUIT.arm.location)[0]
-        np.testing.assert_allclose(posture["cord_m"]["value"][-1], arm, atol=6e-4)
-        ring = np.array(posture["cuffs_m"]["arm"]["value"])
+        np.testing.assert_allclose(posture.cord_m.value[-1], arm, atol=6e-4)
+        ring = np.array(posture.cuffs_m["arm"].value)
         assert np.linalg.norm(ring - arm, axis=1).min() < 0.01, "the cord ends on the cuff"

@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 
 from documents.interval import UNBROKEN
-from station.assessment.assessment_json import CURVE_KEYS
+from station.assessment.assessment_file import AssessmentDocument
+from station.assessment.assessment_json import CURVE_KEYS, KnownNumberEntry, NumberEntry
+from station.assessment.uncertainty_json import BasisEntry, DecisionEntry, UncertaintyEntry
 from station.charts.marks import Band
 from station.charts.svg import with_commands
 from station.messages.assessment_messages import AssessmentCode, DecisionCode
@@ -16,11 +18,13 @@ from station.report.first_page import BUNDLED_SUIT, findings_of, first_page
 from station.report.muscle_figures import cuffs_figure
 from station.report.numbers import figure, located, saving, saving_in_words
 from station.report.report_file import Source
+from station.subject.subject_document import MarkerResidual, SubjectDocument
 
 CHOSEN = {"code": DecisionCode.CHOOSE, "leading": ["hand"], "text": "choose hand", "pairs": []}
 EQUIVALENT = {"code": DecisionCode.EQUIVALENT, "leading": ["hand", "tube"], "text": "equivalent", "pairs": []}
 UNDECIDED = {"code": DecisionCode.UNDECIDED, "leading": ["tube"], "text": "undecided", "pairs": []}
 FIT_ONLY = {"code": DecisionCode.FIT_ONLY, "text": "run `station assess --people 1000`"}
+TRIAL = MarkerResidual(file="a.mcap", rms_m=0.003, frames=10, unsolved_frames=0)
 SAVED = "13.5 % less effort than with a slack cord at a rest length of 0.650 m"
 
 
@@ -30,18 +34,36 @@ def _optimum(effort: float | None) -> dict[str, Any]:
 
 def _of_cuffs(*arms: str) -> dict[str, Any]:
     return {
-        "cost": {"rigid": _number(None), **{arm: {"both": _number(None)} for arm in arms}},
+        "cost": _by_curve({"value": [1.0]}, *arms),
         "at_rigid_optimum": {"rigid": _number(0.88), **{arm: {"both": _number(0.906)} for arm in arms}},
         "optimum": {"rigid": _optimum(0.87), **{arm: {"both": _optimum(0.865)} for arm in arms}},
     }
 
 
-def _assessment(**more: Any) -> Any:
+def _by_curve(entry: Any, *arms: str) -> dict[str, Any]:
+    return {"rigid": entry, **{arm: {"both": entry} for arm in arms}}
+
+
+def _decision(at_best: dict[str, Any]) -> DecisionEntry:
+    entry = BasisEntry.model_validate(at_best)
+    return DecisionEntry.model_construct(at_best=entry, at_reference=entry)
+
+
+def _assessment(**more: Any) -> AssessmentDocument:
+    known = ("reference_rest_length_m", "bare_body_cost", "longest_cord_m", "frames", "scenarios")
     plain = {
-        "cost": {"rigid": _number(None), "hand": {"both": _number(None)}},
+        "format": 1,
+        **dict.fromkeys(known, _number(1.0)),
+        **{key: _by_curve(_number(1.0), "hand") for key in CURVE_KEYS.values()},
+        "waist_cuff": None,
+        "rest_lengths_m": {"value": [0.6]},
+        "unsolved": {"count": _number(0)},
+        "muscle_reduction": _by_curve({}, "hand"),
+        "emg": [],
+        "cost": _by_curve({"value": [1.0]}, "hand"),
         "at_rigid_optimum": {"rigid": _number(0.88), "hand": {"both": _number(0.906, 0.83, 0.98)}},
         "optimum": {"rigid": _optimum(0.87), "hand": {"both": _optimum(0.865)}},
-        "inputs": {"model": "own.osim", "motion": "bundled raise"},
+        "inputs": {"model": "own.osim", "motion": "bundled raise", "suit": "bundled suit", "cuffs": "cuffs.json"},
         "findings": ["tube has the least effort", "50 draws", "the cord pulls", "hand differs"],
         "finding_codes": [
             {"code": code, "figures": {}}
@@ -54,7 +76,11 @@ def _assessment(**more: Any) -> Any:
         ],
         **more,
     }
-    return located(plain, Source.of("assessment.json"))
+    return located(AssessmentDocument.model_validate(plain), Source.of("assessment.json"))
+
+
+def _drawn(people: int, sources: list[str]) -> UncertaintyEntry:
+    return UncertaintyEntry.model_construct(people=KnownNumberEntry(value=people), sources=sources)
 
 
 def _number(value: float | None, *ci95: float) -> dict[str, Any]:
@@ -86,7 +112,7 @@ def _number(value: float | None, *ci95: float) -> dict[str, Any]:
 def test_an_effort_is_stated_as_what_is_saved_and_a_bound_is_no_figure(
     number: dict[str, Any], text: str, words: str
 ) -> None:
-    entry = located(number, Source.of("assessment.json"))
+    entry = located(NumberEntry.model_validate(number), Source.of("assessment.json"))
     assert (str(saving(entry)), str(saving_in_words(entry))) == (text, words)
 
 
@@ -107,7 +133,7 @@ def test_an_effort_is_stated_as_what_is_saved_and_a_bound_is_no_figure(
 def test_the_answer_names_cuff_saving_and_rest_length_and_no_command(
     cuffs: tuple[str, ...], decision: dict[str, Any], beginning: str
 ) -> None:
-    plain = _assessment(decision={"at_best": decision, "at_reference": decision}, **_of_cuffs(*cuffs))
+    plain = _assessment(decision=_decision(decision), **_of_cuffs(*cuffs))
     page = first_page(plain, {})
     assert "".join(map(str, page.answer)).replace(UNBROKEN, " ") == beginning
     assert not any("`" in sentence for sentence in (*page.decision, *page.limits))
@@ -117,7 +143,7 @@ def test_the_answer_names_cuff_saving_and_rest_length_and_no_command(
 def test_best_rest_lengths_that_differ_are_stated_for_each_cuff() -> None:
     of_cuffs = _of_cuffs("hand", "tube")
     of_cuffs["optimum"]["tube"]["both"]["rest_length_m"] = _number(0.7)
-    page = first_page(_assessment(decision={"at_best": EQUIVALENT}, **of_cuffs), {})
+    page = first_page(_assessment(decision=_decision(EQUIVALENT), **of_cuffs), {})
     text = "".join(map(str, page.answer)).replace(UNBROKEN, " ")
     assert text.endswith("at a rest length of 0.650 m with hand, 0.700 m with tube.")
 
@@ -137,7 +163,7 @@ def test_limits_are_listed_by_their_codes_and_apart_from_the_findings() -> None:
     ("more", "words"),
     [
         (
-            {"subject": {"mass_kg": 75.0, "trials": [{}, {}], "condition": "tight"}},
+            {"subject": SubjectDocument.model_construct(mass_kg=75.0, trials=[TRIAL, TRIAL], condition="tight")},
             "the wearer's: 75 kg, estimated from 2",
         ),
         (
@@ -173,7 +199,7 @@ def test_commands_of_a_sentence_are_code_and_the_rest_is_escaped() -> None:
 def test_with_drawn_people_the_effort_has_their_band_and_the_caption_their_number() -> None:
     curve: dict[str, Any] = {"value": [1.2, 0.87, 0.95], "ci95": [None, [0.7, 1.0], [0.8, 1.1]]}
     assessment = _assessment(
-        uncertainty={"people": _number(100), "sources": ["fit"]},
+        uncertainty=_drawn(100, ["fit"]),
         cost={"rigid": {**curve, "ci95": None}, "hand": {"both": curve}},
         rest_lengths_m={"value": [0.6, 0.65, 0.7]},
         reference_rest_length_m=_number(0.7),
@@ -183,7 +209,7 @@ def test_with_drawn_people_the_effort_has_their_band_and_the_caption_their_numbe
     (band,) = (mark for mark in panel.marks if isinstance(mark, Band))
     assert band.high.tolist()[1:] == [1.0, 1.1] and panel.y_limits[0] is not None and panel.y_limits[0] < 0.7
     curve = {**curve, "ci95": None}
-    without = {**assessment, "uncertainty": None, "cost": {"rigid": curve, "hand": {"both": curve}}}
+    without = _assessment(cost=_by_curve(curve, "hand"), rest_lengths_m={"value": [0.6, 0.65, 0.7]})
     ((panel,),) = cuffs_figure(without).columns
     assert not any(isinstance(mark, Band) for mark in panel.marks)
     assert "people" not in str(effort_figures(without)[0].caption)
@@ -191,7 +217,5 @@ def test_with_drawn_people_the_effort_has_their_band_and_the_caption_their_numbe
 
 @pytest.mark.parametrize("sources", [["fit"], ["fit", "motion"], []])
 def test_the_section_on_the_suit_names_what_its_intervals_contain(sources: list[str]) -> None:
-    columns = {key: {"rigid": _number(1.0), "hand": {"both": _number(1.0)}} for key in CURVE_KEYS.values()}
-    drawn = {"people": _number(50), "sources": sources} if sources else None
-    section = assessment_section(_assessment(inputs={}, uncertainty=drawn, **columns), ())
+    section = assessment_section(_assessment(uncertainty=_drawn(50, sources) if sources else None), ())
     assert [word for word in ("fit", "motion") if word in section.intervals] == sources

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from station import charts
+from station.assessment.drawn_postures import PostureEntry
 from station.charts.marks import Array, Line, Panel, chart
 from station.charts.svg import draw
 from station.progress import silent
@@ -89,21 +90,23 @@ def _example() -> Figure:
 
 
 def _line(*points: tuple[float, float, float]) -> dict[str, Any]:
-    return {"value": [list(point) for point in points], "ci95": None}
+    return {"value": [[float(x) for x in point] for point in points], "ci95": None}
 
 
-POSTURE = {
-    "chosen_by": "elevation",
-    "time_s": {"value": 0.9, "ci95": None},
-    "elevation_deg": {"value": 90.0, "ci95": None},
-    "bones": [{"kind": "shaft", "line_m": _line((0, 0, 0), (0, -0.3, 0))}],
-    "muscles_m": {
-        "deltoid": _line((0.1, 0, 0), (0.1, -0.1, 0)),  # before the body
-        "serratus": _line((-0.1, 0, 0), (-0.1, -0.1, 0)),  # behind it
-    },
-    "cord_m": _line((0, 0.2, 0), (0, 0, 0.2)),
-    "cuffs_m": {"arm": _line((0.2, 0, 0), (0, 0, 0.2))},
-}
+POSTURE = PostureEntry.model_validate(
+    {
+        "chosen_by": "elevation",
+        "time_s": {"value": 0.9, "ci95": None},
+        "elevation_deg": {"value": 90.0, "ci95": None},
+        "bones": [{"kind": "shaft", "line_m": _line((0, 0, 0), (0, -0.3, 0))}],
+        "muscles_m": {
+            "deltoid": _line((0.1, 0, 0), (0.1, -0.1, 0)),  # before the body
+            "serratus": _line((-0.1, 0, 0), (-0.1, -0.1, 0)),  # behind it
+        },
+        "cord_m": _line((0, 0.2, 0), (0, 0, 0.2)),
+        "cuffs_m": {"arm": _line((0.2, 0, 0), (0, 0, 0.2))},
+    }
+)
 
 
 def _muscles(view: int) -> list[Line]:

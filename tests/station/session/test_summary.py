@@ -65,7 +65,7 @@ def test_a_session_is_assessed_on_the_wearer_who_was_recorded_with_emg(tmp_path:
     subject = f"mass_kg = 75.0\n[cord]\nrest_length_m = {PersonSettings().cord_rest_length_m}\n"
     ended = end_wearer_session(tmp_path, wearer, subject, POSE, FREE, TIGHT)
     assert ended.missing == () and ended.assessed is not None and ended.assessed.subject is not None
-    assert ended.assessed.subject["motion"] == FREE and ended.assessed.subject["mass_kg"] == 75.0
+    assert ended.assessed.subject.motion == FREE and ended.assessed.subject.mass_kg == 75.0
     assert not {code for code in codes_of(tmp_path) if code.startswith("wearer.")}
     emg = json.loads((tmp_path / "emg.json").read_text(encoding="utf-8"))
     assert [change["channel"] for change in emg["changes"]] == ["deltoid", "trapezius"]
