@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
+from pydantic import BaseModel
 
 from documents.interval import counted
 from documents.message import Message, join_sentences
@@ -61,6 +62,48 @@ class Snapshot:
     @property
     def sentence(self) -> str:
         return join_sentences(self.messages)
+
+
+class StreamTelemetry(BaseModel):
+    """Rates [Hz] as received and as declared, and samples so far of one stream."""
+
+    rate_hz: float
+    nominal_hz: float
+    samples: int
+
+
+class TrialTelemetry(BaseModel):
+    """The running trial as its recorder sends it to the console: its state, and its data since the last message.
+
+    Times are station seconds since the first sample; at is the wall clock, None before the recorder has sent any. codes
+    are those of the messages and of their causes, problems the sentences after the first. Curves are (time [s], force
+    [N]), (time, displacement [mm]) and (time, elevation [deg]); emg_uv is the RMS [µV] of each channel, points the last
+    position [mm] of each marker in seen, None for a hidden one.
+    """
+
+    at: float | None = None
+    state: str = TrialState.IDLE.value
+    codes: tuple[str, ...] = tuple(message.code.value for message in OPENING)
+    sentence: str = join_sentences(OPENING)
+    problems: str = ""
+    sync_v: float | None = None
+    waited_s: float = 0.0
+    left_s: float = 0.0
+    recorded_s: float = 0.0
+    edge_s: float | None = None
+    lost_samples: int = 0
+    marks: int = 0
+    dropped: int = 0
+    slow_rate: float | None = None
+    disk_left_s: float | None = None
+    streams: dict[str, StreamTelemetry] = {}
+    force: list[tuple[float, float]] = []
+    displacement: list[tuple[float, float]] = []
+    elevation: list[tuple[float, float]] = []
+    emg_uv: dict[str, float] = {}
+    seen: dict[str, bool] = {}
+    points: list[list[float] | None] = []
+    events: list[str] = []
 
 
 class BackgroundView(ABC):

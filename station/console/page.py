@@ -201,7 +201,7 @@ class _Page:
     def _show_header(self) -> None:
         live, state = (
             self._controller.runner.live,
-            self._controller.runner.live.latest["state"] if self._controller.runner.live else "",
+            self._controller.runner.live.latest.state if self._controller.runner.live else "",
         )
         is_recording = state in ("recording", "closing")
         self._title.text, self._subtitle.text = titles_of(self._controller)
@@ -209,7 +209,7 @@ class _Page:
         self._rec.set_visibility(live is not None)
         self._dot.set_visibility(is_recording)
         if live is not None:
-            self._rec_label.text = f"REC {live.latest['recorded_s']:.0f} s" if is_recording else state_label(state)
+            self._rec_label.text = f"REC {live.latest.recorded_s:.0f} s" if is_recording else state_label(state)
         self._header.classes(
             add="header-recording" if is_recording else "header-armed" if live else "",
             remove="header-armed" if is_recording or not live else "header-recording",

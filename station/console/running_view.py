@@ -13,6 +13,7 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
+from station.bench.view import TrialTelemetry
 from station.config import StationConfig
 from station.console.actions import Actions
 from station.console.charts import (
@@ -101,7 +102,7 @@ def _toggle_pause() -> None:
 
 async def _stop(controller: SessionController, live: LiveTrial, actions: Actions) -> None:
     """Cancel an armed trial at once; ask before a recording ends."""
-    if live.latest["state"] != "recording":
+    if live.latest.state != "recording":
         await controller.runner.stop()
         return
     question = "End this recording now? What is recorded so far is kept."
@@ -116,47 +117,47 @@ def _skip_to_report(controller: SessionController, actions: Actions) -> None:
 def instruction_of(live: LiveTrial) -> str:
     """The current instruction to the operator."""
     latest = live.latest
-    if latest["state"] == "recording":
+    if latest.state == "recording":
         return live.cue.sentence
-    return STATE_TEXTS.get(latest["state"], str(latest["sentence"]))
+    return STATE_TEXTS.get(latest.state, latest.sentence)
 
 
 def step_of(live: LiveTrial) -> tuple[str, int, str]:
     """State, step and code of the instruction: its figures may change without a new step."""
     cue = live.cue
-    return live.latest["state"], cue.step, cue.message.code.value
+    return live.latest.state, cue.step, cue.message.code.value
 
 
-def state_of(telemetry: dict[str, Any]) -> str:
+def state_of(telemetry: TrialTelemetry) -> str:
     """The state with its time, and the problems of a recording so far."""
-    if telemetry["state"] == "armed":
-        return f"armed for {telemetry['waited_s']:.0f} s, {telemetry['left_s']:.0f} s left"
-    if telemetry["state"] == "recording":
-        problems = f"; {telemetry['problems']}" if telemetry["problems"] else ""
-        return f"recording {telemetry['recorded_s']:.1f} s{problems}"
-    return str(telemetry["sentence"])
+    if telemetry.state == "armed":
+        return f"armed for {telemetry.waited_s:.0f} s, {telemetry.left_s:.0f} s left"
+    if telemetry.state == "recording":
+        problems = f"; {telemetry.problems}" if telemetry.problems else ""
+        return f"recording {telemetry.recorded_s:.1f} s{problems}"
+    return telemetry.sentence
 
 
 def status_of(live: LiveTrial, needed: Collection[str] = ()) -> str:
     """The state of the trial, and below it that of the streams; needed are the labels of the trial, empty for all."""
     latest = live.latest
-    level = latest.get("sync_v")
+    level = latest.sync_v
     seen_alarm = [f"seen: {live.alarm}"] if live.alarm is not None and live.is_alarm_seen else []
     sync = f"sync line {level:z.2f} V" if level is not None else "sync line: no sample yet"
-    first = [*seen_alarm, state_of(latest), sync, markers_of(latest.get("seen", {}), needed), *list(live.events)[-1:]]
+    first = [*seen_alarm, state_of(latest), sync, markers_of(latest.seen, needed), *list(live.events)[-1:]]
     return " · ".join(first) + "\n" + " · ".join([*emg_of(live), streams_of(latest)])
 
 
-def streams_of(telemetry: dict[str, Any]) -> str:
+def streams_of(telemetry: TrialTelemetry) -> str:
     rates = [
-        f"{name[1:]} {stream['rate_hz']:.0f} of {stream['nominal_hz']:.0f}/s"
-        for name, stream in sorted(telemetry.get("streams", {}).items())
+        f"{name[1:]} {stream.rate_hz:.0f} of {stream.nominal_hz:.0f}/s"
+        for name, stream in sorted(telemetry.streams.items())
     ]
-    rate, left = telemetry.get("slow_rate"), telemetry.get("disk_left_s")
+    rate, left = telemetry.slow_rate, telemetry.disk_left_s
     slow = [f"simulated bench runs at {rate:.2f} of real time"] if rate is not None else []
     disk = [f"disk for {left / 3600:.0f} h"] if left is not None else []
-    dropped = [f"items not shown: {telemetry['dropped']}"] if telemetry.get("dropped") else []
-    return " · ".join([*slow, f"lost {telemetry.get('lost_samples', 0)}", *dropped, *rates, *disk])
+    dropped = [f"items not shown: {telemetry.dropped}"] if telemetry.dropped else []
+    return " · ".join([*slow, f"lost {telemetry.lost_samples}", *dropped, *rates, *disk])
 
 
 def markers_of(seen: dict[str, bool], needed: Collection[str] = ()) -> str:
@@ -247,7 +248,7 @@ class _Figures:
         net = "not tared" if live.tare_n is None or force is None else f"net {force - live.tare_n:z.1f} N"
         self._net.text = f"{net} · limit {self._limit:.0f} N · cell {self._capacity:.0f} N"
         self._motion.text = motion_of(live)
-        has_left = live.latest["state"] == "recording" and now.left_s is not None
+        has_left = live.latest.state == "recording" and now.left_s is not None
         self._left.text = f"{now.left_s:.0f} s" if has_left else ""
         action = "hold" if live.spec.test in ("static", "pose") else "swing"
         self._left_unit.text = f"left to {action}" if has_left else ""
@@ -276,17 +277,17 @@ class _Charts:
             self._markers = ui.element("canvas").classes("markers").props('aria-label="markers, drag to turn"')
 
     def tick(self) -> None:
-        self._sender.tick(self._live.latest.get("at"))
+        self._sender.tick(self._live.latest.at)
 
     async def _draw(self) -> None:
         latest = self._live.latest
         points = [
             {"name": name, "role": self._roles.get(name, "other"), "at": point}
-            for name, point in zip(latest.get("seen", {}), latest.get("points", []), strict=False)
+            for name, point in zip(latest.seen, latest.points, strict=False)
             if name in self._roles or self._live.spec.test != "bounce"  # a bounce shows its own marker
         ]
         update = {
-            "at": latest["at"],
+            "at": latest.at,
             "charts": self._curves(),
             "markers": (self._markers.html_id, points),
         }
@@ -400,7 +401,7 @@ class MarkReceipt:
         if not marks:
             return
         number = max(marks)
-        is_recorded = self._live.latest.get("marks", 0) >= number
+        is_recorded = self._live.latest.marks >= number
         name = self._live.mark_names.get(number, "")
         stored = "in the recording" if is_recorded else "sent to the recorder"
         self._text.text = f"mark {number} at {marks[number]:.1f} s is {stored}" + (f": {name}" if name else "")

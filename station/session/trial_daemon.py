@@ -39,7 +39,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.live_displacement import LiveDisplacement
 from station.bench.session_folder import RESERVE_BYTES, bytes_free, check_folder
 from station.bench.trial_recorder import TrialRecorder, TrialResult
-from station.bench.view import BackgroundView, Snapshot, StreamTally, TrialState
+from station.bench.view import BackgroundView, Snapshot, StreamTally, StreamTelemetry, TrialState, TrialTelemetry
 from station.child import ProcessLink, exit_at_once
 from station.clock import Clock, RealClock
 from station.config import parse_config
@@ -175,38 +175,40 @@ class Telemetry(BackgroundView):
         message = self._message()
         self._new = _NewData()
         with suppress(OSError):  # the console has ended; the trial continues
-            self._send(message)
+            self._send(message.model_dump(mode="json"))
 
-    def _message(self) -> dict[str, Any]:
+    def _message(self) -> TrialTelemetry:
         snapshot, nominal = self._snapshot, {stream.name: stream.rate_hz for stream in self._snapshot.streams}
-        return {
-            "at": time.time(),
-            "state": snapshot.state.value,
-            "codes": [code for message in snapshot.messages for code in message.codes],
-            "sentence": snapshot.sentence,
-            "problems": join_sentences(snapshot.messages[1:]),
-            "sync_v": self._sync_v if snapshot.sync_level_v is None else snapshot.sync_level_v,
-            "waited_s": snapshot.waited_s,
-            "left_s": snapshot.left_s,
-            "recorded_s": snapshot.recorded_s,
-            "edge_s": self._edge_s(),
-            "lost_samples": snapshot.lost_samples,
-            "marks": snapshot.marks,
-            "dropped": self.dropped,
-            "slow_rate": self._bench_clock.slow_rate if self._bench_clock is not None else None,
-            "disk_left_s": self._disk.left_s(self._now_s),
-            "streams": {
-                name: {"rate_hz": tally.rate(self._now_s), "nominal_hz": nominal.get(name, 0.0), "samples": tally.total}
+        return TrialTelemetry(
+            at=time.time(),
+            state=snapshot.state.value,
+            codes=tuple(code for message in snapshot.messages for code in message.codes),
+            sentence=snapshot.sentence,
+            problems=join_sentences(snapshot.messages[1:]),
+            sync_v=self._sync_v if snapshot.sync_level_v is None else snapshot.sync_level_v,
+            waited_s=snapshot.waited_s,
+            left_s=snapshot.left_s,
+            recorded_s=snapshot.recorded_s,
+            edge_s=self._edge_s(),
+            lost_samples=snapshot.lost_samples,
+            marks=snapshot.marks,
+            dropped=self.dropped,
+            slow_rate=self._bench_clock.slow_rate if self._bench_clock is not None else None,
+            disk_left_s=self._disk.left_s(self._now_s),
+            streams={
+                name: StreamTelemetry(
+                    rate_hz=tally.rate(self._now_s), nominal_hz=nominal.get(name, 0.0), samples=tally.total
+                )
                 for name, tally in self._tallies.items()
             },
-            "force": self._new.force,
-            "displacement": self._new.displacement,
-            "elevation": self._new.elevation,
-            "emg_uv": self._emg_uv,
-            "seen": self._seen,
-            "points": self._points,
-            "events": self._new.events,
-        }
+            force=self._new.force,
+            displacement=self._new.displacement,
+            elevation=self._new.elevation,
+            emg_uv=self._emg_uv,
+            seen=self._seen,
+            points=self._points,
+            events=self._new.events,
+        )
 
     def _edge_s(self) -> float | None:
         """Time of the sync edge; None before it."""

@@ -23,6 +23,7 @@ from pydantic import TypeAdapter
 
 from documents.message import Message
 from station.bench.simulation import SimulatedBench, SimulationError
+from station.bench.view import TrialTelemetry
 from station.child import DETACHED, Child
 from station.config import StationConfig
 from station.journal import JournalError, Recorded, write_mark
@@ -43,18 +44,13 @@ END_TIMEOUT_S = 10.0
 _RECORDED = TypeAdapter(Recorded)
 
 
-def _opening() -> dict[str, Any]:
-    message = Message(TrialCode.OPENING)
-    return {"state": "idle", "codes": [message.code.value], "sentence": str(message), "problems": ""}
-
-
 @dataclass
 class LiveTrial:
-    """Telemetry of the running trial; latest is its last line (station/session/trial_daemon.py)."""
+    """The running trial: its last telemetry, the curves since its start, and what the operator did."""
 
     spec: TrialSpec
     guide: Guide
-    latest: dict[str, Any] = field(default_factory=_opening)
+    latest: TrialTelemetry = field(default_factory=TrialTelemetry)
     force: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     displacement: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     elevation: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
@@ -94,7 +90,7 @@ class LiveTrial:
     def from_edge(self, points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
         """Points of a curve with their time from the sync edge; before it, from now."""
         kept = list(points)
-        edge_s = self.latest.get("edge_s")
+        edge_s = self.latest.edge_s
         zero_s = kept[-1][0] if edge_s is None and kept else edge_s or 0.0
         return [(round(t - zero_s, 4), value) for t, value in kept]
 
@@ -105,12 +101,12 @@ class LiveTrial:
     @property
     def takes_marks(self) -> bool:
         """Marks refer to the recording, which begins at the sync edge."""
-        return self.latest["state"] in ("recording", "closing")
+        return self.latest.state in ("recording", "closing")
 
     def add_mark(self, name: str = "") -> int:
         """Add a mark at this moment and return its number."""
         number = len(self.marks) + 1
-        self.marks[number] = float(self.latest.get("recorded_s") or 0.0)
+        self.marks[number] = self.latest.recorded_s
         if name:
             self.mark_names[number] = name
         return number
@@ -121,20 +117,19 @@ class LiveTrial:
             recent = [force for time, force in self.force if time > self.force[-1][0] - TARE_S]
             self.tare_n = sum(recent) / len(recent)
 
-    def update(self, telemetry: dict[str, Any], limits: ForceLimits) -> bool:
-        """Take one line of telemetry. Returns whether it raised an alarm."""
+    def update(self, telemetry: TrialTelemetry, limits: ForceLimits) -> bool:
+        """Take one message of the recorder. Returns whether it raised an alarm."""
         self.latest = telemetry
-        force = [(t, n) for t, n in telemetry["force"]]
+        force = telemetry.force
         self.force.extend(force)
-        self.displacement.extend((t, d) for t, d in telemetry["displacement"])
-        elevation = [(t, angle) for t, angle in telemetry["elevation"]]
-        self.elevation.extend(elevation)
-        for channel, rms_uv in telemetry.get("emg_uv", {}).items() if self.force else ():
+        self.displacement.extend(telemetry.displacement)
+        self.elevation.extend(telemetry.elevation)
+        for channel, rms_uv in telemetry.emg_uv.items() if self.force else ():
             self.emg.setdefault(channel, deque(maxlen=KEPT_POINTS)).append((self.force[-1][0], rms_uv))
-        self.events.extend(telemetry["events"])
-        if telemetry["state"] in ("armed", "recording"):
-            points = elevation if self.is_of_wearer else force
-            self.guide.update(points, is_recorded=telemetry["state"] == "recording")
+        self.events.extend(telemetry.events)
+        if telemetry.state in ("armed", "recording"):
+            points = telemetry.elevation if self.is_of_wearer else force
+            self.guide.update(points, is_recorded=telemetry.state == "recording")
         return self._update_alarm(limits.check(list(self.force)[-8 - len(force) :]))
 
     def _update_alarm(self, alarm: Message[AlarmCode] | None) -> bool:
@@ -271,12 +266,12 @@ class TrialRunner:
             except JournalError as error:
                 self._session.message = str(error)
 
-    def _update(self, live: LiveTrial, telemetry: dict[str, Any]) -> None:
-        """Take a line of telemetry. An alarm marks its moment in the recording."""
+    def _update(self, live: LiveTrial, telemetry: TrialTelemetry) -> None:
+        """Take a message of the recorder. An alarm marks its moment in the recording."""
         if live.update(telemetry, self.limits) and live.takes_marks and self._trial is not None:
             live.add_mark(str(live.alarm))
             self._trial.mark()
-        if self._operator is not None and telemetry["state"] == "recording" and self._operator.is_behind(live.cue):
+        if self._operator is not None and telemetry.state == "recording" and self._operator.is_behind(live.cue):
             self._spawn(_in_daemon_thread(self._operator.follow, live.cue))
 
     def _spawn(self, work: Any) -> None:
@@ -358,7 +353,7 @@ class SimulatedOperator:
 
 
 class TrialProcess:
-    """One running trial. Its telemetry goes to on_telemetry as plain data, in the thread of the event loop."""
+    """One running trial. Its telemetry goes to on_telemetry, in the thread of the event loop."""
 
     def __init__(self, child: Child) -> None:
         self._child = child
@@ -381,7 +376,7 @@ class TrialProcess:
         threading.Thread(target=trial._send_commands, name="commands to the recorder", daemon=True).start()
         return trial
 
-    async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None:
+    async def follow(self, on_telemetry: Callable[[TrialTelemetry], None]) -> None:
         """Return when the recorder has ended: `recorded` holds the result, or `refusal` and its code the reason.
 
         One message waits at most, so that a console that is too slow still answers its pages: the recorder drops its
@@ -402,7 +397,7 @@ class TrialProcess:
             elif "refused" in message:
                 self.refusal, self.refusal_code = message["refused"], message["code"]
             else:
-                on_telemetry(message)
+                on_telemetry(TrialTelemetry.model_validate(message))
         self._commands.put(None)
         code = await asyncio.to_thread(self._child.ensure_ended, END_TIMEOUT_S)
         if self.recorded is None and self.refusal is None:

@@ -8,11 +8,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from documents.message import Message
 from fitting.results.codes import Verdict
 from recordings.manifest import TrialCondition
+from station.bench.view import TrialTelemetry
 from station.journal import Choice
 from station.messages.bench_messages import CueCode, TrialCode
 from station.messages.session_messages import TerminalCode
@@ -290,7 +291,7 @@ class TrialMonitor:
 
     def __init__(self, show_event: Callable[[Event], None]) -> None:
         self._show_event = show_event
-        self._state: tuple[str, list[str]] = ("", [])
+        self._state: tuple[str, tuple[str, ...]] = ("", ())
         self._cue: tuple[int, CueCode] | None = None
         self._alarm: str | None = None
         self._status_s = 0.0
@@ -300,27 +301,27 @@ class TrialMonitor:
         latest = live.latest
         self._update_state(latest)
         self._report_running_capture(latest)
-        if latest["state"] == "recording":
+        if latest.state == "recording":
             self._update_cue(live)
         alarm = live.unseen_alarm
         if alarm is not None and str(alarm) != self._alarm:
             self._show_event(WarningRaised("alarm", str(alarm), cause=alarm.code.value))
         self._alarm = None if alarm is None else str(alarm)
-        if time.perf_counter() - self._status_s >= STATUS_INTERVAL_S and "recorded_s" in latest:
+        if time.perf_counter() - self._status_s >= STATUS_INTERVAL_S and latest.at is not None:
             self._status_s = time.perf_counter()
             self._show_event(_status(live))
 
-    def _update_state(self, latest: dict[str, Any]) -> None:
-        state, codes = latest["state"], latest["codes"]
+    def _update_state(self, latest: TrialTelemetry) -> None:
+        state, codes = latest.state, latest.codes
         if state != self._state[0] or (state == "recording" and codes != self._state[1]):
             self._state = state, codes
-            self._show_event(StateChanged(state, latest["sentence"], tuple(codes), latest["problems"]))
+            self._show_event(StateChanged(state, latest.sentence, codes, latest.problems))
 
-    def _report_running_capture(self, latest: dict[str, Any]) -> None:
+    def _report_running_capture(self, latest: TrialTelemetry) -> None:
         """A trial begins at a rising edge, so a line that is high while armed belongs to an earlier capture."""
         was_reported, self._is_capture_reported = (
             self._is_capture_reported,
-            TrialCode.CAPTURE_RUNNING in latest["codes"],
+            TrialCode.CAPTURE_RUNNING in latest.codes,
         )
         if self._is_capture_reported and not was_reported:
             self._show_event(WarningRaised("capture_running", str(Message(TerminalCode.CAPTURE_NOT_RECORDED))))
@@ -335,13 +336,13 @@ class TrialMonitor:
 def _status(live: LiveTrial) -> Status:
     latest = live.latest
     return Status(
-        state=latest["state"],
-        recorded_s=latest["recorded_s"],
-        waited_s=latest["waited_s"],
-        left_s=latest["left_s"],
+        state=latest.state,
+        recorded_s=latest.recorded_s,
+        waited_s=latest.waited_s,
+        left_s=latest.left_s,
         force_n=live.force[-1][1] if live.force else None,
         displacement_mm=live.displacement[-1][1] if live.displacement else None,
-        sync_v=latest["sync_v"],
-        lost_samples=latest["lost_samples"],
-        disk_left_s=latest["disk_left_s"],
+        sync_v=latest.sync_v,
+        lost_samples=latest.lost_samples,
+        disk_left_s=latest.disk_left_s,
     )

@@ -367,21 +367,21 @@ def _key_lines(keys: str, width: int) -> list[str]:
 def _trial_lines(live: LiveTrial, title: str) -> list[Text]:
     """Two lines: the state with its figures, and the current instruction."""
     latest = live.latest
-    is_recorded = latest["state"] == "recording"
-    clock = f"{latest['recorded_s']:.0f} s" if is_recorded else ""
-    if latest["state"] == "armed":
-        clock = f"for {latest['waited_s']:.0f} s, {latest['left_s']:.0f} s left"
+    is_recorded = latest.state == "recording"
+    clock = f"{latest.recorded_s:.0f} s" if is_recorded else ""
+    if latest.state == "armed":
+        clock = f"for {latest.waited_s:.0f} s, {latest.left_s:.0f} s left"
     force = f"{live.force[-1][1]:.1f} N" if live.force else "- N"
     unit, digits = ("deg", 0) if live.is_of_wearer else ("mm", 1)
     motion = f"{live.motion[-1][1]:+.{digits}f} {unit}" if live.motion else f"- {unit}"
-    level = latest.get("sync_v")
+    level = latest.sync_v
     sync = f"sync {level:.1f} V" if level is not None else "sync -"
-    lost = f"  lost {latest['lost_samples']}" if latest.get("lost_samples") else ""
-    state = "REC" if is_recorded else latest["state"]
+    lost = f"  lost {latest.lost_samples}" if latest.lost_samples else ""
+    state = "REC" if is_recorded else latest.state
     first = Text(f"{state} {clock}  {force}  {motion}  {sync}{lost}  {title}", "bold red" if is_recorded else "cyan")
     cue = live.cue
     left = f" ({cue.left_s:.0f} s)" if is_recorded and cue.left_s is not None else ""
-    second = f"{cue.sentence}{left} · {cue.rest.value}" if is_recorded else str(latest["sentence"])
+    second = f"{cue.sentence}{left} · {cue.rest.value}" if is_recorded else latest.sentence
     lines = [first, Text(second, "bold")]
     if live.unseen_alarm is not None:
         lines.insert(0, Text(f"{live.unseen_alarm}   (i: silence)", "bold white on red"))

@@ -4,9 +4,11 @@ import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
+from station.bench.view import TrialTelemetry
 from station.config import ProtocolSection
 from station.console.running_view import (
     UNDRAWN_UPDATES,
@@ -38,17 +40,15 @@ Run = Callable[[Callable[[], Awaitable[None]]], None]
         ({"state": "closing", "sentence": "the mocap capture ended"}, "the mocap capture ended"),
     ],
 )
-def test_the_state_is_shown_with_its_time_and_the_problems_of_the_trial(
-    telemetry: dict[str, object], shown: str
-) -> None:
-    assert state_of(telemetry) == shown
+def test_the_state_is_shown_with_its_time_and_the_problems_of_the_trial(telemetry: dict[str, Any], shown: str) -> None:
+    assert state_of(TrialTelemetry(**telemetry)) == shown
 
 
 def test_the_curves_count_from_the_sync_edge() -> None:
     live = LiveTrial(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
     live.force.extend((t / 10, 0.0) for t in range(401))
     live.displacement.extend([(3.0, 0.0), (39.0, 1.0)])
-    live.latest = {"state": "recording", "edge_s": 2.5}
+    live.latest = TrialTelemetry(state="recording", edge_s=2.5)
     force, displacement = curves_over_time(live)
     assert force[0] == (17.5, 0.0) and force[-1] == (37.5, 0.0), "the last 20 s, the newest 37.5 s after the edge"
     assert displacement == [(36.5, 1.0)]
@@ -56,7 +56,7 @@ def test_the_curves_count_from_the_sync_edge() -> None:
 
 def test_a_line_at_zero_has_no_sign() -> None:
     live = LiveTrial(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
-    live.latest = {**live.latest, "sync_v": -0.001}
+    live.latest = TrialTelemetry(sync_v=-0.001)
     assert "sync line 0.00 V" in status_of(live)
 
 
@@ -66,17 +66,10 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
     assert motion_of(live) == "\u2013 deg"
     live.elevation.append((1.0, 87.6))
     live.displacement.append((1.0, 3.0))
-    live.latest = {
-        "state": "recording",
-        "problems": "",
-        "sentence": "",
-        "edge_s": 0.5,
-        "recorded_s": 1.0,
-        "emg_uv": {"deltoid": 120.4, "biceps": 4.0},
-    }
+    emg_uv = {"deltoid": 120.4, "biceps": 4.0}
+    live.latest = TrialTelemetry(state="recording", edge_s=0.5, recorded_s=1.0, emg_uv=emg_uv)
     assert motion_of(live) == "88 deg" and curves_over_time(live)[1] == [(0.5, 87.6)]
-    new = dict.fromkeys(("displacement", "elevation", "events"), ())
-    live.update({**live.latest, **new, "force": [(1.5, 2.0)]}, force_limits(wearer_config()))
+    live.update(live.latest.model_copy(update={"force": [(1.5, 2.0)]}), force_limits(wearer_config()))
     assert emg_over_time(live) == {"deltoid": [(1.0, 120.4)], "biceps": [(1.0, 4.0)]}
     assert "EMG RMS [\u00b5V] deltoid 120, biceps 4" in status_of(live)
     live.mvc_uv = {"deltoid": 240.8, "biceps": 80.0}

@@ -497,7 +497,7 @@ def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(
             assert live is not None
 
             def has_ended() -> bool:
-                if live.latest["state"] == "recording" and live.force:
+                if live.latest.state == "recording" and live.force:
                     seen.append((live.cue.step, live.force[-1][1]))
                 return controller.runner.live is None
 
@@ -537,7 +537,7 @@ def test_a_trial_a_second_start_an_alarm_and_a_new_controller_that_resumes(
         await until(lambda: live.alarm is not None)
         assert live.alarm is not None and live.alarm.code is AlarmCode.FORCE
         first.runner.acknowledge_alarm()
-        await until(lambda: live.latest["state"] == "recording" and live.latest["recorded_s"] > 4)
+        await until(lambda: live.latest.state == "recording" and live.latest.recorded_s > 4)
         await first.runner.stop()
         await until(lambda: first.runner.live is None)
 

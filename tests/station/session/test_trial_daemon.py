@@ -29,7 +29,7 @@ from recordings.reader import open_recording
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.live_displacement import LiveDisplacement
 from station.bench.simulation import SimulatedBench, practice_settings
-from station.bench.view import Snapshot, TrialState
+from station.bench.view import Snapshot, TrialState, TrialTelemetry
 from station.child import Child
 from station.config import StationConfig, load_config
 from station.journal import Recorded, read_journal
@@ -241,7 +241,7 @@ def test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_record
 
         def is_recording() -> bool:
             live = controller.runner.live
-            return live is not None and live.latest["state"] == "recording" and live.latest["recorded_s"] > 1.0
+            return live is not None and live.latest.state == "recording" and live.latest.recorded_s > 1.0
 
         async def record() -> None:
             controller.session.begin(SETUP)
@@ -496,7 +496,7 @@ def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
     view.view.show(shown)
     telemetry = view.line()
     live = LiveTrial(TrialSpec("hand", "static", 1), StaticGuide((), 1.0))
-    live.latest = telemetry
+    live.latest = TrialTelemetry.model_validate(telemetry)
     at_edge_s = telemetry["edge_s"]
     assert live.from_edge([(at_edge_s - 0.5, 1.0), (at_edge_s, 2.0), (at_edge_s + 1.5, 3.0)]) == [
         (-0.5, 1.0),
@@ -504,7 +504,7 @@ def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
         (1.5, 3.0),
     ]
     assert at_edge_s == pytest.approx(-0.749), "a quarter of a second into a block whose last sample came at time 0"
-    live.latest = {**telemetry, "edge_s": None}
+    live.latest = TrialTelemetry.model_validate({**telemetry, "edge_s": None})
     assert live.from_edge([(7.0, 1.0), (9.0, 2.0)]) == [(-2.0, 1.0), (0.0, 2.0)]
 
 
@@ -533,7 +533,7 @@ def test_of_a_wearer_the_elevation_of_the_arm_and_the_level_of_the_emg_are_shown
     assert [angle for _, angle in telemetry["elevation"]] == pytest.approx([60.0] * len(telemetry["elevation"]))
     assert telemetry["emg_uv"] == {"deltoid": pytest.approx(200.0, abs=0.1), "biceps": 0.0}
     live = LiveTrial(TrialSpec(None, "motion", 1, condition="unsuited"), MotionGuide(2))
-    live.update(telemetry, ForceLimits(150.0, 5e3))
+    live.update(TrialTelemetry.model_validate(telemetry), ForceLimits(150.0, 5e3))
     assert live.motion is live.elevation and live.cue.message.code is CueCode.RAISE_ARM
 
 
@@ -541,7 +541,7 @@ def test_a_mark_has_its_time_and_a_note_and_a_tare_its_force() -> None:
     live = LiveTrial(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
     points = [(0.1 * i, 10.0 + 5.0 * (i > 15)) for i in range(30)]
     live.update(
-        {"state": "recording", "recorded_s": 2.9, "force": points, "displacement": [], "elevation": [], "events": []},
+        TrialTelemetry(state="recording", recorded_s=2.9, force=points),
         ForceLimits(150.0, 5e3),
     )
     assert (live.add_mark(), live.add_mark("STOP")) == (1, 2)
