@@ -34,7 +34,13 @@ from recordings.manifest import is_file_name
 
 
 def cuffs_json(session: SessionFit) -> str:
-    """The fit as a CuffsDocument."""
+    """The fit as the text of cuffs.json."""
+    plain = cuffs_document(session).model_dump(mode="json", by_alias=True, exclude_unset=True)
+    return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def cuffs_document(session: SessionFit) -> CuffsDocument:
+    """The content of cuffs.json."""
     plain: dict[str, Any] = {
         "format": FORMAT,
         "origin": session.origin,
@@ -51,15 +57,13 @@ def cuffs_json(session: SessionFit) -> str:
         "calibration": calibration_json(session.calibration),
         "recordings": {file: {"standing": standing} for file, standing in session.recordings.items()},
     }
-    document = CuffsDocument.model_validate(plain).model_dump(mode="json", by_alias=True, exclude_unset=True)
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return CuffsDocument.model_validate(plain)
 
 
-def _written(session: SessionFit, name: str) -> dict[str, Any]:
+def _written(session: SessionFit, name: str) -> CuffEntry:
     """A cuff as last donned, and in each donning."""
     donnings = {donning: _plain_cuff(fit) for donning, fit in session.donnings[name].items()}
-    entry = CuffEntry.model_validate({**_plain_cuff(session.cuffs[name]), "donnings": donnings})
-    return entry.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    return CuffEntry.model_validate({**_plain_cuff(session.cuffs[name]), "donnings": donnings})
 
 
 def _plain_cuff(fit: CuffFit) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,13 +23,43 @@ from station.assessment.assessment_inputs import (
     one_arm_cuff,
     read_cuffs_to_wear,
 )
-from station.assessment.assessment_json import known
+from station.assessment.assessment_json import KnownNumberEntry, StrictEntry, known
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.checksums import write_checksums, write_whole
 from station.messages.assessment_messages import AssessmentCode
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.versions import solving_versions
+
+
+class CandidateEntry(StrictEntry):
+    """A suit and its cost with the fitted cuffs on all frames; the cost of the draws is on fewer frames."""
+
+    rest_length_m: KnownNumberEntry
+    stiffness_n_per_m: KnownNumberEntry
+    waist_point_m: list[KnownNumberEntry]
+    shoulder_point_m: list[KnownNumberEntry] | None = None
+    arm_point_m: list[KnownNumberEntry]
+    normalised_cost: KnownNumberEntry
+    at_limit: list[str]
+    outcome: str
+    normalised_cost_of_draws: KnownNumberEntry | None = None
+
+
+class OptimumDocument(StrictEntry):
+    """optimum.json: the suit before and after, with the fitted cuffs and on average over the draws."""
+
+    condition: Condition
+    origin: str
+    cuff: str
+    free: list[str]
+    start: CandidateEntry
+    optimum: CandidateEntry
+    robust_optimum: CandidateEntry
+    suits_tried: KnownNumberEntry
+    remarks: list[str]
+    inputs: dict[str, str]
+    versions: dict[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +103,20 @@ def optimise_file(
     remarks += map(str, motion_findings(notes))
     if draws and condition != "rigid" and not optimised.robust.drawn.size:
         remarks.append(str(Message(AssessmentCode.NO_COVARIANCE)))
-    plain = {
-        "condition": condition,
-        "origin": DataOrigin.joined(fit.origin for fit in fits),
-        "cuff": arm.name,
-        "free": ["rest_length", *free],
-        **_plain_suits(optimised),
-        "remarks": remarks,
-        "inputs": inputs.hashes(),
-        "versions": solving_versions(),
-    }
+    document = OptimumDocument(
+        condition=condition,
+        origin=DataOrigin.joined(fit.origin for fit in fits),
+        cuff=arm.name,
+        free=["rest_length", *free],
+        start=_entry(optimised.start),
+        optimum=_entry(optimised.fitted),
+        robust_optimum=_entry(optimised.robust),
+        suits_tried=known(optimised.tried),
+        remarks=remarks,
+        inputs=inputs.hashes(),
+        versions=solving_versions(),
+    )
+    plain = document.model_dump(mode="json", exclude_unset=True)
     write_whole(output / "optimum.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     _write_suit(output / "suit.toml", optimised.fitted, f"the best of {optimised.tried} suits tried with {arm.name}")
     if draws := optimised.robust.drawn.size:
@@ -106,31 +139,21 @@ def _write_suit(path: Path, tried: SuitCandidate, description: str) -> None:
     write_whole(path, f"{origin}\n\n{suit_toml(tried.suit)}")
 
 
-def _plain_suits(optimised: OptimisedSuit) -> dict[str, Any]:
-    return {
-        "start": _plain(optimised.start),
-        "optimum": _plain(optimised.fitted),
-        "robust_optimum": _plain(optimised.robust),
-        "suits_tried": known(optimised.tried),
-    }
-
-
-def _plain(tried: SuitCandidate) -> dict[str, Any]:
-    """Cost with the fitted cuffs on all frames; the cost of the draws is on fewer frames, and has its own value."""
-    numbers: dict[str, Any] = {**_cord(tried.suit), "normalised_cost": known(tried.cost)}
-    numbers["at_limit"] = list(tried.at_limit)
-    numbers["outcome"] = tried.outcome
-    if tried.drawn.size:
-        low, high = np.quantile(tried.drawn, [0.025, 0.975])
-        numbers["normalised_cost_of_draws"] = {"value": float(tried.drawn.mean()), "ci95": [float(low), float(high)]}
-    return numbers
-
-
-def _cord(suit: Suit) -> dict[str, Any]:
-    parts = [part for part in PARTS if part != "shoulder" or not suit.is_straight]
-    points = {f"{part}_point_m": [known(float(x)) for x in getattr(suit, part).location] for part in parts}
-    return {
+def _entry(tried: SuitCandidate) -> CandidateEntry:
+    suit = tried.suit
+    entry: dict[str, object] = {
         "rest_length_m": known(suit.reference_rest_length),
         "stiffness_n_per_m": known(suit.stiffness),
-        **points,
+        **{f"{part}_point_m": _point(suit, part) for part in PARTS if part != "shoulder" or not suit.is_straight},
+        "normalised_cost": known(tried.cost),
+        "at_limit": list(tried.at_limit),
+        "outcome": tried.outcome,
     }
+    if tried.drawn.size:
+        ends = np.quantile(tried.drawn, [0.025, 0.975]).tolist()
+        entry["normalised_cost_of_draws"] = KnownNumberEntry(value=float(tried.drawn.mean()), ci95=ends)
+    return CandidateEntry.model_validate(entry)
+
+
+def _point(suit: Suit, part: str) -> list[KnownNumberEntry]:
+    return [known(float(x)) for x in getattr(suit, part).location]

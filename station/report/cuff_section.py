@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel
 
@@ -17,15 +16,14 @@ from documents.interval import significant_decimals
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import QUANTITIES, Cuff
+from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TensorEntry
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import AssessmentDocument
-from station.assessment.assessment_json import RIGID, WornCuffEntry
+from station.assessment.assessment_json import RIGID, NumberEntry, WornCuffEntry
 from station.checksums import write_checksums, write_whole
 from station.cuff_text import of_cuff
 from station.report.fit_figures import MM, checks_figure, fit_figure
 from station.report.numbers import (
-    LocatedInteger,
-    LocatedObject,
     Number,
     Shown,
     ends,
@@ -49,7 +47,6 @@ from station.study.study_document import (
 )
 
 Cuffs = Mapping[str, Cuff]
-Plain = Mapping[str, Any]
 
 FITTED = "Held loads and pooled stiffness; tangent stiffness; force beyond the spring over velocity, and pooled damper"
 CHECKS = (
@@ -97,7 +94,7 @@ class ReportedCuff:
     """
 
     name: str
-    entry: Plain
+    entry: CuffEntry | None
     figures: Sequence[Shown]
     true: Sequence[Number]
     best_length: Shown
@@ -107,30 +104,32 @@ class ReportedCuff:
 
     @property
     def notes(self) -> Sequence[str]:
-        return self.entry.get("notes") or ()
+        return self.entry.notes if self.entry else ()
 
     @property
-    def tensors(self) -> list[tuple[str, str, LocatedObject]]:
+    def tensors(self) -> list[tuple[str, str, TensorEntry]]:
         """Those that were identified, with their names and units."""
-        both = (("Stiffness", "N/m", "stiffness_tensor_n_per_m"), ("Damping", "N s/m", "damping_tensor_n_s_per_m"))
-        entries = [(what, unit, self.entry.get(key)) for what, unit, key in both]
-        return [(what, unit, tensor) for what, unit, tensor in entries if tensor and tensor["value"]]
+        if self.entry is None:
+            return []
+        stiffness, damping = self.entry.stiffness_tensor_n_per_m, self.entry.damping_tensor_n_s_per_m
+        entries = (("Stiffness", "N/m", stiffness), ("Damping", "N s/m", damping))
+        return [(what, unit, tensor) for what, unit, tensor in entries if tensor and tensor.value]
 
 
 def reported_cuffs(
     cuffs: Cuffs,
-    document: LocatedObject,
+    document: CuffsDocument | None,
     assessment: AssessmentDocument | None,
-    known: LocatedObject,
+    known: Mapping[str, TrueCuff],
     pictures: Mapping[str, Sequence[Picture]],
 ) -> list[ReportedCuff]:
     """The cuffs of cuffs.json (document), or those that the assessment has worn; known: true ones by name."""
-    entries: Plain = document.get("cuffs") or {}
+    entries = document.cuffs if document else {}
     worn_cuffs = assessment.cuffs if assessment else {}
     return [
         ReportedCuff(
             name,
-            entries.get(name, {}),
+            entries.get(name),
             [_shown(cuffs.get(name), worn_cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN],
             [_true(known[name], cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN] if name in known else (),
             *effect_of(assessment, name),
@@ -158,7 +157,7 @@ def effect_of(assessment: AssessmentDocument | None, cuff: str) -> tuple[Shown, 
     return figure(best.rest_length_m), saving(best.normalised_cost), saving(reference)
 
 
-def figure_of(fit: Cuff, quantity: str) -> LocatedObject | None:
+def figure_of(fit: Cuff, quantity: str) -> NumberEntry | None:
     """Stiffness, damping or migration with its interval and its place in cuffs.json, identified or not.
 
     A file by hand may have a number alone in this place.
@@ -168,9 +167,8 @@ def figure_of(fit: Cuff, quantity: str) -> LocatedObject | None:
         return None
     if quantity in fit.missing:
         source = source.child("not_identified")
-    number = {"value": estimate.value, "ci95": list(estimate.ci95)}
-    found: LocatedObject = located(number, source.child(QUANTITIES[quantity]))
-    return found
+    number = NumberEntry(value=estimate.value, ci95=list(estimate.ci95))
+    return located(number, source.child(QUANTITIES[quantity]))
 
 
 def cuff_figures(fit: CuffFit, truth: TrueCuff | None = None) -> list[PlannedFigure]:
@@ -194,11 +192,11 @@ def _shown(fit: Cuff | None, in_suit: WornCuffEntry | None, quantity: ShownQuant
     return shown if isinstance(shown, str) else shown.within(of_cuff(fit, quantity.name, "{}"))
 
 
-def _true(known: LocatedObject, fit: Cuff | None, quantity: ShownQuantity) -> Number:
+def _true(known: TrueCuff, fit: Cuff | None, quantity: ShownQuantity) -> Number:
     """With as many digits as the estimate above it."""
     estimate = getattr(fit, quantity.name, None)
     digits = significant_decimals(estimate.ci95 if estimate else None, quantity.scale)
-    return fixed(known[quantity.key], quantity.scale, min(digits, quantity.most_digits))
+    return fixed(getattr(known, quantity.key), quantity.scale, min(digits, quantity.most_digits))
 
 
 @dataclass(frozen=True)
@@ -211,7 +209,7 @@ class NormativeRow:
     mean: Shown
     interval: Number
     place: str
-    volunteers: LocatedInteger
+    volunteers: int
 
 
 @dataclass(frozen=True)
@@ -228,9 +226,8 @@ def normative_section(folder: Path, cuffs: Cuffs, origin: DataOrigin) -> Normati
     path = folder / NORMATIVE_FILE
     if not path.is_file():
         return None
-    table = read_normative(path)
-    places: LocatedObject = located(table.model_dump(mode="json")["cuffs"], Source.of(NORMATIVE_FILE, "/cuffs"))
-    rows = tuple(row for name, fit in cuffs.items() for row in _rows(fit, table.cuffs.get(name) or {}, places))
+    table = located(read_normative(path), Source.of(NORMATIVE_FILE))
+    rows = tuple(row for name, fit in cuffs.items() for row in _rows(fit, table.cuffs.get(name) or {}))
     return NormativeSection(rows, table.origin, table.origin == origin)
 
 
@@ -246,16 +243,16 @@ def adopt_normative(table: Path, folder: Path) -> None:
     write_checksums(copy)
 
 
-def _rows(fit: Cuff, entries: Mapping[QuantityName, NormativeEntry], places: LocatedObject) -> Iterator[NormativeRow]:
+def _rows(fit: Cuff, entries: Mapping[QuantityName, NormativeEntry]) -> Iterator[NormativeRow]:
     for quantity, entry in entries.items():
         value = getattr(fit, quantity)
-        (scale, unit), place = SHOWN[quantity], places[fit.name][quantity]
+        scale, unit = SHOWN[quantity]
         yield NormativeRow(
             fit.name,
             f"{quantity} [{unit}]",
             interval(figure_of(fit, quantity), scale),
-            mean_with(place, "mean", scale),
-            ends(place["prediction95"], scale),
+            mean_with(entry.mean, entry.mean_ci95, scale),
+            ends(entry.prediction95, scale),
             PLACES[entry.place(value.value)] if value else "",
-            place["volunteers"],
+            entry.volunteers,
         )

@@ -12,7 +12,6 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from hashlib import sha256
 from typing import Any, TypeVar, overload
 
@@ -23,6 +22,7 @@ from pydantic import BaseModel
 from documents.interval import UNBROKEN, between, bracketed, plus_minus, rounded
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.results.codes import Standing
+from fitting.results.cuffs_schema import CuffsDocument
 from station.assessment.assessment_file import AssessmentDocument
 from station.assessment.assessment_json import ASSESSMENT_FILE, NumberEntry, QuantityEntry
 from station.report.pictures import Picture
@@ -36,9 +36,8 @@ _BOUND_OF_SAVING = {"low": "high", "high": "low"}
 """A bound of an effort is the other bound of what is saved."""
 _SENTENCE = re.compile(r"(?=.*\d)(?=.*\s)", re.DOTALL)
 """A text with a number and a space; without a space it is a name or a hash."""
-Plain = Mapping[str, Any]
-Entry = BaseModel | Plain
-"""A number with its interval: an entry of a document, or plain data."""
+Entry = BaseModel
+"""Of a document: a number with its interval."""
 Document = TypeVar("Document", bound=BaseModel)
 WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "reference_rest_length_m", "emg"})
 """Keys of assessment.json whose numbers do not depend on the cuffs."""
@@ -170,20 +169,19 @@ def saving_in_words(entry: NumberEntry) -> Shown:
     return _number(entry, f"{number} % {word} effort than with a slack cord{interval}")
 
 
-def half_width(entry: Mapping[str, Any], scale: float = 1.0, digits: int = 0) -> Number:
+def half_width(entry: Entry, scale: float = 1.0, digits: int = 0) -> Number:
     """`12.34 ± 0.13`."""
-    return _number(entry, plus_minus(entry["value"], entry["ci95"], scale, digits))
+    return _number(entry, plus_minus(*_parts(entry)[:2], scale, digits))
 
 
-def ends(entry: LocatedList, scale: float = 1.0) -> Number:
+def ends(entry: Sequence[float], scale: float = 1.0) -> Number:
     """`12.21 to 12.47` of an interval alone."""
-    return Number(between(entry, scale), tuple(entry), entry.source)
+    return Number(between(entry, scale), tuple(entry), source_of(entry))
 
 
-def mean_with(entry: LocatedObject, key: str, scale: float = 1.0) -> Number:
-    """The number under a key with its interval, which has the key with `_ci95`."""
-    number, ci95 = entry[key], entry[f"{key}_ci95"]
-    return Number(bracketed(number, ci95, scale), number, number.source, (ci95[0], ci95[1]))
+def mean_with(mean: float, ci95: Sequence[float], scale: float = 1.0) -> Number:
+    """A located mean with its interval."""
+    return Number(bracketed(mean, ci95, scale), mean, source_of(mean), (ci95[0], ci95[1]))
 
 
 def fixed(number: Any, scale: float = 1.0, digits: int = 0) -> Number:
@@ -210,15 +208,14 @@ def total(found: LocatedList) -> Number:
     return Number(f"{sum(found):g}", sum(found), found.source.derived(Derivation.SUM))
 
 
-def _parts(entry: Entry) -> tuple[Any, Any, Any]:
-    """Value, ends of the interval, and the end that is a bound."""
-    read = partial(getattr, entry) if isinstance(entry, BaseModel) else entry.get
-    value, ci95, censored = (read(key, None) for key in ("value", "ci95", "censored"))
+def _parts(entry: Entry | None) -> tuple[Any, Any, Any]:
+    """Value, ends of the interval, and the end that is a bound; an entry need not have both of these."""
+    value, ci95, censored = (getattr(entry, key, None) for key in ("value", "ci95", "censored"))
     return value, ci95, censored
 
 
 def _bracketed(entry: Entry | None, unknown: str, scale: float, digits: int, *, is_limited: bool = False) -> Shown:
-    value, ci95, censored = _parts(entry or {})
+    value, ci95, censored = _parts(entry)
     if entry is None or value is None:
         return unknown
     return _number(entry, bracketed(value, ci95, scale, digits, censored, is_limited=is_limited))
@@ -315,9 +312,9 @@ def _unit(source: Source) -> str:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance of the numbers in cuffs.json, given as plain data, and in assessment.json; None without the file."""
+    """Provenance of the numbers in cuffs.json and assessment.json; None without the file."""
 
-    cuffs: Plain | None
+    cuffs: CuffsDocument | None
     assessment: AssessmentDocument | None
 
     def recordings(self, source: Source) -> tuple[str, ...]:
@@ -339,16 +336,19 @@ class Provenance:
         return (int(settings.people.value), int(settings.seed.value)) if settings else (None, None)
 
     def _behind_cuffs_file(self, keys: list[str]) -> Iterable[str]:
-        plain = self.cuffs or {}
-        calibration = list((plain.get("calibration") or {}).get("sources", {}))
+        if self.cuffs is None:
+            return []
+        calibration = list(self.cuffs.calibration.sources) if self.cuffs.calibration else []
         if keys[:1] == ["calibration"]:
             return calibration
         if keys[:1] == ["rejected"]:
-            return [plain["rejected"][int(keys[1])]["file"]]
-        cuff = plain.get("cuffs", {}).get(keys[1] if len(keys) > 1 else "", {})
-        if keys[2:3] == ["trials"]:
-            return [cuff["trials"][int(keys[3])]["file"], *calibration]
-        return [*cuff.get("sources", ()), *calibration]
+            return [self.cuffs.rejected[int(keys[1])].file]
+        cuff = self.cuffs.cuffs.get(keys[1] if len(keys) > 1 else "")
+        if cuff is None:
+            return calibration
+        return (
+            [cuff.trials[int(keys[3])].file, *calibration] if keys[2:3] == ["trials"] else [*cuff.sources, *calibration]
+        )
 
     def _behind_assessment(self, keys: list[str], assessment: AssessmentDocument) -> Iterable[str]:
         wearer = [trial.file for trial in assessment.subject.trials] if assessment.subject else []

@@ -25,9 +25,10 @@ from documents.message import Message
 from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json, read_cuffs
+from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_document, read_cuffs, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
 from fitting.results.codes import Standing
+from fitting.results.cuffs_schema import CuffsDocument
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import AssessmentDocument, read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
@@ -44,7 +45,6 @@ from station.report.assessment_section import assessment_section, effort_figures
 from station.report.cuff_section import TrueCuff, cuff_figures, normative_section, reported_cuffs, shared_notes
 from station.report.first_page import first_page
 from station.report.numbers import (
-    LocatedObject,
     NumberRegister,
     Provenance,
     figure,
@@ -89,13 +89,13 @@ class ReportError(StationError):
 class Results:
     """What the text of a page is made of.
 
-    document: content of cuffs.json, or what a fit would write there, empty without either
+    document: content of cuffs.json, or what a fit would write there, located; None without either
     assessment: located
     """
 
     folder: Path
     cuffs: Mapping[str, Cuff]
-    document: LocatedObject
+    document: CuffsDocument | None
     truth: dict[str, TrueCuff]
     assessment: AssessmentDocument | None
     emg: EmgDocument | None
@@ -157,11 +157,11 @@ def read_results(folder: Path, fitted: SessionFit | None = None) -> Results:
     emg = read_emg_document(folder / EMG_FILE) if (folder / EMG_FILE).is_file() else None
     if not cuffs and not assessment and not emg:
         raise ReportError(Message(FolderCode.NOTHING_TO_REPORT, {"folder": str(folder)}))
-    document = json.loads(cuffs_json(fitted)) if fitted else read_json(folder / CUFFS_FILE) if cuffs else {}
+    document = cuffs_document(fitted) if fitted else read_cuffs_document(folder / CUFFS_FILE) if cuffs else None
     return Results(
         folder,
         cuffs,
-        located(document, Source.of(CUFFS_FILE)),
+        located(document, Source.of(CUFFS_FILE)) if document else None,
         _beside(folder / TRUTH_FILE, _TRUTH) or {},
         located_assessment(assessment) if assessment else None,
         emg,
@@ -187,12 +187,12 @@ def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
     """What the templates show."""
     folder, document, assessment, emg = results.folder, results.document, results.assessment, results.emg
     origin, chain = results.origin, chain_of(folder, is_report_included=False)
-    known = located({name: cuff.model_dump() for name, cuff in results.truth.items()}, Source.of(TRUTH_FILE))
+    known = located(results.truth, Source.of(TRUTH_FILE))
     sentences = _beside(folder / MISSING_FILE, _MISSING) or []
     cuffs = reported_cuffs(results.cuffs, document, assessment, known, pictures)
     return {
         "folder": folder.resolve().name,
-        "facts": session_facts(folder, recordings_in(folder), document.get("calibration"), origin),
+        "facts": session_facts(folder, recordings_in(folder), document.calibration if document else None, origin),
         "first": first_page(assessment, results.cuffs),
         "cuffs": cuffs,
         "shared_notes": shared_notes(cuffs),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -13,7 +14,7 @@ from documents.interval import counted
 from documents.message import Message
 from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_file import CUFFS_FILE
+from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json
 from fitting.results.codes import Standing
 from station.assessment.assessment_file import AssessmentDocument, AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
@@ -71,7 +72,7 @@ def recomputed_links(folder: Path, progress: Progress = silent) -> Iterator[Link
     fitted = fit_session_folder(folder, None, progress) if pulls_in(folder) else None
     if fitted is not None:
         results = read_results(folder, fitted)
-        yield from _links(CUFFS_FILE, results.document, results, "fit of the recordings")
+        yield from _links(CUFFS_FILE, json.loads(cuffs_json(fitted)), results, "fit of the recordings")
     with suppress(AssessmentFileError):  # which the chain of files reports
         yield from _assessment_links(folder, read_assessment(folder / ASSESSMENT_FILE), fitted, progress)
 

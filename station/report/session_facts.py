@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
+from fitting.results.cuffs_schema import CalibrationEntry, CuffsDocument, TrialEntry
 from recordings.errors import RecordingError
 from recordings.manifest import DataOrigin, Manifest, manifest_to_json
 from recordings.reader import TrackCollector, open_recording, read_manifest
@@ -39,7 +39,7 @@ class Fact:
 
 
 def session_facts(
-    folder: Path, recordings: Sequence[Path], calibration: Mapping[str, Any] | None, origin: DataOrigin
+    folder: Path, recordings: Sequence[Path], calibration: CalibrationEntry | None, origin: DataOrigin
 ) -> tuple[Fact, ...]:
     """Facts for the first page; a recording that cannot be read is left out here, and listed where it is refused.
 
@@ -71,15 +71,16 @@ class RecordingRow:
     time: str
     title: str
     file: str
-    trial: LocatedObject | None
+    trial: TrialEntry | None
     reason: str
     remarks: tuple[str, ...] = ()
 
 
-def recording_rows(folder: Path, document: LocatedObject) -> tuple[RecordingRow, ...]:
+def recording_rows(folder: Path, document: CuffsDocument | None) -> tuple[RecordingRow, ...]:
     """Every trial of the session, also those of the wearer and those that were not used, by time."""
-    trials = {trial["file"]: trial for cuff in document.get("cuffs", {}).values() for trial in cuff.get("trials", ())}
-    rejected = {trial["file"]: trial["reason"] for trial in document.get("rejected", ())}
+    cuffs, unusable = (document.cuffs.values(), document.rejected) if document else ((), ())
+    trials = {trial.file: trial for cuff in cuffs for trial in cuff.trials}
+    rejected = {trial.file: trial.reason for trial in unusable}
     rows, journal = {}, _journal(folder)
     for file, manifest in _manifests(recordings_in(folder)):
         cuff = manifest.cuff.name if manifest.cuff else None
@@ -166,16 +167,16 @@ def _load_cell(file: str, manifest: Manifest) -> Iterator[Shown]:
     yield f"serial number {cell.serial_number or UNKNOWN}, {certificate}{due}"
 
 
-def _calibration(calibration: Mapping[str, Any] | None) -> Iterator[Shown]:
+def _calibration(calibration: CalibrationEntry | None) -> Iterator[Shown]:
     """Of the load cell in this session, by its bounce trials."""
     if calibration is None:
         yield "no bounce trial: gain and lag as configured"
         return
-    yield from _with_noun(length(calibration["sources"]), "bounce trial")
+    yield from _with_noun(length(calibration.sources), "bounce trial")
     yield ": gain "
-    yield half_width(calibration["gain"], digits=4)
+    yield half_width(calibration.gain, digits=4)
     yield ", lag of the force "
-    yield half_width(calibration["lag_s"], 1e3, 1)
+    yield half_width(calibration.lag_s, 1e3, 1)
     yield " ms (95 % intervals)"
 
 

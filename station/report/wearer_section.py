@@ -38,6 +38,7 @@ from station.emg.emg_json import (
     EmgChangeEntry,
     EmgChannel,
     EmgDocument,
+    EmgShape,
     EmgTrialEntry,
     ShapeRow,
     findings_text,
@@ -47,7 +48,7 @@ from station.emg.emg_json import (
 from station.emg.trials import EmgFileError, emg_of
 from station.protocol import CONDITION_NAMES
 from station.recordings_of_session import motions_in
-from station.report.numbers import LocatedObject, Shown, located, plain
+from station.report.numbers import Shown, located, plain
 from station.report.pictures import Picture, PlannedFigure
 from station.report.report_file import Source
 
@@ -163,32 +164,29 @@ class ReportedEmg:
     document: EmgDocument
     method: tuple[Shown, ...]
     findings: list[str]
-    shapes: list[tuple[ShapeRow, LocatedObject]]
-    pooled: Sequence[LocatedObject]
-    changes: Sequence[LocatedObject]
+    shapes: list[tuple[ShapeRow, EmgShape]]
     pictures: Sequence[Picture]
 
 
 def emg_section(document: EmgDocument, pictures: Sequence[Picture]) -> ReportedEmg:
-    content: LocatedObject = located(document.model_dump(mode="json"), Source.of(EMG_FILE))
-    shapes = [channel["shape"] for trial in content["trials"] for channel in trial["channels"] if channel["shape"]]
+    document = located(document, Source.of(EMG_FILE))
+    shapes = [channel.shape for trial in document.trials for channel in trial.channels if channel.shape]
     return ReportedEmg(
         document,
-        _method(document, content["setup"]["envelope"]),
+        _method(document),
         list(findings_text(document)),
         list(zip(shape_rows(document), shapes, strict=True)),
-        content["pooled"],
-        content["changes"],
         pictures,
     )
 
 
-def _method(document: EmgDocument, envelope: LocatedObject) -> tuple[Shown, ...]:
+def _method(document: EmgDocument) -> tuple[Shown, ...]:
     """As method_text, whose numbers are those of the set-up; a published method has none of its own."""
-    text = method_text(document.setup.envelope)
-    keys = {"seth_2019": (), "rms": ("window_s",)}.get(envelope["method"], ("low_pass_hz",))
-    numbers = [plain(number) for number in envelope["band_hz"] if keys]
-    numbers += [plain(envelope[key]) for key in keys]
+    envelope = document.setup.envelope
+    text = method_text(envelope)
+    keys = {"seth_2019": (), "rms": ("window_s",)}.get(envelope.method, ("low_pass_hz",))
+    numbers = [plain(number) for number in envelope.band_hz if keys]
+    numbers += [plain(getattr(envelope, key)) for key in keys]
     parts: list[Shown] = []
     for number in numbers:
         before, _, text = text.partition(str(number))

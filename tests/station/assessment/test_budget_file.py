@@ -91,9 +91,9 @@ def test_repeated_donnings_of_the_assessed_session_replace_the_declared_spread(s
     assert found.spread.stiffness == pytest.approx(STIFFNESS.donning / STIFFNESS.mean, rel=0.4)
     assert found.spread.migration == pytest.approx(MIGRATION.donning / MIGRATION.mean, rel=0.4)
     assert found.spread.freedom[0] == pytest.approx(22, abs=3), "24 donnings of two cuffs"
-    entry = found.plain()["stiffness"]
-    assert entry["is_estimated"] and entry["donnings"]["value"] == 24
-    assert entry["spread"]["ci95"][0] < entry["spread"]["value"] < entry["spread"]["ci95"][1]
+    entry = found.entries["stiffness"]
+    assert entry.is_estimated and entry.donnings.value == 24
+    assert entry.spread.ci95[0] < entry.spread.value < entry.spread.ci95[1]
 
 
 def test_cuffs_written_by_hand_keep_the_declared_spread_and_sessions_may_bring_donnings(

@@ -189,7 +189,8 @@ def test_the_page_says_whose_body_and_motion_it_is(more: dict[str, Any], words: 
 def test_an_interval_of_the_fit_alone_gives_at_most_the_decimals_of_its_table(
     number: dict[str, Any], digits: int, text: str
 ) -> None:
-    assert str(figure(located(number, Source.of("assessment.json")), digits=digits)) == text
+    entry = located(NumberEntry.model_validate(number), Source.of("assessment.json"))
+    assert str(figure(entry, digits=digits)) == text
 
 
 def test_commands_of_a_sentence_are_code_and_the_rest_is_escaped() -> None:

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from fitting.results.cuffs_schema import CuffsDocument
 from recordings.manifest import CuffSite, DataOrigin, LoadCell, Manifest, MeasurementProtocol
 from recordings.samples import DeviceIdentity, Event
 from station.journal import Setup, write_mark, write_setup
 from station.report import session_facts as module
-from station.report.numbers import located
-from station.report.report_file import Source
 from station.report.session_facts import UNKNOWN, recording_rows, session_facts
 from tests.recordings.trials import record
 
@@ -71,5 +70,5 @@ def test_a_named_mark_has_its_time_from_the_sync_edge(tmp_path: Path) -> None:
     events = [Event(kind, "", zero_ns + round(1e9 * s), "station") for kind, times in at_s.items() for s in times]
     record(tmp_path / "a.mcap", events)
     write_mark(tmp_path, "a.mcap", 2, "coughed")
-    (row,) = recording_rows(tmp_path, located({"cuffs": {}, "rejected": []}, Source.of("cuffs.json")))
+    (row,) = recording_rows(tmp_path, CuffsDocument(format=1, cuffs={}))
     assert row.remarks == ("mark 2 at 7.5 s: coughed",)
