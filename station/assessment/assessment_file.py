@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import open_regular
 from documents.validation import describe_error
-from solver.muscle import PathMode
-from solver.redundancy.effort import Tendons
 from station.assessment.assessment_json import (
     RIGID,
     AssessedMotionEntry,
@@ -34,6 +32,8 @@ if TYPE_CHECKING:
 
 FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""
+INPUTS = ("model", "motion", "suit", "cuffs")
+"""Roles that every assessment has."""
 SHOWN: Literal["both"] = "both"
 """The condition that is drawn for every arm cuff."""
 
@@ -61,27 +61,10 @@ def read_activations(path: Path) -> pd.DataFrame:
     return table
 
 
-class AssessmentInputsEntry(StrictEntry):
-    """Names of the input files, with their SHA-256."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, str]
-
-    model: str
-    motion: str
-    external_loads: str | None = None
-    external_loads_data: str | None = None
-    cuffs: str
-    suit: str
-    emg: str | None = None
-    beside: str | None = None
-    effort: str | None = None
-    cutoff_hz: str | None = None
-    tendons: Tendons | None = None
-    paths: PathMode = "opensim"
-    budget: str | None = None
-    donnings: str | None = None
-    subject: str | None = None
+def _ensure_named(inputs: dict[str, str]) -> dict[str, str]:
+    if missing := [role for role in INPUTS if role not in inputs]:
+        raise ValueError(f"{missing[0]} is missing")
+    return inputs
 
 
 class AssessedFindingEntry(StrictEntry):
@@ -122,7 +105,14 @@ class AssessmentDocument(AssessedMotionEntry, _Head):
         dict[str, str] | None, Field(description="what waist, shoulder and arm are called in the suit's file")
     ] = None
     subject: SubjectDocument | None = None
-    inputs: AssessmentInputsEntry
+    inputs: Annotated[
+        dict[str, str],
+        AfterValidator(_ensure_named),
+        Field(
+            description="names of the input files, with their SHA-256, and options that are not the default",
+            json_schema_extra={"required": list(INPUTS)},
+        ),
+    ]
     inputs_checked: dict[str, str] = Field(default_factory=dict)
     versions: dict[str, str] = Field(default_factory=dict)
 

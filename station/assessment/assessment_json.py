@@ -147,7 +147,7 @@ class UnsolvedEntry(StrictEntry):
     by_condition: CurveEntries[KnownNumberEntry] | None = None
 
 
-class ComparisonEntry(StrictEntry):
+class EffortComparisonEntry(StrictEntry):
     """Effort at the reference rest length with the first arm cuff less that with the second."""
 
     cuffs: Annotated[list[str], Field(min_length=2, max_length=2)]
@@ -169,7 +169,7 @@ class AssessedMotionEntry(StrictEntry):
     bare_body_cost: NumberEntry
     longest_cord_m: NumberEntry
     muscle_reduction: CurveEntries[dict[str, NumberEntry]]
-    comparisons: list[ComparisonEntry] = Field(default_factory=list)
+    comparisons: list[EffortComparisonEntry] = Field(default_factory=list)
     waist_cuff: str | None
     rest_lengths_m: RestLengthsEntry
     cost: CurveEntries[SeriesEntry]
@@ -180,7 +180,7 @@ class AssessedMotionEntry(StrictEntry):
     muscle_outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
 
 
-class QuantityEntry(NumberEntry):
+class WornFigureEntry(NumberEntry):
     """A parameter of a worn cuff, with the origin of its value."""
 
     source: str
@@ -191,9 +191,9 @@ class WornCuffEntry(StrictEntry):
 
     site: str
     origin: str | None = None
-    stiffness_n_per_m: QuantityEntry
-    damping_n_s_per_m: QuantityEntry
-    migration_m: QuantityEntry
+    stiffness_n_per_m: WornFigureEntry
+    damping_n_s_per_m: WornFigureEntry
+    migration_m: WornFigureEntry
     assumed: Annotated[str, Field(description="assumed_codes in sentences")] = ""
     assumed_codes: list[str] = Field(default_factory=list)
 
@@ -219,7 +219,7 @@ def motion_entries(assessment: Assessment) -> dict[str, Any]:
             lambda curve: {muscle: number(figure) for muscle, figure in curve.reduction.items()}
         ),
         "comparisons": [
-            ComparisonEntry(cuffs=list(one.cuffs), cost_difference=number(one.cost_difference), differ=one.differ)
+            EffortComparisonEntry(cuffs=list(one.cuffs), cost_difference=number(one.cost_difference), differ=one.differ)
             for one in assessment.comparisons
         ],
         "waist_cuff": assessment.waist_cuff,
@@ -277,11 +277,11 @@ def cuff_entries(cuffs: Sequence[Cuff]) -> dict[str, WornCuffEntry]:
     return entries
 
 
-def _quantity(cuff: Cuff, name: str) -> QuantityEntry:
+def _quantity(cuff: Cuff, name: str) -> WornFigureEntry:
     estimate: Estimate | None = getattr(cuff, name)
     value, ends = (None, None) if estimate is None else (estimate.value, estimate.ci95)
     ci95 = list(ends) if ends and ends[0] < ends[1] else None
-    return QuantityEntry(value=value, ci95=ci95, source=Standing.BY_HAND if name in cuff.given else "fit")
+    return WornFigureEntry(value=value, ci95=ci95, source=Standing.BY_HAND if name in cuff.given else "fit")
 
 
 def _optimum(curve: EffortCurve) -> OptimumEntry:

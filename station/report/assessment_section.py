@@ -86,7 +86,7 @@ class AssessmentSection:
 def assessment_section(assessment: AssessmentDocument, pictures: Sequence[Picture]) -> AssessmentSection:
     beside = assessment.beside
     return AssessmentSection(
-        names={role: without_hash(what) for role, what in assessment.inputs if what},
+        names={role: without_hash(what) for role, what in assessment.inputs.items()},
         not_measured=_not_measured(assessment.subject),
         places=places_of(assessment),
         cuffs=assessment.cuffs,

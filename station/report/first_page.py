@@ -141,7 +141,7 @@ def _basis(assessment: AssessmentDocument) -> Iterator[Shown]:
     elif why:
         yield from (why[0], " ")
     else:
-        model, motion = map(without_hash, (assessment.inputs.model, assessment.inputs.motion))
+        model, motion = (without_hash(assessment.inputs[role]) for role in ("model", "motion"))
         yield f"Body: {model}; motion: {motion}; they are not the wearer's. "
     contained = intervals_of(assessment)
     if contained:
@@ -175,7 +175,7 @@ def limits_of(assessment: AssessmentDocument) -> Iterator[str]:
             "The intervals do not contain the variation of donnings, bodies and muscles, so that no decision between "
             "the cuffs rests on them."
         )
-    suit = assessment.inputs.suit
+    suit = assessment.inputs["suit"]
     if not assessment.subject and suit == without_hash(suit):
         yield BUNDLED_SUIT
 

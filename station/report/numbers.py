@@ -24,7 +24,7 @@ from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.results.codes import Standing
 from fitting.results.cuffs_schema import CuffsDocument
 from station.assessment.assessment_file import AssessmentDocument
-from station.assessment.assessment_json import ASSESSMENT_FILE, NumberEntry, QuantityEntry
+from station.assessment.assessment_json import ASSESSMENT_FILE, NumberEntry, WornFigureEntry
 from station.report.pictures import Picture
 from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source
 
@@ -149,7 +149,7 @@ def figure(entry: Entry | None, scale: float = 1.0, digits: int = 3) -> Shown:
 def worn(entry: Entry | None, scale: float = 1.0, digits: int = 3) -> Shown:
     """A parameter of a worn cuff, with its source where that is not the fit."""
     number = _bracketed(entry, UNKNOWN, scale, digits)
-    is_by_hand = isinstance(entry, QuantityEntry) and entry.source == Standing.BY_HAND
+    is_by_hand = isinstance(entry, WornFigureEntry) and entry.source == Standing.BY_HAND
     return number.within("{} (given by hand)") if is_by_hand and isinstance(number, Number) else number
 
 

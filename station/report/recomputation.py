@@ -137,17 +137,22 @@ def _people(recorded: AssessmentDocument) -> PeopleRun | None:
 def _inputs(folder: Path, recorded: AssessmentDocument) -> AssessmentInputs | None:
     """The inputs of the assessment, where all of them are bundled or in the folder."""
     named, cuffs, has_subject = recorded.inputs, folder / CUFFS_FILE, recorded.subject is not None
-    are_bundled = [without_hash(name) == name for name in (named.model, named.motion)]
-    is_known = without_hash(named.suit) == named.suit and (named.budget or "bundled").startswith("bundled")
-    others = (named.emg, named.external_loads, named.beside, named.effort, named.donnings)
-    if any(others) or not is_known or not (has_subject or all(are_bundled)):
-        return None
-    if not (cuffs.is_file() and named.cuffs.endswith(sha256_of(cuffs))):
+    is_bundled = {role: without_hash(named[role]) == named[role] for role in ("model", "motion", "suit")}
+    is_bundled_budget = named.get("budget", "bundled").startswith("bundled")
+    others = {"emg", "external_loads", "beside", "effort", "donnings"} & set(named)
+    is_known = is_bundled["suit"] and is_bundled_budget and (has_subject or all(is_bundled.values()))
+    if others or not is_known or not (cuffs.is_file() and named["cuffs"].endswith(sha256_of(cuffs))):
         return None
     chosen = tuple(name for name, cuff in recorded.cuffs.items() if cuff.site != "waist")
-    subject, cutoff = folder if has_subject else None, named.cutoff_hz or f"{CUTOFF_HZ:g}"
-    inputs = AssessmentInputs(cuffs, chosen=chosen, paths=named.paths, subject=subject)
-    return replace(inputs, tendons=named.tendons or "rigid", cutoff_hz=None if cutoff == "none" else float(cutoff))
+    options: dict[str, Any] = {key: named[key] for key in ("paths", "tendons") if key in named}
+    cutoff = named.get("cutoff_hz", f"{CUTOFF_HZ:g}")
+    return AssessmentInputs(
+        cuffs,
+        chosen=chosen,
+        subject=folder if has_subject else None,
+        cutoff_hz=None if cutoff == "none" else float(cutoff),
+        **options,
+    )
 
 
 def _read(path: Path) -> Any:

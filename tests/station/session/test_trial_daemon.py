@@ -555,10 +555,7 @@ def test_an_alarm_lasts_until_it_is_acknowledged_and_its_cause_is_gone() -> None
 
     def raised_by(start_s: float, newtons: float) -> bool:
         points = [(start_s + 0.1 * i, newtons) for i in range(12)]
-        return live.update(
-            {"state": "armed", "force": points, "displacement": [], "elevation": [], "events": []},
-            ForceLimits(150.0, 5e3),
-        )
+        return live.update(TrialTelemetry(state="armed", force=points), ForceLimits(150.0, 5e3))
 
     assert not raised_by(0.0, 20.0) and live.alarm is None
     assert raised_by(2.0, 160.0) and live.unseen_alarm is not None
