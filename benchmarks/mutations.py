@@ -153,7 +153,9 @@ class _Runner:
     _started: int = field(default=0)
 
     def prepare(self, original: CodeType) -> None:
-        """Run the tests on the original code, then import what they imported and does not depend on the module."""
+        """Run the tests on the original code, import what they imported and does not depend on the module, and run
+        them again as on a mutation.
+        """
         receiver, sender = FORK.Pipe(duplex=False)
         trace = _Trace(self.path)
 
@@ -165,13 +167,17 @@ class _Runner:
         begun = time.monotonic()
         process = self._start(original, trace, report)
         names, self.seconds, wall, self._traced = receiver.recv() if receiver.poll(self._limit) else ([], 0.0, 0.0, {})
-        process.join()
-        if process.exitcode:
-            sys.exit(f"{self.module}: its tests fail without a mutation: pytest {' '.join(self.tests)}")
+        self._ensure_passed(process)
         self._limit = 20.0 + 20.0 * wall
         for name in _independent(names, self.module):
             with suppress(ImportError):
                 import_module(name)
+        self._ensure_passed(self._start(original, _Order(self._traced, 0)))
+
+    def _ensure_passed(self, process: BaseProcess) -> None:
+        process.join()
+        if process.exitcode:
+            sys.exit(f"{self.module}: its tests fail without a mutation: pytest {' '.join(self.tests)}")
 
     def survivors(self, mutations: Iterable[Mutation], processes: int) -> Iterator[Mutation]:
         """The mutations with which all tests pass."""
