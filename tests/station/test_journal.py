@@ -52,8 +52,6 @@ HOSTILE = (
     '"donning": "1", "accepted": true, "lost_samples": 0, "sentence": "", "codes": [{"code": "dream"}]}',
     "[" * 100_000,
     '{"a":' * 100_000,
-    '{"kind": "setup", "at": "", "format": 1, "subject": "P01", "operator": "a", "cuffs": ["hand"], '
-    '"repeats": 1000000000}',
     '{"kind": "setup", "at": "", "format": 1, "subject": "P01", "operator": "a", "cuffs": "hand", "repeats": 3}',
     '{"kind": "setup", "at": "", "format": 1, "subject": [], "operator": "a", "cuffs": ["hand"], "repeats": 3}',
     '{"kind": "mark", "at": "", "format": 1, "file": "a.mcap", "number": ' + "7" * 400 + ', "name": ""}',
@@ -248,6 +246,18 @@ def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
     with raises_refusal(JournalCode.WRONG_LINE, kind=JournalError) as caught:
         read_journal(tmp_path)
     assert figures_of(caught.value) == {"path": str(path), "line": 2, "found": repr(line[:60])}
+
+
+@pytest.mark.parametrize(("repeats", "is_plan"), [(0, False), (1, True), (1000, True), (1001, False)])
+def test_a_plan_has_one_to_a_thousand_repeats(tmp_path: Path, repeats: int, *, is_plan: bool) -> None:
+    write_setup(tmp_path, SETUP)
+    path = tmp_path / JOURNAL_FILE
+    path.write_text(path.read_text().replace('"repeats": 3', f'"repeats": {repeats}'))
+    if is_plan:
+        assert read_journal(tmp_path).setup == replace(SETUP, repeats=repeats)
+        return
+    with raises_refusal(JournalCode.WRONG_LINE, kind=JournalError):
+        read_journal(tmp_path)
 
 
 @pytest.mark.parametrize(
