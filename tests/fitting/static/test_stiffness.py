@@ -9,12 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import optimize, stats
 
 from fitting.pull.plateaus import Plateau
 from fitting.results.codes import FitOutcome
 from fitting.static import stiffness
-from fitting.static.stiffness import StiffnessFit, _fit_trial, fit_stiffness, trial_stiffness
+from fitting.static.stiffness import (
+    HeldPoints,
+    StiffnessFit,
+    TangentLaw,
+    _fit_trial,
+    fit_law,
+    fit_stiffness,
+    trial_stiffness,
+)
 from fitting.uncertainty import NORMAL_95, Estimate
 
 K = 8000.0
@@ -412,3 +420,80 @@ def test_creep_is_no_progressive_slip() -> None:
     trials = [_held(UP + DOWN, _slipping(UP + DOWN) + already) for already in (0.0, 5e-3)]
     assert fit_stiffness(trials, 0.0).progressive_slip == pytest.approx(5e-3)
     assert fit_stiffness(trials, 0.0, creeps=True).progressive_slip == 0.0
+
+
+LAW = TangentLaw(2.0, 1 / K, 0.008, np.array([[4e-12, -3e-9], [-3e-9, 9e-6]]), 1.0, 40, 0.02)
+
+
+@pytest.mark.parametrize("force", [2.0, 40.0])
+def test_errors_of_the_exponential_law_are_propagated_along_the_slope_of_its_figures(force: float) -> None:
+    """b is ρ κ, the tangent is κ (1 + ρ (F − 2 N)); their slopes over 1/κ and ρ are finite differences."""
+
+    def figures(slope: float, growth: float) -> NDArray[np.float64]:
+        return np.array([growth / slope, (1 + growth * (force - 2)) / slope])
+
+    sides = [[(LAW.slope * (1 + i * s), LAW.growth * (1 + j * s)) for s in (1e-5, -1e-5)] for i, j in ((1, 0), (0, 1))]
+    steps = 2e-5 * np.array([LAW.slope, LAW.growth])
+    slopes = np.array([figures(*up) - figures(*down) for up, down in sides]).T / steps
+    expected = np.sqrt(np.diag(slopes @ LAW.covariance @ slopes.T))
+    b, tangent = LAW.stiffening, LAW.tangent(force)
+    assert [b.value, tangent.value] == pytest.approx(figures(LAW.slope, LAW.growth))
+    assert [b.standard_error, tangent.parts["noise"]] == pytest.approx(expected)
+    assert tangent.parts["gain"] == pytest.approx(0.02 * tangent.value)
+    assert LAW.significance == pytest.approx(0.008 / 3e-3)
+
+
+@pytest.mark.parametrize(("dof", "quantile"), [(29, stats.t.ppf(0.975, 29)), (30, stats.norm.ppf(0.975))])
+def test_a_tangent_has_student_s_interval_below_30_degrees_of_freedom(dof: int, quantile: float) -> None:
+    tangent = replace(LAW, dof=dof, gain_sd=0.0).tangent(40.0)
+    assert tangent.ci95[1] - tangent.value == pytest.approx(quantile * tangent.parts["noise"], rel=1e-6)
+
+
+def _bent_points(growth: float, scatter: float = 0.0) -> HeldPoints:
+    """Held loads of two groups of the exponential law with 1/κ = 1 / K, and uneven errors."""
+    random = np.random.default_rng(8)
+    force = np.array([*UP, *DOWN])
+    x = np.log1p(growth * (force - 2)) / (growth * K) + np.repeat([0.0, 3e-3], [6, 5])
+    x_sd = NOISE * random.uniform(0.5, 2.0, 11)
+    return HeldPoints(force, x + scatter * x_sd * random.standard_normal(11), x_sd, np.repeat([0, 1], [6, 5]))
+
+
+@pytest.mark.parametrize("scatter", [0.2, 5.0])
+@pytest.mark.parametrize("growth", [-0.006, 0.03])
+def test_the_exponential_law_is_that_of_scipy_s_curve_fit(growth: float, scatter: float) -> None:
+    """With an offset for each group; the covariance is scaled by χ² / dof only where that exceeds 1."""
+    points = _bent_points(growth, scatter)
+
+    def law(force: NDArray[np.float64], slope: float, bend: float, *offsets: float) -> NDArray[np.float64]:
+        return slope * np.log1p(bend * (force - 2)) / bend + np.array(offsets)[points.group]
+
+    start = [1 / K, growth, 0.0, 3e-3]
+    tight = {"ftol": 1e-14, "xtol": 1e-14}
+    best, covariance = optimize.curve_fit(law, points.force, points.x, start, points.x_sd, absolute_sigma=True, **tight)
+    chi_square = float(np.sum(((points.x - law(points.force, *best)) / points.x_sd) ** 2))
+    found = fit_law(points, 0.01)
+    assert found is not None and found.outcome is FitOutcome.CONVERGED
+    assert (found.reference_force, found.dof, found.gain_sd) == (2.0, 7, 0.01)
+    assert [found.slope, found.growth] == pytest.approx(best[:2], rel=1e-4)
+    assert found.chi_square == pytest.approx(chi_square, rel=1e-6) and (chi_square > 7) is (scatter > 1)
+    np.testing.assert_allclose(found.covariance, covariance[:2, :2] * max(1.0, chi_square / 7), rtol=2e-3)
+
+
+@pytest.mark.parametrize(("growth", "limit"), [(-0.95, -0.9), (25.0, 20.0)])
+def test_a_law_bends_so_far_that_the_tangent_falls_to_a_tenth_or_grows_by_20_times(growth: float, limit: float) -> None:
+    found = fit_law(_bent_points(growth / 75))
+    assert found is not None and found.growth * 75 == pytest.approx(limit, abs=1e-4)
+
+
+def test_a_law_needs_three_loads_of_a_group_and_a_degree_of_freedom_and_a_positive_slope() -> None:
+    def fit(force: Sequence[float], group: Sequence[int], sign: float = 1.0) -> TangentLaw | None:
+        loads = np.array(force)
+        return fit_law(HeldPoints(loads, sign * loads / K, np.full(len(loads), NOISE), np.array(group)))
+
+    assert fit([], []) is fit([2, 40, 77], [0, 0, 0]) is None
+    assert fit([2, 40, 2, 40, 2, 40], [0, 0, 1, 1, 2, 2]) is None, "no curvature in two loads"
+    assert fit([40, 40, 40, 40], [0, 0, 0, 0]) is None
+    assert fit([2, 30, 60, 77], [0] * 4, sign=-1.0) is None
+    straight = fit([2, 30, 60, 77], [0] * 4)
+    assert straight is not None and straight.dof == 1 and straight.growth == pytest.approx(0.0, abs=1e-6)
+    assert straight.slope == pytest.approx(1 / K)
