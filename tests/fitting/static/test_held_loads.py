@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Literal
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, signal, stats
 
 from fitting.cuffs.cuffs_file import held_loads_json
 from fitting.pull.plateaus import Plateau
 from fitting.pull.pull import Pull, make_pulls
 from fitting.results.codes import FitOutcome, NoteCode
-from fitting.static.held_loads import Creep, HeldLoads, fit_held_loads, fit_migration, held_load_notes
+from fitting.static.held_loads import (
+    Creep,
+    HeldLoads,
+    _drift,
+    _energy,
+    _without_drift,
+    fit_creep,
+    fit_held_loads,
+    fit_migration,
+    held_load_notes,
+)
 from fitting.static.stiffness import (
     StaticFit,
+    StiffnessFit,
     TangentLaw,
     _contradict,
     _fit_trials,
@@ -33,7 +44,7 @@ from fitting.static.stiffness import (
     _returns,
     _slip,
 )
-from fitting.uncertainty import Repeat, normal_estimate
+from fitting.uncertainty import Repeat, chi_square_limit, normal_estimate
 from tests.fitting.pulls import Held, static_trial
 from tests.fitting.static.test_stiffness import FLAT, K, _held
 
@@ -464,3 +475,215 @@ def test_segments_begin_at_rises_or_at_turns() -> None:
     assert segments((2, 17, 10, 12), "every rise") == [0, 1, 1, 2]
     assert segments((0, 0.3, 0.61), "every rise") == [0, 0, 1]
     assert segments((2, 17, 2, 17, 32), "at turns") == [0, 1, 2, 3, 3]
+
+
+# Drift of the zero, energy of a cycle, creep and notes, in closed form.
+
+
+def _cycle(forces: Sequence[float], x: Sequence[float], shift: float = 0.0) -> list[Plateau]:
+    """Holds of 6 s every 10 s, the last of 8 s, with uneven errors."""
+    return [
+        Plateau(
+            10.0 * i,
+            10.0 * i + (8 if i == len(forces) - 1 else 6),
+            f + shift,
+            0.1 * (i + 1),
+            d,
+            1e-5 * (i + 2),
+            (d, 0.0),
+        )
+        for i, (f, d) in enumerate(zip(forces, x, strict=True))
+    ]
+
+
+def test_the_drift_of_the_zero_is_the_weighted_mean_of_what_the_bare_hook_gains() -> None:
+    """From the middle of the first hold to that of the last: 31 s, and 21 s of a shorter trial."""
+    long, short = _cycle((2, 40, 20, 3.55), [0.0] * 4), _cycle((2, 40, 2.21), [0.0] * 3)
+    (one, other), errors = (0.05, 0.01), np.array([math.hypot(0.1, 0.4) / 31, math.hypot(0.1, 0.3) / 21])
+    alone = _drift([long])
+    assert alone is not None
+    assert (alone.value, alone.standard_error) == (pytest.approx(one), pytest.approx(errors[0]))
+    both = _drift([long, [], short, _cycle((2, 40), [0.0] * 2), _cycle((2, 20, 40), [0.0] * 3)])
+    weights = errors**-2 / np.sum(errors**-2)
+    assert both is not None and both.value == pytest.approx(weights @ [one, other])
+    assert both.standard_error == pytest.approx(max(np.sum(errors**-2) ** -0.5, (one - other) / 2))
+    alike = _drift([long, long])
+    assert alike is not None and alike.standard_error == pytest.approx(errors[0] / math.sqrt(2))
+    assert _drift([_cycle((40, 20, 2), [0.0] * 3)]) is _drift([]) is None
+
+
+def test_a_drift_is_removed_from_the_first_hold_on() -> None:
+    held = _cycle((2, 40, 20, 3.55), [0.0] * 4)
+    assert [plateau.force for plateau in _without_drift(held, 0.05)] == pytest.approx([2, 39.5, 19, 2.0])
+    assert _without_drift(held, 0.0) == tuple(held) and _without_drift([], 0.05) == ()
+
+
+def test_the_energy_of_a_cycle_is_the_area_of_its_polygon_and_its_error_that_of_its_corners() -> None:
+    """Over a path that closes, the area is the trapezoidal sum, whose slopes are finite differences."""
+    forces, x = np.array([2.0, 20.0, 50.0, 30.0, 10.0, 2.0]), 1e-3 * np.array([0.0, 1.0, 6.0, 5.5, 4.0, 0.0])
+
+    def area(corners: np.ndarray) -> float:
+        force, x = corners.reshape(2, -1)
+        return float(np.trapezoid(force - force[0], x))
+
+    corners = np.concatenate([forces, x])
+    errors = np.concatenate([0.1 * np.arange(1, 7), 1e-5 * np.arange(2, 8)])
+    slopes = optimize.approx_fprime(corners, area, 1e-7)
+    one = _energy([_cycle(forces, x, shift=5.0)])
+    assert one is not None and one.value == pytest.approx(area(corners))
+    assert one.standard_error == pytest.approx(float(np.linalg.norm(slopes * errors)), rel=1e-4)
+    mean = _energy(
+        [_cycle(forces, x), [], _cycle(forces, 1.1 * x), _cycle((2, 20), (0, 1)), _cycle((2, 5, 50), [0] * 3)]
+    )
+    assert mean is not None and mean.value == pytest.approx(1.05 * area(corners))
+    assert mean.standard_error == pytest.approx(0.05 * area(corners)), "the spread exceeds the errors"
+    twice = _energy([_cycle(forces, x)] * 2)
+    assert twice is not None and twice.standard_error == pytest.approx(one.standard_error / math.sqrt(2))
+    assert _energy([_cycle((50, 20, 2), [0] * 3)]) is _energy([]) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_seen", "is_measured"),
+    [
+        ({}, True, True),
+        ({"significance": 4.0}, False, False),
+        ({"significance": 4.01}, True, True),
+        ({"fraction": normal_estimate(0.01, 0.1)}, False, False),
+        ({"fraction": normal_estimate(0.0101, 0.1)}, True, True),
+        ({"in_holds": 2.0}, False, False),
+        ({"in_holds": 2.01}, True, True),
+        ({"chi_square": 0.999 * chi_square_limit(10)}, True, True),
+        ({"chi_square": 1.001 * chi_square_limit(10), "in_holds": 3.01}, True, False),
+        ({"chi_square": 1.001 * chi_square_limit(10), "in_holds": 3.0}, False, False),
+        ({"dof": 0, "in_holds": 3.01}, True, False),
+    ],
+)
+def test_creep_is_significant_beyond_its_limits(changes: dict[str, object], is_seen: bool, is_measured: bool) -> None:
+    creep = replace(CREEP, **changes)  # type: ignore[arg-type]
+    assert (creep.is_seen, creep.is_measured) == (is_seen, is_measured)
+
+
+def test_the_recovery_of_a_trial_is_that_of_its_remaining_force() -> None:
+    assert [CREEP.recovery(trial) for trial in range(3)] == pytest.approx([-8e-4, -1e-3, -1.2e-3])
+
+
+def _held_result(growth: float = 0.0, **changes: object) -> HeldLoads:
+    """Two held loads of 2 and 62 N, whose law has a standard error of the growth of 0.001 / N."""
+    law = TangentLaw(2.0, 1 / K, growth, np.diag([1e-14, 1e-6]), 1.0, 40, 0.0)
+    trial = _fit_of(Repeat(1 / K, 1e-6), (2.0, 62.0), (0, 0), (1, 1), (0, 0), (0, 0))
+    fit = StiffnessFit(None, (trial,), 0.0, False, 0.0, 0.0, False, law)
+    return replace(HeldLoads(fit), **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("held", "codes"),
+    [
+        (_held_result(), []),
+        (_held_result(duration=4.0), []),
+        (_held_result(duration=3.99), [NoteCode.SHORT_HOLDS]),
+        (_held_result(growth=0.003), []),
+        (_held_result(growth=0.0031), [NoteCode.STIFFENS]),
+        (_held_result(growth=-0.0031), [NoteCode.SOFTENS]),
+        (_held_result(creep=CREEP), [NoteCode.CREEPS]),
+        (_held_result(creep=replace(CREEP, dof=0, in_holds=4.0)), [NoteCode.YIELDS]),
+        (_held_result(creep=replace(CREEP, significance=3.0)), []),
+        (_held_result(drift=normal_estimate(1 / 60, 1e-3)), []),
+        (_held_result(drift=normal_estimate(-1.01 / 60, 1e-3)), [NoteCode.ZERO_DRIFT]),
+        (_held_result(drift=normal_estimate(0.03, 0.01)), []),
+        (_held_result(drift=normal_estimate(0.0301, 0.01)), [NoteCode.ZERO_DRIFT]),
+        (HeldLoads(StiffnessFit(None, (_fit_of(None),), 0.0, False, 0.0, 0.0, False, None), duration=1.0), []),
+    ],
+)
+def test_notes_of_held_loads_begin_beyond_their_limits(held: HeldLoads, codes: list[NoteCode]) -> None:
+    assert _codes(held) == codes
+
+
+def test_notes_and_tangents_have_the_figures_of_the_fit() -> None:
+    held = _held_result(growth=0.01, creep=CREEP, hold=5.0, duration=3.0)
+    assert (held.has_loads, held.highest) == (True, 62.0)
+    short, creeps, stiffens = held_load_notes(held)
+    assert short.figures == {"hold_s": 3.0}
+    assert creeps.figures == pytest.approx(
+        {
+            "fraction": 0.1,
+            "fraction_half_width": 1.96 * 0.04,
+            "time_constant_s": 10.0,
+            "hold_s": 5.0,
+            "rest_n_per_m": 4545.0,
+            "rest_half_width_n_per_m": 19.6,
+        }
+    )
+    assert stiffens.figures == pytest.approx({"lowest_n_per_m": K, "highest_n_per_m": 1.6 * K})
+    loads = [load for load, _ in held.tangents]
+    assert loads == pytest.approx([0, 15, 30, 45, 60])
+    assert [tangent.value for _, tangent in held.tangents] == pytest.approx([K * (1 + 0.01 * load) for load in loads])
+    assert replace(held, stiffness=replace(held.stiffness, law=None)).tangents == ()
+    (yields,) = held_load_notes(_held_result(creep=replace(CREEP, dof=0, in_holds=4.0), hold=5.0))
+    assert yields.figures == {"hold_s": 5.0}
+
+
+def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds() -> None:
+    """The low-pass is integrated in frames of the cameras; both trials have an offset of their own."""
+    pulls = [*_reduced(CREEPING, 1)[0], *_reduced(replace(CREEPING, unloads=False), 2)[0]]
+    assert fit_creep(pulls, [_fit_of(None)] * 2) is None, "no load is held"
+    fits = [replace(_fit_of(None, segment=[0] * len(pull.plateaus)), plateaus=pull.plateaus) for pull in pulls]
+    found = fit_creep(pulls, fits)
+    assert found is not None and found.outcome is FitOutcome.CONVERGED
+    rows = np.array([row for number, pull in enumerate(pulls) for row in _half_seconds(pull, number)])
+    trial, hold, time, force, x, x_sd = rows.T
+
+    def lagged(log: float) -> tuple[np.ndarray, list[float]]:
+        ys, remaining = np.zeros(len(time)), []
+        for number, pull in enumerate(pulls):
+            frames = pull.marker_time
+            load = np.interp(frames, pull.force_time, pull.force)
+            pace = -np.expm1(-(frames[1] - frames[0]) / np.exp(log))
+            start = pull.plateaus[0].force
+            y, _ = signal.lfilter([pace], [1, pace - 1], load, zi=[(1 - pace) * start])
+            ys[trial == number] = np.interp(time[trial == number], frames, y)
+            last = pull.plateaus[-1]
+            remaining.append(last.force - float(y[(frames >= last.start) & (frames <= last.end)].mean()))
+        return ys, remaining
+
+    def law(_: object, compliance: float, extra: float, log: float, *offsets: float) -> np.ndarray:
+        return compliance * force + extra * lagged(log)[0] + np.array(offsets)[trial.astype(int)]
+
+    start = [1e-4, 1e-5, math.log(15), 0.0, 0.0]
+    best, covariance = optimize.curve_fit(law, force, x, start, x_sd, absolute_sigma=True, ftol=1e-12, xtol=1e-12)
+    compliance, extra, log = best[:3]
+    chi_square, dof = float(np.sum(((x - law(0, *best)) / x_sd) ** 2)), len(x) - 5
+    scale = max(1.0, chi_square / dof)
+    assert (found.compliance, found.time_constant) == (
+        pytest.approx(compliance, rel=2e-3),
+        pytest.approx(math.exp(log), rel=2e-2),
+    )
+    assert found.fraction.value == pytest.approx(extra / compliance, rel=1e-2)
+    assert found.stiffness_at_rest.value == pytest.approx(1 / (compliance + extra), rel=1e-3)
+    assert (found.chi_square, found.dof) == (pytest.approx(chi_square, rel=5e-3), dof)
+    slopes = np.array([[-extra / compliance**2, 1 / compliance], [-1 / (compliance + extra) ** 2] * 2])
+    errors = np.sqrt(np.diag(slopes @ covariance[:2, :2] @ slopes.T) * scale)
+    assert [found.fraction.standard_error, found.stiffness_at_rest.standard_error] == pytest.approx(errors, rel=3e-2)
+    columns = np.column_stack([force, trial == 0, trial == 1]) / x_sd[:, None]
+    (without,) = np.linalg.lstsq(columns, x / x_sd)[1]
+    assert found.significance == pytest.approx(math.sqrt((without - chi_square) / scale), rel=5e-3)
+    y, remaining = lagged(log)
+    assert found.remaining_force == pytest.approx(remaining, rel=1e-2)
+    holds = np.column_stack([y, hold[:, None] == np.unique(hold)]) / x_sd[:, None]
+    slope, (least,) = np.linalg.lstsq(holds, x / x_sd)[:2]
+    variance = np.linalg.inv(holds.T @ holds)[0, 0] * max(1.0, least / (len(x) - holds.shape[1]))
+    assert found.in_holds == pytest.approx(slope[0] / math.sqrt(variance), rel=2e-2)
+
+
+def _half_seconds(pull: Pull, number: int) -> Iterator[tuple[float, ...]]:
+    """Trial, hold, mean time, load, mean displacement and its error of every half second that is mostly seen."""
+    for hold, plateau in enumerate(pull.plateaus):
+        inside = (pull.marker_time >= plateau.start) & (pull.marker_time <= plateau.end)
+        inside &= np.isfinite(pull.displacement)
+        time, x = pull.marker_time[inside], pull.displacement[inside]
+        part = np.floor((time - plateau.start) / 0.5)
+        counts = [int(np.sum(part == one)) for one in range(int(part.max()) + 1)]
+        for one, count in enumerate(counts):
+            if count > max(counts) / 2:
+                error = plateau.displacement_sd * math.sqrt(len(x) / count)
+                mean = float(time[part == one].mean()), plateau.force, float(x[part == one].mean())
+                yield (number, 100 * number + hold, *mean, error)
