@@ -108,8 +108,7 @@ def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
     """The exponential law through held loads, None for too few different loads."""
     groups = np.unique(points.group)
     dof = len(points.force) - len(groups) - 2
-    span = float(np.ptp(points.force)) if len(points.force) else 0.0
-    if dof < 1 or span <= 0 or max(len(points.force[points.group == group]) for group in groups) < 3:
+    if dof < 1 or np.bincount(points.group).max() < 3 or (span := float(np.ptp(points.force))) <= 0:
         return None
     weight = points.x_sd**-2.0
     load = points.force - points.force.min()

@@ -494,6 +494,8 @@ def test_a_law_needs_three_loads_of_a_group_and_a_degree_of_freedom_and_a_positi
     assert fit([2, 40, 2, 40, 2, 40], [0, 0, 1, 1, 2, 2]) is None, "no curvature in two loads"
     assert fit([40, 40, 40, 40], [0, 0, 0, 0]) is None
     assert fit([2, 30, 60, 77], [0] * 4, sign=-1.0) is None
+    assert fit([2, 40, 77] * 2, [0, 0, 0, 1, 1, 1]) is not None and fit([2, 2.2, 2.4, 2.6], [0] * 4) is not None
     straight = fit([2, 30, 60, 77], [0] * 4)
-    assert straight is not None and straight.dof == 1 and straight.growth == pytest.approx(0.0, abs=1e-6)
+    assert straight is not None and straight.growth == pytest.approx(0.0, abs=1e-6)
+    assert (straight.dof, straight.gain_sd) == (1, 0.0)
     assert straight.slope == pytest.approx(1 / K)
