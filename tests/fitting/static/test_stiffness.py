@@ -22,6 +22,7 @@ from fitting.static.stiffness import (
     fit_law,
     fit_stiffness,
     trial_stiffness,
+    within,
 )
 from fitting.uncertainty import NORMAL_95, Estimate
 
@@ -483,6 +484,11 @@ def test_the_exponential_law_is_that_of_scipy_s_curve_fit(growth: float, scatter
 def test_a_law_bends_so_far_that_the_tangent_falls_to_a_tenth_or_grows_by_20_times(growth: float, limit: float) -> None:
     found = fit_law(_bent_points(growth / 75))
     assert found is not None and found.growth * 75 == pytest.approx(limit, abs=1e-4)
+
+
+def test_values_are_relative_to_the_weighted_mean_of_their_group_and_a_group_may_be_empty() -> None:
+    found = within(np.array([1.0, 3.0, 7.0]), np.array([0, 2, 2]), np.array([0.5, 0.3, 0.1]))
+    assert found == pytest.approx([0.0, -1.0, 3.0])
 
 
 def test_a_law_needs_three_loads_of_a_group_and_a_degree_of_freedom_and_a_positive_slope() -> None:
