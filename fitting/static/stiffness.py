@@ -145,10 +145,8 @@ def within(values: Array, group: NDArray[np.intp], weight: Array) -> Array:
 
 
 def _bent(load: Array, growth: float) -> Array:
-    """ln(1 + ρ load)/ρ; its series for small ρ."""
-    if abs(growth) * float(load.max()) < 1e-6:
-        return np.asarray(load - growth * load**2 / 2)
-    return np.asarray(np.log1p(growth * load) / growth)
+    """ln(1 + ρ load)/ρ; its limit for ρ = 0."""
+    return np.asarray(np.log1p(growth * load) / growth) if growth else load
 
 
 def _error(gradient: Array, covariance: Array) -> float:

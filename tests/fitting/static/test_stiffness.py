@@ -18,6 +18,7 @@ from fitting.static.stiffness import (
     HeldPoints,
     StiffnessFit,
     TangentLaw,
+    _bent,
     _fit_trial,
     fit_law,
     fit_stiffness,
@@ -484,6 +485,12 @@ def test_the_exponential_law_is_that_of_scipy_s_curve_fit(growth: float, scatter
 def test_a_law_bends_so_far_that_the_tangent_falls_to_a_tenth_or_grows_by_20_times(growth: float, limit: float) -> None:
     found = fit_law(_bent_points(growth / 75))
     assert found is not None and found.growth * 75 == pytest.approx(limit, abs=1e-4)
+
+
+@pytest.mark.parametrize("growth", [0.0, 1e-300, -1e-12, 1e-7])
+def test_a_law_that_hardly_bends_is_its_series(growth: float) -> None:
+    load = np.array([0.0, 15.0, 75.0])
+    np.testing.assert_allclose(_bent(load, growth), load - growth * load**2 / 2, rtol=1e-10)
 
 
 def test_values_are_relative_to_the_weighted_mean_of_their_group_and_a_group_may_be_empty() -> None:
