@@ -73,3 +73,8 @@ class DeviceLost(DeviceError):
     """The device was connected and is gone or silent."""
 
     general_code = DeviceCode.LOST
+
+
+def one_line(error: Exception) -> str:
+    """Text of another package's error on one line, or the name of its type."""
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__

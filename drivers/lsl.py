@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from documents.interval import counted
 from drivers.device import TOLERANCE_S, DeviceClock, HostClock
-from drivers.errors import DeviceCode, DeviceLost, DeviceMisconfigured, DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceLost, DeviceMisconfigured, DeviceUnavailable, one_line
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
 RESOLVE_TIMEOUT_S = 5.0
@@ -122,7 +122,7 @@ class LslEmg:
                     return [*items, *self._clock_offset(inlet)] if items else []
                 time.sleep(max(0.0, min(WAKE_S, deadline_s - time.perf_counter())))
         except self._vendor_errors as error:
-            sentence = f"{self.name} stopped streaming: {_one_line(error)}; check the amplifier's program"
+            sentence = f"{self.name} stopped streaming: {one_line(error)}; check the amplifier's program"
             raise DeviceLost(sentence, DeviceCode.DISCONNECTED) from error
 
     def close(self) -> None:
@@ -142,7 +142,7 @@ class LslEmg:
             sentence = f"{self.name} needs the package pylsl, which is not installed; pip install pylsl"
             raise DeviceUnavailable(sentence, DeviceCode.NO_DRIVER) from error
         except RuntimeError as error:  # its library was not found
-            sentence = f"{self.name} needs liblsl, which cannot be loaded: {_one_line(error)}; install liblsl"
+            sentence = f"{self.name} needs liblsl, which cannot be loaded: {one_line(error)}; install liblsl"
             raise DeviceUnavailable(sentence, DeviceCode.NO_DRIVER) from error
         self._pylsl, self._vendor_errors = pylsl, (RuntimeError, ValueError)  # LostError and TimeoutError are the first
         found = pylsl.resolve_byprop("name", self._stream, 2, TWIN_TIMEOUT_S) or pylsl.resolve_byprop(
@@ -168,7 +168,7 @@ class LslEmg:
             inlet.time_correction(timeout_s)
         except self._vendor_errors as error:
             raise DeviceUnavailable(
-                f"{self.name} was found and does not stream: {_one_line(error)}; restart its program",
+                f"{self.name} was found and does not stream: {one_line(error)}; restart its program",
                 DeviceCode.NO_ANSWER,
             ) from error
         self._inlet, self._next_read_s = inlet, time.perf_counter()
@@ -359,7 +359,3 @@ def _unit_name(text: str | None) -> str:
 def _text(info: Any, key: str) -> str:
     """An entry of "acquisition" in the description, as in the XDF specification of metadata."""
     return str(info.desc().child("acquisition").child_value(key) or "")
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()).rstrip(".") or type(error).__name__

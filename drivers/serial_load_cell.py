@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from drivers.device import HostClock, Received
-from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable, one_line
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
 LineFormat = Literal["usb220", "usb520"]
@@ -114,7 +114,7 @@ class SerialLoadCell:
             try:
                 came = port.read(max(1, port.in_waiting))
             except self._vendor_errors as error:
-                sentence = f"{self.name} stopped streaming: {_one_line(error)}; check its cable"
+                sentence = f"{self.name} stopped streaming: {one_line(error)}; check its cable"
                 raise DeviceLost(sentence, DeviceCode.DISCONNECTED) from error
             self._pending += came
             self._received += len(came)
@@ -145,7 +145,7 @@ class SerialLoadCell:
             )
         except self._vendor_errors as error:
             raise DeviceUnavailable(
-                f"{self.name} cannot be opened at {self._baud_rate} baud: {_one_line(error)}; "
+                f"{self.name} cannot be opened at {self._baud_rate} baud: {one_line(error)}; "
                 "plug the indicator in, or correct load_cell.port",
                 DeviceCode.NOT_FOUND,
             ) from error
@@ -233,7 +233,3 @@ def _tcp_port(port: Any) -> int:
         return int(connection.getsockname()[1])
     finally:
         connection.detach()  # pyserial closes it
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()).rstrip(".") or type(error).__name__

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.multibody.body_tables import AXES, BALL, Functions, Record, Records
-from solver.vectors import ORIGIN, Vector, add, along, cross, read, scale, subtract, turn, write
+from solver.vectors import ORIGIN, Vector, add, along, cross, multiply, read, scale, subtract, turn, write
 
 Array = NDArray[np.float64]
 # State of a joint: rotation and position of the child frame in the parent frame, screws of the joint's speeds,
@@ -223,13 +223,13 @@ def _move_scapulothoracic(joint: Record, q: Array, u: Array, move: Record) -> No
     _turn_by_angles(coordinates, q, move)
     rotation = move["rotation"]
     normal = (rotation[0, 2], rotation[1, 2], rotation[2, 2])
-    contact = _times(radii, normal)
+    contact = multiply(radii, normal)
     for k in range(3):
         screws[k, k] = 1.0
-        write(screws[k, 3:], add(_times(radii, cross(UNIT[k], normal)), cross(contact, UNIT[k])))
+        write(screws[k, 3:], add(multiply(radii, cross(UNIT[k], normal)), cross(contact, UNIT[k])))
     gliding = cross(spin, normal)
-    bias = subtract(_times(radii, cross(spin, gliding)), cross(spin, _times(radii, gliding)))
-    rolling = subtract(_times(radii, gliding), cross(spin, contact))
+    bias = subtract(multiply(radii, cross(spin, gliding)), cross(spin, multiply(radii, gliding)))
+    rolling = subtract(multiply(radii, gliding), cross(spin, contact))
 
     axis = turn(rotation, read(joint["winging_axis"]))
     pivot = add(contact, turn(rotation, read(joint["pivot"])))
@@ -264,12 +264,6 @@ def _turn_on(rotation: Array, axis: Vector, angle: float) -> None:
 def _set_identity(rotation: Array) -> None:
     for k in range(3):
         write(rotation[k], UNIT[k])
-
-
-@compiled
-def _times(a: Vector, b: Vector) -> Vector:
-    """Component by component."""
-    return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
 
 
 @compiled

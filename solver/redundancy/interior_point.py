@@ -23,6 +23,7 @@ from solver.compiled import compiled
 from solver.dense import Order, columns_times, copy, divide, factor, inner_product, rows_times_rows
 from solver.redundancy import effort
 from solver.redundancy.problem import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, FrameProblem
+from solver.vectors import along, dot
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ def _follow_central_path(problem: FrameProblem, work: InteriorWorkspace) -> int:
             add_square(matrix, W)
         if not factor(matrix, order):
             break
-        ds = _step(problem, work, advance(s, -2.0, s), W)
+        ds = _step(problem, work, along(s, -2.0, s), W)
         length = min(1.0, _longest_step(point, step, s, ds, p))
         ahead = _gap_ahead(point, step, s, ds, p, length)
         target = (ahead / gap) ** 3 * gap / (2 * n + (1 if has_cone else 0))
@@ -118,7 +119,7 @@ def _follow_central_path(problem: FrameProblem, work: InteriorWorkspace) -> int:
         _advance(z[0], length, dz[0])
         _advance(z[1], length, dz[1])
         _advance(v, length, dv)
-        s = advance(s, length, ds)
+        s = along(s, length, ds)
     return SOLVED if is_near else NOT_CONVERGED
 
 
@@ -195,7 +196,7 @@ def _step(problem: FrameProblem, work: InteriorWorkspace, offset: Ray, W: Scalin
         dz[0, j] = (aim[0, j] - z[0, j] * da[j]) / slack[0, j] - z[0, j]
         dz[1, j] = (aim[1, j] + z[1, j] * da[j]) / slack[1, j] - z[1, j]
     if W[3] > 0.0:
-        return advance(offset, -1.0, scaled(W, scaled(W, read_ray(dv))))
+        return along(offset, -1.0, scaled(W, scaled(W, read_ray(dv))))
     return offset
 
 
@@ -203,7 +204,7 @@ def _step(problem: FrameProblem, work: InteriorWorkspace, offset: Ray, W: Scalin
 def _gap(point: Iterate, s: Ray, p: int) -> float:
     _, z, v, slack = point
     gap = inner_product(slack[0], z[0]) + inner_product(slack[1], z[1])
-    return gap + inner(s, read_ray(v)) if p < len(v) else gap
+    return gap + dot(s, read_ray(v)) if p < len(v) else gap
 
 
 @compiled
@@ -215,7 +216,7 @@ def _gap_ahead(point: Iterate, step: SearchDirection, s: Ray, ds: Ray, p: int, l
         gap += (slack[0, j] + length * da[j]) * (z[0, j] + length * dz[0, j])
         gap += (slack[1, j] - length * da[j]) * (z[1, j] + length * dz[1, j])
     if p < len(v):
-        gap += inner(advance(s, length, ds), advance(read_ray(v), length, read_ray(dv)))
+        gap += dot(along(s, length, ds), along(read_ray(v), length, read_ray(dv)))
     return gap
 
 
@@ -240,16 +241,6 @@ def _advance(x: Array, length: float, dx: Array) -> None:
 @compiled
 def read_ray(v: Array) -> Ray:
     return (v[-3], v[-2], v[-1])
-
-
-@compiled
-def advance(x: Ray, length: float, y: Ray) -> Ray:
-    return (x[0] + length * y[0], x[1] + length * y[1], x[2] + length * y[2])
-
-
-@compiled
-def inner(x: Ray, y: Ray) -> float:
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
 @compiled
@@ -309,7 +300,7 @@ def project_rows(matrix: Array, first: int, ray: Ray) -> None:
 def scaling(s: Ray, multiplier: Ray) -> Scaling:
     """(w̄, η) with W² λ = s."""
     size, other = _depth(s), _depth(multiplier)
-    half = sqrt(2.0 + 2.0 * max(inner(s, multiplier) / (size * other), 1.0))
+    half = sqrt(2.0 + 2.0 * max(dot(s, multiplier) / (size * other), 1.0))
     return (
         (s[0] / size + multiplier[0] / other) / half,
         (s[1] / size - multiplier[1] / other) / half,
@@ -340,8 +331,8 @@ def add_square(matrix: Array, W: Scaling) -> None:
 def centred(s: Ray, ds: Ray, multiplier: Ray, change: Ray, W: Scaling, target: float) -> Ray:
     """−s + W x with Wλ ∘ x = target − W⁻¹ ds ∘ W dλ: the aim of the corrector after a predictor."""
     x, y = scaled((W[0], -W[1], -W[2], 1.0 / W[3]), ds), scaled(W, change)
-    rest = (target - inner(x, y), -(x[0] * y[1] + y[0] * x[1]), -(x[0] * y[2] + y[0] * x[2]))
-    return advance(scaled(W, quotient(scaled(W, multiplier), rest)), -1.0, s)
+    rest = (target - dot(x, y), -(x[0] * y[1] + y[0] * x[1]), -(x[0] * y[2] + y[0] * x[2]))
+    return along(scaled(W, quotient(scaled(W, multiplier), rest)), -1.0, s)
 
 
 @compiled

@@ -338,11 +338,11 @@ def idle_controls(matrix: Array, reaction_matrix: Array) -> NDArray[np.bool_]:
 
 
 def _is_round_off(matrix: Array) -> NDArray[np.bool_]:
-    squares = _squares(matrix)
+    squares = column_squares(matrix)
     return np.asarray(squares <= ROUND_OFF**2 * squares.max(axis=1, keepdims=True, initial=0.0))
 
 
-def _squares(matrix: Array) -> Array:
+def column_squares(matrix: Array) -> Array:
     """Squared lengths (frames, controls) of the columns, without an intermediate array."""
     return np.asarray(np.einsum("fij,fij->fj", matrix, matrix))
 

@@ -29,6 +29,7 @@ from solver.redundancy.problem import (
     RedundancyProblem,
     WarmStart,
     are_solved,
+    column_squares,
 )
 
 if TYPE_CHECKING:
@@ -321,7 +322,7 @@ def _fill_frames(problem: RedundancyProblem, solutions: ScenarioSolutions, part:
 
 def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
     """(scenarios, frames) whether no x reduces the residual A x − b (scenarios, frames, rows); size is |b|."""
-    lengths = np.sqrt(_squares(matrix))
+    lengths = np.sqrt(column_squares(matrix))
     shares = 1.0 / np.where(lengths > 0, lengths, 1.0)
     unmet = np.empty(residual.shape[:2])
     for start in range(0, len(matrix), FRAMES_AT_ONCE):
@@ -330,8 +331,3 @@ def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
         products *= shares[part, :, None]
         unmet[:, part] = np.abs(products, out=products).max(axis=1, initial=0.0).T
     return np.asarray(unmet <= UNMET_LIMIT * (1.0 + size))
-
-
-def _squares(matrix: Array) -> Array:
-    """Squared lengths (frames, controls) of the columns, without an intermediate array."""
-    return np.asarray(np.einsum("fij,fij->fj", matrix, matrix))
