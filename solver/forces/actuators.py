@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solver.checks import freeze_arrays
 from solver.model import Model, Path
 from solver.multibody.loads import Loads, no_loads
-from solver.multibody.postures import Postures, points_in_ground, wrench_about_origin
+from solver.multibody.postures import Postures, point_to_ground, vector_to_ground, wrench_about_origin
 from solver.muscle import evaluate_paths
 
 Array = NDArray[np.float64]
@@ -57,8 +57,8 @@ class PointActuator(_Actuator):
         freeze_arrays(self, point=(3,), direction=(3,))
 
     def full_loads(self, model: Model, state: Postures) -> Loads:
-        place = _place(state, self.body, self.point, is_in_ground=self.is_point_in_ground)
-        direction = _direction(state, self.body, self.direction, is_in_ground=self.is_direction_in_ground)
+        place = point_to_ground(state, self.body, self.point, is_in_ground=self.is_point_in_ground)
+        direction = vector_to_ground(state, self.body, self.direction, is_in_ground=self.is_direction_in_ground)
         wrenches, forces = no_loads(model, state)
         wrenches[:, self.body] = wrench_about_origin(place, self.optimal_force * direction)
         return wrenches, forces
@@ -78,7 +78,9 @@ class TorqueActuator(_Actuator):
         freeze_arrays(self, axis=(3,))
 
     def full_loads(self, model: Model, state: Postures) -> Loads:
-        moment = self.optimal_force * _direction(state, self.body_a, self.axis, is_in_ground=self.is_axis_in_ground)
+        moment = self.optimal_force * vector_to_ground(
+            state, self.body_a, self.axis, is_in_ground=self.is_axis_in_ground
+        )
         wrenches, forces = no_loads(model, state)
         wrenches[:, self.body_a, :3] += moment
         wrenches[:, self.body_b, :3] -= moment
@@ -103,8 +105,8 @@ class PointToPointActuator(_Actuator):
 
     def full_loads(self, model: Model, state: Postures) -> Loads:
         """Not finite where the points coincide."""
-        place_a = _place(state, self.body_a, self.point_a, is_in_ground=self.are_points_in_ground)
-        place_b = _place(state, self.body_b, self.point_b, is_in_ground=self.are_points_in_ground)
+        place_a = point_to_ground(state, self.body_a, self.point_a, is_in_ground=self.are_points_in_ground)
+        place_b = point_to_ground(state, self.body_b, self.point_b, is_in_ground=self.are_points_in_ground)
         between = place_a - place_b
         with np.errstate(invalid="ignore", divide="ignore"):
             force = self.optimal_force * between / np.linalg.norm(between, axis=1, keepdims=True)
@@ -112,17 +114,3 @@ class PointToPointActuator(_Actuator):
         wrenches[:, self.body_a] += wrench_about_origin(place_a, force)
         wrenches[:, self.body_b] -= wrench_about_origin(place_b, force)
         return wrenches, forces
-
-
-def _place(state: Postures, body: int, point: Array, *, is_in_ground: bool) -> Array:
-    """(frames, 3) in ground."""
-    if is_in_ground:
-        return np.broadcast_to(point, (len(state.coordinates), 3))
-    return points_in_ground(state, body, point)
-
-
-def _direction(state: Postures, body: int, direction: Array, *, is_in_ground: bool) -> Array:
-    """(frames, 3) in ground."""
-    if is_in_ground:
-        return np.broadcast_to(direction, (len(state.coordinates), 3))
-    return np.asarray(state.rotation_to_ground[:, body] @ direction)

@@ -32,8 +32,10 @@ from solver.multibody.postures import (
     Postures,
     angular_rates_matrix,
     body_fixed_xyz_angles,
+    point_to_ground,
     points_in_ground,
     rotate,
+    vector_to_ground,
     velocity_at,
     wrench_about_origin,
 )
@@ -323,15 +325,13 @@ class ConstantForce:
         freeze_arrays(self, point=(3,), force=(3,), torque=(3,))
 
     def loads(self, model: Model, state: Postures) -> Loads:
-        frames = (len(state.coordinates), 3)
         force, torque = (
-            np.broadcast_to(part, frames) if self.is_force_in_ground else state.rotation_to_ground[:, self.body] @ part
-            for part in (self.force, self.torque)
+            vector_to_ground(state, self.body, vector, is_in_ground=self.is_force_in_ground)
+            for vector in (self.force, self.torque)
         )
-        place = points_in_ground(state, self.body, self.point)
+        place = point_to_ground(state, self.body, self.point, is_in_ground=self.is_point_in_ground)
         wrenches, forces = no_loads(model, state)
-        wrench = wrench_about_origin(np.broadcast_to(self.point, frames) if self.is_point_in_ground else place, force)
-        wrenches[:, self.body] += wrench
+        wrenches[:, self.body] += wrench_about_origin(place, force)
         wrenches[:, self.body, :3] += torque
         return wrenches, forces
 

@@ -99,6 +99,20 @@ def points_in_ground(state: Postures, body: int, location: Array) -> Array:
     return state.origin_in_ground[:, body] + state.rotation_to_ground[:, body] @ location
 
 
+def point_to_ground(state: Postures, body: int, point: Array, *, is_in_ground: bool) -> Array:
+    """(frames, 3) place of a point (3,) that is given in a body, or in ground already [m]."""
+    if is_in_ground:
+        return np.broadcast_to(point, (len(state.coordinates), 3))
+    return points_in_ground(state, body, point)
+
+
+def vector_to_ground(state: Postures, body: int, vector: Array, *, is_in_ground: bool) -> Array:
+    """(frames, 3) of a vector (3,) that is given in the axes of a body, or of ground already."""
+    if is_in_ground:
+        return np.broadcast_to(vector, (len(state.coordinates), 3))
+    return np.asarray(state.rotation_to_ground[:, body] @ vector)
+
+
 def velocity_at(state: Postures, body: int, place: Array) -> Array:
     """(frames, 3) velocity of the material point of a body that is at `place` (frames, 3), all in ground."""
     lever = place - state.origin_in_ground[:, body]

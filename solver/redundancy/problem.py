@@ -267,16 +267,21 @@ class RedundancyProblem:
         )
 
 
+def ensure_solvable(model: Model, options: RedundancyOptions) -> None:
+    """Raise ModelError for a model without muscles, or a cost that is not convex."""
+    if not model.muscles:
+        raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
+    if options.cost is not None:
+        ensure_convex(options.cost, len(model.muscles))
+
+
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
     """Build (11) for all frames. ModelError for a model without muscles, or for unknown names; MotionError if it has no
     finite accelerations in any frame.
 
     Columns of an actuator that are round-off, as on a locked coordinate, are set to zero; its control is 0 there.
     """
-    if not model.muscles:
-        raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
-    if options.cost is not None:
-        ensure_convex(options.cost, len(model.muscles))
+    ensure_solvable(model, options)
     kinematics, maps = mechanics.kinematics, mechanics.maps(model)
     tracked = tracked_coordinates(model, options)
     matrix, reaction_matrix = maps.acceleration_per_control, maps.reaction_per_control

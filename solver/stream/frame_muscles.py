@@ -18,9 +18,9 @@ from solver.model import Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.postures import postures, wrench_about_origin
 from solver.muscle import PathState
-from solver.redundancy.effort import RedundancyOptions, effort_weights, ensure_convex
+from solver.redundancy.effort import RedundancyOptions, effort_weights
 from solver.redundancy.mechanics import Mechanics, evaluate_motion, glenoid_cone
-from solver.redundancy.problem import LoadResponse, RedundancyProblem, build_redundancy
+from solver.redundancy.problem import LoadResponse, RedundancyProblem, build_redundancy, ensure_solvable
 from solver.redundancy.sequence import FrameByFrame
 from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
 from solver.suit.cord import (
@@ -199,16 +199,13 @@ class _Body:
 
 def _ensure_solvable(model: Model, options: RedundancyOptions) -> None:
     """Raises ModelError for what would otherwise fail in the first frame: no muscles, or names that are not there."""
-    if not model.muscles:
-        raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
+    ensure_solvable(model, options)
     if options.tendons == "elastic":
         raise ModelError(
             "muscles are solved with rigid tendons while a motion is recorded, and elastic ones were requested; "
             "solve the recorded motion with them",
             SolverCode.UNSUPPORTED,
         )
-    if options.cost is not None:
-        ensure_convex(options.cost, len(model.muscles))
     for name in options.free_coordinates:
         model.coordinate_index(name)
     effort_weights(model, options)
