@@ -140,26 +140,27 @@ def _girdle(model: Model) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class SizeFactor:
-    """One scale factor of a person: the bodies it scales, along which of their axes (0, 1, 2), and the dimension of
-    ANSUR II whose variation it has. Axes are those of OpenSim's models: x forward, y up, z to the right.
+    """One scale factor of a person: the bodies it scales, along which of their axes (0, 1, 2).
+
+    Axes are those of OpenSim's models: x forward, y up, z to the right.
     """
 
     name: str
     bodies: tuple[str, ...]
     axes: tuple[int, ...]
-    dimension: str
 
 
 ALL_AXES = (0, 1, 2)
 SIZE_FACTORS: Final = (
-    SizeFactor("thorax depth", ("thorax",), (0,), "chest depth"),
-    SizeFactor("thorax height", ("thorax",), (1,), "suprasternal height less tenth rib height"),
-    SizeFactor("thorax width", ("thorax",), (2,), "chest breadth"),
-    SizeFactor("clavicle", ("clavicle",), ALL_AXES, "biacromial breadth"),
-    SizeFactor("scapula", ("scapula",), ALL_AXES, "shoulder length"),
-    SizeFactor("upper arm", ("humerus",), ALL_AXES, "acromion-radiale length"),
-    SizeFactor("forearm and hand", ("ulna", "radius", "hand"), ALL_AXES, "radiale-stylion length"),
+    SizeFactor("thorax depth", ("thorax",), (0,)),  # chest depth
+    SizeFactor("thorax height", ("thorax",), (1,)),  # suprasternal height less tenth rib height
+    SizeFactor("thorax width", ("thorax",), (2,)),  # chest breadth
+    SizeFactor("clavicle", ("clavicle",), ALL_AXES),  # biacromial breadth
+    SizeFactor("scapula", ("scapula",), ALL_AXES),  # shoulder length
+    SizeFactor("upper arm", ("humerus",), ALL_AXES),  # acromion-radiale length
+    SizeFactor("forearm and hand", ("ulna", "radius", "hand"), ALL_AXES),  # radiale-stylion length
 )
+"""With the dimension of ANSUR II whose variation each has."""
 LOG_COVARIANCE: Final = 1e-4 * np.array(
     [
         [116.4, 26.6, 48.2, 24.0, 12.5, 20.0, 18.6],
