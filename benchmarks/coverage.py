@@ -162,7 +162,7 @@ def _along(rig: Rig) -> float:
 
 def rows(name: str, sessions: Sequence[Session]) -> Iterator[str]:
     """Markdown rows of a condition, one for each quantity."""
-    findings = Counter(code for session in sessions for code in codes_of(session.fit))
+    findings = Counter(code for session in sessions for code in reported_codes(session.fit))
     shown = [f"{code} {100 * count / len(sessions):.0f}" for code, count in findings.most_common()]
     shown = shown[: sum(count >= SHOWN * len(sessions) for count in findings.values())]
     for quantity, found in _quantities(sessions).items():
@@ -172,7 +172,7 @@ def rows(name: str, sessions: Sequence[Session]) -> Iterator[str]:
         yield f"| {' | '.join(cells)} |"
 
 
-def codes_of(fit: CuffFit) -> set[str]:
+def reported_codes(fit: CuffFit) -> set[str]:
     """Causes, and notes of the donning and its trials, except those of every session of this rig."""
     notes = {note.code.value for note in fit.notes} | {note.code.value for trial in fit.trials for note in trial.notes}
     causes = {cause.code.value for cause in fit.diagnosis.causes} if fit.diagnosis else set()

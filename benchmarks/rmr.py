@@ -162,7 +162,7 @@ def stations(model: Model, kinematics: Kinematics) -> None:
         print(f"    {name:<27} {1e6 * least(run) / len(kinematics.time):8.1f} µs")
 
 
-def scenarios_of(problem: RedundancyProblem, count: int) -> LoadResponse:
+def random_loads(problem: RedundancyProblem, count: int) -> LoadResponse:
     """Loads that increase and decrease over the motion, with different sizes and directions."""
     generator = np.random.default_rng(1)
     shape = np.sin(np.linspace(0, np.pi, len(problem.time)))[:, None]
@@ -174,7 +174,7 @@ def further_scenario(problem: RedundancyProblem) -> bool:
     """A further scenario on the same motion, on one core and against Clarabel; whether both solve the same problems to
     the same solutions.
     """
-    frames, loads = len(problem.time), scenarios_of(problem, 20)
+    frames, loads = len(problem.time), random_loads(problem, 20)
     one = LoadResponse(loads.acceleration[:1], loads.reaction[:1])
     more, single = (least(partial(solve_redundancy, problem, a, workers=1)) for a in (loads, one))
     ours = (more - single) / (19 * frames)
@@ -212,7 +212,7 @@ def unsolved(solution: ScenarioSolutions) -> int:
 
 
 def memory(problem: RedundancyProblem, scenarios: int) -> None:
-    solve_redundancy(problem, scenarios_of(problem, scenarios))
+    solve_redundancy(problem, random_loads(problem, scenarios))
     try:
         import resource
     except ImportError:

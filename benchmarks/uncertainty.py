@@ -55,7 +55,7 @@ from station.assessment.case import AssessedCase
 from station.assessment.people_run import PeopleRun, assess_people
 from station.assessment.uncertainty_json import decision_entry
 from station.defaults import LEAST_DRAWS
-from station.sources import motion_of
+from station.sources import resolve_motion
 from tests.solver.personalisation.measured_person import MARKERS, RATE, MeasuredPerson, measure_person
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def main() -> None:
         print_coverage(range(chosen.first, chosen.first + chosen.persons), is_live=chosen.live)
         return
     model, suit = bundled_model(), read_suit()
-    kinematics = differentiate(motion_of(chosen.motion, model))
+    kinematics = differentiate(resolve_motion(chosen.motion, model))
     motion, cuffs = LoadedMotion(model, kinematics), published_cuffs(RELATIVE_ERRORS)
     assessment = assess(motion, suit, cuffs)
     case = AssessedCase(model, kinematics, suit)
@@ -286,8 +286,8 @@ def assess_person(
             suits.append(fitted_to(worn, model, motion[0], (read_suit(), generic, assemble(generic))))
         known = suits[0]
         suits.append(replace(worn, rest_lengths=known.rest_lengths, reference_rest_length=known.reference_rest_length))
-        kinematics = kinematics_of(motion)
-        motions = () if motion is truth else tuple(DrawnMotion(size, kinematics_of(one)) for size, one in drawn)
+        kinematics = smoothed_kinematics(motion)
+        motions = () if motion is truth else tuple(DrawnMotion(size, smoothed_kinematics(one)) for size, one in drawn)
         loaded = LoadedMotion(set_arm_masses(model, MASS), kinematics)
         cases.append(PeopleCase(loaded, suits[-1], None, (), OF_PERSON, EVERY, motions))
     count = len(drawn)
@@ -306,7 +306,7 @@ def assess_person(
     return dict(zip(("effort", "best rest length"), figures, strict=True))
 
 
-def kinematics_of(coordinates: Array) -> Kinematics:
+def smoothed_kinematics(coordinates: Array) -> Kinematics:
     return differentiate(Motion(bundled_model().coordinate_names, np.arange(len(coordinates)) / RATE, coordinates))
 
 

@@ -149,7 +149,7 @@ def files_below(folder: Path) -> Iterator[str]:
         yield from (name for name in names if _is_listed(folder, name))
 
 
-def standing_of(path: Path) -> Standing:
+def check_hash(path: Path) -> Standing:
     """Compare a file with its recorded hash."""
     return _compared(path)[0]
 

@@ -396,26 +396,26 @@ def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
 
 
 def _advice(unknown: str) -> str:
-    near = difflib.get_close_matches(unknown, keys_of(StationConfig), 1)
+    near = difflib.get_close_matches(unknown, nested_keys(StationConfig), 1)
     return f"did you mean {near[0]}?" if near else "the example station.toml has every key"
 
 
-def keys_of(section: type[Any]) -> list[str]:
+def nested_keys(section: type[Any]) -> list[str]:
     """The names of all keys, including those of nested sections."""
-    return [key for part in (section, *(inner for _, inner in sections_of(section))) for key in fields_of(part)]
+    return [key for part in (section, *(inner for _, inner in walk_sections(section))) for key in section_fields(part)]
 
 
-def sections_of(section: type[Any], within: str = "") -> Iterator[tuple[str, type[Any]]]:
+def walk_sections(section: type[Any], within: str = "") -> Iterator[tuple[str, type[Any]]]:
     """Name, as cuffs.NAME, and type of every section in one, at any depth."""
-    for key, field in fields_of(section).items():
+    for key, field in section_fields(section).items():
         for part in (field.annotation, *get_args(field.annotation)):
             if isinstance(part, type) and (issubclass(part, BaseModel) or is_dataclass(part)):
                 name = f"{within}{key}" + (".NAME" if get_origin(field.annotation) is dict else "")
                 yield name, part
-                yield from sections_of(part, f"{name}.")
+                yield from walk_sections(part, f"{name}.")
 
 
-def fields_of(section: type[Any]) -> dict[str, FieldInfo]:
+def section_fields(section: type[Any]) -> dict[str, FieldInfo]:
     """Key → field of a section, which is a model or a dataclass of the recordings."""
     if issubclass(section, BaseModel):
         return section.model_fields

@@ -19,7 +19,7 @@ from fitting.trial.trial import RejectedTrial, Trial, TrialReading, read_alone, 
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.reader import read_manifest
-from station.checksums import standing_of, write_checksums, write_whole
+from station.checksums import check_hash, write_checksums, write_whole
 from station.errors import StationError
 from station.exit_code import LOSSY
 from station.journal import Assignment, Journal, read_journal
@@ -55,7 +55,7 @@ def fit_session_folder(
         raise SessionError(Message(FolderCode.NO_RECORDING, {"folder": str(folder)}))
     journal = read_journal(folder)
     fitted = replace(
-        _fit(folder, paths, journal, progress, readings), recordings={path.name: standing_of(path) for path in paths}
+        _fit(folder, paths, journal, progress, readings), recordings={path.name: check_hash(path) for path in paths}
     )
     if output is not None:
         write_whole(output, cuffs_json(fitted))
@@ -63,7 +63,7 @@ def fit_session_folder(
     return fitted
 
 
-def fit_donning_of(folder: Path, trial: Trial) -> SessionFit:
+def fit_trial_donning(folder: Path, trial: Trial) -> SessionFit:
     """Fit the donning of a trial, as in fit_session_folder, at the cost of that donning only.
 
     Only its recordings and the bounces, which calibrate it, are read; the trial is not read again. The donning of the

@@ -19,14 +19,14 @@ RECORDINGS = "[!.]*.mcap"
 def recordings_in(folder: Path) -> list[Path]:
     """The recordings of a session; a whole recovered or completed file of the same trial replaces its original."""
     files, others = sorted(folder.glob(RECORDINGS)), useless_copies_in(folder)
-    replaced = {_original_of(path) for path in files if _is_copy(path) and path not in others}
+    replaced = {_find_original(path) for path in files if _is_copy(path) and path not in others}
     return [path for path in files if path not in replaced and path not in others]
 
 
 def useless_copies_in(folder: Path) -> list[Path]:
     """Recovered or completed files that have the name of a readable recording, and are cut or of another trial."""
     copies = [path for path in sorted(folder.glob(RECORDINGS)) if _is_copy(path)]
-    return [path for path in copies if not _can_replace(path, _original_of(path))]
+    return [path for path in copies if not _can_replace(path, _find_original(path))]
 
 
 def pulls_in(folder: Path) -> list[Path]:
@@ -47,8 +47,8 @@ def originals_in(folder: Path) -> list[Path]:
     """As recordings_in, without recovered copies whose original exists: they contain no other data."""
     others = useless_copies_in(folder)
     files = {path for path in folder.glob(RECORDINGS) if not _is(path, "completed") and path not in others}
-    kept = [path for path in files if not (_is(path, "recovered") and _original_of(path) in files)]
-    completed = {_original_of(path): path for path in recordings_in(folder) if _is(path, "completed")}
+    kept = [path for path in files if not (_is(path, "recovered") and _find_original(path) in files)]
+    completed = {_find_original(path): path for path in recordings_in(folder) if _is(path, "completed")}
     return sorted({completed.get(path, path) for path in kept} | set(completed.values()))
 
 
@@ -84,5 +84,5 @@ def _is(path: Path, kind: str) -> bool:
     return path.suffixes[-2:-1] == [f".{kind}"]
 
 
-def _original_of(path: Path) -> Path:
+def _find_original(path: Path) -> Path:
     return path.with_suffix("").with_suffix(".mcap")

@@ -41,9 +41,15 @@ from station.assessment.findings import findings as assessment_findings
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, SourceChoice, assess_people
 from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
-from station.assessment.rmr import effect_of, ensure_distinct_controls, left_out_findings, slack_findings, slack_muscles
+from station.assessment.rmr import (
+    ensure_distinct_controls,
+    filter_effect,
+    left_out_findings,
+    slack_findings,
+    slack_muscles,
+)
 from station.defaults import CUTOFF_HZ, LEAST_DRAWS
-from station.sources import BUNDLED, kinematics_of, loads_of, model_of
+from station.sources import BUNDLED, resolve_kinematics, resolve_loads, resolve_model
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +66,7 @@ def load_model(source: File = BUNDLED, *, actuators: Sequence[File] = (), ignore
     """
     ensure_names("actuators", actuators)
     paths = [ensure_path("actuators", path) for path in actuators]
-    return model_of(str(ensure_path("source", source)), ignore_forces=ignore_forces, actuators=paths)
+    return resolve_model(str(ensure_path("source", source)), ignore_forces=ignore_forces, actuators=paths)
 
 
 def load_motion(
@@ -82,7 +88,7 @@ def load_motion(
         import pandas as pd
 
         ensure_type("path", path, pd.DataFrame, "a path or a DataFrame of pandas")
-    kinematics = kinematics_of(path, model, cutoff_hz)
+    kinematics = resolve_kinematics(path, model, cutoff_hz)
     findings = tuple(motion_findings(motion_checks(model, kinematics)))
     units = {coordinate.name: "m" if coordinate.motion == "translation" else "rad" for coordinate in model.coordinates}
     return replace(decimate(kinematics, every), findings=findings, units=units)
@@ -110,7 +116,7 @@ def solve_motion(
     shares = reserve_shares(model, kinematics, loads, solution)
     large, has_loads = large_reserves(model, options, shares), external_loads is not None
     residuals = large_residuals(model, options, shares, has_external_loads=has_loads)
-    on_model = left_out_findings(model, effect_of(model, (), kinematics, solution, shares))
+    on_model = left_out_findings(model, filter_effect(model, (), kinematics, solution, shares))
     on_model += slack_findings(slack_muscles(model, kinematics, options.path_mode))
     return replace(solution, findings=(*on_inputs, *on_model, *reserve_findings(model, large, residuals)))
 
@@ -223,7 +229,7 @@ def _loads(
 ) -> tuple[tuple[ExternalForce, ...], list[Finding]]:
     """The loads, and the findings on them and on the motion."""
     path = None if external_loads is None else ensure_path("external_loads", external_loads)
-    loads = loads_of(path, model, kinematics.time)
+    loads = resolve_loads(path, model, kinematics.time)
     return loads, motion_findings(motion_checks(model, kinematics) | load_checks(path, loads, model, kinematics))
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 BUNDLED = "bundled"
 
 
-def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
+def resolve_model(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
     """The model of an .osim file, or the "bundled" one; ignore_forces leaves out forces that the solver lacks.
 
     actuators are files with a ForceSet that is added to that of an .osim file.
@@ -50,10 +50,10 @@ def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path
     return model
 
 
-def model_and_suit_of(
+def resolve_model_and_suit(
     name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = (), needs_paths: bool = True
 ) -> tuple[Model, SuitedModel | None]:
-    """As model_of, but a model with the suit of `station export --osim` is read, and returned with it; needs_paths
+    """As resolve_model, but a model with the suit of `station export --osim` is read, and returned with it; needs_paths
     as in read_osim_model.
     """
     if name == BUNDLED:
@@ -66,22 +66,24 @@ def model_and_suit_of(
     return read_osim_model(document, **options), None
 
 
-def motion_of(source: Path | pd.DataFrame | None, model: Model) -> Motion:
+def resolve_motion(source: Path | pd.DataFrame | None, model: Model) -> Motion:
     """The motion of a file or a table, with defaults for missing columns, or the bundled raise of the arm."""
     if source is None:
-        return _arm_raise_of(model)
+        return _bundled_arm_raise(model)
     if isinstance(source, Path):
         return read_motion(source, model, with_defaults=True)
     return motion_from_dataframe(source, model)
 
 
-def kinematics_of(path: Path | pd.DataFrame | None, model: Model, cutoff_hz: float | None = CUTOFF_HZ) -> Kinematics:
-    """The motion of motion_of, filtered and differentiated; those without data are where constraints hold them."""
-    kinematics = differentiate(motion_of(path, model), cutoff_hz)
+def resolve_kinematics(
+    path: Path | pd.DataFrame | None, model: Model, cutoff_hz: float | None = CUTOFF_HZ
+) -> Kinematics:
+    """The motion of resolve_motion, filtered and differentiated; those without data are where constraints hold them."""
+    kinematics = differentiate(resolve_motion(path, model), cutoff_hz)
     return held_by_constraints(model, kinematics, kinematics.missing)
 
 
-def loads_of(path: Path | None, model: Model, time: NDArray[float64]) -> tuple[ExternalForce, ...]:
+def resolve_loads(path: Path | None, model: Model, time: NDArray[float64]) -> tuple[ExternalForce, ...]:
     """External loads of an OpenSim file at times (frames,) [s]; none without a file."""
     return () if path is None else read_external_loads(path, model, time)
 
@@ -114,7 +116,7 @@ def without_hash(named: str) -> str:
     return re.sub(r" [0-9a-f]{64}$", "", named)
 
 
-def _arm_raise_of(model: Model) -> Motion:
+def _bundled_arm_raise(model: Model) -> Motion:
     """The bundled motion. Raises ModelError, which asks for a motion, where the model lacks its coordinates."""
     try:
         return simulate_arm_raise(model)

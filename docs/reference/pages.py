@@ -51,7 +51,7 @@ def command_line() -> str:
 
 def configuration() -> str:
     """Every key of station.toml: type and default from the models, meaning from the example's comments."""
-    from station.config import StationConfig, fields_of, sections_of
+    from station.config import StationConfig, section_fields, walk_sections
 
     example = (ROOT / "station.toml").read_text(encoding="utf-8")
     page = ["# Configuration", ""]
@@ -59,12 +59,12 @@ def configuration() -> str:
         "`station.toml` has these sections and keys; an unknown key is refused. A key without a default is required"
     ]
     page += ["where its section is given.", ""]
-    for name, model in sections_of(StationConfig):
+    for name, model in walk_sections(StationConfig):
         meanings = _meanings(example, name)
         page += [f"## [{name}]", "", *(_summary(model))]
         rows = [
             (f"`{key}`", _type(field.annotation) + _bounds(field), _default(field), meanings.get(key, ""))
-            for key, field in fields_of(model).items()
+            for key, field in section_fields(model).items()
         ]
         page += _table(("key", "type", "default", "meaning"), rows)
     page += ["## The example", "", "```toml", example.strip(), "```", ""]

@@ -51,12 +51,12 @@ from solver.redundancy.effort import (
 from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.assessment_json import MeasuredReductionEntry, NumberEntry
-from station.checksums import changed_files, sha256_of, standing_of
+from station.checksums import changed_files, check_hash, sha256_of
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.assessment_messages import AssessmentCode, InputCode
-from station.sources import kinematics_of, loads_of, model_of, named_hash, named_hashes
+from station.sources import named_hash, named_hashes, resolve_kinematics, resolve_loads, resolve_model
 
 RIGID = "rigid"
 HELD_MASS = 2.0  # kg in the hand, if both the assessed and the other motion are the bundled one
@@ -104,7 +104,7 @@ class AssessmentInputs:
 
     def read_model(self) -> Model:
         """With the reserves of the effort."""
-        model = model_of(self.model)
+        model = resolve_model(self.model)
         return model if self.effort is None else read_effort(self.effort).applied(model, RedundancyOptions())[0]
 
     def read_options(self, model: Model) -> RedundancyOptions:
@@ -112,10 +112,10 @@ class AssessmentInputs:
         return options if self.effort is None else read_effort(self.effort).applied(model, options)[1]
 
     def read_motion(self, model: Model) -> Kinematics:
-        return kinematics_of(self.motion, model, self.cutoff_hz)
+        return resolve_kinematics(self.motion, model, self.cutoff_hz)
 
     def read_loads(self, model: Model, kinematics: Kinematics) -> tuple[ExternalForce, ...]:
-        return loads_of(self.external_loads, model, kinematics.time)
+        return resolve_loads(self.external_loads, model, kinematics.time)
 
     @property
     def has_bundled_suit(self) -> bool:
@@ -136,14 +136,14 @@ class AssessmentInputs:
     def read_other_motion(self, model: Model) -> tuple[str, Model, Kinematics] | None:
         """Name, model and kinematics of the other motion; by default the bundled raise, or that with a mass."""
         if self.beside is not None:
-            kinematics = kinematics_of(self.beside, model, self.cutoff_hz)
+            kinematics = resolve_kinematics(self.beside, model, self.cutoff_hz)
             interpolated = "" if kinematics.steps is None else " (interpolated to even steps)"
             without = f" (without data: {', '.join(kinematics.missing)})" if kinematics.missing else ""
             counts = kinematics.row_counts
             other = "" if counts is None else f" (nRows {counts[0]}, found {counts[1]})"
             return self.beside.name + interpolated + without + other, model, kinematics
         try:
-            kinematics = kinematics_of(None, model)
+            kinematics = resolve_kinematics(None, model)
             if self.motion is not None:
                 return "bundled raise of the arm", model, kinematics
             hand = model.bodies[model.body_index("hand")]
@@ -167,7 +167,7 @@ class AssessmentInputs:
 
 def standing_of_cuffs(path: Path, cuffs: Iterable[Cuff]) -> Standing:
     """Check of the file against its recorded hash; of a file without one, whether figures are given by hand."""
-    standing = standing_of(path)
+    standing = check_hash(path)
     is_by_hand = standing is Standing.UNRECORDED and any(cuff.given for cuff in cuffs)
     return Standing.BY_HAND if is_by_hand else standing
 

@@ -17,7 +17,7 @@ from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import WrongOptions, cuff_remarks, one_arm_cuff, read_cuffs_to_wear
 from station.checksums import write_whole
 from station.messages.assessment_messages import InputCode
-from station.sources import BUNDLED, model_of
+from station.sources import BUNDLED, resolve_model
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def write_suited_model(worn: SuitToExport, output: Path) -> list[str]:
     suit = read_suit(worn.suit)
     if worn.rest_length is not None:
         suit = replace(suit, reference_rest_length=worn.rest_length)
-    model = model_of(worn.model)
+    model = resolve_model(worn.model)
     root = osim_document(model) if worn.model == BUNDLED else _document(Path(worn.model))
     scenario, remarks = _scenario(worn, suit.reference_rest_length)
     add_suit(root, model, suit, scenario)

@@ -31,11 +31,11 @@ from solver.multibody.postures import postures
 from solver.osim.loads_document import data_file, read_loads_document
 from solver.osim.suited import SuitedModel
 from solver.time_series_table import write_table
-from station.assessment.reserves import unit_of
+from station.assessment.reserves import coordinate_unit
 from station.checksums import drafted
 from station.defaults import CUTOFF_HZ
 from station.messages.assessment_messages import AssessmentCode
-from station.sources import loads_of, model_and_suit_of, motion_of, named_hash, named_hashes
+from station.sources import named_hash, named_hashes, resolve_loads, resolve_model_and_suit, resolve_motion
 from station.versions import solving_versions
 
 Array = NDArray[np.float64]
@@ -157,14 +157,14 @@ def read_given_motion(
     """Read all files but the effort's. is_assembled: constraints hold all coordinates, not those without data alone.
     needs_paths as in solver.osim.model_reader.read_osim_model.
     """
-    model, suited = model_and_suit_of(
+    model, suited = resolve_model_and_suit(
         inputs.model, ignore_forces=inputs.ignore_forces, actuators=inputs.actuators, needs_paths=needs_paths
     )
-    motion = motion_of(inputs.motion, model)
+    motion = resolve_motion(inputs.motion, model)
     held = model.coordinate_names if is_assembled else motion.missing
     whole = held_by_constraints(model, _differentiate(motion, cut, is_assembled=is_assembled), held)
     kinematics = decimate(whole, cut.every)
-    loads = loads_of(inputs.external_loads, model, kinematics.time)
+    loads = resolve_loads(inputs.external_loads, model, kinematics.time)
     on_inputs = motion_checks(model, whole) | range_checks(motion, cut.start, cut.end)
     on_inputs |= load_checks(inputs.external_loads, loads, model, kinematics)
     on_inputs |= {"actuators_unused": ", ".join(model.unused)} if model.unused else {}
@@ -367,7 +367,7 @@ def _kinds(model: Model) -> NDArray[np.str_]:
     """
     return np.array(
         [
-            "translation" if one.motion == "coupled" and unit_of(model, index) == "N" else one.motion
+            "translation" if one.motion == "coupled" and coordinate_unit(model, index) == "N" else one.motion
             for index, one in enumerate(model.coordinates)
         ]
     )

@@ -78,7 +78,7 @@ def large_residuals(
     """
     is_counted = _is_counted(model, options) if has_external_loads else tracked_coordinates(model, options)
     is_residual = ~_is_crossed(model) & is_counted
-    is_residual &= [unit_of(model, index) == "N" for index in range(len(model.coordinates))]
+    is_residual &= [coordinate_unit(model, index) == "N" for index in range(len(model.coordinates))]
     weight = float(sum(body.mass for body in model.bodies) * np.linalg.norm(model.gravity))
     return {
         name: (given, weight)
@@ -105,7 +105,7 @@ def reserve_findings(model: Model, large: ReserveShares, residuals: ReserveShare
 def shares_text(model: Model, shares: ReserveShares) -> str:
     """Such as "4.1 of 35 N m at knee_angle_r (RMS, of what the motion needs)"."""
     parts = [
-        f"{given:.3g} of {needed:.3g} {unit_of(model, model.coordinate_index(coordinate))} at {coordinate}"
+        f"{given:.3g} of {needed:.3g} {coordinate_unit(model, model.coordinate_index(coordinate))} at {coordinate}"
         for coordinate, (given, needed) in shares.items()
     ]
     return f"{listed(parts)} (RMS, of what the motion needs)"
@@ -123,7 +123,7 @@ def rms(forces: Array) -> Array:
     return found
 
 
-def unit_of(model: Model, coordinate: int) -> str:
+def coordinate_unit(model: Model, coordinate: int) -> str:
     """Unit of a generalised force: N for a coordinate that drives translations only, otherwise N m."""
     motion = next(joint.motion for joint in model.joints if coordinate in joint.motion.coordinates)
     if isinstance(motion, AxisMotion):
@@ -133,7 +133,7 @@ def unit_of(model: Model, coordinate: int) -> str:
 
 def _greatest_of_its_unit(model: Model, sizes: Array) -> Array:
     """(coordinates,) the greatest size among the coordinates with the same unit, so that shares can be compared."""
-    units = np.array([unit_of(model, coordinate) for coordinate in range(len(sizes))])
+    units = np.array([coordinate_unit(model, coordinate) for coordinate in range(len(sizes))])
     return np.array([max(sizes[units == unit].max(), 1e-9) for unit in units])
 
 

@@ -47,13 +47,13 @@ from station.assessment.reserves import (
     LEAST_SHARE,
     MOST_NAMED,
     ReserveShares,
+    coordinate_unit,
     large_reserves,
     large_residuals,
     listed,
     reserve_shares,
     rms,
     shares_text,
-    unit_of,
 )
 from station.checksums import drafted
 from station.errors import StationError, UnusedOption
@@ -138,7 +138,7 @@ def solve_muscles(
         model, given.kinematics, options, lambda done, total: progress("solving muscles", done, total), given.loads
     )
     shares = reserve_shares(model, given.kinematics, given.loads, solution)
-    effect = effect_of(given.model, inputs.left_out, given.kinematics, solution, shares)
+    effect = filter_effect(given.model, inputs.left_out, given.kinematics, solution, shares)
     large, has_loads = large_reserves(model, options, shares), inputs.external_loads is not None
     residuals = large_residuals(model, options, shares, has_external_loads=has_loads)
     left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
@@ -226,7 +226,7 @@ def _reserve_coordinates(model: Model) -> dict[str, str]:
 Array = NDArray[np.float64]
 
 
-def effect_of(
+def filter_effect(
     model: Model,
     names: Sequence[str],
     kinematics: Kinematics,
@@ -269,7 +269,7 @@ def _largest(model: Model, forces: Array) -> dict[str, float]:
 
 
 def _unit(model: Model, coordinate: str) -> str:
-    return unit_of(model, model.coordinate_index(coordinate))
+    return coordinate_unit(model, model.coordinate_index(coordinate))
 
 
 def slack_muscles(model: Model, kinematics: Kinematics, path_mode: PathMode) -> tuple[str, ...]:
@@ -382,7 +382,7 @@ def reserve_unit(model: Model, actuator: Actuator) -> str:
     """Unit of an actuator: N or N m."""
     if not isinstance(actuator, CoordinateActuator):
         return actuator.unit
-    return unit_of(model, actuator.coordinate)
+    return coordinate_unit(model, actuator.coordinate)
 
 
 def _columns(names: list[str] | tuple[str, ...], unit: str, values: Array) -> Iterator[Column]:

@@ -22,7 +22,7 @@ from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, StrictEntry
-from station.sources import BUNDLED, kinematics_of
+from station.sources import BUNDLED, resolve_kinematics
 
 if TYPE_CHECKING:
     from station.assessment.case import AssessedCase  # the compiler behind it takes long to import
@@ -74,12 +74,12 @@ def compare_with_study(
     pair = [*waists, *(arm for arm in arms if arm.name == cuff)]
     own = _Setting(case.model, case.kinematics, _shortened(case.suit))
     model = inputs.read_model()
-    study = _Setting(model, kinematics_of(None, model), inputs.read_suit(len(own.suit.rest_lengths)))
+    study = _Setting(model, resolve_kinematics(None, model), inputs.read_suit(len(own.suit.rest_lengths)))
     settings = [("nothing", own, cuff), ("cuffs", own, None)]
     if case.subject is not None:
         settings.append(("body", replace(own, model=model), cuff))
     if case.subject is not None or inputs.motion is not None:
-        settings.append(("motion", replace(own, kinematics=kinematics_of(None, own.model)), cuff))
+        settings.append(("motion", replace(own, kinematics=resolve_kinematics(None, own.model)), cuff))
     if case.spread is not None:
         settings.append(("cord", replace(own, suit=study.suit), cuff))
     settings.append(("all", study, None))

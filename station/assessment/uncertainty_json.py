@@ -28,7 +28,7 @@ from solver.uncertainty.total import DrawnPeople, IndexedFigure
 from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, Real, StrictEntry, finite, known
 from station.checksums import sha256_of
 from station.messages.assessment_messages import DecisionCode, InputCode
-from station.study.sessions import StudySession, measurements_of, read_session, read_sessions, refuse_mixed
+from station.study.sessions import StudySession, read_session, read_sessions, refuse_mixed, select_measurements
 
 PEOPLE_FILE = "people.csv"
 UNITS = {
@@ -123,7 +123,7 @@ def donning_sources(
     for quantity in QUANTITIES:
         measurements: list[Observation] = []
         for session in sessions:
-            by_cuff, _ = measurements_of(session, quantity)
+            by_cuff, _ = select_measurements(session, quantity)
             measurements += [one for values in by_cuff.values() for one in values]
         found[quantity] = estimate_donning_spread(measurements)
     return DonningSources(declared, found)

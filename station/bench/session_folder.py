@@ -53,7 +53,7 @@ def check_origin(folder: Path, devices: Sequence[DeviceIdentity]) -> Message[Ref
     if origin is DataOrigin.UNKNOWN:
         return None
     for path in sorted(folder.glob("*.mcap")):
-        present = origin_of(path)
+        present = read_origin(path)
         if present is origin:
             return None
         if present is not DataOrigin.UNKNOWN:
@@ -72,7 +72,7 @@ def rehearsal_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="rehearsal-")) / SIMULATED_FOLDER
 
 
-def origin_of(path: Path) -> DataOrigin:
+def read_origin(path: Path) -> DataOrigin:
     """Origin of a recording; unknown if its manifest cannot be read."""
     with suppress(RecordingError, OSError):
         return read_manifest(path).origin

@@ -185,8 +185,8 @@ class Armed(BeforeRecording, OpenState):
         return self
 
     def _is_of_daq(self, stream: str) -> bool:
-        device_of = self.context.watchdog.device_of
-        return stream != "/markers" and device_of(stream) == device_of("/sync")
+        find_device = self.context.watchdog.find_device
+        return stream != "/markers" and find_device(stream) == find_device("/sync")
 
     def _restart_wait(self, fall: Edge) -> None:
         """An earlier capture ended: restart the time-out."""

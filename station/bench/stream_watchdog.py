@@ -66,7 +66,7 @@ class StreamWatchdog:
         """Note that the device is lost for good. A cause that was noted before stays."""
         self._absences.setdefault(device, cause)
 
-    def device_of(self, stream: str) -> str:
+    def find_device(self, stream: str) -> str:
         return self._device_by_stream.get(stream, "")
 
     def is_needed(self, device: str, needed: Sequence[str]) -> bool:
@@ -76,7 +76,7 @@ class StreamWatchdog:
 
     def absence(self, stream: str) -> str:
         """Cause of the disconnection of the stream's device, as in Loss; "" while it is connected."""
-        return self._absences.get(self.device_of(stream), "")
+        return self._absences.get(self.find_device(stream), "")
 
     def poll(self) -> float | None:
         """Duration of a stall of the station itself, or None. Call at every tick.

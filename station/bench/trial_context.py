@@ -163,7 +163,7 @@ class TrialContext:
             "rate_hz": stream.rate_hz,
         }
         message = Message(TrialCode.DEVICE_SILENT, figures)
-        return DeviceFailure(message, self.watchdog.device_of(stream.name), "silent")
+        return DeviceFailure(message, self.watchdog.find_device(stream.name), "silent")
 
 
 def _length(gaps: Sequence[tuple[float, float]]) -> float:

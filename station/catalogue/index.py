@@ -115,7 +115,7 @@ def update_catalogue(folder: Path, path: Path, progress: Progress = silent, *, i
     with _opened(path, is_rebuilt=is_rebuilt) as connection:
         known = dict(connection.execute("SELECT session, stamp FROM sessions").fetchall())
         gone = [name for name in known if name not in found]
-        changed = [name for name, session in found.items() if known.get(name) != stamp_of(session)]
+        changed = [name for name, session in found.items() if known.get(name) != folder_stamp(session)]
         _delete(connection, [*gone, *(name for name in changed if name in known)])
         for first in range(0, len(changed), BATCH):
             progress("reading sessions", first, len(changed))
@@ -255,7 +255,7 @@ class SessionRows:
     trials: list[Row] = field(default_factory=list)
 
 
-def stamp_of(folder: Path) -> str:
+def folder_stamp(folder: Path) -> str:
     """Size and time of change of the session's journal and cuffs.json; it differs where either was written."""
     parts = []
     for name in (JOURNAL_FILE, CUFFS_FILE):
@@ -267,7 +267,7 @@ def stamp_of(folder: Path) -> str:
 
 def read_rows(folder: Path, name: str) -> SessionRows:
     """The rows of a session; one that cannot be read has a row with the reason."""
-    stamp = stamp_of(folder)  # before the files are read: a change meanwhile is read the next time
+    stamp = folder_stamp(folder)  # before the files are read: a change meanwhile is read the next time
     path = folder / CUFFS_FILE
     try:
         journal = read_journal(folder)

@@ -59,7 +59,7 @@ def show_plan(controller: SessionController, plan: PlanStatus, actions: Actions)
 
 
 def _chip(controller: SessionController, plan: PlanStatus, actions: Actions, trial: TrialSpec) -> None:
-    state = plan.state_of(trial)
+    state = plan.trial_state(trial)
     chip = ui.element("button").classes(f"stage {STAGES[state]}").mark(f"trial-{trial.title}")
     subject = trial.cuff or ("wearer" if trial.test in BODY_TESTS else "load cell")
     chip.props(f'type=button aria-label="{_short_name(trial)}, {subject}: {state}"')

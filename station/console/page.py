@@ -143,7 +143,7 @@ class _Page:
         def tick() -> None:
             update_view()
             alarm = None if live.unseen_alarm is None else str(live.unseen_alarm)
-            step, instruction = running_view.step_of(live), running_view.instruction_of(live)
+            step, instruction = running_view.guide_step(live), running_view.instruction_text(live)
             alerts.update(step, instruction, alarm, has_sound=bool(self._sound.value))
 
         return tick
@@ -204,7 +204,7 @@ class _Page:
             self._controller.runner.live.latest.state if self._controller.runner.live else "",
         )
         is_recording = state in ("recording", "closing")
-        self._title.text, self._subtitle.text = titles_of(self._controller)
+        self._title.text, self._subtitle.text = page_titles(self._controller)
         self._simulated.set_visibility(self._controller.session.is_simulated)
         self._rec.set_visibility(live is not None)
         self._dot.set_visibility(is_recording)
@@ -222,7 +222,7 @@ def state_label(state: str) -> str:
     return {"idle": "OPENING", "armed": "ARMED"}.get(state, state.upper())
 
 
-def titles_of(controller: SessionController) -> tuple[str, str]:
+def page_titles(controller: SessionController) -> tuple[str, str]:
     """Title and subtitle: trial, subject and session."""
     setup, plan = controller.session.journal.setup, controller.session.plan
     if controller.session.folder is None or setup is None or plan is None:

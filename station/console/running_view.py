@@ -81,7 +81,7 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
 
     def tick() -> None:
         alarm, is_unseen = live.alarm, live.unseen_alarm is not None
-        cue.text = str(alarm) if alarm is not None and is_unseen else instruction_of(live)
+        cue.text = str(alarm) if alarm is not None and is_unseen else instruction_text(live)
         slot.classes(add="alarm" if is_unseen else "", remove="" if is_unseen else "alarm")
         silence.set_visibility(is_unseen)
         for number, stage in enumerate(stages):
@@ -90,7 +90,7 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
             stage.classes(add=now, remove=" ".join({"done", "current"} - {now}))
         figures.tick()
         receipt.tick()
-        status.text = status_of(live, needed)
+        status.text = status_text(live, needed)
         charts.tick()
 
     return tick
@@ -114,7 +114,7 @@ def _skip_to_report(controller: SessionController, actions: Actions) -> None:
     actions.ask(question, ("End the trial", controller.runner.end_early), "Continue the trial")
 
 
-def instruction_of(live: LiveTrial) -> str:
+def instruction_text(live: LiveTrial) -> str:
     """The current instruction to the operator."""
     latest = live.latest
     if latest.state == "recording":
@@ -122,13 +122,13 @@ def instruction_of(live: LiveTrial) -> str:
     return STATE_TEXTS.get(latest.state, latest.sentence)
 
 
-def step_of(live: LiveTrial) -> tuple[str, int, str]:
+def guide_step(live: LiveTrial) -> tuple[str, int, str]:
     """State, step and code of the instruction: its figures may change without a new step."""
     cue = live.cue
     return live.latest.state, cue.step, cue.message.code.value
 
 
-def state_of(telemetry: TrialTelemetry) -> str:
+def state_text(telemetry: TrialTelemetry) -> str:
     """The state with its time, and the problems of a recording so far."""
     if telemetry.state == "armed":
         return f"armed for {telemetry.waited_s:.0f} s, {telemetry.left_s:.0f} s left"
@@ -138,17 +138,17 @@ def state_of(telemetry: TrialTelemetry) -> str:
     return telemetry.sentence
 
 
-def status_of(live: LiveTrial, needed: Collection[str] = ()) -> str:
+def status_text(live: LiveTrial, needed: Collection[str] = ()) -> str:
     """The state of the trial, and below it that of the streams; needed are the labels of the trial, empty for all."""
     latest = live.latest
     level = latest.sync_v
     seen_alarm = [f"seen: {live.alarm}"] if live.alarm is not None and live.is_alarm_seen else []
     sync = f"sync line {level:z.2f} V" if level is not None else "sync line: no sample yet"
-    first = [*seen_alarm, state_of(latest), sync, markers_of(latest.seen, needed), *list(live.events)[-1:]]
-    return " · ".join(first) + "\n" + " · ".join([*emg_of(live), streams_of(latest)])
+    first = [*seen_alarm, state_text(latest), sync, markers_text(latest.seen, needed), *list(live.events)[-1:]]
+    return " · ".join(first) + "\n" + " · ".join([*emg_text(live), streams_text(latest)])
 
 
-def streams_of(telemetry: TrialTelemetry) -> str:
+def streams_text(telemetry: TrialTelemetry) -> str:
     rates = [
         f"{name[1:]} {stream.rate_hz:.0f} of {stream.nominal_hz:.0f}/s"
         for name, stream in sorted(telemetry.streams.items())
@@ -160,7 +160,7 @@ def streams_of(telemetry: TrialTelemetry) -> str:
     return " · ".join([*slow, f"lost {telemetry.lost_samples}", *dropped, *rates, *disk])
 
 
-def markers_of(seen: dict[str, bool], needed: Collection[str] = ()) -> str:
+def markers_text(seen: dict[str, bool], needed: Collection[str] = ()) -> str:
     """Hidden markers of those that are needed; the others of the capture may belong to another trial."""
     if not seen:
         return "markers: no frames yet"
@@ -171,7 +171,7 @@ def markers_of(seen: dict[str, bool], needed: Collection[str] = ()) -> str:
     return f"marker {wanted[0]} seen" if len(wanted) == 1 else f"all {len(wanted)} markers seen"
 
 
-def motion_of(live: LiveTrial) -> str:
+def motion_text(live: LiveTrial) -> str:
     """The last displacement of the cuff, or elevation of the arm."""
     if live.is_of_wearer:
         return f"{live.motion[-1][1]:.0f} deg" if live.motion else "\u2013 deg"
@@ -186,7 +186,7 @@ def emg_axis(live: LiveTrial) -> str:
     return EMG_OF_MVC_AXIS if live.mvc_uv else EMG_AXIS
 
 
-def emg_of(live: LiveTrial) -> list[str]:
+def emg_text(live: LiveTrial) -> list[str]:
     """The last EMG of every channel; empty without EMG."""
     last = ", ".join(f"{channel} {points[-1][1]:.0f}" for channel, points in live.shown_emg.items())
     return [f"{emg_axis(live)} {last}"] if last else []
@@ -247,7 +247,7 @@ class _Figures:
         self._bar.classes(add=grade, remove=" ".join({"over", "high"} - {grade}))
         net = "not tared" if live.tare_n is None or force is None else f"net {force - live.tare_n:z.1f} N"
         self._net.text = f"{net} · limit {self._limit:.0f} N · cell {self._capacity:.0f} N"
-        self._motion.text = motion_of(live)
+        self._motion.text = motion_text(live)
         has_left = live.latest.state == "recording" and now.left_s is not None
         self._left.text = f"{now.left_s:.0f} s" if has_left else ""
         action = "hold" if live.spec.test in ("static", "pose") else "swing"

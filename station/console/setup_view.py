@@ -18,7 +18,7 @@ from recordings.manifest import TrialCondition
 from station.bench.check import CheckResult
 from station.console.actions import Actions
 from station.console.kept_form import forget_form, keep_form
-from station.console.wearer_form import WearerForm, number_of
+from station.console.wearer_form import WearerForm, parse_number
 from station.journal import Setup
 from station.kinematics.marker_sets import published_sets
 from station.messages.session_messages import CommandCode
@@ -59,7 +59,7 @@ def show(controller: SessionController, actions: Actions) -> None:
             waiting.delete()
         grade, results = controller.checker.grade, controller.checker.results
         if grade == "bad":
-            question = f"The bench is {verdict_of(grade, results)}. Begin anyway?"
+            question = f"The bench is {check_verdict(grade, results)}. Begin anyway?"
             actions.ask(question, ("Begin anyway", begin), "Back to the set-up")
         else:
             begin()
@@ -151,7 +151,7 @@ class _SetupForm:
     def _suggest(self) -> None:
         """The next number and the mass of the subject, until the operator enters others."""
         subject = (self._subject.value or "").strip()
-        self._number.value = self._earlier.number_of(subject)
+        self._number.value = self._earlier.next_number(subject)
         if self._wearer is not None:
             self._wearer.show_mass(self._earlier.wearer(subject).mass_kg)
 
@@ -166,7 +166,9 @@ def _example_file(controller: SessionController, setup: Setup) -> Path:
     """File name of the first static trial of the first cuff; existing files are never overwritten."""
     cuff = setup.cuffs[0] if setup.cuffs else ""
     names = {"subject": setup.subject, "session": setup.number, "test": "static", "cuff": cuff, "run": 1}
-    return controller.session.folder_of(setup) / f"{controller.session.config.session.file_name.format(**names)}.mcap"
+    return (
+        controller.session.session_folder(setup) / f"{controller.session.config.session.file_name.format(**names)}.mcap"
+    )
 
 
 def _conditions(controller: SessionController, suggested: tuple[TrialCondition, ...]) -> ui.select | None:
@@ -185,7 +187,7 @@ def _format_masses(masses: tuple[float, ...]) -> str:
 def _parse_masses(text: str) -> tuple[float, ...]:
     """Kilograms separated by spaces, with a decimal point or comma. Raises CommandRefused."""
     try:
-        return tuple(number_of(mass) for mass in re.sub(r";|,(?=\s|$)", " ", text).split())
+        return tuple(parse_number(mass) for mass in re.sub(r";|,(?=\s|$)", " ", text).split())
     except ValueError as error:
         raise CommandRefused.of(CommandCode.MASSES_NOT_NUMBERS, text=repr(text)) from error
 
@@ -226,7 +228,7 @@ def show_bench(checker: BenchChecker, actions: Actions) -> None:
     passed = ui.expansion().classes("w-full text-lg").mark("passed")  # stays unfolded in a new check
     with ui.row().classes("items-center gap-3 w-full no-wrap"):
         mass = ui.input("Known mass on the cell [kg]").props("inputmode=decimal").classes("grow").mark("known-mass")
-        ui.button("Read it", on_click=lambda: actions.run(lambda: checker.read_mass(_mass_of(mass.value)))).props(
+        ui.button("Read it", on_click=lambda: actions.run(lambda: checker.read_mass(_parse_mass(mass.value)))).props(
             "outline"
         ).classes("small")
     shown: list[object] = [None]
@@ -243,7 +245,7 @@ def show_bench(checker: BenchChecker, actions: Actions) -> None:
     actions.add("Check the bench", "c", checker.check, mark="check", is_apart=True)
 
 
-def verdict_of(grade: Grade | None, results: Sequence[CheckResult]) -> str:
+def check_verdict(grade: Grade | None, results: Sequence[CheckResult]) -> str:
     """The state of the bench in one sentence."""
     if grade is None:
         return "not checked"
@@ -263,7 +265,7 @@ def _show_verdict(verdict: ui.row, checker: BenchChecker) -> None:
         grade = checker.grade
         if grade is not None:
             ui.icon(ICONS[grade], size="2.2rem").classes(grade).mark(f"bench-{grade}")
-        text = verdict_of(grade, checker.results)
+        text = check_verdict(grade, checker.results)
         ui.label(text[0].upper() + text[1:]).classes(f"text-2xl font-bold {grade or 'quiet'}").mark("bench-verdict")
 
 
@@ -286,10 +288,10 @@ def _row(result: CheckResult) -> None:
         ui.label(f"{result.subject.removeprefix('/')}: {result.found}").classes("break-words min-w-0").mark("preflight")
 
 
-def _mass_of(text: str | None) -> float:
+def _parse_mass(text: str | None) -> float:
     """Raises CommandRefused."""
     try:
-        value = number_of(text or "")
+        value = parse_number(text or "")
     except ValueError:
         value = 0.0
     if not 0 < value < 1000:

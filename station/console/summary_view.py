@@ -19,7 +19,7 @@ PROGRESS_S = 0.5
 
 
 def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
-    ui.label(headline_of(plan)).classes("cue").mark("complete")
+    ui.label(plan_headline(plan)).classes("cue").mark("complete")
     if plan.undecided is not None:
         text = f"{plan.undecided.file} waits for a decision; the fit uses it unless it is redone."
         ui.label(text).classes("text-xl doubtful").mark("undecided")
@@ -80,7 +80,7 @@ def _show_progress(controller: SessionController) -> None:
     ui.timer(PROGRESS_S, tick)
 
 
-def headline_of(plan: PlanStatus) -> str:
+def plan_headline(plan: PlanStatus) -> str:
     """Accepted trials of the plan; complete only if all of them are accepted."""
     done, skipped = len(plan.done), len(plan.skipped)
     if done == len(plan.trials):

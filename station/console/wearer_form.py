@@ -121,7 +121,7 @@ def _open_wearer(controller: SessionController, actions: Actions) -> None:
     dialog.on("hide", dialog.delete)
 
 
-def number_of(text: str) -> float:
+def parse_number(text: str) -> float:
     """A number with a decimal point or comma. Raises ValueError."""
     return float(text.strip().replace(",", "."))
 
@@ -140,7 +140,7 @@ def _number(quantity: _Quantity, field: ui.input) -> float | None:
     if not text:
         return None
     try:
-        value = number_of(text)
+        value = parse_number(text)
     except ValueError:
         value = float("nan")
     if not quantity.lowest <= value <= quantity.highest:

@@ -159,7 +159,7 @@ def pool_trials(trials: Sequence[ComparedTrial]) -> dict[str, PooledShape]:
     return {label: pooled for label, pooled in found.items() if pooled is not None}
 
 
-def read_activations_of(path: Path) -> ModelActivations:
+def read_model_activations(path: Path) -> ModelActivations:
     """Read a table (.sto, .mot, .csv) with a column `time` and one per muscle. Raises MotionError, EmgFileError."""
     names, values, header = read_table(path)
     if "time" not in names:
@@ -200,7 +200,7 @@ def _compared(
     levels = normalised(envelopes, maxima, setup.mvc.window_s) if maxima else None
     if path is None:
         return ComparedTrial(envelopes, levels, None, {}, setup, tuple(_findings(envelopes)))
-    activations = read_activations_of(path)
+    activations = read_model_activations(path)
     channels = [label for label in envelopes.labels if label in setup.channels]
     if not channels:
         figures = {

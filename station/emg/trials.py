@@ -55,7 +55,7 @@ def read_emg_trial(path: Path, setup: EmgSetup) -> EmgTrial:
         case ".c3d":
             table = _read_c3d(path, setup)
         case ".mcap":
-            return emg_of(read_wearer_trial(path))
+            return extract_emg(read_wearer_trial(path))
         case suffix:
             figures = {"path": str(path), "suffix": suffix or "no suffix", "expected": ", ".join(SUFFIXES)}
             raise EmgFileError(Message(EmgCode.FILE_FORMAT, figures))
@@ -85,7 +85,7 @@ def _of_table(path: Path, table: SignalTable, setup: EmgSetup) -> EmgTrial:
     return EmgTrial(path.stem, labels, float(table.time_s[0]), rate, values, unit, unread=unread)
 
 
-def emg_of(trial: WearerTrial) -> EmgTrial:
+def extract_emg(trial: WearerTrial) -> EmgTrial:
     """EMG of a recorded pose or motion: time 0 is the sync edge, volts are those at the electrodes.
 
     Raises EmgFileError without EMG on the clock of the markers.

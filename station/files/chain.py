@@ -25,10 +25,10 @@ from station.checksums import (
     JOURNAL_FILE,
     SIGNATURE_FILE,
     Checksums,
+    check_hash,
     files_below,
     is_session,
     list_folder,
-    standing_of,
     write_checksums,
 )
 from station.errors import StationError
@@ -79,7 +79,7 @@ def verify_folder(folder: Path) -> list[Link]:
     for name in (CHECKSUMS_FILE, *_RESULTS, JOURNAL_FILE, *Checksums(folder).sums):  # a pipe would wait for its writer
         if (folder / name).exists() and not (folder / name).is_file():
             raise ChainError(Message(ChainCode.NOT_REGULAR, {"path": str(folder / name)}))
-    links = [*chain_of(folder), *_damage(folder)]
+    links = [*trace_chain(folder), *_damage(folder)]
     if not links:
         figures = {"folder": str(folder), "cuffs": CUFFS_FILE, "report": REPORT_FILE}
         raise ChainError(Message(ChainCode.NOTHING_TO_VERIFY, figures))
@@ -89,12 +89,12 @@ def verify_folder(folder: Path) -> list[Link]:
 def add_files(folder: Path, paths: Sequence[Path]) -> None:
     """List files that another program added. Raises ChainError for a file that is not below the folder, or listed."""
     for path in paths:
-        if list_folder(path) != folder.absolute() or standing_of(path) is not Standing.ADDED:
+        if list_folder(path) != folder.absolute() or check_hash(path) is not Standing.ADDED:
             raise ChainError(Message(ChainCode.NOT_ADDED, {"file": str(path), "folder": str(folder)}))
     write_checksums(*paths)
 
 
-def chain_of(folder: Path, *, is_report_included: bool = True) -> list[Link]:
+def trace_chain(folder: Path, *, is_report_included: bool = True) -> list[Link]:
     """Every file of the folder by hash, and the inputs of its results."""
     sums = Checksums(folder)
     left_out = () if is_report_included else (REPORT_FILE, NUMBERS_FILE)
@@ -203,7 +203,7 @@ def sign(folder: Path, key: Path, links: Sequence[Link]) -> Path:
     return signature
 
 
-def signature_of(folder: Path, signers: Path | None) -> Link | None:
+def check_signature(folder: Path, signers: Path | None) -> Link | None:
     """The link of the signature with the name of the signer; None for an unsigned folder without a list of signers.
 
     signers: the file of allowed signers of OpenSSH; without it, the owner of the key is not verified.

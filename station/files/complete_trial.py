@@ -18,7 +18,7 @@ from recordings.manifest import Manifest
 from recordings.reader import Recording, Track, open_recording
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.files.foreign_files import ImportRefused, MarkerSource, read_markers
-from station.files.import_trial import Imported, blocks, nanoseconds, notes_of, write_recording
+from station.files.import_trial import Imported, blocks, marker_file_notes, nanoseconds, write_recording
 from station.messages.file_messages import ImportCode
 
 SAME_TRIAL_MM = 5.0
@@ -53,7 +53,7 @@ def complete_trial(path: Path, source: MarkerSource) -> Imported:
     output = completed_path(path)
     files = f"{path.name} and {source.path.name}"
     write_recording(output, recording.manifest, streams, items, recording.outcome, files)
-    return Imported(output, (*notes_of(export), *_notes(live, export, numbers)))
+    return Imported(output, (*marker_file_notes(export), *_notes(live, export, numbers)))
 
 
 def _captured(recording: Recording) -> Track:

@@ -32,7 +32,7 @@ from recordings.exchange.trc import write_trc
 from recordings.manifest import Manifest
 from recordings.reader import Track, open_recording
 from recordings.samples import Event
-from station.checksums import changed_files, drafted, standing_of, write_whole
+from station.checksums import changed_files, check_hash, drafted, write_whole
 from station.files.export_loads import write_loads
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
 from station.messages.file_messages import ChainCode, ExportCode
@@ -262,7 +262,7 @@ def _description(trial: SynchronisedRecording, length_unit: str) -> dict[str, An
     return {
         "recording": trial.path.name,
         "sha256": trial.sha256,
-        "checked": standing_of(trial.path),
+        "checked": check_hash(trial.path),
         "origin": manifest.origin,
         "devices": [vars(device) for device in manifest.devices],
         "cuff": None if manifest.cuff is None else vars(manifest.cuff),

@@ -102,10 +102,10 @@ def import_trial(
     items = [origin, *_items(aligned, force, markers, start_utc_ns)]
     outcome = TrialOutcome(accepted=True, state="closed", sentence=f"imported from {files}")
     write_recording(path, manifest, streams, items, outcome, files)
-    return Imported(path, (*_force_notes(force, force_source), *notes_of(markers), *aligned.notes))
+    return Imported(path, (*_force_notes(force, force_source), *marker_file_notes(markers), *aligned.notes))
 
 
-def notes_of(markers: MarkerTable) -> tuple[Message[ImportCode], ...]:
+def marker_file_notes(markers: MarkerTable) -> tuple[Message[ImportCode], ...]:
     """The notes of the reader of the file."""
     return tuple(Message(ImportCode.MARKER_FILE, because(note)) for note in markers.notes)
 

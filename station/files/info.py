@@ -19,7 +19,7 @@ from recordings.contents import Contents, summarise
 from recordings.manifest import DataOrigin, LoadCell, Manifest
 from recordings.reader import survey_file
 from recordings.recovery import recover
-from station.checksums import CHECKSUMS_FILE, changed_files, standing_of, write_checksums
+from station.checksums import CHECKSUMS_FILE, changed_files, check_hash, write_checksums
 from station.exit_code import DONE, LOSSY
 from station.folded_table import FoldedTable
 from station.progress import busy, progress_bars
@@ -30,7 +30,7 @@ def show_contents(path: Path, *, as_json: bool) -> int:
     """Print the content of the file to stdout. Returns 0, or 3 if a part of it is missing."""
     with busy(f"reading {path.name}"):
         contents, certificate, sentence = _read(path)
-    standing = standing_of(path)
+    standing = check_hash(path)
     if as_json:
         origin = contents.manifest.origin if contents.manifest else DataOrigin.UNKNOWN
         plain = {
@@ -63,7 +63,7 @@ def recover_recording(path: Path, output: Path | None, *, as_json: bool) -> int:
         size = path.stat().st_size if path.is_file() else 0
         progress("recovering, kB", 0, size // 1000)
         report = recover(path, output, lambda done: progress("recovering, kB", done // 1000, size // 1000))
-    left = [path] if standing_of(path) is Standing.ADDED else []  # by a recorder that was killed
+    left = [path] if check_hash(path) is Standing.ADDED else []  # by a recorder that was killed
     write_checksums(*left, report.output)
     for message in (*changed_files([path]), *report.sentences()):
         print(message, file=sys.stderr)

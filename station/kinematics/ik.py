@@ -54,7 +54,7 @@ from station.kinematics.marker_checks import (
 )
 from station.kinematics.marker_sets import place_marker_set
 from station.messages.kinematics_messages import KinematicsCode
-from station.sources import BUNDLED, model_of, named_hash
+from station.sources import BUNDLED, named_hash, resolve_model
 
 Array = NDArray[np.float64]
 
@@ -206,7 +206,7 @@ def _uncovered(file: Path, table: MarkerTable, span: tuple[float, float]) -> tup
 
 def model_with_markers(name: str, marker_set: str) -> tuple[Model, list[str], tuple[Finding, ...]]:
     """The model, the names of the markers to follow unless a set-up names others, and findings on the marker set."""
-    return with_marker_set(model_of(name, ignore_forces=True), marker_set)  # postures do not depend on forces
+    return with_marker_set(resolve_model(name, ignore_forces=True), marker_set)  # postures do not depend on forces
 
 
 def with_marker_set(model: Model, marker_set: str) -> tuple[Model, list[str], tuple[Finding, ...]]:
@@ -343,9 +343,9 @@ def write_postures(path: Path, solved: SolvedPostures) -> None:
     names, notes = solved.model.coordinate_names, {"made_by": "station ik"}
     smoothed = solved.smoothed
     _, *beside = result_files(path, is_smoothed=smoothed is not None)
-    texts = [plain_postures(solved).model_dump_json(indent=1) + "\n", frames_of(solved).to_csv(index=False)]
+    texts = [ik_document(solved).model_dump_json(indent=1) + "\n", tabulate_frames(solved).to_csv(index=False)]
     if smoothed is not None:
-        texts.append(kinematics_of(solved, smoothed).to_csv(index=False))
+        texts.append(tabulate_kinematics(solved, smoothed).to_csv(index=False))
     coordinates = solved.solution.coordinates if smoothed is None else smoothed.positions
     known = np.isfinite(coordinates[:, 0])
     with drafted(path) as draft:
@@ -354,7 +354,7 @@ def write_postures(path: Path, solved: SolvedPostures) -> None:
         write_whole(file, text)
 
 
-def plain_postures(solved: SolvedPostures) -> IkDocument:
+def ik_document(solved: SolvedPostures) -> IkDocument:
     solution, uncertainty = solved.solution, solved.uncertainty
     known = np.isfinite(solution.coordinates[:, 0])
     markers = {
@@ -390,7 +390,7 @@ def plain_postures(solved: SolvedPostures) -> IkDocument:
     )
 
 
-def frames_of(solved: SolvedPostures) -> pd.DataFrame:
+def tabulate_frames(solved: SolvedPostures) -> pd.DataFrame:
     """A row per frame: outcome, gap, cost, residual of every marker, standard deviation of every coordinate.
 
     A cell is empty where a marker is hidden or a coordinate is not determined.
@@ -412,7 +412,7 @@ def frames_of(solved: SolvedPostures) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def kinematics_of(solved: SolvedPostures, smoothed: SmoothedMotion) -> pd.DataFrame:
+def tabulate_kinematics(solved: SolvedPostures, smoothed: SmoothedMotion) -> pd.DataFrame:
     """A row per frame: position, speed and acceleration of every coordinate, each with its standard deviation, which is
     empty for a coordinate that no marker determines.
     """

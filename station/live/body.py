@@ -29,7 +29,7 @@ from station.errors import StationError
 from station.kinematics.ik import with_marker_set
 from station.live.published import NAN, LiveScenario
 from station.messages.live_messages import LiveCode
-from station.sources import BUNDLED, model_of
+from station.sources import BUNDLED, resolve_model
 from station.subject.assessed_subject import (
     fit_suit,
     measure_subject,
@@ -92,7 +92,7 @@ def live_body(folder: Path, settings: LiveSection, before_utc_ns: int) -> LiveBo
 
     Raises SolverError for a model or suit of the configuration that cannot be read.
     """
-    generic = _unlocked(model_of(settings.model or BUNDLED))
+    generic = _unlocked(resolve_model(settings.model or BUNDLED))
     suit = read_suit(settings.suit or BUNDLED_SUIT)
     if settings.model:
         declared = _declared(folder)

@@ -139,7 +139,7 @@ class LiveEngine:
         if samples.stream != MARKERS:
             self.pipeline.add_signal(samples)
             return
-        frames = list(self.pipeline.frames_of(samples))
+        frames = list(self.pipeline.read_frames(samples))
         for place, frame in enumerate(frames):
             now_s = self._now_s()
             latency_s = now_s - arrival_s
@@ -220,7 +220,7 @@ class LiveEngine:
         if self.pace.every > 1 or self.pace.has_dropped_lately(self._now_s()):
             figures = {"every": float(delivery.every), "solved_hz": delivery.solved_hz, "dropped": float(self.dropped)}
             messages.append(Message(LiveCode.OVERLOADED, figures))
-        return (*self._findings.shown(), *plain_findings(messages))
+        return (*self._findings.shown(), *live_findings(messages))
 
     def _to_sinks(self, act: Callable[[LiveSink], None]) -> None:
         """A sink that fails is left out from then on; the other sinks get the values."""
@@ -304,9 +304,9 @@ class LiveFindings:
         away_s = 0.0 if self._seen_s is None else self._now_s - self._seen_s
         if away_s >= LEFT_S:
             left = Message(LiveCode.WEARER_LEFT, {"seconds": away_s})
-            return plain_findings([*self._lasting, left])
+            return live_findings([*self._lasting, left])
         current = [message for time_s, message in self._last.values() if time_s > self._now_s - SHOWN_S]
-        return plain_findings([*self._lasting, *current, *self._unsolved()])
+        return live_findings([*self._lasting, *current, *self._unsolved()])
 
     def _note(self, message: Message[LiveCode]) -> None:
         self._last[message.code] = self._now_s, message
@@ -325,7 +325,7 @@ def notice_messages(model: str, notices: Iterable[StreamNotice]) -> list[Message
     return [Message(codes[notice], {"model": model}) for notice in sorted(notices)]
 
 
-def plain_findings(messages: Iterable[Message[LiveCode]]) -> tuple[LiveFinding, ...]:
+def live_findings(messages: Iterable[Message[LiveCode]]) -> tuple[LiveFinding, ...]:
     return tuple(LiveFinding(message.code.value, str(message)) for message in messages)
 
 
@@ -340,7 +340,7 @@ def prepare_replay(path: Path, settings: LiveSection | None = None) -> tuple[Rec
     """
     recording = open_recording(path)
     manifest = recording.manifest
-    spec = spec_of(manifest)
+    spec = trial_spec(manifest)
     if not can_be_solved(spec):
         raise LiveRefused(Message(LiveCode.NO_BODY, {"path": str(path), "test": spec.test}))
     config = parse_config(manifest.effective_config, str(path))
@@ -408,6 +408,6 @@ def replay_and_publish(
         return replay_live(recording, prepared, on_setup=serve, sinks=sinks, speed=speed, commands=apply_commands)
 
 
-def spec_of(manifest: Manifest) -> TrialSpec:
+def trial_spec(manifest: Manifest) -> TrialSpec:
     cuff = manifest.cuff.name if manifest.cuff else None
     return TrialSpec(cuff, manifest.test, manifest.repeat, manifest.donning, condition=manifest.condition)

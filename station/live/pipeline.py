@@ -150,7 +150,7 @@ class LivePipeline:
         elif samples.stream == EMG:
             self._emg.add(samples)
 
-    def frames_of(self, samples: Samples) -> Iterator[tuple[int, int, float, Array]]:
+    def read_frames(self, samples: Samples) -> Iterator[tuple[int, int, float, Array]]:
         """(number, device time [ns], host time [s], places (labels, 3) [mm]) of the frames of a block to be solved."""
         if samples.values.shape[1] != len(self._labels):
             return

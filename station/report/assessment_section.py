@@ -26,7 +26,7 @@ from station.assessment.assessment_json import (
 )
 from station.assessment.drawn_postures import LineEntry, PostureEntry
 from station.charts.marks import SIXTH, Array, Chart, Colour, Line, Panel, values
-from station.report.first_page import findings_of, intervals_of
+from station.report.first_page import interval_contents, other_findings
 from station.report.muscle_figures import (
     CONDITIONS,
     LEAST_SHOWN,
@@ -88,12 +88,12 @@ def assessment_section(assessment: AssessmentDocument, pictures: Sequence[Pictur
     return AssessmentSection(
         names={role: without_hash(what) for role, what in assessment.inputs.items()},
         not_measured=_not_measured(assessment.subject),
-        places=places_of(assessment),
+        places=suit_places(assessment),
         cuffs=assessment.cuffs,
         rows=_rows(assessment),
         beside=[row for row in _rows(beside) if row["key"] in (RIGID, "both")] if beside else None,
-        findings=findings_of(assessment),
-        intervals=intervals_of(assessment),
+        findings=other_findings(assessment),
+        intervals=interval_contents(assessment),
         pictures=pictures,
     )
 
@@ -106,7 +106,7 @@ def _not_measured(subject: SubjectDocument | None) -> list[str]:
     return [name for name in subject.coordinates_not_measured if name not in explained]
 
 
-def places_of(assessment: AssessmentDocument) -> Mapping[str, str]:
+def suit_places(assessment: AssessmentDocument) -> Mapping[str, str]:
     """What waist, shoulder and arm are called in the suit; an assessment of an older station has the bundled names."""
     return assessment.suit_names or {part: part for part in PARTS}
 
@@ -123,7 +123,7 @@ def effort_figures(assessment: AssessmentDocument) -> list[PlannedFigure]:
 
 def suit_figures(assessment: AssessmentDocument, folder: Path) -> list[PlannedFigure]:
     """Muscle effort of every arm cuff, activations and their change if they are in the folder, and EMG."""
-    waist = f" and the {places_of(assessment)['waist']} cuff" if assessment.waist_cuff else ""
+    waist = f" and the {suit_places(assessment)['waist']} cuff" if assessment.waist_cuff else ""
     figures = []
     if assessment.cost.arms:
         caption = f"Effort over the rest length of the cord in every condition, with the named cuff{waist}"
@@ -156,7 +156,7 @@ def _body_figures(assessment: AssessmentDocument, activations: pd.DataFrame, at:
     if cuff and assessment.postures:
         chosen = postures_text(assessment.postures)
         caption = f"Change of activation from a slack cord to the {cuff} cuff {at}, {CONDITIONS['both']}: {chosen}"
-        plan = partial(body_figure, assessment.postures, activations, cuff, places_of(assessment))
+        plan = partial(body_figure, assessment.postures, activations, cuff, suit_places(assessment))
         yield PlannedFigure(plan, caption, is_wide=True, is_printed=True)
 
 

@@ -132,7 +132,7 @@ def reported_cuffs(
             entries.get(name),
             [_shown(cuffs.get(name), worn_cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN],
             [_true(known[name], cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN] if name in known else (),
-            *effect_of(assessment, name),
+            *suit_effect(assessment, name),
             pictures.get(f"cuff {name}", ()),
         )
         for name in entries or worn_cuffs
@@ -146,7 +146,7 @@ def shared_notes(cuffs: Sequence[ReportedCuff]) -> list[str]:
     return [note for note in cuffs[0].notes if all(note in cuff.notes for cuff in cuffs)]
 
 
-def effect_of(assessment: AssessmentDocument | None, cuff: str) -> tuple[Shown, Shown, Shown]:
+def suit_effect(assessment: AssessmentDocument | None, cuff: str) -> tuple[Shown, Shown, Shown]:
     """The best rest length with this arm cuff, migration and compliance, what it saves there, and at the reference.
 
     Of rigid cuffs by their name.
@@ -157,7 +157,7 @@ def effect_of(assessment: AssessmentDocument | None, cuff: str) -> tuple[Shown, 
     return figure(best.rest_length_m), saving(best.normalised_cost), saving(reference)
 
 
-def figure_of(fit: Cuff, quantity: str) -> NumberEntry | None:
+def cuff_estimate(fit: Cuff, quantity: str) -> NumberEntry | None:
     """Stiffness, damping or migration with its interval and its place in cuffs.json, identified or not.
 
     A file by hand may have a number alone in this place.
@@ -188,7 +188,7 @@ def _shown(fit: Cuff | None, in_suit: WornCuffEntry | None, quantity: ShownQuant
     """With a remark if it is given by hand, or not identified; as worn by the assessment without cuffs.json."""
     if fit is None:
         return worn(getattr(in_suit, quantity.key, None), quantity.scale, quantity.most_digits)
-    shown = interval(figure_of(fit, quantity.name), quantity.scale, quantity.most_digits)
+    shown = interval(cuff_estimate(fit, quantity.name), quantity.scale, quantity.most_digits)
     return shown if isinstance(shown, str) else shown.within(of_cuff(fit, quantity.name, "{}"))
 
 
@@ -250,7 +250,7 @@ def _rows(fit: Cuff, entries: Mapping[QuantityName, NormativeEntry]) -> Iterator
         yield NormativeRow(
             fit.name,
             f"{quantity} [{unit}]",
-            interval(figure_of(fit, quantity), scale),
+            interval(cuff_estimate(fit, quantity), scale),
             mean_with(entry.mean, entry.mean_ci95, scale),
             ends(entry.prediction95, scale),
             PLACES[entry.place(value.value)] if value else "",

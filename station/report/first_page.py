@@ -11,7 +11,7 @@ from station.assessment.assessment_file import AssessmentDocument
 from station.assessment.assessment_json import RIGID
 from station.assessment.uncertainty_json import listed
 from station.messages.assessment_messages import AssessmentCode, DecisionCode, sources_text
-from station.report.cuff_section import Cuffs, effect_of
+from station.report.cuff_section import Cuffs, suit_effect
 from station.report.numbers import Shown, figure, fixed, length, saving_in_words
 from station.sources import without_hash
 
@@ -74,8 +74,8 @@ def first_page(assessment: AssessmentDocument | None, cuffs: Cuffs) -> FirstPage
         tuple(answer(assessment)),
         tuple(_basis(assessment)),
         _decision(assessment),
-        effect_of(assessment, RIGID),
-        (*_limits_of_cuffs(cuffs), *limits_of(assessment)),
+        suit_effect(assessment, RIGID),
+        (*_limits_of_cuffs(cuffs), *list_limits(assessment)),
     )
 
 
@@ -115,7 +115,7 @@ def _rest_lengths(by_cuff: Mapping[str, Shown]) -> Iterator[Shown]:
         yield from (", " if number else "", at, f"{UNBROKEN}m", f" with {cuff}" if len(texts) > 1 else "")
 
 
-def findings_of(assessment: AssessmentDocument) -> list[str]:
+def other_findings(assessment: AssessmentDocument) -> list[str]:
     """Sentences for the section on the muscles: those that are neither on the first page nor in a table."""
     return [
         text
@@ -143,12 +143,12 @@ def _basis(assessment: AssessmentDocument) -> Iterator[Shown]:
     else:
         model, motion = (without_hash(assessment.inputs[role]) for role in ("model", "motion"))
         yield f"Body: {model}; motion: {motion}; they are not the wearer's. "
-    contained = intervals_of(assessment)
+    contained = interval_contents(assessment)
     if contained:
         yield f"Effort is the sum of squared activations; 95 % intervals contain {contained}."
 
 
-def intervals_of(assessment: AssessmentDocument) -> str:
+def interval_contents(assessment: AssessmentDocument) -> str:
     """What the intervals of the assessment contain; empty without any."""
     return sources_text([*assessment.uncertainty.sources]) if assessment.uncertainty else ""
 
@@ -167,7 +167,7 @@ def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:
             yield f"Cuff {name}: {' and '.join(missing)} not identified."
 
 
-def limits_of(assessment: AssessmentDocument) -> Iterator[str]:
+def list_limits(assessment: AssessmentDocument) -> Iterator[str]:
     """What limits the result, in sentences."""
     yield from (text for code, text in _coded(assessment) if code in LIMITING)
     if assessment.decision and assessment.decision.at_reference.code in ADVICE:

@@ -123,7 +123,7 @@ class Number:
 Shown = Number | str
 
 
-def source_of(found: Any) -> Source:
+def find_source(found: Any) -> Source:
     """The place of a located value. Raises KeyError or AttributeError for one without a place."""
     source: Source = (found.__pydantic_private__ or {})[_PLACE] if isinstance(found, BaseModel) else found.source
     return source
@@ -176,12 +176,12 @@ def half_width(entry: Entry, scale: float = 1.0, digits: int = 0) -> Number:
 
 def ends(entry: Sequence[float], scale: float = 1.0) -> Number:
     """`12.21 to 12.47` of an interval alone."""
-    return Number(between(entry, scale), tuple(entry), source_of(entry))
+    return Number(between(entry, scale), tuple(entry), find_source(entry))
 
 
 def mean_with(mean: float, ci95: Sequence[float], scale: float = 1.0) -> Number:
     """A located mean with its interval."""
-    return Number(bracketed(mean, ci95, scale), mean, source_of(mean), (ci95[0], ci95[1]))
+    return Number(bracketed(mean, ci95, scale), mean, find_source(mean), (ci95[0], ci95[1]))
 
 
 def fixed(number: Any, scale: float = 1.0, digits: int = 0) -> Number:
@@ -200,7 +200,7 @@ def plain(number: Any) -> Number:
 
 def length(found: Any) -> Number:
     """The number of entries of a located list or object."""
-    return Number(str(len(found)), len(found), source_of(found).derived(Derivation.LENGTH))
+    return Number(str(len(found)), len(found), find_source(found).derived(Derivation.LENGTH))
 
 
 def total(found: LocatedList) -> Number:
@@ -222,10 +222,10 @@ def _bracketed(entry: Entry | None, unknown: str, scale: float, digits: int, *, 
 
 
 def _number(entry: Entry, text: str) -> Number:
-    """Raises the errors of source_of."""
+    """Raises the errors of find_source."""
     value, ci95, _ = _parts(entry)
     given = tuple(value) if isinstance(value, list) else value
-    return Number(text, given, source_of(entry), (ci95[0], ci95[1]) if ci95 else None)
+    return Number(text, given, find_source(entry), (ci95[0], ci95[1]) if ci95 else None)
 
 
 def _percent(entry: NumberEntry, effort: float, sign: float) -> str:

@@ -36,7 +36,7 @@ from station.charts.svg import with_commands
 from station.checksums import drafted, write_checksums, write_whole
 from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
-from station.files.chain import NUMBERS_FILE, REPORT_FILE, chain_of
+from station.files.chain import NUMBERS_FILE, REPORT_FILE, trace_chain
 from station.fit import fit_session_folder
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
@@ -186,7 +186,7 @@ def render(results: Results, drawn: Drawn = MappingProxyType({})) -> tuple[str, 
 def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
     """What the templates show."""
     folder, document, assessment, emg = results.folder, results.document, results.assessment, results.emg
-    origin, chain = results.origin, chain_of(folder, is_report_included=False)
+    origin, chain = results.origin, trace_chain(folder, is_report_included=False)
     known = located(results.truth, Source.of(TRUTH_FILE))
     sentences = _beside(folder / MISSING_FILE, _MISSING) or []
     cuffs = reported_cuffs(results.cuffs, document, assessment, known, pictures)

@@ -22,7 +22,7 @@ from fitting.errors import FitError
 from fitting.results.codes import Standing
 from recordings.errors import RecordingError
 from recordings.reader import TrackCollector, open_recording
-from station.checksums import Checksums, standing_of
+from station.checksums import Checksums, check_hash
 from station.errors import StationError
 from station.files.chain import LARGEST_REPORT, NUMBERS_FILE, REPORT_FILE, Link, verify_folder
 from station.messages.file_messages import NumberCode
@@ -214,7 +214,7 @@ def trace(folder: Path, key: str) -> Trace:
     return Trace(
         id=key,
         number=number,
-        source_standing=standing_of(folder / file) if file else Standing.AS_RECORDED,
+        source_standing=check_hash(folder / file) if file else Standing.AS_RECORDED,
         faults=[TracedFault(code=fault.code, text=str(fault)) for fault in faults],
         recordings=[_recording(folder / name) for name in number.recordings],
     )
@@ -251,4 +251,4 @@ def _recording(path: Path) -> TracedRecording:
                 name=stream.name, unit=stream.unit, channels=len(stream.labels), samples=len(times), duration_s=duration
             )
             found.append(traced)
-    return TracedRecording(file=path.name, standing=standing_of(path), streams=found)
+    return TracedRecording(file=path.name, standing=check_hash(path), streams=found)

@@ -45,7 +45,7 @@ from station.emg.emg_json import (
     method_text,
     shape_rows,
 )
-from station.emg.trials import EmgFileError, emg_of
+from station.emg.trials import EmgFileError, extract_emg
 from station.protocol import CONDITION_NAMES
 from station.recordings_of_session import motions_in
 from station.report.numbers import Shown, located, plain
@@ -115,7 +115,7 @@ def _envelopes(trial: WearerTrial) -> EmgEnvelopes | None:
     if trial.emg is None:
         return None
     try:
-        return compute_envelopes(emg_of(trial))
+        return compute_envelopes(extract_emg(trial))
     except (EmgFileError, UnusableEmg):
         return None
 

@@ -31,8 +31,8 @@ from recordings.manifest import MeasurementProtocol, TestKind
 from recordings.reader import Recording, open_recording
 from solver.scaling import largest_motion
 from station.config import ProtocolSection
-from station.emg.trials import EmgFileError, emg_of
-from station.fit import SessionError, fit_donning_of, read_recording
+from station.emg.trials import EmgFileError, extract_emg
+from station.fit import SessionError, fit_trial_donning, read_recording
 from station.journal import Choice, JournalError, Recorded, read_journal
 from station.kinematics.marker_checks import MOVING
 from station.messages.bench_messages import TrialCode
@@ -97,7 +97,7 @@ def _judge(folder: Path, file: str, recorded: Recorded | None) -> Judgement:
         marks = reading.marks
         if not isinstance(reading, Trial):
             return _judge_unfitted(reading, recorded)
-        fitted = fit_donning_of(folder, reading)
+        fitted = fit_trial_donning(folder, reading)
     except (SessionError, JournalError, RecordingError, UnusableTrial) as error:
         return Judgement(file, _title(recorded, file), "redo", (_unusable(error),), marks=marks)
     except Exception as error:  # an unexpected error must not stop the operator
@@ -391,7 +391,7 @@ def examine_wearer_trial(path: Path) -> WearerFindings:
 def largest_emg(path: Path) -> dict[str, float]:
     """Largest RMS of every EMG channel with a signal [µV]; empty if the recording has no usable EMG."""
     try:
-        emg = emg_of(read_wearer_trial(path))
+        emg = extract_emg(read_wearer_trial(path))
     except (UnusableTrial, RecordingError, EmgFileError):
         return {}
     length = max(1, round(EMG_BLOCK_S * emg.rate))
@@ -455,7 +455,7 @@ def _emg(trial: WearerTrial) -> WearerFindings:
     if trial.manifest.emg is None:
         return _found()
     try:
-        emg = emg_of(trial)
+        emg = extract_emg(trial)
         faults = dict(zip(emg.labels, find_faults(emg.values, emg.rate), strict=True))
     except EmgFileError as error:
         return _found(Message(ReasonCode.NO_EMG_CLOCK, because(error)))

@@ -115,7 +115,7 @@ class OpenSession:
         plan = self.plan
         return 0 if plan is None else minutes_left(plan, self.journal, self.trial_config)
 
-    def folder_of(self, setup: Setup) -> Path:
+    def session_folder(self, setup: Setup) -> Path:
         return self.config.session.folder / f"sub-{setup.subject}_ses-{setup.number}"
 
     def begin(
@@ -124,7 +124,7 @@ class OpenSession:
         """Open a session, by default in the folder of its name; an existing one is resumed, with its wearer."""
         self.refuse_while_running()
         self.ensure_possible(setup)
-        folder = rehearsal_folder() if is_rehearsal else folder or self.folder_of(setup)
+        folder = rehearsal_folder() if is_rehearsal else folder or self.session_folder(setup)
         before = read_journal(folder).setup
         if before is not None and (plan := describe_plan(before, self.config)) != describe_plan(setup, self.config):
             figures = {"number": setup.number, "subject": setup.subject, "plan": plan}
@@ -302,7 +302,7 @@ class EarlierSessions:
             conditions=last.conditions if config.body is not None else (),
         )
 
-    def number_of(self, subject: str) -> str:
+    def next_number(self, subject: str) -> str:
         """The next free number of this subject."""
         used = {session.setup.number for session in self.sessions if session.setup.subject == subject}
         return str(1 + max((int(number) for number in used if number.isdecimal()), default=0))

@@ -63,7 +63,7 @@ class PlanStatus:
         """The next trial; None at the end of the plan."""
         return self.left[0] if self.left else None
 
-    def state_of(self, trial: TrialSpec) -> PlanState:
+    def trial_state(self, trial: TrialSpec) -> PlanState:
         if trial in self.done:
             return "kept"
         if trial in self.skipped:

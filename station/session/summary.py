@@ -66,7 +66,7 @@ def summarise(folder: Path, progress: Progress = silent) -> Summary:
     from station.assessment.assessment_json import ASSESSMENT_FILE
     from station.assessment.compilation import CompilationAhead, compilation_shown
     from station.fit import SessionError
-    from station.report.first_page import answer, findings_of, limits_of
+    from station.report.first_page import answer, list_limits, other_findings
     from station.report.page import located_assessment
 
     try:
@@ -88,7 +88,7 @@ def summarise(folder: Path, progress: Progress = silent) -> Summary:
         return Summary(rows, (NOT_ASSESSED, *ended.assumed, *ended.missing))
     assessment = located_assessment(read_assessment(folder / ASSESSMENT_FILE))
     found = ("".join(map(str, answer(assessment))), *ended.missing, *ended.assumed)
-    return Summary(rows, tuple(dict.fromkeys((*found, *findings_of(assessment), *limits_of(assessment)))))
+    return Summary(rows, tuple(dict.fromkeys((*found, *other_findings(assessment), *list_limits(assessment)))))
 
 
 def end_session(

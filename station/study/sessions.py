@@ -99,7 +99,7 @@ def read_session(folder: Path) -> StudySession | Message[StudyCode]:
     return StudySession(folder, journal.setup.subject, journal.setup.operator, journal.begun, cuffs, sha256_of(path))
 
 
-def measurements_of(
+def select_measurements(
     session: StudySession, quantity: str
 ) -> tuple[dict[str, list[Observation]], list[Message[StudyCode]]]:
     """Cuff → values of the quantity in SI, and the donnings that have none that is identified."""

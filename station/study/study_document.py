@@ -42,7 +42,7 @@ from recordings.manifest import DataOrigin
 from station.checksums import sha256_of, write_checksums, write_whole
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
-from station.study.sessions import StudyError, StudySessions, measurements_of
+from station.study.sessions import StudyError, StudySessions, select_measurements
 from station.versions import solving_versions
 
 FORMAT: Literal[1] = 1
@@ -293,7 +293,7 @@ def make_study(sessions: StudySessions, progress: Progress = silent) -> Study:
     for quantity in QUANTITIES:
         by_cuff = by_quantity.setdefault(quantity, {})
         for session in sessions.sessions:
-            found, missing = measurements_of(session, quantity)
+            found, missing = select_measurements(session, quantity)
             left_out += missing
             for cuff, measurements in found.items():
                 by_cuff.setdefault(cuff, []).extend(measurements)

@@ -49,7 +49,7 @@ from station.dask_cluster import completed_tasks
 from station.messages.study_messages import SweepCode
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
-from station.sources import BUNDLED, kinematics_of, loads_of, model_of
+from station.sources import BUNDLED, resolve_kinematics, resolve_loads, resolve_model
 from station.sweep.sweep_plan import AXES, NONE, PlanError, Point, SweepPlan, Value
 from station.versions import solver_digest, solving_versions
 
@@ -294,11 +294,11 @@ class SweepInputs:
 
     def _loaded_kinematics(self, model: Value, motion: Value, loads: Value) -> LoadedKinematics:
         body = self.model(model)
-        kinematics = kinematics_of(None if motion == BUNDLED else self._path(motion), body, self.plan.cutoff_hz)
-        return kinematics, loads_of(None if loads == NONE else self._path(loads), body, kinematics.time)
+        kinematics = resolve_kinematics(None if motion == BUNDLED else self._path(motion), body, self.plan.cutoff_hz)
+        return kinematics, resolve_loads(None if loads == NONE else self._path(loads), body, kinematics.time)
 
     def _model(self, name: Value) -> Model:
-        return model_of(BUNDLED if name == BUNDLED else str(self._path(name)))
+        return resolve_model(BUNDLED if name == BUNDLED else str(self._path(name)))
 
     def _suit(self, name: Value) -> Suit:
         return read_suit(BUNDLED_SUIT if name == BUNDLED else self._path(name))

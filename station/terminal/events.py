@@ -206,7 +206,9 @@ class PlanListed:
     @classmethod
     def of(cls, plan: PlanStatus) -> PlanListed:
         return cls(
-            tuple(PlannedTrial(number, spec.title, plan.state_of(spec)) for number, spec in enumerate(plan.trials, 1))
+            tuple(
+                PlannedTrial(number, spec.title, plan.trial_state(spec)) for number, spec in enumerate(plan.trials, 1)
+            )
         )
 
 

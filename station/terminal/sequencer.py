@@ -158,10 +158,10 @@ class SessionSequencer:
                     self._shown.clear()
                     self._output.show_event(self._last_decision.redo(command))
                 case Action.SKIP:
-                    skipped = controller.session.skip(self._trial_of(command))
+                    skipped = controller.session.skip(self._named_trial(command))
                     self._shown.clear()
                     self._output.show_event(TrialSkipped(skipped.cuff, skipped.test, skipped.repeat, skipped.condition))
-                case Action.NEXT if (chosen := self._trial_of(command)) is not None:
+                case Action.NEXT if (chosen := self._named_trial(command)) is not None:
                     controller.session.choose(chosen)
                     self._shown.clear()
                 case Action.UNDO:
@@ -183,7 +183,7 @@ class SessionSequencer:
         self._reset_start()
         return True
 
-    def _trial_of(self, command: Command) -> TrialSpec | None:
+    def _named_trial(self, command: Command) -> TrialSpec | None:
         """The trial that a command names by its number. Raises CommandRefused."""
         return None if command.trial is None else self._controller.session.trial(command.trial)
 
@@ -425,7 +425,7 @@ class LastDecision:
 
         The first redo that would lose the migration is refused.
         """
-        journal, recorded = self._controller.session.journal, self._recording_of(command)
+        journal, recorded = self._controller.session.journal, self._named_recording(command)
         is_donned_anew = command.action is Action.REDON
         if recorded.file in journal.redone:
             raise CommandRefused.of(CommandCode.NOTHING_TO_REDO)
@@ -440,7 +440,7 @@ class LastDecision:
         self._controller.reviewer.decide("redo", command.reason, is_donned_anew=is_donned_anew)
         return Decided(recorded.file, "redo", command.reason, "operator", is_donned_anew)
 
-    def _recording_of(self, command: Command) -> Recorded:
+    def _named_recording(self, command: Command) -> Recorded:
         """Raises CommandRefused if there is none."""
         journal = self._controller.session.journal
         if command.trial is not None:

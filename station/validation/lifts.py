@@ -197,11 +197,11 @@ def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
         compared=int(is_compared.sum()),
         is_whole=published is None or _lasts_as_long(solution.time, published.time),
         unsolved=int((~is_solved).sum()),
-        findings=(*lift.notes, *findings_of(lift)),
+        findings=(*lift.notes, *lift_findings(lift)),
     )
 
 
-def findings_of(lift: MeasuredLift) -> list[Message[AssessmentCode]]:
+def lift_findings(lift: MeasuredLift) -> list[Message[AssessmentCode]]:
     """What the checks of a motion find in that of a lift, such as degrees that were read as radians."""
     return motion_findings(motion_checks(lift.model, differentiate(lift.motion, CUTOFF_HZ)))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import End, Start, ensure_not_read, ensure_writable, given_of, print_message
+from station.verbs.options import End, Start, ensure_not_read, ensure_writable, given_options, print_message
 
 if TYPE_CHECKING:
     from station.kinematics.person import PersonInputs
@@ -67,7 +67,7 @@ def scale(
         if model is None or not files or body_mass is None:
             raise typer.BadParameter("without --setup, --model, --markers and --body-mass are needed")
         unused = {"write_setup": "--write-setup", "joined_points": "--scale-joined-points and --keep-joined-points"}
-        for name in given_of(context, unused):
+        for name in given_options(context, unused):
             raise typer.BadParameter(f"{unused[name]} need --setup; leave them out, or give OpenSim's set-up")
         from station.kinematics.person import PersonInputs
 

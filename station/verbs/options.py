@@ -131,7 +131,7 @@ def names_in(listed: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.strip() for name in listed.split(",") if name.strip()))
 
 
-def given_of(context: typer.Context, names: Collection[str]) -> set[str]:
+def given_options(context: typer.Context, names: Collection[str]) -> set[str]:
     """Those of the parameters that are on the command line, also with their default value."""
     return {name for name in names if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"}
 
@@ -143,7 +143,7 @@ def ensure_effective(
 
     Returns the options on the command line that have an effect only in a model with a glenoid.
     """
-    given = given_of(context, ("joint", "reaction_on", "reaction_in", "glenoid", "glenoid_aspect"))
+    given = given_options(context, ("joint", "reaction_on", "reaction_in", "glenoid", "glenoid_aspect"))
     if "joint" in given and not joints:
         raise typer.BadParameter("--joint needs at least one name of a joint")
     for option in ("reaction_on", "reaction_in"):

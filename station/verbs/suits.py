@@ -21,7 +21,7 @@ from station.verbs.options import (
     Freedom,
     Paths,
     Tendons,
-    given_of,
+    given_options,
     print_message,
 )
 
@@ -193,7 +193,7 @@ def assess(
 
     if subject is not None and (motion, external_loads, beside) != (None, None, None):
         raise typer.BadParameter("--subject brings its own motion; leave out --motion, --external-loads and --beside")
-    if subject is not None and given_of(context, ("cutoff_hz",)):
+    if subject is not None and given_options(context, ("cutoff_hz",)):
         raise typer.BadParameter(f"--subject has a filter of its own, at {CUTOFF_HZ:g} Hz; leave out --cutoff-hz")
     chosen = tuple(cuff or ())
     files = (cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, chosen, paths, external_loads, subject, effort)

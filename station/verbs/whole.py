@@ -133,7 +133,7 @@ def verify(
 
     from rich.console import Console
 
-    from station.files.chain import add_files, signature_of
+    from station.files.chain import add_files, check_signature
     from station.files.chain import sign as sign_folder
     from station.progress import progress_bars
     from station.report.verification import verify_session
@@ -146,7 +146,7 @@ def verify(
     if sign is not None:
         print_message(f"signed: {sign_folder(folder, sign, links)}")
         links = verify_session(folder)
-    if signed := signature_of(folder, signers):
+    if signed := check_signature(folder, signers):
         links.insert(0, signed)
     if recompute:
         from station.report.recomputation import recomputed_links
@@ -195,7 +195,7 @@ def report(
 
     from documents.message import Message
     from fitting.results.codes import Standing
-    from station.files.chain import chain_of
+    from station.files.chain import trace_chain
     from station.messages.setup_messages import FolderCode
     from station.progress import progress_bars
     from station.report.cuff_section import adopt_normative
@@ -210,7 +210,7 @@ def report(
     with progress_bars(Console(stderr=True)) as progress:
         written = write_report(folder, progress=progress)
     print(write_pdf(written) if format == "pdf" else written)
-    links = [link for link in chain_of(folder) if link.standing.is_break or link.standing is Standing.BY_HAND]
+    links = [link for link in trace_chain(folder) if link.standing.is_break or link.standing is Standing.BY_HAND]
     for link in links:
         print_message(str(link))
     raise typer.Exit(LOSSY if any(link.standing.is_break for link in links) else DONE)

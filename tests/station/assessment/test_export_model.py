@@ -22,7 +22,7 @@ from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear,
 from station.assessment.export_model import SuitToExport, write_suited_model
 from station.exit_code import WRONG_USAGE
 from station.messages.assessment_messages import InputCode
-from station.sources import model_of
+from station.sources import resolve_model
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.command import assert_one_sentence
@@ -57,7 +57,7 @@ def test_a_yielding_cuff_is_on_a_bushing_and_its_migration_in_the_cord(tmp_path:
 def test_a_model_with_the_suit_is_refused_where_another_would_be_added(tmp_path: Path) -> None:
     written(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="elbow"), tmp_path)
     with raises_refusal(SolverCode.UNSUPPORTED, "without the suit"):
-        model_of(str(tmp_path / "out" / "suited.osim"))
+        resolve_model(str(tmp_path / "out" / "suited.osim"))
 
 
 def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from solver.model import CoordinateActuator
 from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from station.assessment.given_motion import MotionCut, MuscleInputs
-from station.assessment.reserves import reserve_findings, unit_of
+from station.assessment.reserves import coordinate_unit, reserve_findings
 from station.assessment.rmr import SolvedMotion, left_out_findings, reserve_unit, solve_muscles
 from station.messages.assessment_messages import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, actuators, step_in
@@ -127,7 +127,7 @@ def test_the_unit_is_that_of_the_axes_that_a_coordinate_drives(step: Step) -> No
     """Also where OpenSim calls the motion coupled, as of the distances of gait2392, which have a scaled function."""
     model = read_osim(step.model)
     model = replace(model, coordinates=tuple(replace(one, motion="coupled") for one in model.coordinates))
-    units = {name: unit_of(model, index) for index, name in enumerate(model.coordinate_names)}
+    units = {name: coordinate_unit(model, index) for index, name in enumerate(model.coordinate_names)}
     assert {name for name, unit in units.items() if unit == "N"} == set(PELVIS[3:])
     assert set(units.values()) == {"N", "N m"}
     reserves = (CoordinateActuator("knee", model.coordinate_index(LEG[3]), 5.0),)

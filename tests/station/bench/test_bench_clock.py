@@ -27,7 +27,7 @@ from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
 from station.clock import ManualClock, RealClock, SteppedClock
 from station.config import StationConfig, parse_config
-from station.console.running_view import streams_of
+from station.console.running_view import streams_text
 from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from station.session.trial_daemon import Telemetry
@@ -114,8 +114,8 @@ def test_the_telemetry_has_the_rate_of_a_bench_that_is_too_slow(
             wall_s[0] += clock._step_s / 0.6
         telemetry = Telemetry(lambda _: None, None, config_for(bench.ports).calibration(), tmp_path, clock)
         line = telemetry._message()
-    assert streams_of(line).startswith("simulated bench runs at 0.60 of real time")
-    assert "real time" not in streams_of(line.model_copy(update={"slow_rate": None}))
+    assert streams_text(line).startswith("simulated bench runs at 0.60 of real time")
+    assert "real time" not in streams_text(line.model_copy(update={"slow_rate": None}))
 
 
 def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_path: Path) -> None:

@@ -17,10 +17,10 @@ from station.console.running_view import (
     emg_over_time,
     has_force,
     marker_roles,
-    markers_of,
-    motion_of,
-    state_of,
-    status_of,
+    markers_text,
+    motion_text,
+    state_text,
+    status_text,
 )
 from station.protocol import TrialSpec
 from station.session.guide import MotionGuide, guide_for
@@ -41,7 +41,7 @@ Run = Callable[[Callable[[], Awaitable[None]]], None]
     ],
 )
 def test_the_state_is_shown_with_its_time_and_the_problems_of_the_trial(telemetry: dict[str, Any], shown: str) -> None:
-    assert state_of(TrialTelemetry(**telemetry)) == shown
+    assert state_text(TrialTelemetry(**telemetry)) == shown
 
 
 def test_the_curves_count_from_the_sync_edge() -> None:
@@ -57,24 +57,24 @@ def test_the_curves_count_from_the_sync_edge() -> None:
 def test_a_line_at_zero_has_no_sign() -> None:
     live = LiveTrial(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
     live.latest = TrialTelemetry(sync_v=-0.001)
-    assert "sync line 0.00 V" in status_of(live)
+    assert "sync line 0.00 V" in status_text(live)
 
 
 def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
     spec = TrialSpec(None, "motion", 1, condition="tight")
     live = LiveTrial(spec, MotionGuide(3))
-    assert motion_of(live) == "\u2013 deg"
+    assert motion_text(live) == "\u2013 deg"
     live.elevation.append((1.0, 87.6))
     live.displacement.append((1.0, 3.0))
     emg_uv = {"deltoid": 120.4, "biceps": 4.0}
     live.latest = TrialTelemetry(state="recording", edge_s=0.5, recorded_s=1.0, emg_uv=emg_uv)
-    assert motion_of(live) == "88 deg" and curves_over_time(live)[1] == [(0.5, 87.6)]
+    assert motion_text(live) == "88 deg" and curves_over_time(live)[1] == [(0.5, 87.6)]
     live.update(live.latest.model_copy(update={"force": [(1.5, 2.0)]}), force_limits(wearer_config()))
     assert emg_over_time(live) == {"deltoid": [(1.0, 120.4)], "biceps": [(1.0, 4.0)]}
-    assert "EMG RMS [\u00b5V] deltoid 120, biceps 4" in status_of(live)
+    assert "EMG RMS [\u00b5V] deltoid 120, biceps 4" in status_text(live)
     live.mvc_uv = {"deltoid": 240.8, "biceps": 80.0}
     assert emg_over_time(live) == {"deltoid": [(1.0, 50.0)], "biceps": [(1.0, 5.0)]}
-    assert "EMG RMS [% of the MVC] deltoid 50, biceps 5" in status_of(live)
+    assert "EMG RMS [% of the MVC] deltoid 50, biceps 5" in status_text(live)
     live.mvc_uv = {"deltoid": 120.4}
     assert emg_over_time(live).keys() == {"deltoid"}
     roles = marker_roles(wearer_config(), spec)
@@ -85,7 +85,7 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
         False,
         True,
     ], "no chart of an idle load cell"
-    assert (markers_of(seen, roles), markers_of(seen, without)) == ("hidden: cord_arm", "marker ac seen")
+    assert (markers_text(seen, roles), markers_text(seen, without)) == ("hidden: cord_arm", "marker ac seen")
     assert (roles["ac"], roles["ij"], roles["cord_arm"]) == ("arm", "body", "suit") and "cuff_1" not in roles
 
 

@@ -17,7 +17,7 @@ from solver.bundled import bundled_model
 from solver.time_series_table import read_table, write_table
 from station.config import ConfigError
 from station.emg.emg_json import EmgTrialEntry, read_emg_document
-from station.emg.trials import EmgFileError, emg_of, read_emg_setup, read_emg_trial
+from station.emg.trials import EmgFileError, extract_emg, read_emg_setup, read_emg_trial
 from station.exit_code import DONE, FAILED
 from station.messages.emg_messages import EmgCode
 from tests.fitting.trial.test_analog_signals import MANIFEST, recorded
@@ -76,7 +76,7 @@ def test_a_recording_has_volts_at_the_electrodes_from_the_sync_edge_on() -> None
     emg = tracks["/emg"]
     arrays = {name: getattr(emg, name)[kept] for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")}
     wearer = build_wearer_trial(MANIFEST, tracks | {"/emg": replace(emg, **arrays)}, "motion.mcap", "0" * 64)
-    trial = emg_of(wearer)
+    trial = extract_emg(wearer)
     spikes = np.flatnonzero(trial.values[:, 1] > 0)
     np.testing.assert_allclose(trial.start + spikes / trial.rate, np.arange(len(spikes)), atol=2e-3)
     assert trial.values[spikes, 1] == pytest.approx(1e-6)
@@ -87,7 +87,7 @@ def test_a_recording_has_volts_at_the_electrodes_from_the_sync_edge_on() -> None
 def test_a_recording_without_emg_on_the_markers_clock_is_refused_with_the_reason() -> None:
     wearer = build_wearer_trial(replace(MANIFEST, emg=EmgAmplifier("lsl")), recorded(), "motion.mcap", "0" * 64)
     with raises_refusal(EmgCode.NO_EMG, kind=EmgFileError):
-        emg_of(wearer)
+        extract_emg(wearer)
 
 
 # The set-up of EMG: the default fits the bundled model, and a wrong name is refused with similar ones.

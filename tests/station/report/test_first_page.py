@@ -14,7 +14,7 @@ from station.charts.marks import Band
 from station.charts.svg import with_commands
 from station.messages.assessment_messages import AssessmentCode, DecisionCode
 from station.report.assessment_section import assessment_section, effort_figures
-from station.report.first_page import BUNDLED_SUIT, findings_of, first_page
+from station.report.first_page import BUNDLED_SUIT, first_page, other_findings
 from station.report.muscle_figures import cuffs_figure
 from station.report.numbers import figure, located, saving, saving_in_words
 from station.report.report_file import Source
@@ -156,7 +156,7 @@ def test_without_a_best_rest_length_the_answer_says_so() -> None:
 def test_limits_are_listed_by_their_codes_and_apart_from_the_findings() -> None:
     assessment = _assessment()
     assert first_page(assessment, {}).limits == ("50 draws", BUNDLED_SUIT)
-    assert findings_of(assessment) == ["hand differs"]
+    assert other_findings(assessment) == ["hand differs"]
 
 
 @pytest.mark.parametrize(

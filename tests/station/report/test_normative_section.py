@@ -10,7 +10,7 @@ import pytest
 
 from fitting.cuffs.cuffs_file import cuffs_json
 from recordings.manifest import DataOrigin
-from station.files.chain import chain_of
+from station.files.chain import trace_chain
 from station.messages.study_messages import StudyCode
 from station.report.cuff_section import adopt_normative, normative_section
 from station.report.page import write_report
@@ -67,7 +67,7 @@ def test_the_table_is_kept_with_the_session_shown_and_verified(table: Path, tmp_
     assert "report.json ← normative.json, 6 numbers" in {
         link.what for link in number_links(folder) if link.standing == "as recorded"
     }
-    links = {link.what: link.standing for link in chain_of(folder)}
+    links = {link.what: link.standing for link in trace_chain(folder)}
     assert links["normative.json"] == "as recorded"
     adopt_normative(folder / "normative.json", folder)
     assert (folder / "normative.json").read_bytes() == table.read_bytes()

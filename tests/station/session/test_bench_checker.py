@@ -17,7 +17,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.check import OPEN_S, CheckResult, inspect_bench_and_zero, survey_devices
 from station.clock import ManualClock
 from station.config import StationConfig
-from station.console.setup_view import verdict_of
+from station.console.setup_view import check_verdict
 from station.messages.bench_messages import CheckCode
 from station.messages.session_messages import CommandCode
 from station.session.controller import BenchChecker
@@ -56,7 +56,7 @@ def test_the_worst_result_comes_first_and_is_the_verdict() -> None:
     assert checker.grade is None
     asyncio.run(checker.wait())
     assert checker.results[:2] == (BAD, DOUBTFUL) and checker.results[-1] == GOOD and checker.grade == "bad"
-    assert verdict_of(checker.grade, checker.results) == "not ready: 1 problem"
+    assert check_verdict(checker.grade, checker.results) == "not ready: 1 problem"
 
 
 def test_several_pages_wait_for_one_check() -> None:

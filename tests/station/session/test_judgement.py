@@ -28,7 +28,7 @@ from station.session.fitted_judgement import judge_recording
 from station.session.judgement import Judgement, judgement_without_fit, notes_at_the_bench
 from tests.station.foreign import static_and_dynamic
 
-FIT = "station.session.fitted_judgement.fit_donning_of"
+FIT = "station.session.fitted_judgement.fit_trial_donning"
 STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
 
 

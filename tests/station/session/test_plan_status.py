@@ -129,7 +129,7 @@ def test_the_recordings_kept_of_a_trial_are_accepted_and_not_redone() -> None:
 
 def test_every_trial_of_the_plan_has_a_state(session) -> None:
     plan = session((recorded("hand", "static"), ACCEPT), setup=ONE_CUFF, skipped=frozenset({session().trials[1]}))
-    assert [plan.state_of(trial) for trial in plan.trials] == ["kept", "skipped", "next", "to come"]
+    assert [plan.trial_state(trial) for trial in plan.trials] == ["kept", "skipped", "next", "to come"]
 
 
 def test_a_skipped_trial_is_not_next_and_counts_as_skipped_until_it_is_recorded(session) -> None:

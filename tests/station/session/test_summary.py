@@ -188,7 +188,7 @@ def earlier(folder: Path, *cuffs: str) -> EarlierSessions:
 def test_the_first_session_has_the_plan_of_the_configuration(tmp_path: Path) -> None:
     suggested = earlier(tmp_path, "hand", "waist")
     assert suggested.setup == Setup("", "", ("hand", "waist"), 2, False, "1", (1.5,), ("unsuited", "tight"))
-    assert (suggested.number_of("P01"), suggested.wearer("P01")) == ("1", Subject())
+    assert (suggested.next_number("P01"), suggested.wearer("P01")) == ("1", Subject())
 
 
 def test_the_last_plan_is_suggested_without_what_the_configuration_no_longer_has(tmp_path: Path) -> None:
@@ -203,7 +203,7 @@ def test_the_next_number_of_the_subject_is_suggested(tmp_path: Path, used: tuple
     for hour, number in enumerate(used):
         add_session(tmp_path, Setup("P01", "", ("hand",), 1, number=number), hour)
     add_session(tmp_path, Setup("P02", "", ("hand",), 1, number="7"), 9)
-    assert earlier(tmp_path, "hand").number_of("P01") == suggested
+    assert earlier(tmp_path, "hand").next_number("P01") == suggested
 
 
 def test_the_laboratory_is_that_of_the_last_wearer_and_the_mass_of_the_same_one(tmp_path: Path) -> None:

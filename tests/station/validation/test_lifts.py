@@ -26,7 +26,7 @@ from station.validation.lifts import (
     SolvedVariant,
     ValidationFileError,
     find_lifts,
-    findings_of,
+    lift_findings,
     read_lift,
     read_published_force,
     solve_variant,
@@ -290,11 +290,11 @@ def test_files_whose_names_or_markers_are_unusual_are_named(tmp_path: Path) -> N
 def test_degrees_under_a_header_of_radians_are_a_finding_of_the_lift(tmp_path: Path) -> None:
     copied(tmp_path, "S8R_back")
     motion = tmp_path / "S8R_back.mot"
-    assert AssessmentCode.BEYOND_RANGE not in {one.code for one in findings_of(read_lift(tmp_path, "S8R_back", ()))}
+    assert AssessmentCode.BEYOND_RANGE not in {one.code for one in lift_findings(read_lift(tmp_path, "S8R_back", ()))}
     text = motion.read_text(encoding="utf-8")
     assert "inDegrees=yes" in text
     motion.write_text(text.replace("inDegrees=yes", "inDegrees=no"), encoding="utf-8")
-    assert AssessmentCode.BEYOND_RANGE in {one.code for one in findings_of(read_lift(tmp_path, "S8R_back", ()))}
+    assert AssessmentCode.BEYOND_RANGE in {one.code for one in lift_findings(read_lift(tmp_path, "S8R_back", ()))}
 
 
 @pytest.mark.shared
