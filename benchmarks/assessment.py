@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from documents.interval import plus_minus
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.model import Model
@@ -86,15 +87,13 @@ def published_cuffs(relative_errors: Sequence[float]) -> list[CuffParameters]:
 
 
 def print_cells(found: Assessment) -> None:
-    print("condition      cuff    cost at 0.74 m   best L0 [m]      cost there       width [cm]      (published)")
+    print("| condition | arm cuff | cost at 0.74 m | best rest length [m] | cost there | width [cm] |")
+    print("|---|---|---|---|---|---|")
     for curve in found.curves:
-        published = PUBLISHED[curve.condition, curve.cuff]
-        cells = []
-        for (name, scale), theirs in zip(READINGS, published, strict=True):
-            value = curve.figures[name].value
-            ours = "-" if value is None else f"{scale * value:.3f}"
-            cells.append(f"{ours:>6} ({theirs:.3f})")
-        print(f"{curve.condition:14} {curve.cuff or '':6} {'  '.join(cells)}")
+        published = zip(READINGS, PUBLISHED[curve.condition, curve.cuff], strict=True)
+        figures = [(curve.figures[name], scale, known) for (name, scale), known in published]
+        cells = [f"{plus_minus(one.value or np.nan, one.ci95, scale, 3)} ({known:g})" for one, scale, known in figures]
+        print(f"| {curve.condition} | {curve.cuff or ''} | {' | '.join(cells)} |")
 
 
 def print_reductions(found: Assessment) -> None:

@@ -28,8 +28,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.assessment import PUBLISHED, READINGS, published_cuffs
-from documents.interval import plus_minus
+from benchmarks.assessment import print_cells, published_cuffs
 from fitting.uncertainty import NORMAL_95
 from solver.bundled import bundled_model
 from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
@@ -40,7 +39,7 @@ from solver.personalisation.segment_masses import set_arm_masses
 from solver.personalisation.wearer_motion import smooth_wearer
 from solver.scaling import Scaling, scale_model
 from solver.stream.stream_solver import StreamSolver
-from solver.suit.assessment import Assessment, assess
+from solver.suit.assessment import assess
 from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit, read_suit
@@ -89,7 +88,9 @@ def main() -> None:
     spent = str(whole)
     if people is None or found.uncertainty is None:
         raise SystemExit("no source of uncertainty varies")
-    print_tables(found)
+    used = found.uncertainty
+    print(f"{used.people} people, {used.solved} solved; ± is half of the 95 % interval\n")
+    print_cells(found)
     decision = decision_entry(found.uncertainty, people.indices, assessment.reference_rest_length)
     for basis, entry in (("at_reference", decision.at_reference), ("at_best", decision.at_best)):
         print(f"\n{basis}: {entry.text}")
@@ -116,18 +117,6 @@ class Clock:
         if done == total:
             print(f"{stage}: {total} in {self}", flush=True)
             self.began = time.perf_counter(), time.process_time()
-
-
-def print_tables(found: Assessment) -> None:
-    if found.uncertainty:
-        print(f"{found.uncertainty.people} people, {found.uncertainty.solved} solved; ± is half of the 95 % interval\n")
-    print("| condition | arm cuff | cost at 0.74 m | best rest length [m] | cost there | width [cm] |")
-    print("|---|---|---|---|---|---|")
-    for curve in found.curves:
-        published = zip(READINGS, PUBLISHED[curve.condition, curve.cuff], strict=True)
-        figures = [(curve.figures[name], scale, known) for (name, scale), known in published]
-        cells = [f"{plus_minus(one.value or np.nan, one.ci95, scale, 3)} ({known:g})" for one, scale, known in figures]
-        print(f"| {curve.condition} | {curve.cuff or ''} | {' | '.join(cells)} |")
 
 
 def print_indices(people: DrawnPeople) -> None:
