@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, ValidationError
 
+from documents.message import Figures, because
 from documents.plain_data import PlainDataError, shortened
-from documents.regular_file import describe_failure
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 """A finite number; texts and Booleans are refused."""
@@ -48,9 +48,9 @@ DOCUMENT_ERRORS = (OSError, PlainDataError, ValidationError)
 """Of a document that cannot be read, parsed or validated."""
 
 
-def describe_document_error(error: Exception) -> str:
-    """Why a document cannot be used, one of DOCUMENT_ERRORS, without its path."""
-    return describe_error(error) if isinstance(error, ValidationError) else describe_failure(error)
+def invalid_because(error: Exception) -> Figures:
+    """Figures of the cause of a message: why a document cannot be used, one of DOCUMENT_ERRORS, without its path."""
+    return {"reason": describe_error(error)} if isinstance(error, ValidationError) else because(error)
 
 
 def describe_error(error: ValidationError, *, context: str = "") -> str:

@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from documents.message import Figures, Message, because
-from documents.plain_data import PlainDataError, read_toml
+from documents.plain_data import read_toml
 from documents.regular_file import LARGEST_TABLE, read_regular
-from documents.validation import describe_error
+from documents.validation import DOCUMENT_ERRORS, invalid_because
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, Cuff, NotIdentified, with_interval_covariance
 from fitting.laws.model_class import SLIP
@@ -281,11 +281,8 @@ def read_effort(path: Path) -> EffortWeights:
     """Read effort.toml. Raises EffortError."""
     try:
         return EffortWeights.model_validate(read_toml(path))
-    except (OSError, PlainDataError) as error:
-        raise EffortError(Message(InputCode.EFFORT, {"path": str(path), **because(error)})) from error
-    except ValidationError as error:
-        reason = describe_error(error)
-        raise EffortError(Message(InputCode.EFFORT, {"path": str(path), "reason": reason})) from error
+    except DOCUMENT_ERRORS as error:
+        raise EffortError(Message(InputCode.EFFORT, {"path": str(path), **invalid_because(error)})) from error
 
 
 class EmgError(StationError):

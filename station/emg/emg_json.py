@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from documents.interval import bracketed, counted
 from documents.message import Message, because
 from documents.plain_data import read_json
-from documents.validation import DOCUMENT_ERRORS, describe_document_error
+from documents.validation import DOCUMENT_ERRORS, invalid_because
 from fitting.emg.change import RepeatUnit
 from fitting.emg.channels import UNUSABLE, ChannelFinding
 from fitting.emg.envelopes import resampled
@@ -189,7 +189,7 @@ def read_emg_document(path: Path) -> EmgDocument:
         figures = {"path": str(path), **because(error)}
         raise EmgFileError(Message(EmgCode.UNREADABLE, figures)) from error
     except DOCUMENT_ERRORS as error:
-        figures = {"path": str(path), "reason": describe_document_error(error)}
+        figures = {"path": str(path), **invalid_because(error)}
         raise EmgFileError(Message(EmgCode.WRONG_DOCUMENT, figures)) from error
 
 

@@ -16,7 +16,7 @@ from pydantic import Field, model_serializer, model_validator
 
 from documents.message import Figures, Message, because
 from documents.plain_data import read_toml
-from documents.validation import DOCUMENT_ERRORS, Positive, Section, describe_document_error
+from documents.validation import DOCUMENT_ERRORS, Positive, Section, invalid_because
 from fitting.emg.envelopes import MVC_WINDOW_S, PUBLISHED, EmgTrial, EnvelopeSettings
 from fitting.emg.shape import MAX_LAG_S
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
@@ -232,7 +232,7 @@ def read_emg_setup(path: Path | None) -> EmgSetup:
         figures = {"path": str(path), **because(error)}
         raise ConfigError(Message(EmgCode.SETUP_UNREADABLE, figures)) from error
     except DOCUMENT_ERRORS as error:
-        figures = {"path": str(path), "reason": describe_document_error(error)}
+        figures = {"path": str(path), **invalid_because(error)}
         raise ConfigError(Message(EmgCode.SETUP_WRONG, figures)) from error
 
 

@@ -7,11 +7,11 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from documents.message import Message, because
-from documents.plain_data import PlainDataError, parse_toml, read_toml
-from documents.validation import Section, Vector, describe_error
+from documents.message import Message
+from documents.plain_data import parse_toml, read_toml
+from documents.validation import DOCUMENT_ERRORS, Section, Vector, invalid_because
 from solver.model import Marker, Model
 from solver.osim.model_writer import with_markers
 from station.errors import StationError
@@ -70,11 +70,8 @@ def read_marker_set(name: str) -> LabelledMarkers:
         return _published()[name]
     try:
         return LabelledMarkers.model_validate(read_toml(Path(name)))
-    except (PlainDataError, OSError) as error:
-        raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, **because(error)})) from error
-    except ValidationError as error:
-        reason = describe_error(error)
-        raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, "reason": reason})) from error
+    except DOCUMENT_ERRORS as error:
+        raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, **invalid_because(error)})) from error
 
 
 def place_marker_set(model: Model, name: str) -> PlacedMarkers:

@@ -377,7 +377,6 @@ class AssessmentFileCode(Code):
     NOT_JSON = "assessment_file.not_json", "{path} {reason}" + _REMEDY
     NOT_AN_OBJECT = "assessment_file.not_an_object", "{path}: the document is {found}, expected an object" + _REMEDY
     INVALID_ENTRY = "assessment_file.invalid_entry", "{path}: {reason}" + _REMEDY
-    NO_RIGID_CUFFS = "assessment_file.no_rigid_cuffs", _FOUND + "rigid cuffs among it" + _REMEDY
     OTHER_CUFFS = "assessment_file.other_cuffs", _FOUND + "the cuffs {cuffs}" + _REMEDY
     OTHER_CONDITIONS = "assessment_file.other_conditions", _FOUND + "{conditions}" + _REMEDY
     COST_MISSING = "assessment_file.cost_missing", _FOUND + "a cost for every rest length" + _REMEDY

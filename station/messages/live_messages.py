@@ -30,7 +30,6 @@ class LiveCode(Code):
         "the labels under [markers] in subject.toml",
     )
     WAITING = "live.waiting", "waiting for the first frame of the cameras"
-    STARTING = "live.starting", "preparing the body and its muscles; frames before that are not solved"
     WEARER_LEFT = (
         "live.wearer_left",
         "no marker of the body has been seen for {seconds:.1f} s: the wearer is outside the volume; values resume "

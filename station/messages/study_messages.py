@@ -31,7 +31,6 @@ class StudyCode(Code):
     )
     UNREADABLE = "study.session_unreadable", "{session} is left out: {reason}"
     NOT_IDENTIFIED = "study.not_identified", "{session}: {quantity} of {cuff}, donning {donning}, is left out: {reason}"
-    WRONG_FILE = "study.wrong_file", "{path} is not a study: {reason}; make it again with `station study`"
     WRONG_NORMATIVE = (
         "normative.wrong_file",
         "{path} cannot be used as a normative table: {reason}; give a normative.json of `station study`",

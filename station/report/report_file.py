@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from documents.message import Message
 from documents.plain_data import read_json
-from documents.validation import DOCUMENT_ERRORS, describe_document_error
+from documents.validation import DOCUMENT_ERRORS, invalid_because
 from recordings.manifest import DataOrigin
 from station.errors import StationError
 from station.messages.file_messages import NumberCode
@@ -132,5 +132,5 @@ def read_numbers(path: Path) -> ReportDocument:
     try:
         return ReportDocument.model_validate(read_json(path))
     except DOCUMENT_ERRORS as error:
-        figures = {"file": str(path), "reason": describe_document_error(error)}
+        figures = {"file": str(path), **invalid_because(error)}
         raise ReportFileError(Message(NumberCode.FILE, figures)) from error

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import between, bracketed, shown
 from documents.message import Message
 from documents.plain_data import read_json
-from documents.validation import DOCUMENT_ERRORS, describe_document_error
+from documents.validation import DOCUMENT_ERRORS, invalid_because
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.cuff_study import (
     Agreement,
@@ -55,7 +55,6 @@ OPEN = "not estimated"
 STUDY_FILE = "study.json"
 NORMATIVE_FILE = "normative.json"
 NORMATIVE_FORMAT: Literal[1] = 1
-Document = TypeVar("Document", bound=BaseModel)
 
 
 class _Entry(BaseModel):
@@ -212,11 +211,6 @@ def write_study(folder: Path, document: StudyDocument) -> Path:
     write_whole(folder / STUDY_FILE, text + "\n")
     write_checksums(folder / STUDY_FILE)
     return folder / STUDY_FILE
-
-
-def read_study(path: Path) -> StudyDocument:
-    """Raises StudyError for what `station study` would not write."""
-    return _read(path, StudyDocument, StudyCode.WRONG_FILE)
 
 
 def _quantity(found: CuffStudy) -> QuantityEntry:
@@ -376,12 +370,7 @@ def write_normative(study: Path, document: StudyDocument) -> Path:
 
 def read_normative(path: Path) -> NormativeDocument:
     """Raises StudyError for what `station study` would not write."""
-    return _read(path, NormativeDocument, StudyCode.WRONG_NORMATIVE)
-
-
-def _read(path: Path, document: type[Document], code: StudyCode) -> Document:
     try:
-        return document.model_validate(read_json(path))
+        return NormativeDocument.model_validate(read_json(path))
     except DOCUMENT_ERRORS as error:
-        figures = {"path": str(path), "reason": describe_document_error(error)}
-        raise StudyError(Message(code, figures)) from error
+        raise StudyError(Message(StudyCode.WRONG_NORMATIVE, {"path": str(path), **invalid_because(error)})) from error

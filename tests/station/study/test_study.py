@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from documents.message import Message
 from fitting.study.cuff_study import ComparisonOutcome, ReliabilityOutcome, StudyOutcome
@@ -24,7 +25,6 @@ from station.study.study_document import (
     StudyDocument,
     make_study,
     read_normative,
-    read_study,
     study_document,
 )
 from station.study.study_page import forest_chart
@@ -77,7 +77,7 @@ def test_the_verb_writes_study_normative_table_and_page(
 ) -> None:
     ran = station("study", folder, "--output", tmp_path)
     assert ran.code == 0, ran.err
-    written = read_study(tmp_path / "study.json")
+    written = StudyDocument.model_validate_json((tmp_path / "study.json").read_bytes())
     normative = read_normative(tmp_path / "normative.json")
     entry, found = normative.cuffs["hand"]["stiffness"], written.cuffs["hand"]["stiffness"]
     assert normative.study_sha256 == sha256_of(tmp_path / "study.json")
@@ -189,9 +189,10 @@ def test_the_bands_of_a_forest_plot_have_colours_of_their_own(document: StudyDoc
 
 def test_another_file_is_no_study_and_no_normative_table(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text('{"format": 2}', encoding="utf-8")
-    for read, code in ((read_study, "study.wrong_file"), (read_normative, "normative.wrong_file")):
-        with raises_refusal(code, kind=StudyError):
-            read(tmp_path / "other.json")
+    with pytest.raises(ValidationError):
+        StudyDocument.model_validate_json((tmp_path / "other.json").read_bytes())
+    with raises_refusal("normative.wrong_file", kind=StudyError):
+        read_normative(tmp_path / "other.json")
 
 
 def test_two_volunteers_have_an_interval_with_one_degree_of_freedom(tmp_path: Path) -> None:
