@@ -44,6 +44,12 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class FiniteSection(Section):
+    """A table whose numbers are finite."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
 DOCUMENT_ERRORS = (OSError, PlainDataError, ValidationError)
 """Of a document that cannot be read, parsed or validated."""
 

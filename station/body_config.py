@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from documents.validation import Section
 from recordings.manifest import BodyMarkers, EmgAmplifier, TrialCondition
 from station.protocol import SUITED
 
 Positive = Annotated[float, Field(gt=0)]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class BodySection(_Section):
+class BodySection(Section):
     """Markers on the wearer's body and on the suit, and how long a pose and a motion trial last.
 
     The elevation of the arm is the angle between arm (shoulder, elbow) and trunk (from top to bottom), both
@@ -62,14 +59,14 @@ class BodySection(_Section):
         return BodyMarkers(self.markers, suit, self.arm, self.trunk, is_suited and self.is_cord_measured)
 
 
-class EmgChannelSection(_Section):
+class EmgChannelSection(Section):
     """One channel of EMG: an input of the DAQ or a channel's label in the outlet, and the gain of its amplifier."""
 
     input: str = Field(min_length=1)
     gain: Positive = 1.0  # volts at the input = gain × volts at the electrodes
 
 
-class EmgSection(_Section):
+class EmgSection(Section):
     """EMG of pose and motion trials: from the DAQ's spare inputs, or from an outlet of the Lab Streaming Layer.
 
     Without a list of channels, all channels of an outlet are recorded under their own labels.
@@ -107,7 +104,7 @@ class EmgSection(_Section):
         return EmgAmplifier(self.source, gains, threshold, self.lag_s, self.lag_sd_s)
 
 
-class AnalogSection(_Section):
+class AnalogSection(Section):
     """A further differential input of the DAQ, recorded in volts with every pose and motion trial."""
 
     input: str = Field(min_length=1)

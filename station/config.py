@@ -15,12 +15,12 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
 from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_toml
-from documents.validation import UNKNOWN_KEY, describe_error
+from documents.validation import UNKNOWN_KEY, FiniteSection, Section, describe_error
 from documents.validation import Positive as StrictPositive
 from recordings.manifest import (
     BodyMarkers,
@@ -51,10 +51,8 @@ NAME_FIELDS = ("subject", "session", "test", "cuff", "run")
 NO_BODY = ("source", "markers")
 
 
-class LiveSection(BaseModel):
+class LiveSection(Section):
     """What is solved live in pose and motion trials, and where it goes besides the views."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     enabled: bool = False
     lag_s: float = Field(default=0.15, ge=0, le=0.2)  # of the smoother: more lag, more accurate (docs/live.md)
@@ -83,11 +81,7 @@ class ConfigError(StationError):
     exit_code = WRONG_USAGE
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class DaqSection(_Section):
+class DaqSection(FiniteSection):
     device: str = "Dev1"
     grpc_target: str | None = None
     force_channel: str = "ai0"
@@ -98,7 +92,7 @@ class DaqSection(_Section):
     start: Literal["sync_edge", "pfi0"] = "sync_edge"
 
 
-class LoadCellSection(_Section):
+class LoadCellSection(FiniteSection):
     source: Literal["daq", "serial"] = "daq"
     capacity_kg: Positive = 50.0
     full_scale_v: Positive = 5.0
@@ -133,7 +127,7 @@ class LoadCellSection(_Section):
         return self
 
 
-class SyncSection(_Section):
+class SyncSection(FiniteSection):
     threshold_v: float = 2.5
     timeout_s: Positive = 60.0
     lag_s: float = 0.0  # a force sample stamped t was taken at t + lag_s by the markers' clock
@@ -148,14 +142,14 @@ class SyncSection(_Section):
         return self
 
 
-class MocapSection(_Section):
+class MocapSection(FiniteSection):
     host: str = "127.0.0.1"
     port: int = Field(default=22223, ge=0, le=65_535)
     control: Literal["none", "start"] = "none"
     password: str = ""
 
 
-class CuffSection(_Section):
+class CuffSection(FiniteSection):
     """The markers of one cuff. anchor_preset, with label_prefix, stands for anchor_markers (marker_presets.toml)."""
 
     site: Literal["arm", "waist"]
@@ -186,7 +180,7 @@ class CuffSection(_Section):
         return labels
 
 
-class ProtocolSection(_Section):
+class ProtocolSection(FiniteSection):
     """The published plan: static, dynamic and a pause, three times, every cuff donned once.
 
     step_masses_kg: weights of a static test in the order of loading; the fit compares every load step with them.
@@ -199,7 +193,7 @@ class ProtocolSection(_Section):
     swing_s: Positive = 20.0  # least duration of a dynamic test
 
 
-class SafetySection(_Section):
+class SafetySection(FiniteSection):
     """Limits of the alarms of the console: force at the cuff [N] and its rate [N/s].
 
     The force ceiling is at most 80 % of the capacity of the load cell.
@@ -209,7 +203,7 @@ class SafetySection(_Section):
     force_rate_ceiling_n_per_s: Positive = 500.0
 
 
-class SessionSection(_Section):
+class SessionSection(FiniteSection):
     """Folders and file names of sessions: one folder per subject and session."""
 
     folder: Path = Path("sessions")
@@ -239,7 +233,7 @@ class SessionSection(_Section):
         return template
 
 
-class StationConfig(_Section):
+class StationConfig(FiniteSection):
     daq: DaqSection = DaqSection()
     load_cell: LoadCellSection = LoadCellSection()
     sync: SyncSection = SyncSection()

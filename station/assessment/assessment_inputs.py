@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from documents.message import Figures, Message, because
 from documents.plain_data import read_toml
 from documents.regular_file import LARGEST_TABLE, read_regular
-from documents.validation import DOCUMENT_ERRORS, invalid_because
+from documents.validation import DOCUMENT_ERRORS, Section, invalid_because
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, Cuff, NotIdentified, with_interval_covariance
 from fitting.laws.model_class import SLIP
@@ -257,10 +257,8 @@ class EffortError(StationError):
     """The weights of the effort cannot be used."""
 
 
-class EffortWeights(BaseModel):
+class EffortWeights(Section):
     """The keys of effort.toml."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     muscle_weight: Weight = 1.0
     reserve_weight: Weight = 10.0

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from documents.interval import bracketed, counted
 from documents.message import Message, because
 from documents.plain_data import read_json
-from documents.validation import DOCUMENT_ERRORS, invalid_because
+from documents.validation import DOCUMENT_ERRORS, Section, invalid_because
 from fitting.emg.change import RepeatUnit
 from fitting.emg.channels import UNUSABLE, ChannelFinding
 from fitting.emg.envelopes import resampled
@@ -41,18 +41,14 @@ UNIT_TEXT = {"1": "fraction of the MVC", "V": "V", "": "unknown"}
 TableFormat = Literal["sto", "csv"]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class EmgFigure(_Entry):
+class EmgFigure(Section):
     """A number with its 95 % interval; null if it is unknown."""
 
     value: float | None
     ci95: tuple[float, float] | None = None
 
 
-class EmgShape(_Entry):
+class EmgShape(Section):
     """EMG beside the model's activation. lag_s is positive if EMG follows the model.
 
     Shapes are scaled from 0, the minimum of the curve in the trial, to 1, its maximum; they have no amplitude.
@@ -73,7 +69,7 @@ class EmgShape(_Entry):
         return self
 
 
-class EmgChannel(_Entry):
+class EmgChannel(Section):
     """A channel of a trial: findings, mean in `level_unit`, and muscles of the model at its electrodes."""
 
     channel: str
@@ -83,7 +79,7 @@ class EmgChannel(_Entry):
     shape: EmgShape | None
 
 
-class EmgFinding(_Entry):
+class EmgFinding(Section):
     """A finding on a trial or on its activations: its code, and the figures of its sentence."""
 
     code: EmgCode
@@ -93,11 +89,11 @@ class EmgFinding(_Entry):
         return str(Message(self.code, self.figures))
 
 
-class EmgTrialEntry(_Entry):
+class EmgTrialEntry(Section):
     name: str
     condition: Literal["condition", "reference"]
     channels: list[EmgChannel]
-    findings: list[EmgFinding] = []
+    findings: list[EmgFinding] = Field(default_factory=list)
 
     @property
     def compared(self) -> list[EmgChannel]:
@@ -111,7 +107,7 @@ class EmgTrialEntry(_Entry):
         return is_read and not any(UNUSABLE & set(channel.findings) for channel in self.channels)
 
 
-class EmgPooledEntry(_Entry):
+class EmgPooledEntry(Section):
     """Correlation and lag of a channel over the trials of a condition, and the number of trials in each."""
 
     condition: Literal["condition", "reference"]
@@ -122,7 +118,7 @@ class EmgPooledEntry(_Entry):
     trials_of_lag: int
 
 
-class EmgChangeEntry(_Entry):
+class EmgChangeEntry(Section):
     """Ratio of EMG in the condition to the reference, and the same of the model's activations.
 
     repeats and repeat_units: of the reference and of the condition. Cycles of a single trial do not contain the
@@ -137,7 +133,7 @@ class EmgChangeEntry(_Entry):
     repeat_units: Annotated[list[RepeatUnit], Field(min_length=2, max_length=2)]
 
 
-class EmgDocument(_Entry):
+class EmgDocument(Section):
     """emg.json: EMG beside the model's activations.
 
     `level_unit` is "1" for fractions of the MVC, "V", or "" if the files declare none; `setup` is the effective set-up,

@@ -16,13 +16,13 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from documents.interval import counted
 from documents.message import Message, because
 from documents.plain_data import PlainDataError, parse_toml, read_toml
 from documents.regular_file import read_regular
-from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
+from documents.validation import FiniteSection, NonNegative, Number, Positive, Section, Whole, describe_error
 from fitting.study.power import (
     SETTLING,
     ExpectedSpread,
@@ -135,11 +135,7 @@ def read_study_plan(path: Path) -> StudyPlan:
         raise StudyError(Message(PlanCode.WRONG_TABLE, figures)) from error
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class DesignEntry(_Entry):
+class DesignEntry(FiniteSection):
     """One design, in SI. Standard errors are those of one donning, from the noise of its trials."""
 
     outcome: DesignOutcome
@@ -157,7 +153,7 @@ class DesignEntry(_Entry):
     total_hours: float
 
 
-class StudyPlanDocument(_Entry):
+class StudyPlanDocument(FiniteSection):
     """plan.json: the designs of a study, the recommended one first, and the plan that they were computed from."""
 
     format: Literal[1]

@@ -16,12 +16,12 @@ from itertools import combinations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from documents.interval import between, bracketed, shown
 from documents.message import Message
 from documents.plain_data import read_json
-from documents.validation import DOCUMENT_ERRORS, invalid_because
+from documents.validation import DOCUMENT_ERRORS, FiniteSection, invalid_because
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.cuff_study import (
     Agreement,
@@ -57,18 +57,14 @@ NORMATIVE_FILE = "normative.json"
 NORMATIVE_FORMAT: Literal[1] = 1
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class StudyFigure(_Entry):
+class StudyFigure(FiniteSection):
     """A number with its 95 % interval; null where the design does not give it."""
 
     value: float | None
     ci95: tuple[float | None, float | None] | None = None
 
 
-class ComponentEntry(_Entry):
+class ComponentEntry(FiniteSection):
     """A variance component as standard deviation."""
 
     outcome: ComponentOutcome
@@ -77,7 +73,7 @@ class ComponentEntry(_Entry):
     confounded_with: list[str] = Field(default_factory=list)
 
 
-class ReliabilityEntry(_Entry):
+class ReliabilityEntry(FiniteSection):
     """Of one repeat in one donning by any operator: ICC(2,1), SEM, minimal detectable change."""
 
     outcome: ReliabilityOutcome
@@ -86,7 +82,7 @@ class ReliabilityEntry(_Entry):
     mdc: StudyFigure
 
 
-class AgreementEntry(_Entry):
+class AgreementEntry(FiniteSection):
     """Bland–Altman analysis; means and differences of the pairs. limits are null for fewer than three pairs."""
 
     means: list[float]
@@ -96,7 +92,7 @@ class AgreementEntry(_Entry):
     upper_limit: StudyFigure
 
 
-class QuantityEntry(_Entry):
+class QuantityEntry(FiniteSection):
     """One quantity of one cuff, in SI.
 
     noise_sd is the mean known standard error of one repeat; repeats the median number in a donning, to which the
@@ -125,7 +121,7 @@ class ComparisonEntry(CuffComparison, _OfQuantity):
     """second − first, over the volunteers who wore both."""
 
 
-class StudySessionEntry(_Entry):
+class StudySessionEntry(FiniteSection):
     """A session of the study, with the hash of its cuffs.json."""
 
     folder: str
@@ -135,14 +131,14 @@ class StudySessionEntry(_Entry):
     cuffs_sha256: str
 
 
-class LeftOutEntry(_Entry):
+class LeftOutEntry(FiniteSection):
     """What is left out, and why."""
 
     code: StudyCode
     figures: dict[str, float | str] = Field(default_factory=dict)
 
 
-class StudyDocument(_Entry):
+class StudyDocument(FiniteSection):
     """study.json: variance components, reliability and comparison of cuffs over volunteers, in SI."""
 
     format: Literal[1]
@@ -316,11 +312,7 @@ class NormativePlace(StrEnum):
     ABOVE = "above"
 
 
-class _StrictEntry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class NormativeEntry(_StrictEntry):
+class NormativeEntry(FiniteSection):
     """Mean over volunteers, and 95 % prediction interval of a new volunteer in one donning of `repeats` repeats, SI."""
 
     mean: float
@@ -337,7 +329,7 @@ class NormativeEntry(_StrictEntry):
         return NormativePlace.ABOVE if value > high else NormativePlace.WITHIN
 
 
-class NormativeDocument(_StrictEntry):
+class NormativeDocument(FiniteSection):
     """normative.json: cuff → quantity → mean and 95 % prediction interval; study_sha256 is the hash of study.json."""
 
     format: Literal[1]
