@@ -1,15 +1,11 @@
 """Processor time in which the library and the commands start, and of the first use on a machine.
 
     python -m benchmarks.start [--before CHECKOUT] [--first-use] [--wheel WHEEL] [--repeats 5]
-    python -m benchmarks.start --windows [--repeats 2]
 
 --before: a checkout of an earlier version, which runs in turn with this one; --first-use: `station rmr` with nothing
 compiled, in one process, because the others compile until the command ends; --wheel: the same with an installed wheel
 (python -m solver.kernel_wheel dist). Prints the least of the repeats and, with --before, the ratio. First use is
 measured once, and then with what it has compiled.
-
---windows: wall time of `station demo` on this system and with Windows' Python under Wine (.ci/windows-python), in turn,
-and the ratio of the shortest ones. A first demo on each system, which may compile, is not measured.
 """
 
 from __future__ import annotations
@@ -19,14 +15,12 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from station.exit_code import LOSSY
 
 ROOT = Path(__file__).parents[1]
-WINDOWS_PYTHON = str(ROOT / ".ci/windows-python")
 RECORDING = ROOT / "tests/recordings/golden/format_1.mcap"
 STATION = "from station.__main__ import main; main()"
 ALONE = f"import station.assessment.compilation as c; c.CompilationAhead.ensure_started = lambda _: None; {STATION}"
@@ -47,11 +41,7 @@ def main() -> None:
     parser.add_argument("--first-use", action="store_true")
     parser.add_argument("--wheel", type=Path)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--windows", action="store_true")
     options = parser.parse_args()
-    if options.windows:
-        _compare_systems(options.repeats)
-        return
     trees = [tree for tree in (options.before, ROOT) if tree is not None]
     for name, command in STARTS.items():
         seconds = [[_seconds(tree, command) for tree in trees] for _ in range(options.repeats)]
@@ -67,21 +57,6 @@ def main() -> None:
             first_s, later_s = _first_use(Path(installed))
         _print("the same, wheel, first use", [first_s])
         _print("the same, wheel, later", [later_s])
-
-
-def _compare_systems(repeats: int) -> None:
-    demos: dict[str, list[float]] = {sys.executable: [], WINDOWS_PYTHON: []}
-    for _ in range(repeats + 1):
-        for python, seconds in demos.items():
-            with tempfile.TemporaryDirectory() as folder:
-                begun_s = time.perf_counter()
-                command = [python, "-c", STATION, "demo", "--output", f"{folder}/demo"]
-                subprocess.run(command, cwd=ROOT, capture_output=True, check=True)  # noqa: S603
-                seconds.append(time.perf_counter() - begun_s)
-    here, windows = (seconds[1:] for seconds in demos.values())
-    print("this system:       ", ", ".join(f"{one:.1f} s" for one in here))
-    print("Windows under Wine:", ", ".join(f"{one:.1f} s" for one in windows))
-    print(f"ratio: {min(windows) / min(here):.2f}")
 
 
 def _print(name: str, seconds: Sequence[float]) -> None:

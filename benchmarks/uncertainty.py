@@ -88,8 +88,7 @@ def main() -> None:
     spent = str(whole)
     if people is None or found.uncertainty is None:
         raise SystemExit("no source of uncertainty varies")
-    used = found.uncertainty
-    print(f"{used.people} people, {used.solved} solved; ± is half of the 95 % interval\n")
+    print(f"{found.uncertainty.people} people, {found.uncertainty.solved} solved; ± is half of the 95 % interval\n")
     print_cells(found)
     decision = decision_entry(found.uncertainty, people.indices, assessment.reference_rest_length)
     for basis, entry in (("at_reference", decision.at_reference), ("at_best", decision.at_best)):
