@@ -10,7 +10,7 @@ joint. Thorax and forearm stay at the default posture.
 from __future__ import annotations
 
 import tomllib
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -197,10 +197,12 @@ CLOSED = 1e-10  # m
 MOST_STEPS = 20
 
 
+@lru_cache(maxsize=1)
 def simulate_arm_raise(model: Model) -> Motion:
     """From 15° of elevation to 100° and back in 6 s at 100 Hz, acromioclavicular gap below 1e-10 m.
 
-    Raises ModelError where the model lacks one of these coordinates, MotionError where its joint does not close.
+    The arrays are read-only: a second call for the same model returns the same motion. Raises ModelError where the
+    model lacks one of these coordinates, MotionError where its joint does not close.
     """
     share = _share_of_elevation()
     coordinates = np.tile(model.default_coordinates, (len(share), 1))
@@ -208,7 +210,10 @@ def simulate_arm_raise(model: Model) -> Motion:
     for name, (lowest, highest) in guided.items():
         coordinates[:, model.coordinate_index(name)] = np.radians(lowest + share * (highest - lowest))
     _close_joint(model, coordinates, [model.coordinate_index(name) for name in RHYTHM])
-    return Motion(model.coordinate_names, np.arange(len(share)) / RATE, coordinates)
+    time = np.arange(len(share)) / RATE
+    for array in (time, coordinates):
+        array.setflags(write=False)
+    return Motion(model.coordinate_names, time, coordinates)
 
 
 def _share_of_elevation() -> Array:

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 import scipy
@@ -113,7 +113,7 @@ def compare_classes(pulls: Sequence[SampledPull]) -> ModelComparison | None:
     for limit in limits:
         fitted = [extension for extension in chosen if extension is not slip]
         tried = [
-            (extension, _cross_validate(parts, (*fitted, extension)))
+            (extension, _cross_validate(parts, (*fitted, extension)) if chosen else scores[extension.name])
             for extension in extensions
             if extension not in chosen
         ]
@@ -256,40 +256,35 @@ def _cross_validate(parts: Sequence[_Part], extensions: Sequence[_Extension]) ->
 
 
 def _best(products: NDArray[np.float64], extensions: Sequence[_Extension]) -> NDArray[np.float64]:
-    """The row that maps columns to the residual force, for the best grid parameters with admissible signs."""
-    rows = [_fit(products, extensions, chosen) for chosen in product(*(extension.choices for extension in extensions))]
-    admissible = [row for row in rows if row is not None]
-    if not admissible:
-        return _best(products, extensions[:-1])
-    return min(admissible, key=lambda row: float(row @ products @ row))
+    """The row that maps columns to the residual force, for the best grid parameters with admissible signs.
 
-
-def _fit(
-    products: NDArray[np.float64], extensions: Sequence[_Extension], chosen: Sequence[tuple[int, ...]]
-) -> NDArray[np.float64] | None:
-    """1 for the force and minus the coefficients elsewhere; None if a coefficient has an inadmissible sign."""
-    used = [X, V, *(column for columns in chosen for column in columns)]
+    1 for the force and minus the coefficients elsewhere.
+    """
+    grid = [[X, V, *chain(*chosen)] for chosen in product(*(extension.choices for extension in extensions))]
+    is_signed = [False, False, *(extension.is_signed for extension in extensions for _ in extension.choices[0])]
+    used = np.array(grid)  # (choices, coefficients)
     scale = np.sqrt(np.diag(products)[used])
-    scale[scale < LEAST_SPREAD_RATIO * scale[0]] = np.inf
-    normal = products[np.ix_(used, used)] / np.outer(scale, scale)
-    solved = np.linalg.lstsq(normal, products[used, FORCE] / scale, rcond=1e-9)[0] / scale
-    row = np.zeros(len(products))
-    row[FORCE], row[used] = 1.0, -solved
-    signed = [
-        column
-        for extension, columns in zip(extensions, chosen, strict=True)
-        if extension.is_signed
-        for column in columns
-    ]
-    return None if np.any(row[signed] > 0) else row
+    scale[scale < LEAST_SPREAD_RATIO * scale[:, :1]] = np.inf
+    normal = products[used[:, :, None], used[:, None, :]] / (scale[:, :, None] * scale[:, None, :])
+    inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
+    solved = np.einsum("gij,gj->gi", inverse, products[used, FORCE] / scale) / scale
+    rows = np.zeros((len(used), len(products)))
+    rows[:, FORCE] = 1.0
+    np.put_along_axis(rows, used, -solved, axis=1)
+    is_admissible = np.all(solved[:, is_signed] >= 0, axis=1)
+    if not is_admissible.any():
+        return _best(products, extensions[:-1])
+    squares = np.einsum("gi,gi->g", rows @ products, rows)
+    return np.asarray(rows[np.argmin(np.where(is_admissible, squares, np.inf))])
 
 
 def _responses(pulls: Sequence[SampledPull]) -> Mapping[str, list[list[list[NDArray[np.float64]]]]]:
     """Extension → grid parameter → record → columns (n,)."""
     spread = float(np.std(np.concatenate([pull.displacement[pull.kept] for pull in pulls])))
+    plays = [_play(pull) for pull in pulls]
     return {
         STIFFENING: [[_powers(pull, _stiffness(pulls)) for pull in pulls]],
-        FRICTION: [[[_stop(pull, part * spread)] for pull in pulls] for part in YIELDS],
+        FRICTION: [[[_stop(play, part * spread)] for play in plays] for part in YIELDS],
         "standard linear solid": [[[_relax(pull, time)] for pull in pulls] for time in FAST],
         "creep": [[[_relax(pull, time)] for pull in pulls] for time in SLOW],
         SLIP: [[[column] for column in columns] for columns in _slips(pulls)],
@@ -310,16 +305,28 @@ def _powers(pull: SampledPull, stiffness: float) -> list[NDArray[np.float64]]:
     return [y**2, y**3]
 
 
-def _stop(pull: SampledPull, reach: float) -> NDArray[np.float64]:
-    """Stop operator with limit `reach` of the displacement after a play operator."""
-    play_output, z = pull.displacement[0], 0.0
-    found = np.empty(len(pull.time))
-    for i, x in enumerate(pull.displacement.tolist()):
-        moved = max(x - pull.play, min(play_output, x + pull.play)) - play_output
-        play_output += moved
-        z = max(-reach, min(z + moved, reach))
-        found[i] = z
-    return found
+def _play(pull: SampledPull) -> list[float]:
+    """Increments (n,) [m] of the displacement after a play operator, which removes its noise."""
+    output = float(pull.displacement[0])
+    increments = []
+    for x in pull.displacement.tolist():
+        moved = max(x - pull.play, min(output, x + pull.play)) - output
+        output += moved
+        increments.append(moved)
+    return increments
+
+
+def _stop(increments: Sequence[float], reach: float) -> NDArray[np.float64]:
+    """Stop operator with limit `reach`, of increments (n,)."""
+    z, found = 0.0, []
+    for moved in increments:
+        z += moved
+        if z > reach:
+            z = reach
+        elif z < -reach:
+            z = -reach
+        found.append(z)
+    return np.array(found)
 
 
 def _relax(pull: SampledPull, time: float) -> NDArray[np.float64]:

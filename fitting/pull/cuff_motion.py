@@ -99,13 +99,13 @@ HAMPEL_FACTOR, HAMPEL_FLOOR = 6.0, 1e-3
 """A position is a ghost if its distance from the median of its neighbours exceeds 6 robust sd, and 1 mm."""
 
 
-def rigid_without_ghosts(reference: Array, points: Array) -> tuple[Array, NDArray[np.int64], Pose]:
+def rigid_without_ghosts(reference: Array, points: Array, pose: Pose) -> tuple[Array, NDArray[np.int64], Pose]:
     """Points (frames, markers, 3) of a rigid cluster with NaN for ghosts, their number (markers,), and the pose.
 
+    pose is that of the points, ghosts included.
     A frame that does not fit the reference (markers, 3) is repaired by leaving out one marker, or by exchanging or
     rotating labels. If neither helps, the wrong marker cannot be determined, and the whole frame is NaN.
     """
-    pose = fit_pose(reference, points)
     residual = pose.residual
     none = np.zeros(points.shape[1], np.int64)
     if not np.isfinite(residual).any():
@@ -144,9 +144,8 @@ def _best(candidates: Array, compute_residual: ResidualFunction, limit: float) -
     return candidates[best, frames], remaining[best, frames] <= limit
 
 
-def _with_labels_restored(points: Array, compute_residual: ResidualFunction) -> Array:
-    """Points (frames, markers, 3), exchanged labels as in the reference of compute_residual."""
-    residual = compute_residual(points)
+def _with_labels_restored(points: Array, residual: Array, compute_residual: ResidualFunction) -> Array:
+    """Points (frames, markers, 3), whose residual (frames,) is given, exchanged labels as in the reference."""
     if points.shape[1] < 2 or not np.isfinite(residual).any():
         return points
     limit = _largest_residual(points, residual, compute_residual)
@@ -394,8 +393,8 @@ def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     """The motion of a trial relative to the reference of its donning, without ghosts."""
     site = trial.cuff
     of_trial = trial.positions(site.anchor_markers), trial.positions(site.cuff_markers)
-    labelled = _anchor_with_labels_restored(reference.anchor, *of_trial)
-    anchor, of_anchor, pose = rigid_without_ghosts(reference.anchor, labelled[0])
+    *labelled, pose = _anchor_with_labels_restored(reference.anchor, *of_trial)
+    anchor, of_anchor, pose = rigid_without_ghosts(reference.anchor, labelled[0], pose)
     of_anchor = of_anchor + np.count_nonzero(_is_moved(of_trial[0], labelled[0]), axis=0)
     seen = pose.to_reference(of_trial[1])
     cuff = _cuff_with_labels_restored(reference, pose, labelled[0], anchor, pose.to_reference(labelled[1]))
@@ -414,18 +413,26 @@ def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     return CuffMotion(displacement, pose.residual, body, turn, rope, ghosts, _mean_posture(trial).anchor, loose)
 
 
-def _anchor_with_labels_restored(reference: Array, anchor: Array, cuff: Array) -> tuple[Array, Array]:
+def _anchor_with_labels_restored(reference: Array, anchor: Array, cuff: Array) -> tuple[Array, Array, Pose]:
     """Markers of the anchor and of the cuff (frames, markers, 3) with labels of both put back so that the anchor fits.
 
-    In frames without a hidden marker only: exchanged with a hidden one, a wrong label would be left out unseen.
+    In frames without a hidden marker only: exchanged with a hidden one, a wrong label would be left out unseen. The
+    pose is that of the anchor with its labels put back.
     """
+    pose = fit_pose(reference, anchor)
     both = np.concatenate((anchor, cuff), axis=1)
     is_full = is_seen(both).all(axis=1)
-    if is_full.any():
-        both[is_full] = _with_labels_restored(
-            both[is_full], lambda points: fit_pose(reference, points[:, : len(reference)]).residual
-        )
-    return both[:, : anchor.shape[1]], both[:, anchor.shape[1] :]
+    if not is_full.any():
+        return anchor, cuff, pose
+    restored = both.copy()
+    restored[is_full] = _with_labels_restored(
+        both[is_full],
+        pose.residual[is_full],
+        lambda points: fit_pose(reference, points[:, : len(reference)]).residual,
+    )
+    is_changed = _is_moved(both, restored).any(axis=1)
+    anchor, cuff = restored[:, : anchor.shape[1]], restored[:, anchor.shape[1] :]
+    return anchor, cuff, _refitted(pose, reference, anchor, is_changed) if is_changed.any() else pose
 
 
 def _cuff_with_labels_restored(reference: Reference, pose: Pose, anchor: Array, kept: Array, cuff: Array) -> Array:
@@ -443,7 +450,11 @@ def _cuff_with_labels_restored(reference: Reference, pose: Pose, anchor: Array, 
         for label in range(cuff.shape[1]) if is_left_out.any() else ():
             is_there = is_left_out & (np.linalg.norm(cuff[:, label] - place, axis=1) <= limit)
             restored[is_there, label] = all_anchor[is_there, marker]
-    return _with_labels_restored(restored, lambda points: _apart(points - reference.cuff)[1])
+
+    def compute_residual(points: Array) -> Array:
+        return _apart(points - reference.cuff)[1]
+
+    return _with_labels_restored(restored, compute_residual(restored), compute_residual)
 
 
 def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> Array:
@@ -478,8 +489,8 @@ def _mean_posture(trial: Trial) -> Reference:
     best = _fullest_frame(anchor, cuff)
     lead_in = slice(best, best + int(np.searchsorted(trial.marker_time - trial.marker_time[0], LEAD_IN)) + 1)
     first = Reference(anchor[best], cuff[best])
-    anchor, cuff = _anchor_with_labels_restored(first.anchor, anchor[lead_in], cuff[lead_in])
-    kept, _, pose = rigid_without_ghosts(first.anchor, anchor)
+    anchor, cuff, pose = _anchor_with_labels_restored(first.anchor, anchor[lead_in], cuff[lead_in])
+    kept, _, pose = rigid_without_ghosts(first.anchor, anchor, pose)
     restored = _cuff_with_labels_restored(first, pose, anchor, kept, pose.to_reference(cuff))
     both = np.concatenate((pose.to_reference(kept), restored), axis=1)
     seen = is_seen(both)
