@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.constants import g
 
-from drivers.simulators.settings import CuffTruth, SlipLaw
+from drivers.simulators.settings import CuffTruth, SlipLaw, g
 
 STEP_S = 0.0005
 

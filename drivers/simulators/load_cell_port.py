@@ -15,10 +15,9 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from drivers.simulators.faults import Faults
-from drivers.simulators.settings import SerialLineSettings
+from drivers.simulators.settings import SerialLineSettings, g
 
 logger = logging.getLogger(__name__)
 

@@ -21,11 +21,10 @@ from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_from_migration
 from drivers.simulators.markers import Wander, random_wander
-from drivers.simulators.settings import BounceTest, DynamicTest, Rig, Settings, StaticTest
+from drivers.simulators.settings import BounceTest, DynamicTest, Rig, Settings, StaticTest, g
 
 Floats = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from drivers.simulators.errors import SimulatorCode, SimulatorError
+from drivers.simulators.markers import rotation_matrices
 
 Floats = NDArray[np.float64]
 
@@ -39,15 +39,12 @@ class Screw:
     is_turn: bool
 
     def exponential(self, amount: Floats) -> Floats:
-        """(n, 4, 4) by Rodrigues' formula, for amounts (n,) [rad or m]."""
+        """(n, 4, 4), for amounts (n,) [rad or m]."""
         moved = np.tile(np.eye(4), (len(amount), 1, 1))
         if not self.is_turn:
             moved[:, :3, 3] = amount[:, None] * self.axis
             return moved
-        x, y, z = self.axis
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        sine, versine = np.sin(amount)[:, None, None], 1.0 - np.cos(amount)[:, None, None]
-        moved[:, :3, :3] += sine * cross + versine * (cross @ cross)
+        moved[:, :3, :3] = rotation_matrices(amount[:, None] * self.axis)
         moved[:, :3, 3] = self.point - moved[:, :3, :3] @ self.point
         return moved
 
@@ -178,7 +175,8 @@ def _points(table: Mapping[str, Mapping[str, Sequence[float]]]) -> dict[str, tup
 def _frame(origin: Sequence[float] | None, angles: Sequence[float] | None) -> Floats:
     frame = np.eye(4)
     frame[:3, 3] = origin or (0.0, 0.0, 0.0)
-    frame[:3, :3] = Rotation.from_euler("XYZ", angles or (0.0, 0.0, 0.0)).as_matrix()
+    about_x, about_y, about_z = rotation_matrices(np.diag(angles or (0.0, 0.0, 0.0)))
+    frame[:3, :3] = about_x @ about_y @ about_z
     return frame
 
 

@@ -21,9 +21,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from drivers.simulators.markers import random_wander
+from drivers.simulators.markers import random_wander, rotation_matrices
 from drivers.simulators.settings import PersonSettings, RaiseSettings
 from drivers.simulators.shoulder import Shoulder, published_shoulder
 
@@ -31,7 +30,7 @@ Floats = NDArray[np.float64]
 Worn = Literal["unsuited", "slack", "tight", "mvc"]
 BODY_TESTS = ("pose", "motion")
 
-Y_UP_TO_Z_UP = Rotation.from_euler("x", 90, degrees=True)
+Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 BASELINE = 0.03
 """Activation at rest."""
 SWAY_HZ = 0.05, 0.8
@@ -80,7 +79,7 @@ class Person:
         self._skin = random_wander(self._rng, deviations, *settings.soft_tissue_hz, terms=SKIN_TERMS)
         sway = np.array([*[np.radians(settings.sway_deg)] * 3, *[1e-3 * settings.sway_mm] * 3])
         self._sway = random_wander(self._rng, sway, *SWAY_HZ)
-        self._stance = Rotation.from_euler("z", settings.facing_deg, degrees=True) * Y_UP_TO_Z_UP
+        self._stance = rotation_matrices((0.0, 0.0, np.radians(settings.facing_deg))) @ Y_UP_TO_Z_UP
         self._noise = {name: EmgNoise(self._rng) for name in emg_channels}
         self._trials = [_Trial(is_of_person=False, worn=None, since=-math.inf, start=math.inf, raises=no_raises(0.0))]
 
@@ -112,7 +111,7 @@ class Person:
         """(n, labels, 3) [mm] in the laboratory at t (n,), on moving skin; NaN for those of a suit that is not worn."""
         places = self._shoulder.places(self.coordinates(t), self._points)
         places += self._skin.value(t).reshape(places.shape)
-        at = self._stance.apply(1e3 * places.reshape(-1, 3)).reshape(places.shape)
+        at = 1e3 * places @ self._stance.T
         at += np.array(self._settings.position_mm)
         is_suited = self._is_worn(t, "slack") | self._is_worn(t, "tight")
         at[~is_suited, len(self._shoulder.markers) :] = np.nan

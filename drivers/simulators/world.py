@@ -19,13 +19,12 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from drivers.simulators.errors import SimulatorCode, SimulatorError
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
 from drivers.simulators.load_script import BouncingMass, HungMass, SimulatedPull
 from drivers.simulators.markers import MarkerCloud, Wearer
-from drivers.simulators.settings import Settings
+from drivers.simulators.settings import Settings, g
 from drivers.simulators.wearer import BODY_TESTS, Person, Worn
 from drivers.simulators.world_clock import WorldClock
 

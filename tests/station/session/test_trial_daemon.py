@@ -51,6 +51,7 @@ PATIENCE_S = 120
 BLOCK = bytes(1 << 16)  # larger than the buffer of a pipe of Windows
 PENDING: list[object] = []  # a write of Windows that has not ended needs its memory
 NOT_FOR_RECORDING = {"scipy", "numba", "pandas", "rich", "nicegui"}
+NOT_FOR_SIMULATION = {"scipy.constants", "scipy.linalg", "scipy.spatial", "pandas", "rich", "nicegui"}
 PLANNED = MeasurementProtocol((1.5, 1.0), hold_s=4.0, swing_s=10.0)
 LEVEL_S = 8.0
 LEVELS = [0.0, 1.5, 2.5, 1.5, 0.0]
@@ -109,9 +110,12 @@ def assert_whole(folder: Path) -> None:
     assert recorded.accepted and [message.code for message in recorded.codes] == [TrialCode.CAPTURE_ENDED]
 
 
-def test_the_recorder_starts_without_the_packages_of_fits_and_pages() -> None:
-    """The operator waits for it before every trial."""
-    code = f"import sys, station.session.trial_daemon; print(*{NOT_FOR_RECORDING} & sys.modules.keys())"
+def test_recorder_and_simulated_bench_start_without_the_packages_of_fits_and_pages() -> None:
+    """The operator waits for the recorder before every trial, and for the bench before a practice."""
+    code = (
+        f"import sys, station.session.trial_daemon; print(*{NOT_FOR_RECORDING} & sys.modules.keys())\n"
+        f"import station.bench.simulator_process; print(*{NOT_FOR_SIMULATION} & sys.modules.keys())"
+    )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     assert ran.stdout.split() == []
 
