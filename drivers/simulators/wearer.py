@@ -111,8 +111,7 @@ class Person:
         """(n, labels, 3) [mm] in the laboratory at t (n,), on moving skin; NaN for those of a suit that is not worn."""
         places = self._shoulder.places(self.coordinates(t), self._points)
         places += self._skin.value(t).reshape(places.shape)
-        at = 1e3 * places @ self._stance.T
-        at += np.array(self._settings.position_mm)
+        at = np.asarray(1e3 * places @ self._stance.T + np.array(self._settings.position_mm))
         is_suited = self._is_worn(t, "slack") | self._is_worn(t, "tight")
         at[~is_suited, len(self._shoulder.markers) :] = np.nan
         return at

@@ -430,7 +430,7 @@ def _anchor_with_labels_restored(reference: Array, anchor: Array, cuff: Array) -
         pose.residual[is_full],
         lambda points: fit_pose(reference, points[:, : len(reference)]).residual,
     )
-    is_changed = _is_moved(both, restored).any(axis=1)
+    is_changed = np.asarray(_is_moved(both, restored).any(axis=1))
     anchor, cuff = restored[:, : anchor.shape[1]], restored[:, anchor.shape[1] :]
     return anchor, cuff, _refitted(pose, reference, anchor, is_changed) if is_changed.any() else pose
 

@@ -33,7 +33,8 @@ from tests.station.foreign import static_and_dynamic
 from tests.station.wearer import SPECS, WearerSession
 
 POSE, FREE, TIGHT = (spec.file_name(1) for spec in SPECS)
-SHORT = {"most_frames": 45, "most_rest_lengths": 4, "people": None}
+SHORT: dict[str, Any] = {"most_frames": 6, "most_rest_lengths": 4, "people": None}
+FRAMES_FOR_EMG = 45
 """EMG is compared with activations that are at most half a second apart."""
 CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
 BODY = {"markers": ["ij", "px", "c7"], "conditions": ["unsuited", "tight"]}
@@ -44,14 +45,16 @@ def record_hand(folder: Path) -> None:
         truth.record(folder / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
 
 
-def end_wearer_session(folder: Path, wearer: WearerSession, subject: str, *files: str) -> EndedSession:
+def end_wearer_session(
+    folder: Path, wearer: WearerSession, subject: str, *files: str, most_frames: int = SHORT["most_frames"]
+) -> EndedSession:
     """With the hand cuff, these recordings of the wearer, and subject.toml unless it is empty."""
     record_hand(folder)
     for file in files:
         shutil.copy(wearer.folder / file, folder)
     if subject:
         (folder / "subject.toml").write_text(subject, encoding="utf-8")
-    return end_session(folder, options=SHORT)
+    return end_session(folder, options=SHORT | {"most_frames": most_frames})
 
 
 def codes_of(folder: Path) -> dict[str, dict[str, Any]]:
@@ -63,7 +66,7 @@ def codes_of(folder: Path) -> dict[str, dict[str, Any]]:
 @pytest.mark.slow
 def test_a_session_is_assessed_on_the_wearer_who_was_recorded_with_emg(tmp_path: Path, wearer: WearerSession) -> None:
     subject = f"mass_kg = 75.0\n[cord]\nrest_length_m = {PersonSettings().cord_rest_length_m}\n"
-    ended = end_wearer_session(tmp_path, wearer, subject, POSE, FREE, TIGHT)
+    ended = end_wearer_session(tmp_path, wearer, subject, POSE, FREE, TIGHT, most_frames=FRAMES_FOR_EMG)
     assert ended.missing == () and ended.assessed is not None and ended.assessed.subject is not None
     assert ended.assessed.subject.motion == FREE and ended.assessed.subject.mass_kg == 75.0
     assert not {code for code in codes_of(tmp_path) if code.startswith("wearer.")}
