@@ -51,6 +51,7 @@ class Reconnecting:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.device = device
+        self._streaming = device if isinstance(device, StreamingDevice) else None  # the check is slow: once
         self._host_clock = host_clock
         self._timeout_s = timeout_s
         self._seconds = seconds
@@ -74,7 +75,7 @@ class Reconnecting:
 
     @property
     def received(self) -> Received | None:
-        return self.device.received if isinstance(self.device, StreamingDevice) and self._outage is None else None
+        return None if self._streaming is None or self._outage is not None else self._streaming.received
 
     def open(self) -> None:
         self._outage = None

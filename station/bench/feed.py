@@ -195,6 +195,7 @@ class SteppedFeed(DeviceFeed):
     def __init__(self, device: Device) -> None:
         self.inbox = FeedQueue()
         super().__init__(device, self.inbox)
+        self._streaming = device if isinstance(device, StreamingDevice) else None  # the check is slow: once
         self._sent: Sent | None = {}
         self._has_round = threading.Event()
         self._is_idle = threading.Event()
@@ -203,7 +204,7 @@ class SteppedFeed(DeviceFeed):
 
     @property
     def received(self) -> Received | None:
-        return self.device.received if isinstance(self.device, StreamingDevice) else None
+        return None if self._streaming is None else self._streaming.received
 
     @property
     def has_requests(self) -> bool:
