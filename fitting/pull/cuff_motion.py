@@ -73,7 +73,7 @@ def fit_pose(reference: Array, points: Array) -> Pose:
     here = np.where(seen[..., None], here - centre[:, None], 0.0)
     left, spread, right = np.linalg.svd(here.transpose(0, 2, 1) @ there)
     mirror = np.ones_like(spread)
-    mirror[:, 2] = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    mirror[:, 2] = np.sign(np.linalg.det(left @ right))
     rotation = left * mirror[:, None] @ right
     miss = here - there @ rotation.transpose(0, 2, 1)
     residual = np.sqrt(np.einsum("fm,fmi->f", weight, miss**2))
@@ -85,7 +85,8 @@ def fit_pose(reference: Array, points: Array) -> Pose:
 
 def is_seen(points: Array) -> NDArray[np.bool_]:
     """Whether the points (..., 3) were seen: (...)."""
-    return np.asarray(np.isfinite(points).all(axis=-1))
+    is_finite = np.isfinite(points)
+    return np.asarray(is_finite[..., 0] & is_finite[..., 1] & is_finite[..., 2])  # np.all takes three times as long
 
 
 FACTOR, FLOOR = 5.0, 1e-3
