@@ -478,7 +478,10 @@ class QtmDiscovery:
         except OSError:
             self.stop()
             raise
-        self._threads = [threading.Thread(target=server.serve_forever, daemon=True) for server in self._servers]
+        self._threads = [
+            threading.Thread(target=server.serve_forever, args=(0.05,), name="QTM discovery", daemon=True)
+            for server in self._servers
+        ]
         for thread in self._threads:
             thread.start()
 
