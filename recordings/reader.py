@@ -243,7 +243,7 @@ class Survey:
 
     @property
     def damaged(self) -> tuple[str, ...]:
-        """The same without losses that a cut explains."""
+        """The same without damage that a cut explains."""
         return (*(str(damage) for damage in self.damage if not damage.is_cut), *self._lost)
 
     @property

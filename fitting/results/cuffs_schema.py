@@ -356,7 +356,7 @@ class RecordingEntry(_Entry):
 
 
 class CuffsDocument(_Entry):
-    """cuffs.json: the cuffs of a session, with the origins of their data."""
+    """cuffs.json: the cuffs of a session, and the recordings that they are fitted from."""
 
     format: Literal[1]
     origin: Origin = DataOrigin.UNKNOWN

@@ -77,14 +77,8 @@ def osim_document(model: Model) -> Xml.Element:
     for force in (*model.actuators, *model.coordinate_forces, *model.forces):
         add_force(written, model, force)
     for marker in model.markers:
-        add_marker(find_objects(written, "MarkerSet"), model.bodies, marker)
+        _add_marker(find_objects(written, "MarkerSet"), model.bodies, marker)
     return root
-
-
-def add_marker(objects: Xml.Element, bodies: Sequence[Body], marker: Marker) -> None:
-    made = add(objects, "Marker", marker.name)
-    add_values(made, socket_parent_frame=body_path(bodies, marker.body), location=marker.location)
-    add_values(made, fixed="true" if marker.is_fixed else "false")
 
 
 def add_body(objects: Xml.Element, name: str, mass: float, mass_center: Array, inertia: Array) -> None:
@@ -133,6 +127,12 @@ def add_axes(
             holder = add(multiplier, "function")
             add_values(multiplier, scale=1.0)
         add_function(holder, function, f"{joint.get('name')}.{name}")
+
+
+def _add_marker(objects: Xml.Element, bodies: Sequence[Body], marker: Marker) -> None:
+    made = add(objects, "Marker", marker.name)
+    add_values(made, socket_parent_frame=body_path(bodies, marker.body), location=marker.location)
+    add_values(made, fixed="true" if marker.is_fixed else "false")
 
 
 def _add_surfaces(owner: Xml.Element, model: Model, body: int) -> None:

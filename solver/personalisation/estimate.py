@@ -89,8 +89,7 @@ class BodyEstimate:
 def estimate_body(model: Model, markers: Sequence[Marker], trials: Sequence[Array]) -> BodyEstimate:
     """The most probable body. trials: observed (frames, markers, 3) [m] in ground, NaN where a marker is hidden.
 
-    Raises ModelError for shapes that do not fit, and for a trial of
-    which no frame can be solved.
+    Raises ModelError for shapes that do not fit, and for a trial of which no frame can be solved.
     """
     priors = population_priors(model, markers)
     for observed in trials:
