@@ -10,7 +10,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,8 +18,21 @@ from typing import Any
 
 import pytest
 
+from documents.message import Message
+from documents.plain_data import PlainDataCode
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
+from station.assessment.assessment_inputs import read_effort
+from station.assessment.budget_file import read_budget
+from station.config import load_config
+from station.emg.emg_json import read_emg_document
+from station.emg.trials import read_emg_setup
+from station.errors import StationError
 from station.messages.assessment_messages import AssessmentFileCode
+from station.report.report_file import read_numbers
+from station.study.designs import read_study_plan
+from station.study.study_document import read_normative
+from station.subject.subject_file import SUBJECT_FILE, read_subject
+from station.sweep.sweep_plan import read_plan
 from tests.recordings.bombs import BOMBS
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 
@@ -28,6 +41,21 @@ DEEP_JSON = "[" * 100_000 + "]" * 100_000
 DEEP_TOML = f"a = {DEEP_JSON}\n"
 LONG = "7" * 400
 """An integer beyond the range of a double and of a clock."""
+JSON_READERS: tuple[Callable[[Path], object], ...] = (
+    read_assessment,
+    read_emg_document,
+    read_numbers,
+    read_normative,
+)
+TOML_READERS: tuple[Callable[[Path], object], ...] = (
+    load_config,
+    read_effort,
+    read_budget,
+    read_emg_setup,
+    read_study_plan,
+    read_plan,
+    lambda path: read_subject(path.parent),
+)
 needs_pipes = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows keeps its named pipes in no folder")
 GOOD = {"stiffness_n_per_m": 8000, "damping_n_s_per_m": 200, "migration_m": 0.01}
 VALID = [("waist_cuff", None), ("waist_cuff", "x"), ("findings", []), ("emg", [])]
@@ -102,6 +130,28 @@ def test_every_toml_is_refused_by_name(station: Station, tmp_path: Path, text: s
         ran = station(*words)
         assert (ran.code, ran.out) == (code, ""), ran.err
         assert "hostile.toml" in last_sentence(ran)
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "readers"),
+    [
+        (b"{", PlainDataCode.MALFORMED, JSON_READERS + TOML_READERS),
+        (b"\xff", PlainDataCode.NOT_TEXT, JSON_READERS + TOML_READERS),
+        (DEEP_JSON.encode(), PlainDataCode.TOO_DEEP, JSON_READERS),
+        (b"a = " + b"[" * 1000 + b"]" * 1000, PlainDataCode.TOO_DEEP, TOML_READERS),
+    ],
+    ids=["malformed", "no text", "deep JSON", "deep TOML"],
+)
+def test_a_refused_document_has_the_code_of_its_cause(
+    tmp_path: Path, content: bytes, code: PlainDataCode, readers: Sequence[Callable[[Path], object]]
+) -> None:
+    path = tmp_path / SUBJECT_FILE
+    path.write_bytes(content)
+    for read in readers:
+        with pytest.raises(StationError) as caught:
+            read(path)
+        assert isinstance(caught.value.cause, Message)
+        assert caught.value.cause.codes == (caught.value.code, code)
 
 
 def test_a_hostile_protocol_is_refused_with_its_name(station: Station, tmp_path: Path) -> None:
