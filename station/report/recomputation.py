@@ -73,8 +73,13 @@ def recomputed_links(folder: Path, progress: Progress = silent) -> Iterator[Link
     if fitted is not None:
         results = read_results(folder, fitted)
         yield from _links(CUFFS_FILE, json.loads(cuffs_json(fitted)), results, "fit of the recordings")
-    with suppress(AssessmentFileError):  # which the chain of files reports
-        yield from _assessment_links(folder, read_assessment(folder / ASSESSMENT_FILE), fitted, progress)
+    if (path := folder / ASSESSMENT_FILE).is_file():
+        try:
+            recorded = read_assessment(path)
+        except AssessmentFileError as error:
+            yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.CHANGED, str(error), error.code)
+            return
+        yield from _assessment_links(folder, recorded, fitted, progress)
 
 
 def differences(found: Any, expected: Any, pointer: str = "") -> Iterator[Difference]:

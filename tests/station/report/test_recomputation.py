@@ -16,6 +16,7 @@ from station.assessment.assess import assess_cuffs, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.checksums import write_checksums
 from station.files.chain import Link
+from station.messages.assessment_messages import AssessmentFileCode
 from station.messages.file_messages import NumberCode
 from station.report.page import write_report
 from station.report.recomputation import TOLERANCE, Difference, differences, recomputed_links
@@ -104,6 +105,15 @@ def test_an_assessment_with_a_file_from_elsewhere_is_not_computed_again(session:
     plain["inputs"][read] = f"{file} {64 * 'a'}"
     path.write_text(json.dumps(plain), encoding="utf-8")
     assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.UNRECORDED
+
+
+@pytest.mark.parametrize(
+    ("text", "code"), [("{", AssessmentFileCode.NOT_JSON), ('{"format": 1}', AssessmentFileCode.INVALID_ENTRY)]
+)
+def test_an_assessment_that_cannot_be_read_does_not_follow(tmp_path: Path, text: str, code: AssessmentFileCode) -> None:
+    (tmp_path / "assessment.json").write_text(text, encoding="utf-8")
+    (link,) = recomputed_links(tmp_path)
+    assert (link.standing, link.code) == (Standing.CHANGED, code)
 
 
 def test_a_sentence_that_an_older_station_worded_otherwise_is_named_and_breaks_nothing(session: Path) -> None:
