@@ -674,6 +674,36 @@ def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds
     assert found.in_holds == pytest.approx(slope[0] / math.sqrt(variance), rel=2e-2)
 
 
+@pytest.mark.parametrize(("time_constant", "found"), [(1.0, 2.0), (2.5, 2.5), (50.0, 50.0), (90.0, 60.0)])
+def test_a_time_constant_is_sought_from_2_to_60_seconds(time_constant: float, found: float) -> None:
+    """Displacement without noise, of a cuff that creeps by a fifth of the force that has passed a low-pass."""
+    (pull,) = _reduced(CREEPING, 1)[0]
+    load = np.interp(pull.marker_time, pull.force_time, pull.force)
+    pace = -np.expm1(-(pull.marker_time[1] - pull.marker_time[0]) / time_constant)
+    y, _ = signal.lfilter([pace], [1, pace - 1], load, zi=[(1 - pace) * pull.plateaus[0].force])
+    smooth = np.full(len(load), np.nan)
+    for plateau in pull.plateaus:
+        smooth[(pull.marker_time >= plateau.start) & (pull.marker_time <= plateau.end)] = plateau.force
+    fit = replace(_fit_of(None, segment=[0] * len(pull.plateaus)), plateaus=pull.plateaus)
+    creep = fit_creep([replace(pull, displacement=(smooth + 0.2 * y) / K)], [fit])
+    assert creep is not None and creep.time_constant == pytest.approx(found, rel=2e-2)
+    if found == time_constant:
+        assert (creep.compliance, creep.fraction.value) == (
+            pytest.approx(1 / K, rel=1e-2),
+            pytest.approx(0.2, rel=0.05),
+        )
+
+
+@pytest.mark.parametrize(("last", "is_fitted"), [(4.95, True), (4.45, False)])
+def test_creep_needs_twenty_half_seconds(last: float, *, is_fitted: bool) -> None:
+    """Ten of the first hold, ten or nine of the second."""
+    pulls = [_reduced(CREEPING, 1)[0][0]]
+    first, second = pulls[0].plateaus[:2]
+    plateaus = (replace(first, end=first.start + 4.95), replace(second, end=second.start + last))
+    fits = [replace(_fit_of(None, segment=[0, 0]), plateaus=plateaus)]
+    assert (fit_creep(pulls, fits) is not None) is is_fitted
+
+
 def _half_seconds(pull: Pull, number: int) -> Iterator[tuple[float, ...]]:
     """Trial, hold, mean time, load, mean displacement and its error of every half second that is mostly seen."""
     for hold, plateau in enumerate(pull.plateaus):
