@@ -331,7 +331,7 @@ def _loading_stiffness(fits: Sequence[StaticFit], turned: Sequence[StaticFit]) -
     """
     fall_counts = [sum(b.force < a.force - SAME_LOAD for a, b in pairwise(fit.plateaus)) for fit in fits]
     loading = _repeats(turned)
-    return as_inverse(combine(loading)) if loading and max(fall_counts, default=0) <= 1 else None
+    return as_inverse(combine(loading)) if loading and max(fall_counts) <= 1 else None
 
 
 def _may_be_friction(fits: Sequence[StaticFit], turned: Sequence[StaticFit], loading: Estimate) -> bool:
