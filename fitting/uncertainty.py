@@ -115,7 +115,7 @@ def student_half_width(dof: float) -> float:
 
 
 def chi_square_limit(dof: float, level: float = CHI_SQUARE_LEVEL) -> float:
-    """The value that χ² does not exceed with the probability `level`."""
+    """The value that χ² does not exceed with the probability `level`; NaN without degrees of freedom."""
     from scipy.special import gammaincinv
 
     return float(2 * gammaincinv(dof / 2, level))

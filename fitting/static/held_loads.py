@@ -82,7 +82,7 @@ class Creep:
     @property
     def explains(self) -> bool:
         """Whether the residual with creep is that of noise."""
-        return self.dof > 0 and self.chi_square < chi_square_limit(self.dof)
+        return self.chi_square < chi_square_limit(self.dof)
 
     def recovery(self, trial: int) -> float:
         """Displacement [m] still to come after the last hold of trial number `trial` (from 0); recovery is negative."""

@@ -342,7 +342,7 @@ def _may_be_friction(fits: Sequence[StaticFit], turned: Sequence[StaticFit], loa
     """
     found, rising = _repeats(fits), _repeats(turned)
     dof, chi_square = sum(repeat.dof for repeat in rising), sum(repeat.chi_square for repeat in rising)
-    if not found or _is_straight(fits) or (dof > 0 and chi_square > chi_square_limit(dof)):
+    if not found or _is_straight(fits) or chi_square > chi_square_limit(dof):
         return False
     slipped = as_inverse(combine(found)).value
     return slipped * (1 - 2 * MOST_FRICTION) < loading.value < slipped
@@ -391,7 +391,7 @@ def _retraces(unslipped: Sequence[StaticFit]) -> bool:
             difference = fit.x[j] - fit.x[i] - fit.repeat.value * (force[j] - force[i])
             chi_square += float(difference**2 / (fit.x_sd[i] ** 2 + fit.x_sd[j] ** 2))
         count += len(pairs)
-    return count > 0 and chi_square < chi_square_limit(count)
+    return chi_square < chi_square_limit(count)
 
 
 def _returns(force: Array) -> bool:
