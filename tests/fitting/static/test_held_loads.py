@@ -622,9 +622,13 @@ def test_notes_and_tangents_have_the_figures_of_the_fit() -> None:
     assert yields.figures == {"hold_s": 5.0}
 
 
-def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds() -> None:
+@pytest.mark.parametrize("part", [1.0, 0.4], ids=["errors as stated", "errors understated"])
+def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds(part: float) -> None:
     """The low-pass is integrated in frames of the cameras; both trials have an offset of their own."""
-    pulls = [*_reduced(CREEPING, 1)[0], *_reduced(replace(CREEPING, unloads=False), 2)[0]]
+    pulls = [
+        replace(pull, plateaus=tuple(replace(p, displacement_sd=part * p.displacement_sd) for p in pull.plateaus))
+        for pull in (*_reduced(CREEPING, 1)[0], *_reduced(replace(CREEPING, unloads=False), 2)[0])
+    ]
     assert fit_creep(pulls, [_fit_of(None)] * 2) is None, "no load is held"
     fits = [replace(_fit_of(None, segment=[0] * len(pull.plateaus)), plateaus=pull.plateaus) for pull in pulls]
     found = fit_creep(pulls, fits)
@@ -653,6 +657,7 @@ def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds
     compliance, extra, log = best[:3]
     chi_square, dof = float(np.sum(((x - law(0, *best)) / x_sd) ** 2)), len(x) - 5
     scale = max(1.0, chi_square / dof)
+    assert (scale > 1) is (part < 1)
     assert (found.compliance, found.time_constant) == (
         pytest.approx(compliance, rel=2e-3),
         pytest.approx(math.exp(log), rel=2e-2),
