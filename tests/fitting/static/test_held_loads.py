@@ -707,6 +707,8 @@ def test_creep_needs_twenty_half_seconds(last: float, *, is_fitted: bool) -> Non
     plateaus = (replace(first, end=first.start + 4.95), replace(second, end=second.start + last))
     fits = [replace(_fit_of(None, segment=[0, 0]), plateaus=plateaus)]
     assert (fit_creep(pulls, fits) is not None) is is_fitted
+    alone = replace(_fit_of(None, segment=[0]), plateaus=(replace(first, end=first.start + 10.5),))
+    assert fit_creep(pulls, [alone]) is None, "one load"
 
 
 def _half_seconds(pull: Pull, number: int) -> Iterator[tuple[float, ...]]:
