@@ -26,7 +26,9 @@ mean in a trial of this length. With the centred a and the matrix M that removes
 
     β̂ ~ N(β, σ² aᵀV a / (aᵀa)²),   Ŝ / (σ² tr MV) ~ χ²_ν / ν,   ν = (tr MV)² / tr (MV)²   (Satterthwaite (1946))
 
-Noise and lag are drawn from their posterior, σ and β from these, which gives the interval of ρ.
+Noise and lag are drawn from their posterior, σ and β from these, which gives the interval of ρ. The size of slow noise
+may vary between movements, which one movement does not show. It does so with a probability of a half: in half of the
+draws with slow noise 1/ν is larger by 1/SIZE_FREEDOM (docs/emg.md).
 """
 
 from __future__ import annotations
@@ -52,6 +54,10 @@ PRIOR: Array = np.array([time**-0.5 for _, time, _ in NOISES])
 REST = 0.05
 """Level of a muscle at rest over the range of its level; the offset of EMG is not known."""
 DRAWS = 4000
+SLOW_S = 1.0
+"""Least ℓ of noise whose size may vary between movements; the noise of muscle and amplifier is faster."""
+SIZE_FREEDOM = 8.0
+"""Degrees of freedom of a size that varies: a coefficient of variation of 50 % of σ²."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +109,8 @@ def correlation_interval(
     noise, lag = np.unravel_index(random.choice(weight.size, DRAWS, p=weight.ravel()), weight.shape)
     variances = _variances(shifted[place])
     trace, freedom, slope_variance, within = _moments(centred[place], variances, interval)[:, noise]
+    varies = (np.array(NOISES)[noise, 1] >= SLOW_S) & (random.random(DRAWS) < 0.5)
+    freedom = 1 / (1 / freedom + varies / SIZE_FREEDOM)
     variance = _squares(measured, shifted)[lag] / trace * freedom / random.chisquare(freedom)
     slopes = (centred @ measured / square)[lag] + random.standard_normal(DRAWS) * np.sqrt(variance * slope_variance)
     explained = slopes * np.sqrt(square[lag] / len(measured))

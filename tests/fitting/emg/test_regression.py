@@ -4,8 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from fitting.emg.regression import NOISES, REST, _moments, _restricted_likelihood, correlation_interval, lag_posterior
+from fitting.emg.regression import (
+    NOISES,
+    REST,
+    _moments,
+    _restricted_likelihood,
+    _variances,
+    correlation_interval,
+    lag_posterior,
+)
 
 RANDOM = np.random.default_rng(8)
 N, INTERVAL = 30, 0.1
@@ -88,3 +97,20 @@ def test_with_white_noise_the_interval_is_that_of_a_fixed_design() -> None:
     r = float(np.corrcoef(measured, model)[0, 1])
     ends = correlation_interval(measured, model[None], white, 0, interval=1.0)  # longer than any correlation time
     assert np.diff(np.arctanh(ends))[0] / 2 == pytest.approx(1.96 * np.sqrt((1 - r**2 / 2) / 2000), rel=0.06)
+
+
+@pytest.mark.parametrize("time", [0.5, 2.0])
+def test_the_size_of_slow_noise_alone_varies_between_movements_with_a_probability_of_a_half(time: float) -> None:
+    """The slope of a model far faster than the noise is certain: the ends of ρ are those of the size of the noise."""
+    model = np.cos(np.pi * np.arange(200))
+    measured = 30 * model + np.convolve(np.random.default_rng(4).standard_normal(219), np.ones(20), mode="valid")
+    place = NOISES.index((0.02, time, 0.0))
+    weight = np.arange(len(NOISES))[:, None] == place
+    ends = np.array(correlation_interval(measured, model[None], weight.astype(float), 0, interval=0.1))
+    trace, freedom, _, within = _moments(model, _variances(model), 0.1)[:, place]
+    slope = model @ measured / 200
+    chi_square = ((measured - measured.mean() - slope * model) ** 2).sum() / trace
+    chi_square *= within / slope**2 / (1 / ends**2 - 1)  # ν times the estimated size over that at the ends of ρ
+    sizes = (freedom, 1 / (1 / freedom + 1 / 8)) if time > 1 else (freedom, freedom)
+    expected = np.mean([stats.chi2.cdf(nu * chi_square, nu) for nu in sizes], axis=0)
+    np.testing.assert_allclose(expected, (0.025, 0.975), atol=0.0075)  # three standard errors of 4000 draws
