@@ -147,7 +147,7 @@ def assess_cuffs(
         assessment, drawn_people = assess_people(people, case, moving, worn, assessment, progress, spread)
     drawn = drawn_postures(model, kinematics, suit, assessment.time)
     hashes = inputs.hashes() | ({} if people is None else people.inputs)
-    subject, named = _wearer(inputs, case, worn, assessment.waist_cuff)
+    subject, named = _wearer(inputs, case, cuffs, assessment.waist_cuff)
     hashes |= named
     on_loads = load_checks(inputs.external_loads, moving.loads, moving.model, moving.kinematics)
     on_inputs = _findings_on_inputs(case, on_loads, has_people=people is not None)
@@ -179,12 +179,12 @@ def _donning(people: PeopleRun, cuffs: Path) -> DonningSources | None:
 
 
 def _wearer(
-    inputs: AssessmentInputs, case: AssessedCase, worn: Sequence[CuffParameters], waist: str | None
+    inputs: AssessmentInputs, case: AssessedCase, cuffs: dict[str, Cuff], waist: str | None
 ) -> tuple[SubjectDocument | None, dict[str, str]]:
     """The wearer, and what stood for the inputs of the assessment; None and nothing without one."""
     if inputs.subject is None or case.subject is None:
         return None, {}
-    cord = compare_cord(case.subject, case.suit, {cuff.name: cuff for cuff in worn}, waist)
+    cord = compare_cord(case.subject, case.suit, cuffs, waist)
     return subject_document(case.subject, case.spread, cord), subject_inputs(inputs.subject, case.subject)
 
 

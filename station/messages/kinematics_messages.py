@@ -99,7 +99,7 @@ class SubjectCode(Code):
     )
     UNKNOWN_CUFF = (
         "subject.unknown_cuff",
-        "subject.toml names the cuff {cuff} in the cord, and the cuffs file holds {known}; fit it or correct the name",
+        "subject.toml names the cuff {cuff} in the cord, the fitted arm cuffs are {known}; fit it or correct the name",
     )
 
 

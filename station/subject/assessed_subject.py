@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from documents.interval import counted
 from documents.message import Message
 from documents.regular_file import LARGEST_SUIT, read_regular
+from fitting.cuffs.wearable_cuff import Cuff
 from fitting.uncertainty import NORMAL_95
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import DataOrigin, TrialCondition
 from recordings.reader import open_recording
-from solver.cuff import CuffParameters
 from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_motion, rotation_laboratory_to_ground
 from solver.inverse_kinematics.solve import (
     InverseKinematics,
@@ -37,10 +37,11 @@ from solver.motion import Kinematics, differentiate
 from solver.personalisation.estimate import within_ranges
 from solver.personalisation.wearer_motion import MOST_STEPS, WearerMotion, smooth_wearer
 from solver.scaling import scale_model
-from solver.suit.cord import CordCheck, check_cord
+from solver.suit.cord import check_cord
 from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
 from solver.suit.suit import Suit
 from solver.uncertainty.varied_motion import DrawnMotion
+from station.assessment.assessment_inputs import worn_cuffs
 from station.kinematics.ik import with_marker_set
 from station.kinematics.marker_checks import Finding, pose_findings
 from station.kinematics.person import PersonBody, PersonInputs, person_of_trials
@@ -287,30 +288,39 @@ def worn_arm_cuff(named: str | None, arms: Sequence[str]) -> str | None:
 
 
 def compare_cord(
-    subject: AssessedSubject, suit: Suit, cuffs: Mapping[str, CuffParameters], waist: str | None
-) -> CordCheck | None:
+    subject: AssessedSubject, suit: Suit, cuffs: Mapping[str, Cuff], waist: str | None
+) -> CordTension | None:
     """In the trial with a tight cord; None where its tension or its rest length is not known.
 
-    cuffs are the fitted ones by name, of which subject.toml names the arm cuff that was worn (worn_arm_cuff). Raises
-    SubjectError for one that was not fitted.
+    cuffs are all fitted ones by name, also those that are not assessed: subject.toml names the arm cuff that was worn
+    (worn_arm_cuff). Raises SubjectError for one that was not fitted, and InputError for one that no suit wears.
     """
     cord = subject.declared.cord
     tight = [trial for trial in subject.trials if trial.manifest.condition == "tight" and trial.body.is_cord_measured]
     if cord is None or cord.rest_length_m is None or not tight:
         return None
-    if cord.cuff is not None and cord.cuff not in cuffs:
-        raise refuse_subject(SubjectCode.UNKNOWN_CUFF, cuff=cord.cuff, known=", ".join(cuffs))
+    arms = [name for name, cuff in cuffs.items() if cuff.site == "arm"]
+    if cord.cuff is not None and cord.cuff not in arms:
+        raise refuse_subject(SubjectCode.UNKNOWN_CUFF, cuff=cord.cuff, known=", ".join(arms))
     trial = tight[0]
     motion = longest_whole_motion(subject.model, trial.time, subject.postures(trial)).motion
     measured = np.interp(motion.time, trial.force_time, trial.force)
-    arm = worn_arm_cuff(cord.cuff, [name for name, cuff in cuffs.items() if cuff.site == "arm"])
-    worn = (cuffs[waist] if waist else None, cuffs[arm]) if arm else (None, None)
+    arm = worn_arm_cuff(cord.cuff, arms)
+    worn = [worn_cuffs({name: cuffs[name]}, ())[0] if arm and name else None for name in (waist, arm)]
     at_rest = replace(suit, reference_rest_length=cord.rest_length_m)
-    return check_cord(at_rest, subject.model, differentiate(motion), measured, worn)
+    check = check_cord(at_rest, subject.model, differentiate(motion), measured, worn)
+    return CordTension(
+        arm_cuff=arm,
+        offset_n=check.offset,
+        rms_n=check.rms,
+        correlation=None if np.isnan(check.correlation) else check.correlation,
+        largest_measured_n=float(check.measured.max()),
+        largest_predicted_n=float(check.predicted.max()),
+    )
 
 
 def subject_document(
-    subject: AssessedSubject, spread: dict[str, float] | None, cord: CordCheck | None
+    subject: AssessedSubject, spread: dict[str, float] | None, cord: CordTension | None
 ) -> SubjectDocument:
     """spread of each suit marker about its point [m]; cord: None without a measured tension."""
     estimate = subject.body.estimate
@@ -335,7 +345,7 @@ def subject_document(
         trials=[_residual(subject, place) for place in range(len(subject.trials))],
         coordinates_not_measured=list(subject.not_measured),
         suit_point_spread_m=spread,
-        cord=None if cord is None else _tension(cord),
+        cord=cord,
         findings=[WearerFinding(code=finding.code, text=str(finding)) for finding in subject.body.findings],
     )
 
@@ -358,14 +368,4 @@ def _residual(subject: AssessedSubject, place: int) -> MarkerResidual:
         rms_m=float(np.sqrt(np.nanmean(postures.residuals**2))),
         frames=len(postures.outcomes),
         unsolved_frames=postures.unsolved,
-    )
-
-
-def _tension(cord: CordCheck) -> CordTension:
-    return CordTension(
-        offset_n=cord.offset,
-        rms_n=cord.rms,
-        correlation=None if np.isnan(cord.correlation) else cord.correlation,
-        largest_measured_n=float(cord.measured.max()),
-        largest_predicted_n=float(cord.predicted.max()),
     )

@@ -33,8 +33,11 @@ class WearerFinding(_Strict):
 
 
 class CordTension(_Strict):
-    """Measured tension of the cord beside the predicted one; the offset holds the zero of the load cell."""
+    """Measured tension of the cord beside the one predicted with arm_cuff, None for rigid cuffs; the offset has the
+    zero of the load cell.
+    """
 
+    arm_cuff: str | None
     offset_n: float
     rms_n: float
     correlation: float | None

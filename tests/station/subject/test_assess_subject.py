@@ -27,7 +27,7 @@ from station.kinematics.marker_checks import PersonError
 from station.messages.kinematics_messages import PersonCode, SubjectCode
 from station.report.page import write_report
 from station.subject import assessed_subject
-from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit, worn_arm_cuff
+from station.subject.assessed_subject import AssessedSubject, build_subject, compare_cord, fit_suit, worn_arm_cuff
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, SubjectError, read_subject, write_subject
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
@@ -136,6 +136,29 @@ def test_the_measured_tension_of_the_cord_is_beside_the_predicted_one(plain: dic
     cord = plain["subject"]["cord"]
     assert cord["correlation"] > 0.95
     assert cord["rms_n"] < 5.0 and abs(cord["offset_n"]) < 8.0
+    assert cord["arm_cuff"] is None, "two were fitted, and none is named"
+
+
+def test_the_cord_is_compared_with_the_cuff_that_was_worn_whichever_is_assessed(
+    folder: Path, person: AssessedSubject
+) -> None:
+    """All fitted cuffs count, as they do live: one that was worn need not be assessed, nor the reverse."""
+    hand, waist = (read_cuffs_to_wear(folder / "cuffs.json")[name] for name in ("hand", "waist"))
+    cuffs = {"hand": hand, "tube": replace(hand, name="tube"), "waist": waist}
+    suit = read_suit()
+
+    def worn(named: str | None, *fitted: str) -> str | None:
+        declared = person.declared.model_copy(update={"cord": Cord(rest_length_m=CORD, cuff=named)})
+        found = compare_cord(replace(person, declared=declared), suit, {name: cuffs[name] for name in fitted}, "waist")
+        assert found is not None
+        return found.arm_cuff
+
+    assert worn("tube", *cuffs) == "tube"
+    assert worn(None, *cuffs) is None
+    assert worn(None, "hand", "waist") == "hand"
+    for named, *fitted in (("elbow", "hand", "waist"), ("waist", *cuffs)):
+        with raises_refusal(SubjectCode.UNKNOWN_CUFF, kind=SubjectError):
+            worn(named, *fitted)
 
 
 def test_the_report_names_body_and_motion(plain: dict[str, Any], folder: Path) -> None:
