@@ -184,7 +184,7 @@ def _wearer(
     """The wearer, and what stood for the inputs of the assessment; None and nothing without one."""
     if inputs.subject is None or case.subject is None:
         return None, {}
-    cord = compare_cord(case.subject, case.suit, cuffs, waist)
+    cord = compare_cord(case.subject, case.suit, cuffs, waist, lambda cuff: worn_cuffs({cuff.name: cuff}, ())[0])
     return subject_document(case.subject, case.spread, cord), subject_inputs(inputs.subject, case.subject)
 
 

@@ -6,7 +6,7 @@ The cord's tension that the load cell measured on the wearer is compared with th
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import DataOrigin, TrialCondition
 from recordings.reader import open_recording
+from solver.cuff import CuffParameters
 from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_motion, rotation_laboratory_to_ground
 from solver.inverse_kinematics.solve import (
     InverseKinematics,
@@ -41,7 +42,6 @@ from solver.suit.cord import check_cord
 from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
 from solver.suit.suit import Suit
 from solver.uncertainty.varied_motion import DrawnMotion
-from station.assessment.assessment_inputs import worn_cuffs
 from station.kinematics.ik import with_marker_set
 from station.kinematics.marker_checks import Finding, pose_findings
 from station.kinematics.person import PersonBody, PersonInputs, person_of_trials
@@ -288,12 +288,16 @@ def worn_arm_cuff(named: str | None, arms: Sequence[str]) -> str | None:
 
 
 def compare_cord(
-    subject: AssessedSubject, suit: Suit, cuffs: Mapping[str, Cuff], waist: str | None
+    subject: AssessedSubject,
+    suit: Suit,
+    cuffs: Mapping[str, Cuff],
+    waist: str | None,
+    wear: Callable[[Cuff], CuffParameters],
 ) -> CordTension | None:
     """In the trial with a tight cord; None where its tension or its rest length is not known.
 
     cuffs are all fitted ones by name, also those that are not assessed: subject.toml names the arm cuff that was worn
-    (worn_arm_cuff). Raises SubjectError for one that was not fitted, and InputError for one that no suit wears.
+    (worn_arm_cuff). wear gives the parameters of a cuff. Raises SubjectError for one that was not fitted, and as wear.
     """
     cord = subject.declared.cord
     tight = [trial for trial in subject.trials if trial.manifest.condition == "tight" and trial.body.is_cord_measured]
@@ -306,7 +310,7 @@ def compare_cord(
     motion = longest_whole_motion(subject.model, trial.time, subject.postures(trial)).motion
     measured = np.interp(motion.time, trial.force_time, trial.force)
     arm = worn_arm_cuff(cord.cuff, arms)
-    worn = [worn_cuffs({name: cuffs[name]}, ())[0] if arm and name else None for name in (waist, arm)]
+    worn = [wear(cuffs[name]) if arm and name else None for name in (waist, arm)]
     at_rest = replace(suit, reference_rest_length=cord.rest_length_m)
     check = check_cord(at_rest, subject.model, differentiate(motion), measured, worn)
     return CordTension(

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from drivers.simulators.settings import PersonSettings
+from fitting.cuffs.wearable_cuff import with_interval_covariance
 from fitting.wearer.wearer_trial import read_wearer_trial
 from solver.bundled import bundled_model
 from solver.suit.suit import PARTS, read_suit
@@ -149,7 +150,8 @@ def test_the_cord_is_compared_with_the_cuff_that_was_worn_whichever_is_assessed(
 
     def worn(named: str | None, *fitted: str) -> str | None:
         declared = person.declared.model_copy(update={"cord": Cord(rest_length_m=CORD, cuff=named)})
-        found = compare_cord(replace(person, declared=declared), suit, {name: cuffs[name] for name in fitted}, "waist")
+        known = {name: cuffs[name] for name in fitted}
+        found = compare_cord(replace(person, declared=declared), suit, known, "waist", with_interval_covariance)
         assert found is not None
         return found.arm_cuff
 
