@@ -423,8 +423,6 @@ def _anchor_with_labels_restored(reference: Array, anchor: Array, cuff: Array) -
     pose = fit_pose(reference, anchor)
     both = np.concatenate((anchor, cuff), axis=1)
     is_full = is_seen(both).all(axis=1)
-    if not is_full.any():
-        return anchor, cuff, pose
     restored = both.copy()
     restored[is_full] = _with_labels_restored(
         both[is_full],
@@ -451,11 +449,8 @@ def _cuff_with_labels_restored(reference: Reference, pose: Pose, anchor: Array, 
         for label in range(cuff.shape[1]) if is_left_out.any() else ():
             is_there = is_left_out & (np.linalg.norm(cuff[:, label] - place, axis=1) <= limit)
             restored[is_there, label] = all_anchor[is_there, marker]
-
-    def compute_residual(points: Array) -> Array:
-        return _apart(points - reference.cuff)[1]
-
-    return _with_labels_restored(restored, compute_residual(restored), compute_residual)
+    residual = _apart(restored - reference.cuff)[1]
+    return _with_labels_restored(restored, residual, lambda points: _apart(points - reference.cuff)[1])
 
 
 def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> Array:
