@@ -18,7 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from drivers.simulators.settings import CuffTruth, SlipLaw, g
+from drivers.simulators.settings import CuffTruth, SlipLaw
+from recordings.standard_gravity import g
 
 STEP_S = 0.0005
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.faults import Faults
-from drivers.simulators.settings import SerialLineSettings, g
+from drivers.simulators.settings import SerialLineSettings
+from recordings.standard_gravity import g
 
 logger = logging.getLogger(__name__)
 

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_from_migration
 from drivers.simulators.markers import Wander, random_wander
-from drivers.simulators.settings import BounceTest, DynamicTest, Rig, Settings, StaticTest, g
+from drivers.simulators.settings import BounceTest, DynamicTest, Rig, Settings, StaticTest
+from recordings.standard_gravity import g
 
 Floats = NDArray[np.float64]
 

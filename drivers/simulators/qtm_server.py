@@ -478,11 +478,9 @@ class QtmDiscovery:
         except OSError:
             self.stop()
             raise
-        self._threads = [
-            threading.Thread(target=server.serve_forever, args=(0.05,), name="QTM discovery", daemon=True)
-            for server in self._servers
-        ]
-        for thread in self._threads:
+        for server in self._servers:
+            thread = threading.Thread(target=server.serve_forever, args=(0.05,), name="QTM discovery", daemon=True)
+            self._threads.append(thread)
             thread.start()
 
     def stop(self) -> None:

@@ -12,9 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from documents.validation import describe_error
 from drivers.simulators.errors import SimulatorCode, SimulatorError
+from recordings.standard_gravity import g
 
-g = 9.80665
-"""Standard gravity [m/s²], exact by definition. scipy.constants takes 0.1 s to import."""
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Point = tuple[float, float, float]

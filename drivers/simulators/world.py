@@ -24,9 +24,10 @@ from drivers.simulators.errors import SimulatorCode, SimulatorError
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
 from drivers.simulators.load_script import BouncingMass, HungMass, SimulatedPull
 from drivers.simulators.markers import MarkerCloud, Wearer
-from drivers.simulators.settings import Settings, g
+from drivers.simulators.settings import Settings
 from drivers.simulators.wearer import BODY_TESTS, Person, Worn
 from drivers.simulators.world_clock import WorldClock
+from recordings.standard_gravity import g
 
 Floats = NDArray[np.float64]
 TestKind = Literal["static", "dynamic", "bounce", "pose", "motion"]
