@@ -160,7 +160,7 @@ SIZE_FACTORS: Final = (
     SizeFactor("upper arm", ("humerus",), ALL_AXES),  # acromion-radiale length
     SizeFactor("forearm and hand", ("ulna", "radius", "hand"), ALL_AXES),  # radiale-stylion length
 )
-"""With the dimension of ANSUR II whose variation each has."""
+"""A comment names the dimension of ANSUR II that gives the variation."""
 LOG_COVARIANCE: Final = 1e-4 * np.array(
     [
         [116.4, 26.6, 48.2, 24.0, 12.5, 20.0, 18.6],

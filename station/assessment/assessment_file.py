@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, Field, ValidationError
 
@@ -11,6 +12,8 @@ from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import open_regular
 from documents.validation import describe_error
+from solver.muscle import PathMode
+from solver.redundancy.effort import Tendons
 from station.assessment.assessment_json import (
     RIGID,
     AssessedMotionEntry,
@@ -34,6 +37,8 @@ FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""
 INPUTS = ("model", "motion", "suit", "cuffs")
 """Roles that every assessment has."""
+OPTIONS: dict[str, tuple[str, ...]] = {"tendons": get_args(Tendons), "paths": get_args(PathMode)}
+"""Values of the inputs that choose a method."""
 SHOWN: Literal["both"] = "both"
 """The condition that is drawn for every arm cuff."""
 
@@ -64,6 +69,11 @@ def read_activations(path: Path) -> pd.DataFrame:
 def _ensure_named(inputs: dict[str, str]) -> dict[str, str]:
     if missing := [role for role in INPUTS if role not in inputs]:
         raise ValueError(f"{missing[0]} is missing")
+    for option, values in OPTIONS.items():
+        if (value := inputs.get(option, values[0])) not in values:
+            raise ValueError(f"{option} is {shortened(value)}, expected {' or '.join(values)}")
+    if not re.fullmatch(r"none|\d+(\.\d+)?(e[+-]\d+)?", cutoff := inputs.get("cutoff_hz", "none")):
+        raise ValueError(f"cutoff_hz is {shortened(cutoff)}, expected a number above zero or none")
     return inputs
 
 

@@ -79,7 +79,8 @@ def located(value: Any, source: Source) -> Any:
     """
     copy: Any
     if isinstance(value, BaseModel):
-        copy = value.model_copy(update={key: located(part, source.child(key)) for key, part in value})
+        keys = {name: field.serialization_alias or name for name, field in type(value).model_fields.items()}
+        copy = value.model_copy(update={name: located(part, source.child(keys[name])) for name, part in value})
         object.__setattr__(copy, "__pydantic_private__", {_PLACE: source})  # beside its fields
         return copy
     if isinstance(value, Mapping):

@@ -120,9 +120,12 @@ def test_the_band_over_the_rest_length_holds_the_curve_and_the_interval_at_the_r
         (("postures",), [], AssessmentFileCode.WRONG_POSTURES),
         (("postures", 0, "cord_m", "value"), [[0.0, 1.0]], AssessmentFileCode.INVALID_ENTRY),
         (("postures", 0, "bones", 0, "kind"), "feather", AssessmentFileCode.INVALID_ENTRY),
+        (("inputs", "tendons"), "soft", AssessmentFileCode.INVALID_ENTRY),
+        (("inputs", "paths"), "straight", AssessmentFileCode.INVALID_ENTRY),
+        (("inputs", "cutoff_hz"), "six", AssessmentFileCode.INVALID_ENTRY),
     ],
 )
-def test_a_file_whose_bands_or_postures_do_not_fit_is_refused(
+def test_a_file_whose_bands_postures_or_options_do_not_fit_is_refused(
     plain: dict[str, Any], tmp_path: Path, place: tuple[Any, ...], broken: Any, code: AssessmentFileCode
 ) -> None:
     changed = copy.deepcopy(plain)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from documents.interval import UNBROKEN
+from fitting.results.cuffs_schema import ClassEntry
 from station.assessment.assessment_file import AssessmentDocument
 from station.assessment.assessment_json import CURVE_KEYS, KnownNumberEntry, NumberEntry
 from station.assessment.uncertainty_json import BasisEntry, DecisionEntry, UncertaintyEntry
@@ -114,6 +115,12 @@ def test_an_effort_is_stated_as_what_is_saved_and_a_bound_is_no_figure(
 ) -> None:
     entry = located(NumberEntry.model_validate(number), Source.of("assessment.json"))
     assert (str(saving(entry)), str(saving_in_words(entry))) == (text, words)
+
+
+def test_a_number_has_the_place_of_its_key_in_the_file() -> None:
+    entry = ClassEntry.model_validate({"class": "linear", "left_over_n": 0.2, "gain": 0.0})
+    name: Any = located(entry, Source.of("cuffs.json")).name
+    assert name.source.pointer == "/class"
 
 
 @pytest.mark.parametrize(
