@@ -101,7 +101,7 @@ EVERYTHING = {
     "dropped": 1853,
     "slow_rate": 0.61,
     "disk_left_s": 1.1e6,
-    "streams": {name: {"rate_hz": 0.97 * rate, "nominal_hz": rate} for name, rate in RATES_HZ.items()},
+    "streams": {name: {"rate_hz": 0.97 * rate, "nominal_hz": rate, "samples": 1} for name, rate in RATES_HZ.items()},
     "force": [[t / 40, 155 + t / 400] for t in range(100)],  # above the limit: an alarm
     "displacement": [[t / 40, t / 10] for t in range(100)],
     "elevation": [],
