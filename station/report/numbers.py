@@ -79,7 +79,8 @@ def located(value: Any, source: Source) -> Any:
     """
     copy: Any
     if isinstance(value, BaseModel):
-        keys = {name: field.serialization_alias or name for name, field in type(value).model_fields.items()}
+        fields = type(value).model_fields
+        keys = {name: fields[name].serialization_alias or name if name in fields else name for name, _ in value}
         copy = value.model_copy(update={name: located(part, source.child(keys[name])) for name, part in value})
         object.__setattr__(copy, "__pydantic_private__", {_PLACE: source})  # beside its fields
         return copy
