@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from documents.message import Message
-from recordings.manifest import TestKind, TrialCondition
+from recordings.manifest import Manifest, TestKind, TrialCondition
 from station.messages.bench_messages import RefusalCode
 
 CUFF_TESTS: tuple[TestKind, ...] = ("static", "dynamic")
@@ -54,6 +54,12 @@ class TrialSpec(TrialKey):
     """
 
     name: str = "cuff-{cuff}_test-{test}_run-{run}"
+
+    @classmethod
+    def of_recording(cls, manifest: Manifest) -> TrialSpec:
+        """The trial that was recorded."""
+        cuff = manifest.cuff.name if manifest.cuff else None
+        return cls(cuff, manifest.test, manifest.repeat, manifest.donning, condition=manifest.condition)
 
     @property
     def title(self) -> str:

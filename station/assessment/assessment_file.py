@@ -66,7 +66,7 @@ def read_activations(path: Path) -> pd.DataFrame:
     return table
 
 
-def _ensure_named(inputs: dict[str, str]) -> dict[str, str]:
+def _ensure_usable(inputs: dict[str, str]) -> dict[str, str]:
     if missing := [role for role in INPUTS if role not in inputs]:
         raise ValueError(f"{missing[0]} is missing")
     for option, values in OPTIONS.items():
@@ -117,7 +117,7 @@ class AssessmentDocument(AssessedMotionEntry, _Head):
     subject: SubjectDocument | None = None
     inputs: Annotated[
         dict[str, str],
-        AfterValidator(_ensure_named),
+        AfterValidator(_ensure_usable),
         Field(
             description="names of the input files, with their SHA-256, and options that are not the default",
             json_schema_extra={"required": list(INPUTS)},

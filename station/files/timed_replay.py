@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from documents.message import Message
-from recordings.manifest import DataOrigin, Manifest
+from recordings.manifest import DataOrigin
 from recordings.reader import Recording, open_recording
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Stream
 from station.bench.bench_clock import BLOCK_S
@@ -140,12 +140,7 @@ def replay(path: Path, folder: Path, speed: float, views: Sequence[View] = ()) -
     config = parse_config(manifest.effective_config, str(path))
     recorder = TrialRecorder(config, clock, [*views, ending], make_devices=lambda *_: [device], post_roll_s=math.inf)
     ending.recorder = recorder
-    return recorder.record(folder, _spec(manifest))
-
-
-def _spec(manifest: Manifest) -> TrialSpec:
-    cuff = manifest.cuff.name if manifest.cuff else None
-    return TrialSpec(cuff, manifest.test, manifest.repeat, manifest.donning, condition=manifest.condition)
+    return recorder.record(folder, TrialSpec.of_recording(manifest))
 
 
 def _delivered(recording: Recording) -> Iterator[Item]:

@@ -19,7 +19,6 @@ from queue import SimpleQueue
 from typing import Protocol
 
 from documents.message import Message, because
-from recordings.manifest import Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import Event, Samples, Stream
 from recordings.topics import EMG, MARKERS
@@ -340,7 +339,7 @@ def prepare_replay(path: Path, settings: LiveSection | None = None) -> tuple[Rec
     """
     recording = open_recording(path)
     manifest = recording.manifest
-    spec = trial_spec(manifest)
+    spec = TrialSpec.of_recording(manifest)
     if not can_be_solved(spec):
         raise LiveRefused(Message(LiveCode.NO_BODY, {"path": str(path), "test": spec.test}))
     config = parse_config(manifest.effective_config, str(path))
@@ -406,8 +405,3 @@ def replay_and_publish(
             return serve_views(stack, setup, folder, commands.put)
 
         return replay_live(recording, prepared, on_setup=serve, sinks=sinks, speed=speed, commands=apply_commands)
-
-
-def trial_spec(manifest: Manifest) -> TrialSpec:
-    cuff = manifest.cuff.name if manifest.cuff else None
-    return TrialSpec(cuff, manifest.test, manifest.repeat, manifest.donning, condition=manifest.condition)
