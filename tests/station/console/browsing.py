@@ -83,13 +83,20 @@ def open_page(browser: Browser, address: str, width: int = 1280, height: int = 8
 
 
 def press_again(alert: Locator) -> None:
-    names = re.search(r"not executed: (.+)\. Press|(.+) was pressed", alert.inner_text())
-    assert names is not None
-    alert.get_by_role("button", name="Close").click()
-    for name in (names[1] or names[2]).split(", "):
-        button = alert.page.locator("footer [data-keys]").filter(has_text=name)
-        if button.count():
-            button.first.click()
+    """Read, close and press in one step each: a notice goes as soon as its press arrives after all."""
+    notices = alert.evaluate_all(
+        """alerts => alerts.map(alert => {
+            const text = alert.innerText;
+            [...alert.querySelectorAll("button")].find(button => /^close$/i.test(button.innerText.trim())).click();
+            return text;
+        })"""
+    )
+    for notice in notices:
+        names = re.search(r"not executed: (.+)\. Press|(.+) was pressed", notice)
+        assert names is not None
+        for name in (names[1] or names[2]).split(", "):
+            button = alert.page.locator("footer [data-keys]").filter(has_text=name, visible=True)
+            button.evaluate_all("buttons => buttons.slice(0, 1).forEach(button => button.click())")
 
 
 def begin(page: Page, subject: str = "P01") -> None:
