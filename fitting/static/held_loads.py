@@ -33,8 +33,11 @@ from fitting.uncertainty import NORMAL_95, Estimate, chi_square_limit, normal_es
 
 BIN = 0.5
 MIN_BINS = 20
-MAX_CONDITION = 1e8
+LEAST_DETERMINANT = 1e-12
+"""Of the normal matrix of C and C φ over the weighted squares of the loads, from which the two are identified."""
 STEP = 0.05
+LOG_STEP = 1e-6
+"""Of the logarithm of the time constant, for the derivative with respect to it."""
 MAX_ROUNDS = 500
 """Of the search for the time constant."""
 TIME_CONSTANTS = np.geomspace(2.0, 60.0, 12)
@@ -53,7 +56,7 @@ class Creep:
 
     significance     standard errors by which creep improves the fit of the holds
     in_holds         standard errors by which the displacement increases within the holds alone
-    remaining_force  [N] of every trial: force − y in its last hold; the cuff will still move by C φ remaining_force
+    remaining_force  N: force − y in the last hold of the donning
     outcome          of the search for the time constant
     """
 
@@ -65,7 +68,7 @@ class Creep:
     in_holds: float
     chi_square: float
     dof: int
-    remaining_force: tuple[float, ...]
+    remaining_force: float
     outcome: FitOutcome = FitOutcome.CONVERGED
 
     @property
@@ -84,17 +87,18 @@ class Creep:
         """Whether the residual with creep is that of noise."""
         return self.chi_square < chi_square_limit(self.dof)
 
-    def recovery(self, trial: int) -> float:
-        """Displacement [m] still to come after the last hold of trial number `trial` (from 0); recovery is negative."""
-        return self.compliance * self.fraction.value * self.remaining_force[trial]
+    @property
+    def recovery(self) -> float:
+        """Displacement [m] still to come after the last hold; negative after unloading."""
+        return self.compliance * self.fraction.value * self.remaining_force
 
 
 def fit_creep(pulls: Sequence[Pull], fits: Sequence[StaticFit]) -> Creep | None:
-    """Creep of one donning from its static pulls; None for too few holds.
+    """Creep of one donning from its static pulls; None for too few holds, or one load in every segment.
 
     The segments of the fits are the stretches without slip.
     """
-    held = list(zip(pulls, fits, strict=True))
+    held = [(pull, fit) for pull, fit in zip(pulls, fits, strict=True) if fit.plateaus]
     bins = [_binned(pull, fit) for pull, fit in held]
     if sum(len(trial.time) for trial in bins) < MIN_BINS:
         return None
@@ -110,13 +114,13 @@ def fit_creep(pulls: Sequence[Pull], fits: Sequence[StaticFit]) -> Creep | None:
     )
     log = float(found.x)
     (compliance, extra), chi_square = problem.solve(log)
-    if compliance <= 0:
+    if not compliance > 0:  # or not identified
         return None
     dof = len(problem.x) - len(np.unique(problem.group)) - 3
     scale = max(1.0, chi_square / max(dof, 1))
-    covariance = problem.covariance(log, extra) * scale
-    of_fraction = np.array([-extra / compliance**2, 1 / compliance, 0.0])
-    rest, rest_sd = compliance + extra, math.sqrt(float(covariance[:2, :2].sum()))
+    covariance = problem.covariance(log) * scale
+    of_fraction = np.array([-extra / compliance**2, 1 / compliance])
+    rest, rest_sd = compliance + extra, math.sqrt(float(covariance.sum()))
     return Creep(
         fraction=normal_estimate(extra / compliance, math.sqrt(float(of_fraction @ covariance @ of_fraction))),
         time_constant=math.exp(log),
@@ -126,7 +130,7 @@ def fit_creep(pulls: Sequence[Pull], fits: Sequence[StaticFit]) -> Creep | None:
         in_holds=problem.in_holds(log),
         chi_square=chi_square,
         dof=dof,
-        remaining_force=tuple(_lagged(pull, fit.plateaus, np.zeros(0), math.exp(log))[1] for pull, fit in held),
+        remaining_force=_remaining_force(*held[-1], math.exp(log)),
         outcome=FitOutcome.CONVERGED if found.success else FitOutcome.NOT_CONVERGED,
     )
 
@@ -135,7 +139,7 @@ def fit_creep(pulls: Sequence[Pull], fits: Sequence[StaticFit]) -> Creep | None:
 class _Problem:
     """All bins of a donning: x [m] and load [N] without the mean of their group, with weights (bins,) [1/m²].
 
-    hold is the number of the held load.
+    hold is the number of the held load; square: that of the loads themselves, weighted and summed [N²/m²].
     """
 
     held: Sequence[tuple[Pull, StaticFit]]
@@ -145,14 +149,14 @@ class _Problem:
     weight: NDArray[np.float64]
     x: NDArray[np.float64]
     load: NDArray[np.float64]
+    square: float
 
     def solve(self, log: float) -> tuple[tuple[float, float], float]:
-        """C and C φ [m/N] for the logarithm of a time constant, and χ²: infinite if they are not identifiable."""
+        """C and C φ [m/N] for the logarithm of a time constant, and χ²: NaN and infinite if they are not identified."""
         columns = np.column_stack((self.load, self._lagged(log)))
         normal = (columns.T * self.weight) @ columns
-        scale = np.sqrt(np.diag(normal))
-        if not np.all(scale > 0) or np.linalg.cond(normal / np.outer(scale, scale)) > MAX_CONDITION:
-            return (0.0, 0.0), math.inf
+        if np.linalg.det(normal / self.square) < LEAST_DETERMINANT:
+            return (math.nan, math.nan), math.inf
         compliance, extra = np.linalg.solve(normal, columns.T @ (self.weight * self.x))
         residual = self.x - compliance * self.load - extra * columns[:, 1]
         return (float(compliance), float(extra)), float(self.weight @ residual**2)
@@ -173,34 +177,33 @@ class _Problem:
         scale = max(1.0, float(self.weight @ (x - follows * y) ** 2) / dof)
         return follows * math.sqrt(information / scale)
 
-    def covariance(self, log: float, extra: float) -> NDArray[np.float64]:
-        """(3, 3) of C, C φ and the logarithm of the time constant."""
-        turning = extra * (self._lagged(log + 0.01) - self._lagged(log - 0.01)) / 0.02
-        columns = np.column_stack((self.load, self._lagged(log), turning))
-        scale = np.linalg.norm(columns, axis=0) + 1e-300
-        scaled = columns / scale
-        covariance = np.linalg.pinv((scaled.T * self.weight) @ scaled, rcond=1e-10, hermitian=True)
-        return np.asarray(covariance / np.outer(scale, scale), np.float64)
+    def covariance(self, log: float) -> NDArray[np.float64]:
+        """(2, 2) of C and C φ, with an unknown time constant."""
+        lagged = self._lagged(log)
+        columns = np.column_stack((self.load, lagged, self._lagged(log + LOG_STEP) - lagged))
+        columns *= np.sqrt(self.weight)[:, None]
+        scale = np.linalg.norm(columns, axis=0)
+        inverse = np.linalg.pinv(columns / scale, rcond=1e-5) / scale[:, None]
+        return np.asarray((inverse @ inverse.T)[:2, :2])
 
     def _lagged(self, log: float) -> NDArray[np.float64]:
         pairs = zip(self.held, self.bins, strict=True)
-        time_constant = math.exp(log)
-        y = [_lagged(pull, fit.plateaus, bins.time, time_constant)[0] for (pull, fit), bins in pairs]
+        y = [np.interp(bins.time, *_lagged(*trial, math.exp(log))) for trial, bins in pairs]
         return within(np.concatenate(y), self.group, self.weight)
 
 
 def _problem(held: Sequence[tuple[Pull, StaticFit]], bins: Sequence[_Bins]) -> _Problem:
-    group = _numbered([trial.segment for trial in bins], [fit.segment.max(initial=-1) + 1 for _, fit in held])
-    hold = _numbered([trial.hold for trial in bins], [len(fit.plateaus) for _, fit in held])
+    group, hold = _numbered([trial.segment for trial in bins]), _numbered([trial.hold for trial in bins])
     weight = np.maximum(np.concatenate([trial.sd for trial in bins]), LEAST_SD) ** -2.0
     x, load = (np.concatenate([getattr(trial, name) for trial in bins]) for name in ("x", "force"))
-    return _Problem(held, bins, group, hold, weight, within(x, group, weight), within(load, group, weight))
+    square = float(weight @ load**2)
+    return _Problem(held, bins, group, hold, weight, within(x, group, weight), within(load, group, weight), square)
 
 
-def _numbered(numbers: Sequence[NDArray[np.intp]], counts: Sequence[int]) -> NDArray[np.intp]:
+def _numbered(numbers: Sequence[NDArray[np.intp]]) -> NDArray[np.intp]:
     """Numbers (bins,) within each trial, made unique over all trials."""
-    firsts = np.concatenate(([0], np.cumsum(counts)))
-    return np.concatenate([number + first for number, first in zip(numbers, firsts, strict=False)]).astype(np.intp)
+    pairs = [np.column_stack((np.full(len(number), trial), number)) for trial, number in enumerate(numbers)]
+    return np.unique(np.concatenate(pairs), axis=0, return_inverse=True)[1]
 
 
 @dataclass(frozen=True)
@@ -223,32 +226,28 @@ def _binned(pull: Pull, fit: StaticFit) -> _Bins:
         time, x = pull.marker_time[inside], pull.displacement[inside]
         index = ((time - plateau.start) / BIN).astype(np.intp)
         count = np.bincount(index)
-        full = count > 0.5 * count.max(initial=1)
-        sd = plateau.displacement_sd * np.sqrt(len(x) / np.maximum(count, 1))
-        of_bins = [np.bincount(index, values) / np.maximum(count, 1) for values in (time, x)]
-        same = [np.full(len(count), value) for value in (plateau.force, segment, hold)]
-        rows.append(np.column_stack((of_bins[0], same[0], of_bins[1], sd, *same[1:]))[full])
-    time, force, x, sd, segments, holds = np.concatenate([*rows, np.zeros((0, 6))]).T
-    return _Bins(time, force, x, sd, segments.astype(np.intp), holds.astype(np.intp))
+        full = count > 0.5 * count.max()
+        time, x = (np.bincount(index, values)[full] / count[full] for values in (time, x))
+        sd = plateau.displacement_sd * np.sqrt(np.count_nonzero(inside) / count[full])
+        same = [np.full(len(x), value) for value in (plateau.force, segment, hold)]
+        rows.append((time, same[0], x, sd, *same[1:]))
+    return _Bins(*(np.concatenate(column) for column in zip(*rows, strict=True)))
 
 
-def _lagged(
-    pull: Pull, plateaus: Sequence[Plateau], time: NDArray[np.float64], time_constant: float
-) -> tuple[NDArray[np.float64], float]:
-    """y (bins,) [N] at time [s], and force − y in the last hold [N].
-
-    Before the trial the cuff is assumed to be at rest under the first load.
-    """
-    grid = np.arange(pull.force_time[0], pull.force_time[-1], STEP)
-    force = np.interp(grid, pull.force_time, pull.force)
-    first = plateaus[0].force if plateaus else float(force[0])
+def _lagged(pull: Pull, fit: StaticFit, time_constant: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times (n,) [s] and y (n,) [N]. Before the trial the cuff is assumed to be at rest under the first load."""
+    time = np.arange(pull.force_time[0], pull.force_time[-1], STEP)
+    first = fit.plateaus[0].force
     decay = math.exp(-STEP / time_constant)
-    y = first + scipy.signal.lfilter([0.0, 1 - decay], [1.0, -decay], force - first)
-    if not plateaus:
-        return np.interp(time, grid, y), 0.0
-    last = plateaus[-1]
-    held = (grid >= last.start) & (grid <= last.end)
-    return np.interp(time, grid, y), last.force - float(np.mean(y[held]))
+    above = np.interp(time, pull.force_time, pull.force) - first
+    return time, first + scipy.signal.lfilter([0.0, 1 - decay], [1.0, -decay], above)
+
+
+def _remaining_force(pull: Pull, fit: StaticFit, time_constant: float) -> float:
+    """Force − y [N] in the last hold."""
+    time, y = _lagged(pull, fit, time_constant)
+    last = fit.plateaus[-1]
+    return last.force - float(np.mean(y[(time >= last.start) & (time <= last.end)]))
 
 
 RECOVERY_SD = 0.3
@@ -271,7 +270,7 @@ def fit_migration(trials: Sequence[Sequence[Plateau]], creep: Creep | None = Non
     if creep is None or not creep.is_measured:
         settling = {"settling": abs(last.unsettled)} if last.unsettled else {}
         return _estimate(value, {"noise": noise, **settling})
-    recovery = creep.recovery(held[-1])
+    recovery = creep.recovery
     relative = math.hypot(RECOVERY_SD, creep.fraction.standard_error / creep.fraction.value)
     return _estimate(value + recovery, {"noise": noise, "creep": abs(recovery) * relative})
 
@@ -336,10 +335,10 @@ class HeldLoads(EqualByFields):
 def fit_held_loads(static: Sequence[Pull], gain_sd: float) -> HeldLoads:
     """Stiffness, drift, creep and energy from the static trials of a donning in time order."""
     drift = _drift([pull.plateaus for pull in static])
-    is_drifting = drift is not None and abs(drift.value) > SIGNIFICANCE * drift.standard_error
-    rate = drift.value if drift is not None and is_drifting else 0.0
+    rate = drift_sd = 0.0
+    if drift is not None and abs(drift.value) > SIGNIFICANCE * drift.standard_error:
+        rate, drift_sd = drift.value, drift.standard_error
     trials = [_without_drift(pull.plateaus, rate) for pull in static]
-    drift_sd = drift.standard_error if drift is not None and is_drifting else 0.0
     stiffness = fit_stiffness(trials, gain_sd, drift_sd)
     # If creep explains the holds, the cuff has not slipped, although the loads are not on a line.
     creep = fit_creep(static, [replace(fit, segment=0 * fit.segment) for fit in stiffness.trials])

@@ -19,6 +19,7 @@ from fitting.results.codes import FitOutcome, NoteCode
 from fitting.static.held_loads import (
     Creep,
     HeldLoads,
+    _binned,
     _drift,
     _energy,
     _without_drift,
@@ -43,6 +44,7 @@ from fitting.static.stiffness import (
     _retraces,
     _returns,
     _slip,
+    fit_stiffness,
 )
 from fitting.uncertainty import Repeat, chi_square_limit, normal_estimate
 from tests.fitting.pulls import Held, static_trial
@@ -62,7 +64,7 @@ CREEP = Creep(
     in_holds=3.0,
     chi_square=8.0,
     dof=10,
-    remaining_force=(-40.0, -50.0, -60.0),
+    remaining_force=-50.0,
 )
 
 
@@ -293,7 +295,7 @@ LAST = _trial((2.0, 0.0105), (60.0, 0.02), (2.2, 0.012))
 )
 def test_the_creep_still_to_recover_after_the_last_hold_is_no_slip(trials: list[list[Plateau]], to_come: float) -> None:
     """1/5000 m/N, a tenth of it creep. Its relative error is that of the fraction, 0.4, and 0.3."""
-    found = fit_migration(trials, CREEP)
+    found = fit_migration(trials, replace(CREEP, remaining_force=-to_come))
     assert found.value == pytest.approx(0.012 - 2e-5 * to_come)
     assert found.parts == pytest.approx({"noise": 3e-5 * 2**0.5, "creep": 1e-5 * to_come})
     assert found.standard_error == pytest.approx((2 * 3e-5**2 + (1e-5 * to_come) ** 2) ** 0.5)
@@ -563,8 +565,8 @@ def test_creep_is_significant_beyond_its_limits(changes: dict[str, object], is_s
     assert (creep.is_seen, creep.is_measured) == (is_seen, is_measured)
 
 
-def test_the_recovery_of_a_trial_is_that_of_its_remaining_force() -> None:
-    assert [CREEP.recovery(trial) for trial in range(3)] == pytest.approx([-8e-4, -1e-3, -1.2e-3])
+def test_the_recovery_is_that_of_the_remaining_force() -> None:
+    assert CREEP.recovery == pytest.approx(-1e-3)
 
 
 def _held_result(growth: float = 0.0, **changes: object) -> HeldLoads:
@@ -601,6 +603,7 @@ def test_notes_of_held_loads_begin_beyond_their_limits(held: HeldLoads, codes: l
 def test_notes_and_tangents_have_the_figures_of_the_fit() -> None:
     held = _held_result(growth=0.01, creep=CREEP, hold=5.0, duration=3.0)
     assert (held.has_loads, held.highest) == (True, 62.0)
+    assert replace(held, stiffness=replace(held.stiffness, trials=(*held.stiffness.trials, _fit_of(None)))).has_loads
     short, creeps, stiffens = held_load_notes(held)
     assert short.figures == {"hold_s": 3.0}
     assert creeps.figures == pytest.approx(
@@ -636,8 +639,8 @@ def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds
     rows = np.array([row for number, pull in enumerate(pulls) for row in _half_seconds(pull, number)])
     trial, hold, time, force, x, x_sd = rows.T
 
-    def lagged(log: float) -> tuple[np.ndarray, list[float]]:
-        ys, remaining = np.zeros(len(time)), []
+    def lagged(log: float) -> tuple[np.ndarray, float]:
+        ys, remaining = np.zeros(len(time)), math.nan
         for number, pull in enumerate(pulls):
             frames = pull.marker_time
             load = np.interp(frames, pull.force_time, pull.force)
@@ -646,7 +649,7 @@ def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds
             y, _ = signal.lfilter([pace], [1, pace - 1], load, zi=[(1 - pace) * start])
             ys[trial == number] = np.interp(time[trial == number], frames, y)
             last = pull.plateaus[-1]
-            remaining.append(last.force - float(y[(frames >= last.start) & (frames <= last.end)].mean()))
+            remaining = last.force - float(y[(frames >= last.start) & (frames <= last.end)].mean())
         return ys, remaining
 
     def law(_: object, compliance: float, extra: float, log: float, *offsets: float) -> np.ndarray:
@@ -677,6 +680,209 @@ def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds
     slope, (least,) = np.linalg.lstsq(holds, x / x_sd)[:2]
     variance = np.linalg.inv(holds.T @ holds)[0, 0] * max(1.0, least / (len(x) - holds.shape[1]))
     assert found.in_holds == pytest.approx(slope[0] / math.sqrt(variance), rel=2e-2)
+
+
+def _stepped(loads: Sequence[float], halves: Sequence[int], x: Sequence[float], sd: Sequence[float]) -> Pull:
+    """Held loads [N] for halves of a second each, and the displacement [m] in each half second; sd of each hold [m].
+
+    Ten frames a second in the middle of the samples of the load, which changes exactly at one of these.
+    """
+    starts = 0.5 * np.cumsum([0, *halves])
+    frames = 0.05 + 0.1 * np.arange(5 * len(x))
+    means = [float(np.mean(part)) for part in np.split(np.array(x), np.cumsum(halves)[:-1])]
+    plateaus = [
+        Plateau(float(start), float(end) - 0.02, load, 0.1, mean, error, (mean, error))
+        for start, end, load, mean, error in zip(starts, starts[1:], loads, means, sd, strict=False)
+    ]
+    return replace(
+        _reduced(CREEPING, 1)[0][0],
+        force_time=0.05 * np.arange(10 * len(x) + 2),
+        force=np.array([*np.repeat(loads, 10 * np.array(halves)), loads[-1], loads[-1]], float),
+        marker_time=frames,
+        displacement=np.repeat(x, 5).astype(float),
+        plateaus=tuple(plateaus),
+    )
+
+
+def _fit_in(pull: Pull, segment: Sequence[int]) -> StaticFit:
+    return replace(_fit_of(None, segment=segment), plateaus=pull.plateaus)
+
+
+def _filtered(loads: Sequence[float], halves: Sequence[int], time_constant: float) -> tuple[list[float], float]:
+    """The force behind a low-pass, at rest under the first load: in every half second, and its mean over the last hold
+    at 20 samples a second.
+    """
+    y, found, last = loads[0], [], math.nan
+    for load, count in zip(loads, halves, strict=True):
+        found += [load + (y - load) * math.exp(-(half + 0.5) / 2 / time_constant) for half in range(count)]
+        last = load + (y - load) * float(np.mean(np.exp(-np.arange(10 * count) / 20 / time_constant)))
+        y = load + (y - load) * math.exp(-count / 2 / time_constant)
+    return found, last
+
+
+MANY = [4, 3, 2, 3], [3, 4, 3]
+ALONE = [1] * 20
+UP_AND_DOWN = [2.0 + 10 * min(i, 20 - i) for i in range(20)]
+
+
+@pytest.mark.parametrize("part", [1e-6, 1e-4], ids=["errors as stated", "errors understated"])
+@pytest.mark.parametrize(
+    ("trials", "segments"),
+    [
+        ((((2.0, 30.0, 60.0, 25.0), MANY[0]), ((3.0, 50.0, 4.0), MANY[1])), ((0, 0, 1, 1), (0, 0, 0))),
+        (((UP_AND_DOWN[:18], [1, 3] + [1] * 16),), ((0,) * 4 + tuple(range(1, 15)),)),
+        (((UP_AND_DOWN[:19], [1, 2] + [1] * 17),), ((0,) * 4 + tuple(range(1, 16)),)),
+        (((UP_AND_DOWN, ALONE),), ((0,) * 4 + tuple(range(1, 17)),)),
+    ],
+    ids=["two trials", "one degree of freedom", "none within holds", "single half seconds"],
+)
+def test_creep_is_the_regression_on_the_exact_response_of_a_low_pass(
+    trials: Sequence[tuple[Sequence[float], Sequence[int]]], segments: Sequence[Sequence[int]], part: float
+) -> None:
+    """Of SciPy, with an offset of every segment, on half seconds. A trial without a hold in between changes nothing."""
+    random, truth = np.random.default_rng(4), [_filtered(*trial, 8.0)[0] for trial in trials]
+    pulls, rows = [], []
+    for number, ((loads, halves), segment, y) in enumerate(zip(trials, segments, truth, strict=True)):
+        hold = np.repeat(np.arange(len(loads)), halves)
+        x = np.array(loads)[hold] / K + 0.3 / K * np.array(y) + 1e-3 * np.array(segment)[hold]
+        x += part * random.standard_normal(len(x))
+        sd = 2.0 ** -(18 + np.arange(len(loads)) % 3)
+        pulls.append(_stepped(loads, halves, x, sd))
+        error = (sd * np.sqrt(halves))[hold]
+        parts = 100 * number + np.array(segment)[hold], 100 * number + hold
+        rows.append(np.array([*parts, np.array(loads)[hold], x, error]))
+    segment, hold, load, x, x_sd = np.hstack(rows)
+    fits = [_fit_in(pull, numbers) for pull, numbers in zip(pulls, segments, strict=True)]
+    found = fit_creep([pulls[0], pulls[0], *pulls[1:]], [fits[0], _fit_of(None), *fits[1:]])
+    assert found is not None and found.outcome is FitOutcome.CONVERGED
+    offsets = (segment[:, None] == np.unique(segment)).astype(float)
+
+    def lagged(log: float) -> np.ndarray:
+        return np.concatenate([_filtered(*trial, math.exp(log))[0] for trial in trials])
+
+    def best(log: float) -> tuple[np.ndarray, float]:
+        return _least_squares(np.column_stack([load, lagged(log), offsets]), x, x_sd)
+
+    bounds = math.log(2), math.log(60)
+    log = optimize.minimize_scalar(lambda log: best(log)[1], bounds=bounds, method="bounded", options={"xatol": 1e-9}).x
+    (compliance, extra, *_), chi_square = best(log)
+    assert found.time_constant == pytest.approx(math.exp(log), rel=1e-4)
+    assert (found.compliance, found.fraction.value) == pytest.approx((compliance, extra / compliance), rel=1e-4)
+    dof = len(x) - offsets.shape[1] - 3
+    assert (found.chi_square, found.dof) == (pytest.approx(chi_square, rel=1e-5, abs=1e-5), dof)
+    scale = max(1.0, chi_square / max(dof, 1))
+    slope = (lagged(log + 1e-5) - lagged(log - 1e-5)) / 2e-5
+    columns = np.column_stack([load, lagged(log), extra * slope, offsets]) / x_sd[:, None]
+    slopes = np.array([[-extra / compliance**2, 1 / compliance], [-1 / (compliance + extra) ** 2] * 2])
+    errors = np.linalg.norm(slopes @ np.linalg.pinv(columns)[:2], axis=1) * math.sqrt(scale)
+    assert [found.fraction.standard_error, found.stiffness_at_rest.standard_error] == pytest.approx(errors, rel=1e-4)
+    without = _least_squares(np.column_stack([load, offsets]), x, x_sd)[1]
+    assert found.significance == pytest.approx(math.sqrt((without - chi_square) / scale), rel=1e-4)
+    last = trials[-1][0][-1] - _filtered(*trials[-1], math.exp(log))[1]
+    assert found.remaining_force == pytest.approx(last, rel=1e-4)
+    holds = (hold[:, None] == np.unique(hold)).astype(float)
+    if len(x) == holds.shape[1]:
+        assert found.in_holds == 0, "every load was held for half a second"
+        return
+    (slope, *_), least = _least_squares(np.column_stack([lagged(log), holds]), x, x_sd)
+    dof = len(x) - holds.shape[1] - 1
+    variance = (max(1.0, least / dof) if dof else 1.0) / _least_squares(holds, lagged(log), x_sd)[1]
+    assert found.in_holds == pytest.approx(slope / math.sqrt(variance), rel=1e-4)
+
+
+def _least_squares(columns: np.ndarray, x: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, float]:
+    """The factors of the columns, and χ²."""
+    size = np.linalg.norm(columns, axis=0)
+    factors = np.linalg.lstsq(columns / size / sd[:, None], x / sd)[0] / size
+    return factors, float(np.sum(((x - columns @ factors) / sd) ** 2))
+
+
+@pytest.mark.parametrize(("gain", "is_removed"), [(0.424, False), (0.425, True), (-0.425, True)])
+def test_a_drift_of_the_zero_is_removed_if_it_exceeds_three_standard_errors(gain: float, *, is_removed: bool) -> None:
+    """Of two forces with errors of 0.1 N: 0.4243 N, in 16 s between the middles of the first and the last hold."""
+    loads = 2.0, 30.0, 60.0, 30.0, 2.0 + gain
+    pull = _stepped(loads, [8] * 5, np.repeat([2.0, 30.0, 60.0, 30.0, 2.0], 8) / K, [1e-5] * 5)
+    held = fit_held_loads([pull], 0.01)
+    assert held.drift is not None and held.drift.value == pytest.approx(gain / 16)
+    rate, rate_sd = (gain / 16, 0.1 * math.sqrt(2) / 16) if is_removed else (0.0, 0.0)
+    (trial,) = held.stiffness.trials
+    assert [plateau.force for plateau in trial.plateaus] == pytest.approx(loads - rate * 4 * np.arange(5))
+    expected = fit_stiffness([trial.plateaus], 0.01, rate_sd).stiffness
+    assert expected is not None and held.stiffness.stiffness is not None
+    assert held.stiffness.stiffness.parts == pytest.approx(expected.parts)
+
+
+def test_holds_are_timed_from_the_step_before_them() -> None:
+    """The first has none. Read after 3, 4.5 and 9 s on average; held for 4, 5 and 12 s."""
+    pull = _stepped((2.0, 30.0, 60.0, 30.0), [8] * 4, np.repeat([2.0, 30.0, 60.0, 30.0], 8) / K, [1e-5] * 4)
+    assert (fit_held_loads([pull], 0.0).hold, fit_held_loads([pull], 0.0).duration) == (0.0, math.inf)
+    timed = [
+        replace(p, step=(p.start + p.end) / 2 - after, hold=hold)
+        for p, after, hold in zip(pull.plateaus[1:], (3.0, 4.5, 9.0), (4.0, 5.0, 12.0), strict=True)
+    ]
+    trial = replace(pull.trial, file="timed")
+    held = fit_held_loads([replace(pull, trial=trial, plateaus=(pull.plateaus[0], *timed)), pull], 0.0)
+    assert (held.hold, held.duration) == (pytest.approx(5.5), 5.0)
+    assert held.steps == {"timed": (2.99, 5.49, 4.99), pull.trial.file: ()}
+
+
+def test_pulls_without_a_held_load_have_no_result() -> None:
+    pull = replace(_reduced(CREEPING, 1)[0][0], plateaus=())
+    for held in (fit_held_loads([pull], 0.0), fit_held_loads([], 0.0)):
+        assert not held.has_loads and held_load_notes(held) == () and held.tangents == ()
+        assert (held.stiffness.stiffness, held.creep, held.energy, held.drift) == (None, None, None, None)
+        assert (held.hold, held.duration, held.steps) == (0.0, math.inf, {})
+
+
+@pytest.mark.parametrize("compliance", [0.0, -1 / K])
+def test_a_displacement_that_does_not_follow_the_load_has_no_creep(compliance: float) -> None:
+    loads = np.repeat([2.0, 30.0, 60.0], 8)
+    pull = _stepped((2.0, 30.0, 60.0), [8] * 3, (compliance * loads).tolist(), [2.0**-16] * 3)
+    assert fit_creep([pull], [_fit_in(pull, [0] * 3)]) is None
+
+
+def test_a_spring_without_creep_has_a_fraction_and_a_significance_of_zero() -> None:
+    pull = _stepped((2.0, 30.0, 60.0), [8] * 3, (np.repeat([2.0, 30.0, 60.0], 8) / K).tolist(), [2.0**-16] * 3)
+    creep = fit_creep([pull], [_fit_in(pull, [0] * 3)])
+    assert creep is not None
+    assert (creep.fraction.value, creep.significance, creep.in_holds) == pytest.approx((0, 0, 0), abs=1e-6)
+
+
+@pytest.mark.parametrize("loads", [(2.1, 30.7, 60.3), (3.3, 17.9, 32.8), (2.7, 2.7, 2.7)])
+def test_one_load_in_every_segment_does_not_determine_creep(loads: tuple[float, ...]) -> None:
+    """Loads and errors that are no powers of two: a weighted mean of equal values differs from them by rounding."""
+    random = np.random.default_rng(2)
+    pull = _stepped(loads, [8] * 3, np.repeat(loads, 8) / K + 1e-5 * random.standard_normal(24), [1e-5, 3e-5, 7e-5])
+    assert fit_creep([pull], [_fit_in(pull, [0, 1, 2])]) is None
+
+
+def test_load_and_low_pass_that_coincide_do_not_determine_creep() -> None:
+    """Loads held for hours."""
+    pull = _stepped((2.0, 30.0, 60.0), [8] * 3, (np.repeat([2.0, 30.0, 60.0], 8) / K).tolist(), [2.0**-16] * 3)
+    late = [replace(p, start=p.start + 3600 * i, end=p.end + 3600 * i) for i, p in enumerate(pull.plateaus)]
+    shift = np.repeat([0.0, 3600.0, 7200.0], 40)
+    times = [0.0, 4.0, 4.05, 3600.0, 3608.0, 3608.05, 7300.0]
+    pull = replace(
+        pull,
+        force_time=np.array(times),
+        force=np.array([2.0, 2.0, 30.0, 30.0, 30.0, 60.0, 60.0]),
+        marker_time=pull.marker_time + shift,
+        plateaus=tuple(late),
+    )
+    assert fit_creep([pull], [_fit_in(pull, [0] * 3)]) is None
+
+
+def test_half_seconds_of_a_hold_count_if_more_than_half_of_their_frames_are_seen() -> None:
+    time = [9.9, 10.0, 10.1, 10.2, 10.3, 10.5, 10.6, 11.0, 11.1, 11.2, 11.5, 11.6, 11.7, 11.8]
+    x = [9.0, 1.0, 2.0, 3.0, 6.0, 7.0, 8.0, 4.0, 5.0, 6.0, 1.0, math.nan, 2.0, 9.0]
+    pull = replace(_reduced(CREEPING, 1)[0][0], marker_time=np.array(time), displacement=np.array(x))
+    plateau = Plateau(10.0, 11.7, 40.0, 0.1, 0.0, 0.3, (0.0, 0.3))
+    bins = _binned(pull, replace(_fit_of(None, segment=[3, 5]), plateaus=(plateau, replace(plateau, force=50.0))))
+    assert bins.time == pytest.approx([10.15, 11.1] * 2)
+    assert bins.x == pytest.approx([3.0, 5.0] * 2)
+    assert bins.sd == pytest.approx(0.3 * np.sqrt([11 / 4, 11 / 3] * 2))
+    assert bins.force.tolist() == [40.0, 40.0, 50.0, 50.0]
+    assert (bins.segment.tolist(), bins.hold.tolist()) == ([3, 3, 5, 5], [0, 0, 1, 1])
 
 
 @pytest.mark.parametrize(("time_constant", "found"), [(1.0, 2.0), (2.5, 2.5), (50.0, 50.0), (90.0, 60.0)])
