@@ -356,16 +356,16 @@ def fit_held_loads(static: Sequence[Pull], gain_sd: float) -> HeldLoads:
         for plateau in plateaus
         if plateau.step is not None
     ]
-    durations, read_after = np.array(after_step).reshape(-1, 2).T
+    durations, read_after = zip(*after_step, strict=True) if after_step else ((math.inf,), (0.0,))
     steps = {pull.trial.file: tuple(round(p.step, 2) for p in pull.plateaus if p.step is not None) for pull in static}
     return HeldLoads(
         stiffness,
-        float(np.mean(read_after)) if after_step else 0.0,
+        float(np.mean(read_after)),
         drift,
         creep,
         _energy(trials),
         steps,
-        float(np.median(durations)) if after_step else math.inf,
+        float(np.median(durations)),
     )
 
 
@@ -417,12 +417,10 @@ def _drift(trials: Sequence[Sequence[Plateau]]) -> Estimate | None:
 
 def _without_drift(plateaus: Sequence[Plateau], rate: float) -> tuple[Plateau, ...]:
     """The plateaus with forces corrected for the drift since the first hold."""
-    if not plateaus or rate == 0:
-        return tuple(plateaus)
-    first = (plateaus[0].start + plateaus[0].end) / 2
+    middles = [(plateau.start + plateau.end) / 2 for plateau in plateaus]
     return tuple(
-        replace(plateau, force=plateau.force - rate * ((plateau.start + plateau.end) / 2 - first))
-        for plateau in plateaus
+        replace(plateau, force=plateau.force - rate * (middle - middles[0]))
+        for plateau, middle in zip(plateaus, middles, strict=True)
     )
 
 
@@ -434,7 +432,7 @@ def _energy(trials: Sequence[Sequence[Plateau]]) -> Estimate | None:
             continue
         force = np.array([plateau.force for plateau in plateaus]) - plateaus[0].force
         x = np.array([plateau.displacement for plateau in plateaus])
-        by_force, by_x = np.gradient(x) * _ends(len(x)), -np.gradient(force) * _ends(len(x))
+        by_force, by_x = np.gradient(x) * _ends(len(x)), np.gradient(force) * _ends(len(x))
         force_sd = np.array([plateau.force_sd for plateau in plateaus])
         x_sd = np.array([plateau.displacement_sd for plateau in plateaus])
         work = float(np.sum((force[1:] + force[:-1]) / 2 * np.diff(x)))

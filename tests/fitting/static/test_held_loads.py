@@ -486,8 +486,8 @@ def _cycle(forces: Sequence[float], x: Sequence[float], shift: float = 0.0) -> l
     """Holds of 6 s every 10 s, the last of 8 s, with uneven errors."""
     return [
         Plateau(
-            10.0 * i,
-            10.0 * i + (8 if i == len(forces) - 1 else 6),
+            10.0 * i + 3,
+            10.0 * i + 3 + (8 if i == len(forces) - 1 else 6),
             f + shift,
             0.1 * (i + 1),
             d,
@@ -534,6 +534,8 @@ def test_the_energy_of_a_cycle_is_the_area_of_its_polygon_and_its_error_that_of_
     one = _energy([_cycle(forces, x, shift=5.0)])
     assert one is not None and one.value == pytest.approx(area(corners))
     assert one.standard_error == pytest.approx(float(np.linalg.norm(slopes * errors)), rel=1e-4)
+    three = _energy([_cycle((2, 20, 2.5), (0, 1e-3, 4e-4), shift=5.0)])
+    assert three is not None and three.value == pytest.approx(9e-3 - 18.5 / 2 * 6e-4), "also if the cuff has slipped"
     mean = _energy(
         [_cycle(forces, x), [], _cycle(forces, 1.1 * x), _cycle((2, 20), (0, 1)), _cycle((2, 5, 50), [0] * 3)]
     )
@@ -623,6 +625,8 @@ def test_notes_and_tangents_have_the_figures_of_the_fit() -> None:
     assert replace(held, stiffness=replace(held.stiffness, law=None)).tangents == ()
     (yields,) = held_load_notes(_held_result(creep=replace(CREEP, dof=0, in_holds=4.0), hold=5.0))
     assert yields.figures == {"hold_s": 5.0}
+    (drifts,) = held_load_notes(_held_result(drift=normal_estimate(0.05, 0.01)))
+    assert drifts.figures == {"drift_n_per_s": 0.05}
 
 
 @pytest.mark.parametrize("part", [1.0, 0.4], ids=["errors as stated", "errors understated"])
@@ -813,17 +817,57 @@ def test_a_drift_of_the_zero_is_removed_if_it_exceeds_three_standard_errors(gain
 
 
 def test_holds_are_timed_from_the_step_before_them() -> None:
-    """The first has none. Read after 3, 4.5 and 9 s on average; held for 4, 5 and 12 s."""
+    """The first has none. Read after 3, 4.5 and 9 s; held for 4, 5 and 12 s. A trial without holds changes nothing."""
     pull = _stepped((2.0, 30.0, 60.0, 30.0), [8] * 4, np.repeat([2.0, 30.0, 60.0, 30.0], 8) / K, [1e-5] * 4)
     assert (fit_held_loads([pull], 0.0).hold, fit_held_loads([pull], 0.0).duration) == (0.0, math.inf)
     timed = [
         replace(p, step=(p.start + p.end) / 2 - after, hold=hold)
-        for p, after, hold in zip(pull.plateaus[1:], (3.0, 4.5, 9.0), (4.0, 5.0, 12.0), strict=True)
+        for p, after, hold in zip(pull.plateaus[1:], (3.004, 4.5, 8.996), (4.0, 5.0, 12.0), strict=True)
     ]
-    trial = replace(pull.trial, file="timed")
-    held = fit_held_loads([replace(pull, trial=trial, plateaus=(pull.plateaus[0], *timed)), pull], 0.0)
+    trial, empty = replace(pull.trial, file="timed"), replace(pull.trial, file="empty")
+    pulls = [replace(pull, trial=trial, plateaus=(pull.plateaus[0], *timed)), pull]
+    held = fit_held_loads([*pulls, replace(pull, trial=empty, plateaus=())], 0.0)
     assert (held.hold, held.duration) == (pytest.approx(5.5), 5.0)
-    assert held.steps == {"timed": (2.99, 5.49, 4.99), pull.trial.file: ()}
+    assert held.steps == {"timed": (2.99, 5.49, 4.99), pull.trial.file: (), "empty": ()}
+
+
+def test_creep_that_explains_the_holds_is_no_slip() -> None:
+    """Loads are on no line, because the cuff is still creeping when the next one is held."""
+    loads, halves = (2.0, 30.0, 60.0, 30.0, 2.0), [16] * 5
+    y = np.array(_filtered(loads, halves, 8.0)[0])
+    random = np.random.default_rng(1)
+    x = (np.repeat(loads, halves) + 0.2 * y) / K + 4e-5 * random.standard_normal(80)
+    pull = _stepped(loads, halves, x, [1e-5] * 5)
+    held = fit_held_loads([pull], 0.0)
+    assert held.creep is not None and held.creep.is_measured
+    assert held.creep.fraction.value == pytest.approx(0.2, abs=3 * held.creep.fraction.standard_error)
+    (trial,) = held.stiffness.trials
+    assert trial.segment.tolist() == [0] * 5
+    assert held.stiffness == fit_stiffness([pull.plateaus], 0.0, creeps=True) != fit_stiffness([pull.plateaus], 0.0)
+
+
+def test_slip_with_creep_is_slip_and_creep_is_sought_between_slips() -> None:
+    loads, halves = (2.0, 30.0, 60.0, 30.0, 2.0), [16] * 5
+    random = np.random.default_rng(1)
+    x = np.repeat(loads, halves) / K + np.repeat([0, 2e-3, 5e-3, 5e-3, 5e-3], halves)
+    pull = _stepped(loads, halves, x + 4e-5 * random.standard_normal(80), [1e-5] * 5)
+    held = fit_held_loads([pull], 0.0)
+    (trial,) = held.stiffness.trials
+    assert trial.segment.tolist() == [0, 1, 2, 2, 2]
+    assert held.stiffness == fit_stiffness([pull.plateaus], 0.0)
+    assert held.creep is not None and not held.creep.is_seen
+    assert held.creep == fit_creep([pull], [trial])
+
+
+def test_creep_does_not_depend_on_the_unit_of_the_force() -> None:
+    loads, halves = np.array([2.0, 30.0, 60.0]), [8] * 3
+    x = (np.repeat(loads, halves) + 0.2 * np.array(_filtered(loads.tolist(), halves, 8.0)[0])) / K
+    pulls = [_stepped((unit * loads).tolist(), halves, x, [2.0**-16] * 3) for unit in (1.0, 1e-6)]
+    newtons, other = (fit_creep([pull], [_fit_in(pull, [0] * 3)]) for pull in pulls)
+    assert newtons is not None and other is not None
+    assert (newtons.fraction.value, newtons.time_constant) == pytest.approx((0.2, 8.0), rel=1e-3)
+    assert (other.fraction.value, other.time_constant) == pytest.approx((0.2, 8.0), rel=1e-3)
+    assert 1e-6 * other.compliance == pytest.approx(newtons.compliance)
 
 
 def test_pulls_without_a_held_load_have_no_result() -> None:
