@@ -51,7 +51,7 @@ from tests.fitting.pulls import Held, static_trial
 from tests.fitting.static.test_stiffness import FLAT, K, _held
 
 COUNT = 60
-SOME = pytest.mark.parametrize("count", [8, pytest.param(20, marks=pytest.mark.slow)])
+SOME = pytest.mark.parametrize("count", [3, pytest.param(20, marks=pytest.mark.slow)])
 """Seeds of a test; those of the slow ones hold the others, which were fitted by then."""
 CREEPING = Held(creep=0.15, unloads=True)
 SLIPPING = Held(first_slip=25.0, hardening=4000.0, unloads=True)
@@ -155,11 +155,14 @@ def test_a_cuff_that_does_not_creep_is_not_classified_as_creeping(count: int) ->
             assert NoteCode.CREEPS not in _codes(held)
 
 
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("yielding", [0.3 / 77, 1 / 77, -0.3 / 77])
 @pytest.mark.parametrize("unloads", [False, True])
-def test_a_cuff_that_bends_is_not_classified_as_creeping_or_slipping(yielding: float, unloads: bool) -> None:
+def test_a_cuff_that_bends_is_not_classified_as_creeping_or_slipping(
+    yielding: float, unloads: bool, count: int
+) -> None:
     truth = Held(yielding=yielding, unloads=unloads)
-    for seed in range(3):
+    for seed in range(count):
         reduced = [pull for again in (0, 50) for pull in _reduced(truth, seed + again)[0]]
         held = fit_held_loads(reduced, 0.0)
         assert _codes(held) == [NoteCode.SOFTENS if yielding > 0 else NoteCode.STIFFENS]
@@ -167,9 +170,10 @@ def test_a_cuff_that_bends_is_not_classified_as_creeping_or_slipping(yielding: f
         assert not held.stiffness.slips_again
 
 
-def test_what_creep_still_recovers_is_no_migration() -> None:
+@SOME
+def test_what_creep_still_recovers_is_no_migration(count: int) -> None:
     """Unloaded for 8 s, a cuff that creeps by 15 % is still 0.1 mm away and has not migrated."""
-    for seed in range(10):
+    for seed in range(count):
         reduced, _ = _reduced(CREEPING, seed)
         plateaus = [each.plateaus for each in reduced]
         away, migration = fit_migration(plateaus), fit_migration(plateaus, _fit(CREEPING, seed).creep)
@@ -217,8 +221,9 @@ def test_the_interval_of_a_tangent_includes_the_gain_of_the_load_cell() -> None:
     assert sum(part**2 for part in tangent.parts.values()) == pytest.approx(tangent.standard_error**2)
 
 
-def test_a_straight_cuff_has_the_same_tangent_everywhere() -> None:
-    for seed in range(10):
+@SOME
+def test_a_straight_cuff_has_the_same_tangent_everywhere(count: int) -> None:
+    for seed in range(count):
         held = _fit(Held(unloads=True), seed)
         assert abs(held.stiffness.law.significance) < 4
         assert held_load_notes(held) == ()
