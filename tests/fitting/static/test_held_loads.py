@@ -836,9 +836,10 @@ def test_holds_are_timed_from_the_step_before_them() -> None:
     assert held.steps == {"timed": (2.99, 5.49, 4.99), pull.trial.file: (), "empty": ()}
 
 
-def test_creep_that_explains_the_holds_is_no_slip() -> None:
+@pytest.mark.parametrize("loads", [(2.0, 30.0, 60.0, 30.0, 2.0), (2.0, 17.0, 32.0, 47.0, 62.0)])
+def test_creep_that_explains_the_holds_is_no_slip(loads: tuple[float, ...]) -> None:
     """Loads are on no line, because the cuff is still creeping when the next one is held."""
-    loads, halves = (2.0, 30.0, 60.0, 30.0, 2.0), [16] * 5
+    halves = [16] * 5
     y = np.array(_filtered(loads, halves, 8.0)[0])
     random = np.random.default_rng(1)
     x = (np.repeat(loads, halves) + 0.2 * y) / K + 4e-5 * random.standard_normal(80)
@@ -867,12 +868,12 @@ def test_slip_with_creep_is_slip_and_creep_is_sought_between_slips() -> None:
 def test_creep_does_not_depend_on_the_unit_of_the_force() -> None:
     loads, halves = np.array([2.0, 30.0, 60.0]), [8] * 3
     x = (np.repeat(loads, halves) + 0.2 * np.array(_filtered(loads.tolist(), halves, 8.0)[0])) / K
-    pulls = [_stepped((unit * loads).tolist(), halves, x, [2.0**-16] * 3) for unit in (1.0, 1e-6)]
+    pulls = [_stepped((unit * loads).tolist(), halves, x, [2.0**-16] * 3) for unit in (1.0, 1e-9)]
     newtons, other = (fit_creep([pull], [_fit_in(pull, [0] * 3)]) for pull in pulls)
     assert newtons is not None and other is not None
     assert (newtons.fraction.value, newtons.time_constant) == pytest.approx((0.2, 8.0), rel=1e-3)
     assert (other.fraction.value, other.time_constant) == pytest.approx((0.2, 8.0), rel=1e-3)
-    assert 1e-6 * other.compliance == pytest.approx(newtons.compliance)
+    assert 1e-9 * other.compliance == pytest.approx(newtons.compliance)
 
 
 def test_pulls_without_a_held_load_have_no_result() -> None:
