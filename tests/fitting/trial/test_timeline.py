@@ -343,8 +343,12 @@ def test_the_force_of_a_motion_counts_only_if_the_cord_is_measured(is_measured: 
     if is_measured:
         with raises_refusal(RejectionCode.FORCE_SATURATED):
             build(one_clock(), manifest)
-    else:
-        assert len(build(one_clock(), manifest).force)
+        return
+    gap = force(np.delete(np.arange(3501), np.arange(1000, 1100)), 9.5)
+    timeline = build(one_clock(**{"/force": gap}), manifest)
+    assert len(timeline.force) and (timeline.force_gaps, timeline.notes) == ((), ())
+    timeline = build({"/markers": one_clock()["/markers"]}, manifest)
+    assert len(timeline.force) == len(timeline.force_time) == 0 and len(timeline.marker_time) == 201
 
 
 # What is kept of a recording says the same of its clocks and rates as all of it, however it came in blocks.
@@ -476,6 +480,7 @@ def test_damage_is_its_first_note_and_a_count_of_the_others() -> None:
             {"count": 4, "total": 5, "limit": 10.0, "unit": "N"},
         ),
         ([0.5, 0.5], np.inf, RejectionCode.FORCE_CONSTANT, {"value": 0.5, "total": 2}),
+        ([0.5], np.inf, RejectionCode.FORCE_CONSTANT, {"value": 0.5, "total": 1}),
         ([0.0, 9.9, 9.9, 9.9], 10.0, None, None),
         ([0.0, 9.89, 9.89, 9.89, 9.89], 10.0, None, None),
         ([], 10.0, None, None),
@@ -511,10 +516,23 @@ def rests(end: float, start: float = 0.0, slope: float = 0.0) -> float | None:
 
 def test_the_zero_drifts_by_the_difference_of_the_rests_at_both_ends() -> None:
     assert rests(3.0) == pytest.approx(3.0, abs=1e-9) and rests(1.0, start=3.0) == pytest.approx(-2.0, abs=1e-9)
-    assert rests(24.0) == pytest.approx(24.0) and rests(25.5) is None, "the lowest quarter of the range"
+    assert rests(24.0) == pytest.approx(24.0) and rests(25.0) is None, "the lowest quarter of the range"
+    assert rests(0.0, start=24.8, slope=1.6) is None, "both halves"
     assert rests(3.0, slope=3.8) == pytest.approx(3.0, abs=0.02) and rests(3.0, slope=4.2) is None, "halves by 2 %"
     assert rests(9.0, start=-20.0) == pytest.approx(29.0) and rests(11.0, start=-20.0) is None
     assert zero_drift(np.array([0.0, 5.0, 9.0]), np.zeros(3)) is None, "one sample is no rest"
+
+
+def test_a_rest_is_less_than_a_second_from_the_end_and_has_halves_that_differ_by_less_than_2_percent() -> None:
+    """Of a range of 100 N, in binary fractions, with the hook at -50 N."""
+    time = np.array([0.0, 0.5, 1.0, 5.0, 9.0, 9.25, 10.0])
+
+    def drift(*ends: float) -> float | None:
+        return zero_drift(time, np.array([*ends[:2], 50.0, 50.0, 50.0, *ends[2:]]))
+
+    assert drift(-50.0, -50.0, -46.0, -46.0) == 4.0
+    assert drift(-50.0, -48.015625, -46.0, -46.0) == pytest.approx(3.0078125)
+    assert drift(-50.0, -48.0, -46.0, -46.0) is None is drift(-50.0, -50.0, -46.0, -48.0)
 
 
 @pytest.mark.parametrize(
