@@ -351,6 +351,17 @@ def test_the_force_of_a_motion_counts_only_if_the_cord_is_measured(is_measured: 
     assert len(timeline.force) == len(timeline.force_time) == 0 and len(timeline.marker_time) == 201
 
 
+def test_a_captured_motion_without_force_has_the_time_of_its_start_edge() -> None:
+    """The edge lies within 1 ms."""
+    body = BodyMarkers(("a",), ("b",), is_cord_measured=False)
+    tracks = captured()
+    del tracks["/force"]
+    timeline = build(tracks, replace(EDGE, cuff=None, body=body))
+    assert len(timeline.force) == len(timeline.force_time) == 0
+    np.testing.assert_allclose(timeline.marker_time, np.arange(300) / 100, atol=1e-12)
+    assert (timeline.lag.edge, timeline.lag.drift) == (pytest.approx(1e-3 / np.sqrt(12)), 50e-6)
+
+
 # What is kept of a recording says the same of its clocks and rates as all of it, however it came in blocks.
 
 
