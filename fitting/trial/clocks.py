@@ -317,10 +317,9 @@ class ClockFit:
         lever = np.array([1.0, time])
         return math.sqrt(max(0.0, float(lever @ self.covariance @ lever)))
 
-    def errors(self, duration: float, force_rate: float, speed: float) -> SyncErrors:
-        """Errors in a trial of `duration` [s] with the highest rates `force_rate` [N/s] and `speed` [m/s]."""
-        worst = max(self.time_sd(0.0), self.time_sd(duration))
-        return SyncErrors(worst, worst * force_rate, worst * speed)
+    def largest_time_sd(self, duration: float) -> float:
+        """Largest standard uncertainty [s] of the time in a trial of `duration` [s]."""
+        return max(self.time_sd(0.0), self.time_sd(duration))
 
 
 def fit_clock(edges: SyncEdges, capture: float | None, stop: StopWindow) -> ClockFit:

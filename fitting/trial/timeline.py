@@ -478,7 +478,7 @@ def certify(manifest: Manifest, decimated: Mapping[str, Track]) -> SyncCertifica
     force, frames = decimated["/force"], aligned.frames
     frame_time = aligned.first_frame + frames.seconds - frames.seconds[0]
     duration = float(min(aligned.force_time[-1], frame_time[-1]))
-    worst = max(aligned.clock.errors(duration, 0.0, 0.0).time, aligned.edge_sd)  # edge_sd includes a contradiction
+    worst = max(aligned.clock.largest_time_sd(duration), aligned.edge_sd)  # edge_sd includes a contradiction
     inside, seen = (aligned.force_time >= 0) & (aligned.force_time <= duration), frame_time <= duration
     numbers = force.sample_numbers[inside].astype(np.int64)
     volts_rate = highest_rate(numbers, force.values[inside], force.stream.rate_hz)

@@ -463,6 +463,29 @@ def test_the_certificate_of_uniform_edges_has_their_closed_form(has_stop: bool) 
     assert figures == common | own
 
 
+@pytest.mark.parametrize("fast", ["first", "last"])
+@pytest.mark.parametrize("samples", [6000, 4000], ids=["frames end first", "force ends first"])
+def test_rates_are_the_highest_between_the_edge_and_the_end_of_the_shorter_stream(samples: int, fast: str) -> None:
+    """9 N/s and 0.9 m/s elsewhere; 6 N/s and 0.6 m/s in the first or the last two rows of 50 ms, 3 and 0.3 within."""
+    end, last_frame = (4950, 300) if samples == 6000 else (4000, 200)
+    time, frame = np.arange(6000), np.arange(1, 301)
+    first, quick = (2000, frame < 15) if fast == "first" else (end - 100, frame > last_frame - 10)
+    slope = np.where((time >= 2000) & (time < end), np.where((time >= first) & (time < first + 100), 3.0, 1.5), 4.5)
+    force_values = 1e-3 * np.cumsum(slope)[:samples, None]
+    step = np.where(frame <= last_frame, np.where(quick, 6.0, 3.0), 9.0)
+    tracks = captured()
+    tracks["/force"] = replace(force(np.arange(samples)), values=force_values)
+    values = np.zeros_like(tracks["/markers"].values)
+    values[:, 0, 0] = np.cumsum(step)
+    tracks["/markers"] = replace(tracks["/markers"], values=values)
+    found = certify(EDGE, decimate(EDGE, tracks))
+    assert found is not None
+    assert (found.force_rate, found.speed) == (pytest.approx(6.0), pytest.approx(0.6))
+    assert (found.errors.force, found.errors.displacement) == pytest.approx(
+        (6.0 * found.errors.time, 0.6 * found.errors.time)
+    )
+
+
 def test_streams_of_one_clock_have_no_certificate_and_labels_that_are_missing_are_named() -> None:
     assert certify(MANIFEST, one_clock()) is None
     elsewhere = replace(EDGE, cuff=CuffSite("hand", "arm", ("a", "c"), ("d",)))
