@@ -41,6 +41,13 @@ def test_an_interval_is_normal_for_a_known_error_and_student_s_for_scatter() -> 
     assert student_estimate(5.0, 2.0, 4).ci95 == pytest.approx((5 - 2 * 2.776445, 5 + 2 * 2.776445), abs=1e-5)
 
 
+def test_the_text_of_an_estimate_has_its_interval_if_that_has_a_width() -> None:
+    estimate = Estimate(8515.0, 30.0, (8301.0, 8741.0))
+    assert estimate.text("N/m") == "8515 ± 30 N/m, 95 %: 8301 to 8741"
+    assert repr(estimate) == estimate.text() == "8515 ± 30, 95 %: 8301 to 8741"
+    assert "95 %" not in Estimate(2.0, 0.0, (2.0, 2.0)).text("N")
+
+
 @pytest.mark.parametrize(("value", "error", "is_too_wide"), [(4.0, 2.0, False), (-4.0, 2.0, False), (-4.0, 2.1, True)])
 def test_an_error_above_half_of_the_value_is_too_wide(value: float, error: float, is_too_wide: bool) -> None:
     assert normal_estimate(value, error).is_too_wide is is_too_wide
