@@ -2,14 +2,15 @@
 
 certified    20 states of the bundled model, in certified.json
 golden       24 states of the published model, beside the repository
-random       60 states of the bundled model, built and evaluated in OpenSim here and now
+random       20 states of the bundled model, built and evaluated in OpenSim here and now; 60 with the slow tests
 motions      some frames of every published motion beside the repository, the model read from its file by OpenSim, and
-             golden's states again, for the multipliers that golden.npz does not hold
+             golden's states again, for the multipliers that golden.npz does not hold; more with the slow tests
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,6 @@ from solver.redundancy.mechanics import ResponseMaps, response_maps
 from tests.solver.references import NO_WEIGHT, SHARED, certified, golden, greatest_difference, relative_difference
 
 Array = NDArray[np.float64]
-RANDOM_STATES = 60
 _ORACLE, _SHARED = pytest.mark.oracle, pytest.mark.shared
 
 
@@ -56,6 +56,8 @@ class Comparison:
         pytest.param("golden", marks=_SHARED),
         pytest.param("random", marks=_ORACLE),
         pytest.param("motions", marks=[_SHARED, _ORACLE]),
+        pytest.param("more random", marks=[_ORACLE, pytest.mark.slow]),
+        pytest.param("more motions", marks=[_SHARED, _ORACLE, pytest.mark.slow]),
     ],
 )
 def compared(request: pytest.FixtureRequest) -> Comparison:
@@ -153,28 +155,35 @@ def _golden() -> tuple[Model, dict[str, Array]]:
     return read_osim(NO_WEIGHT), golden()
 
 
-def _random() -> tuple[Model, dict[str, Array]]:
+def _random(states: int) -> tuple[Model, dict[str, Array]]:
     pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
     from tests.solver.certify import Oracle
 
     model, random = bundled_model(), np.random.default_rng(200)
-    q = model.default_coordinates + 0.2 * random.normal(size=(RANDOM_STATES, len(model.coordinates)))
+    q = model.default_coordinates + 0.2 * random.normal(size=(states, len(model.coordinates)))
     # An arm that hangs down is where the shoulder's three angles are singular, and no two programs agree to 1e-12.
-    q[:, model.coordinate_index("shoulder_elv")] = random.uniform(0.3, 2.3, RANDOM_STATES)
+    q[:, model.coordinate_index("shoulder_elv")] = random.uniform(0.3, 2.3, states)
     return model, Oracle(model).evaluate_all(q, random.normal(size=q.shape))
 
 
-def _motions() -> tuple[Model, dict[str, Array]]:
+def _motions(every: int) -> tuple[Model, dict[str, Array]]:
     pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
     from tests.solver.certify import Oracle
 
     model = read_osim(NO_WEIGHT)
     moves = [differentiate(read_motion(file, model)) for file in sorted((SHARED / "motions").glob("*.mot"))]
     q, u = (
-        np.concatenate([*(getattr(move, name)[::80] for move in moves), golden()[letter]])
+        np.concatenate([*(getattr(move, name)[::every] for move in moves), golden()[letter][:: every // 80]])
         for name, letter in (("positions", "q"), ("speeds", "u"))
     )
     return model, Oracle(model, NO_WEIGHT).evaluate_all(q, u)
 
 
-_REFERENCES = {"certified": _certified, "golden": _golden, "random": _random, "motions": _motions}
+_REFERENCES = {
+    "certified": _certified,
+    "golden": _golden,
+    "random": partial(_random, 20),
+    "motions": partial(_motions, 240),
+    "more random": partial(_random, 60),
+    "more motions": partial(_motions, 80),
+}

@@ -97,6 +97,7 @@ def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str
     assert ran.stderr == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "kernels", "of_others"),
     [

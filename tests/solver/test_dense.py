@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from solver.compiled import compiled_for_python
 from solver.dense import CACHE_LINE, aligned, invert_part, matrix_times
 
 RANDOM = np.random.default_rng(7)
 
 
-@njit
+@compiled_for_python
 def _run(system: Any, count: int, pivot: Any, matrix: Any, rows: Any, product: Any) -> None:
     invert_part(system, count, pivot)
     matrix_times(matrix, rows, product)

@@ -35,8 +35,9 @@ def _checked(record: Swing) -> tuple[Solution, Checks]:
     return solution, check(record, solution, 1.0)
 
 
-def test_three_other_methods_agree_on_a_spring_and_a_damper() -> None:
-    for seed in range(12):
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 12), marks=pytest.mark.slow)])
+def test_three_other_methods_agree_on_a_spring_and_a_damper(seeds: range) -> None:
+    for seed in seeds:
         solution, checks = _checked(swing(seed))
         assert [other.method for other in checks.others] == ["weak form", "output error", "complex stiffness"]
         assert disagreements(without_lag(solution), checks) == ()
@@ -57,10 +58,13 @@ def test_a_method_that_is_four_standard_errors_off_is_named_with_both_figures() 
     assert note.figures["other"] == c.value + apart
 
 
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 8), marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("colour", "is_coloured"), [(0.0, False), (0.05, True), (0.5, True)])
-def test_correlated_marker_noise_is_distinguished_from_white_noise(colour: float, is_coloured: bool) -> None:
-    found = [_checked(swing(seed, colour=colour))[1].is_coloured for seed in range(8)]
-    assert found == [is_coloured] * 8
+def test_correlated_marker_noise_is_distinguished_from_white_noise(
+    colour: float, is_coloured: bool, seeds: range
+) -> None:
+    found = [_checked(swing(seed, colour=colour))[1].is_coloured for seed in seeds]
+    assert found == [is_coloured] * len(seeds)
 
 
 def test_a_bent_spring_shows_at_twice_the_swings_frequency() -> None:
@@ -84,7 +88,7 @@ def test_noise_in_the_force_does_not_bias_the_damping_of_a_light_damper() -> Non
     assert np.mean([fit[1].value for fit in found if fit]) == pytest.approx(38.0, abs=2.0)
 
 
-@pytest.mark.parametrize("colour", [0.0, 0.05])
+@pytest.mark.parametrize("colour", [pytest.param(0.0, marks=pytest.mark.slow), 0.05])
 def test_its_standard_error_is_honest_whatever_the_colour_of_the_noise(colour: float) -> None:
     z = []
     for seed in range(60):
@@ -108,6 +112,7 @@ def test_without_noise_the_weak_form_returns_what_was_put_in() -> None:
     assert fitted[1].value == pytest.approx(DAMPING, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_its_interval_covers_as_student_says() -> None:
     places = []
     for seed in range(120):

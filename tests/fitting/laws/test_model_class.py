@@ -43,7 +43,7 @@ def _donning(law: Law, seed: int = 1, repeats: int = 2, **rig: float) -> ModelCo
     return _compared(OddSession(law, Rig(), seed, truth), repeats)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_spring_and_a_damper_are_not_called_anything_richer(seed: int) -> None:
     assert _donning(Law(), seed).name == KELVIN_VOIGT
 
@@ -53,7 +53,7 @@ def test_a_spring_and_a_damper_are_not_called_anything_richer(seed: int) -> None
     [{"lag": 5e-3}, {"lag": 25e-3}, {"lag": -5e-3}, {"zero_drift": 2 / 60}, {"zero_drift": -2 / 60, "lag": 5e-3}],
     ids=["lag", "long lag", "early", "drift", "drift and lag"],
 )
-@pytest.mark.parametrize("repeats", [1, 2])
+@pytest.mark.parametrize("repeats", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_an_uncalibrated_lag_and_a_drift_of_the_zero_are_no_law(repeats: int, rig: dict[str, float]) -> None:
     """The waist's damper is so strong that a lag makes the swing look stiffer than the held loads."""
     assert _donning(Law(stiffness=2140.0, damping=124.0), 1, repeats, **rig).name == KELVIN_VOIGT
@@ -66,7 +66,9 @@ def test_a_law_that_is_richer_is_recognised(name: str) -> None:
     assert found.ranking[0].gain > 0.25
 
 
-@pytest.mark.parametrize("name", WEAK)
+@pytest.mark.parametrize(
+    "name", ["slip", *(pytest.param(name, marks=pytest.mark.slow) for name in WEAK if name != "slip")]
+)
 def test_a_fifth_of_the_effect_is_enough(name: str) -> None:
     """A few per cent of creep and a friction of a few tenths of a newton may tie."""
     found = _donning(WEAK[name], repeats=3)

@@ -374,6 +374,7 @@ class StoppedCapture:
         return self.frames * self.frame
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop", STOPS)
 def test_a_declared_stop_edge_is_covered_as_stated(stop: Stop) -> None:
     cells = [coverage(stop, daq, camera, TRIALS, is_declared=True) for daq, camera in DRIFTS_PPM]
@@ -381,6 +382,7 @@ def test_a_declared_stop_edge_is_covered_as_stated(stop: Stop) -> None:
     assert min(cell.covered for cell in cells) >= 0.86, "four standard errors of a hundred trials"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop", STOPS)
 def test_an_unknown_stop_edge_is_covered_at_least_as_stated(stop: Stop) -> None:
     cells = [coverage(stop, daq, camera, TRIALS, is_declared=False) for daq, camera in DRIFTS_PPM]
@@ -389,6 +391,7 @@ def test_an_unknown_stop_edge_is_covered_at_least_as_stated(stop: Stop) -> None:
     assert max(cell.worst for cell in cells) < 4.0, "standard uncertainties"
 
 
+@pytest.mark.slow
 def test_a_wrong_declaration_is_not_covered() -> None:
     """So that the tests above can fail."""
     random, covered = np.random.default_rng(5), 0

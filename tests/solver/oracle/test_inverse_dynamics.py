@@ -30,7 +30,7 @@ from tests.solver.oracle.two_bodies import along_path, model_with, opensim, rand
 from tests.solver.references import relative_difference
 
 Array = NDArray[np.float64]
-START, END, EVERY = 0.1, 0.7, 6
+START, END, EVERY = 0.1, 0.7, 5  # OpenSim counts the steps from the first row of the motion
 OPTIONS = static_optimisation(RedundancyOptions(joint="thigh_joint"))
 certify: Any = pytest.importorskip("tests.solver.certify")
 COLUMNS = [f"{part}_{axis}" for part in ("pull", "grip", "twist") for axis in "xyz"]
@@ -210,6 +210,7 @@ def optimised_by_opensim(step: Step, solved: SolvedMotion) -> Controls:
     analysis = opensim.StaticOptimization()
     analysis.setConvergenceCriterion(1e-9)
     analysis.setMaxIterations(3000)
+    analysis.setStepInterval(EVERY)
     model.updAnalysisSet().cloneAndAppend(analysis)
     tool = opensim.AnalyzeTool()
     tool.setModel(model)

@@ -5,11 +5,8 @@ The closest point of an ellipsoid: on it, and the line to it is normal to it.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
-from numba import njit
 from numpy.typing import NDArray
 
 from solver.compiled import compiled_for_python
@@ -30,7 +27,7 @@ SEMI_AXES = (0.7, 1.6, 0.7 + 1e-9)
 RANDOM = np.random.default_rng(8)
 
 
-@njit(error_model="numpy")  # type: ignore[untyped-decorator]
+@compiled_for_python
 def _directions(starts: Array, inner: Array, radii: Array, fan: Fan, code: NDArray[np.int8], found: Array) -> None:
     for k in range(len(starts)):
         r, d, a = starts[k], inner[k], radii[k]
@@ -40,8 +37,7 @@ def _directions(starts: Array, inner: Array, radii: Array, fan: Fan, code: NDArr
 
 def _found(starts: Array, inner: Array, radii: Array) -> Array:
     found = np.empty_like(starts)
-    kernel: Any = _directions
-    kernel(starts, inner, radii, allocate_fan(), np.zeros(1, np.int8), found)
+    _directions(starts, inner, radii, allocate_fan(), np.zeros(1, np.int8), found)
     return found
 
 
