@@ -26,7 +26,7 @@ from fitting.results.cuffs_schema import CuffsDocument
 from station.assessment.assessment_file import AssessmentDocument
 from station.assessment.assessment_json import ASSESSMENT_FILE, NumberEntry, WornFigureEntry
 from station.report.pictures import Picture
-from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source
+from station.report.report_file import Derivation, DrawnFigure, ReportedNumber, Source, pointer_below
 
 UNKNOWN, NOT_IDENTIFIED = "–", "not identified"
 UNITS = {unit.lower(): unit for unit in ("m", "mm", "kg", "N", "s", "Hz", "rad")}
@@ -43,24 +43,29 @@ WITHOUT_CUFFS = frozenset({"rigid", "bare_body_cost", "longest_cord_m", "referen
 """Keys of assessment.json whose numbers do not depend on the cuffs."""
 
 
-class LocatedObject(dict[str, Any]):
-    source: Source
+class Located:
+    """A value with its file and JSON Pointer. Its Source is made on request, because few of thousands are shown."""
+
+    place: tuple[str, str]
+
+    @property
+    def source(self) -> Source:
+        return Source.of(*self.place)
 
 
-class LocatedList(list[Any]):
-    source: Source
+class LocatedObject(Located, dict[str, Any]): ...
 
 
-class LocatedText(str):
-    source: Source
+class LocatedList(Located, list[Any]): ...
 
 
-class LocatedFloat(float):
-    source: Source
+class LocatedText(Located, str): ...
 
 
-class LocatedInteger(int):
-    source: Source
+class LocatedFloat(Located, float): ...
+
+
+class LocatedInteger(Located, int): ...
 
 
 _PLACE = "place"
@@ -77,22 +82,27 @@ def located(value: Any, source: Source) -> Any:
 
     Booleans, null and codes are not replaced.
     """
+    return _located(value, source.file, source.pointer)
+
+
+def _located(value: Any, file: str, pointer: str) -> Any:
     copy: Any
     if isinstance(value, BaseModel):
         fields = type(value).model_fields
         keys = {name: fields[name].serialization_alias or name if name in fields else name for name, _ in value}
-        copy = value.model_copy(update={name: located(part, source.child(keys[name])) for name, part in value})
-        object.__setattr__(copy, "__pydantic_private__", {_PLACE: source})  # beside its fields
+        parts = {name: _located(part, file, pointer_below(pointer, keys[name])) for name, part in value}
+        copy = value.model_copy(update=parts)
+        object.__setattr__(copy, "__pydantic_private__", {_PLACE: Source.of(file, pointer)})  # beside its fields
         return copy
     if isinstance(value, Mapping):
-        copy = LocatedObject({key: located(part, source.child(key)) for key, part in value.items()})
+        copy = LocatedObject({key: _located(part, file, pointer_below(pointer, key)) for key, part in value.items()})
     elif isinstance(value, list | tuple):
-        copy = LocatedList([located(part, source.child(index)) for index, part in enumerate(value)])
+        copy = LocatedList([_located(part, file, f"{pointer}/{index}") for index, part in enumerate(value)])
     elif type(value) in _LOCATED:
         copy = _LOCATED[type(value)](value)
     else:
         return value
-    copy.source = source
+    copy.place = file, pointer
     return copy
 
 

@@ -17,7 +17,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
+from jinja2.bccache import Bucket
 from pydantic import TypeAdapter, ValidationError
 
 from documents.interval import counted
@@ -281,12 +282,30 @@ def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
         raise ReportError(f"{path} {error}; make it again") from error
 
 
+class CompiledTemplates(BytecodeCache):
+    """Compiled templates of this process: each page has its own environment, because it has its own register."""
+
+    def __init__(self) -> None:
+        self._code: dict[str, bytes] = {}
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        if code := self._code.get(bucket.key):
+            bucket.bytecode_from_string(code)
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        self._code[bucket.key] = bucket.bytecode_to_string()
+
+
+_COMPILED = CompiledTemplates()
+
+
 def _environment(register: NumberRegister) -> Environment:
     """Templates in which everything that is printed passes the register of numbers."""
     environment = Environment(
         loader=FileSystemLoader([_HERE, _HERE.parent / "charts"]),
         autoescape=True,
         undefined=StrictUndefined,
+        bytecode_cache=_COMPILED,
         finalize=register.mark,
     )
     environment.filters |= {

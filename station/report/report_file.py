@@ -38,6 +38,12 @@ class Derivation(StrEnum):
     """Number of different values at the pointers over the recordings of the number; of recordings without a pointer."""
 
 
+def pointer_below(pointer: str, key: str | int) -> str:
+    """JSON Pointer to an element of the object or list at a pointer."""
+    escaped = str(key).replace("~", "~0").replace("/", "~1")
+    return f"{pointer}/{escaped}"
+
+
 class Source(Part):
     """Where a number is from: file in the session folder and JSON Pointer (RFC 6901) into it."""
 
@@ -54,8 +60,7 @@ class Source(Part):
 
     def child(self, key: str | int) -> Source:
         """Place of an element of the object or list at this place."""
-        escaped = str(key).replace("~", "~0").replace("/", "~1")
-        return Source.of(self.file, f"{self.pointer}/{escaped}")
+        return Source.of(self.file, pointer_below(self.pointer, key))
 
     def derived(self, derivation: Derivation) -> Source:
         """The same place with another derivation."""

@@ -6,6 +6,7 @@ A forest plot shows the volunteers, a Bland–Altman plot pairs of measurements.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -70,6 +71,7 @@ def write_study_page(folder: Path, document: StudyDocument) -> Path:
     return folder / STUDY_PAGE
 
 
+@cache
 def _environment() -> Environment:
     loader = FileSystemLoader([_HERE, _HERE.parent / "charts"])
     environment = Environment(
