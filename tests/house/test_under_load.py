@@ -22,6 +22,7 @@ def _python(code: str) -> list[str]:
     return [sys.executable, "-c", code]
 
 
+@pytest.mark.slow
 def test_a_command_keeps_its_exit_code_and_is_measured_without_and_under_load(
     capfd: pytest.CaptureFixture[str],
 ) -> None:

@@ -92,7 +92,8 @@ class Truth:
 
 @cache
 def static_and_dynamic(seed: int = 3) -> tuple[Truth, Truth]:
-    session = Session(published("hand", hold=4.2, unloads_at_once=True), seed)
+    truth = published("hand", weights=(25.0, 50.0, 75.0), hold=4.2, unloads_at_once=True)
+    session = Session(truth, seed)
     return Truth(*session.static()), Truth(*session.dynamic())
 
 

@@ -211,6 +211,6 @@ def _posix_names(path: Path) -> set[str]:
             names |= {alias.name for alias in node.names} & POSIX_MODULES
         elif isinstance(node, ast.ImportFrom):
             names |= {node.module or ""} & POSIX_MODULES
-        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) in OWNERS:
-            names |= {node.attr} & (POSIX_CALLS | COARSE_CLOCKS)
+        elif isinstance(node, ast.Attribute) and node.attr in POSIX_CALLS | COARSE_CLOCKS:
+            names |= {node.attr} if ast.unparse(node.value) in OWNERS else set()
     return names

@@ -186,6 +186,7 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
     assert child.end() == 0
 
 
+@pytest.mark.slow
 def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(
     child: Child, monkeypatch: pytest.MonkeyPatch
 ) -> None:

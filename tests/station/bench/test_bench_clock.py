@@ -118,6 +118,7 @@ def test_the_telemetry_has_the_rate_of_a_bench_that_is_too_slow(
     assert "real time" not in streams_text(line.model_copy(update={"slow_rate": None}))
 
 
+@pytest.mark.slow
 def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_path: Path) -> None:
     with SimulatedBench({"protocol": SHORT}, None, 1) as bench:
         child = bench._child

@@ -174,9 +174,8 @@ def kill(bench: SimulatedBench) -> None:
     bench._child = None
 
 
-@pytest.mark.parametrize(
-    "end", [kill, pytest.param(SimulatedBench.close, marks=pytest.mark.slow)], ids=["killed", "closed"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("end", [kill, SimulatedBench.close], ids=["killed", "closed"])
 def test_a_trial_is_recorded_to_its_end_when_the_console_ends(
     tmp_path: Path, end: Callable[[SimulatedBench], None]
 ) -> None:

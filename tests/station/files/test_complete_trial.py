@@ -62,7 +62,7 @@ def test_the_completed_recording_has_every_frame_and_the_original_is_untouched(
     assert done.path == completed
     assert lossy.read_bytes() == before
     added, labels, filled = done.notes
-    assert (added.code, added.figures["added"], added.figures["frames"]) == (ImportCode.FRAMES_ADDED, 60, 2939)
+    assert (added.code, added.figures["added"], added.figures["frames"]) == (ImportCode.FRAMES_ADDED, 60, 2099)
     assert "401" in str(added.figures["first"])
     assert (labels.code, labels.figures) == (ImportCode.LABELS_ADDED, {"labels": "anchor_1"})
     assert (filled.code, filled.figures) == (ImportCode.MARKERS_FILLED, {"filled": "cuff_1 in 40"})
@@ -96,14 +96,14 @@ def test_live_preview_around_the_capture_is_left_out(truth: Truth, tmp_path: Pat
     done = complete_trial(path, MarkerSource(export(truth, tmp_path)))
     assert done.notes[0].code == ImportCode.FRAMES_ADDED and done.notes[0].figures["added"] == 0
     numbers = open_recording(done.path).load("/markers").sample_numbers
-    assert np.array_equal(numbers, np.arange(1, 2940))
+    assert np.array_equal(numbers, np.arange(1, 2100))
 
 
 def test_frames_that_a_cut_export_lacks_are_kept(truth: Truth, lossy: Path, tmp_path: Path) -> None:
     table = truth.markers
     part = {name: getattr(table, name)[500:2000] for name in ("time_s", "positions", "residuals")}
     done = complete_trial(lossy, MarkerSource(export(truth, tmp_path, **part)))
-    assert done.notes[-1] == Message(ImportCode.FRAMES_KEPT, {"frames": 1409})
+    assert done.notes[-1] == Message(ImportCode.FRAMES_KEPT, {"frames": 569})
     gaps = read_contents(done.path).gaps
     assert [(gap.first_missing, gap.count) for gap in gaps] == [(401, 30)]
 

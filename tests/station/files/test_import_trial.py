@@ -366,7 +366,7 @@ def test_a_stale_frame_rate_invents_no_loss(
         ([f"{i / 1000},{9.95 + i % 3 / 100},{5 * (i > 400)}" for i in range(30000)], ImportCode.NOT_USABLE),
         ([f"{i / 1000},{i % 7},0.1" for i in range(30000)], ImportCode.NOT_USABLE),
         ([f"{i / 1000},{i % 7},5.0" for i in range(30000)], ImportCode.NOT_USABLE),
-        ([f"{i / 1000},{i % 7},{5 * (i > 9000)}" for i in range(20000)], ImportCode.SHORT_OVERLAP),
+        ([f"{i / 1000},{i % 7},{5 * (i > 12000)}" for i in range(20000)], ImportCode.SHORT_OVERLAP),
         ([f"{i / 1000},{1e300 if i == 9 else 1},{5 * (i > 400)}" for i in range(30000)], ImportCode.IMPOSSIBLE_VALUE),
     ],
 )
@@ -397,17 +397,17 @@ def test_files_with_too_little_time_in_common_are_refused_and_a_remainder_is_rep
         times = first + np.arange(round(1000 * seconds)) / 1000
         return "\n".join(["time_s,force_v", *(f"{time:.3f},{1 + i % 4}" for i, time in enumerate(times))])
 
-    for first, seconds, common in ((100.0, 30.0, 0.0), (0.0, 12.0, 12.0)):
+    for first, seconds, common in ((100.0, 30.0, 0.0), (0.0, 8.0, 8.0)):
         static[0].write_text(rows(first, seconds))
         with raises_refusal(ImportCode.SHORT_OVERLAP, kind=ImportRefused) as caught:
             run(tmp_path / "s", *static)
         figures = caught.value.cause.figures
         assert figures["common_s"] == pytest.approx(common, abs=2e-3)
         assert figures["force_from_s"] == pytest.approx(first)
-        assert figures["expected_s"] == pytest.approx(max(seconds, 29.38), abs=2e-3)
-    static[0].write_text(rows(0.0, 28.0))
+        assert figures["expected_s"] == pytest.approx(max(seconds, 20.98), abs=2e-3)
+    static[0].write_text(rows(0.0, 19.6))
     note = run(tmp_path / "s", *static).notes[0]
-    assert (note.code, note.figures["common_s"]) == (ImportCode.PARTIAL_OVERLAP, pytest.approx(28.0, abs=2e-3))
+    assert (note.code, note.figures["common_s"]) == (ImportCode.PARTIAL_OVERLAP, pytest.approx(19.6, abs=2e-3))
 
 
 @pytest.mark.parametrize(
@@ -446,7 +446,7 @@ def test_the_time_in_common_is_that_after_the_lag(
     pair[0].write_csv(static[0], has_sync=has_sync)
     files = ForceSource(static[0]), MarkerSource(static[1])
     begin, end = -pair[0].edge_s, len(pair[0].tracks["/force"].values) / 1000 - pair[0].edge_s
-    for lag, common in ((20.0, 29.38 - 20 - begin), (-20.0, end - 20)):
+    for lag, common in ((15.0, 20.98 - 15 - begin), (-15.0, end - 15)):
         with raises_refusal(ImportCode.SHORT_OVERLAP, kind=ImportRefused) as caught:
             import_trial(tmp_path / "s", STATIC, with_lag(config(), lag, None), *files)
         assert caught.value.cause.figures["common_s"] == pytest.approx(common, abs=3e-3)

@@ -69,6 +69,7 @@ def test_the_replayed_trial_is_the_same_trial(recorded: Path, tmp_path: Path) ->
     assert TrialSpec(manifest.cuff.name, manifest.test, manifest.repeat, manifest.donning) == SPEC
 
 
+@pytest.mark.slow
 def test_live_recovered_and_replayed_give_the_same_fit_bit_for_bit(tmp_path: Path) -> None:
     live, recovered, replayed = (tmp_path / name for name in ("live", "recovered", "replayed"))
     for spec, path in record_pair(live):

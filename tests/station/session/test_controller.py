@@ -519,6 +519,7 @@ def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(
     assert judgement is not None and judgement.grade == "good", judgement
 
 
+@pytest.mark.slow
 def test_a_trial_a_second_start_an_alarm_and_a_new_controller_that_resumes(
     running: tuple[SimulatedBench, StationConfig], tmp_path: Path
 ) -> None:

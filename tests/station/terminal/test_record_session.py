@@ -54,6 +54,7 @@ def practice_folder(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) -> None:
     with Headless(bench, *PRACTICE) as session:
         opened = session.until("session_opened")
