@@ -11,20 +11,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from documents.message import Message
-from fitting.cuffs.wearable_cuff import Cuff
+from documents.message import Message, because
+from fitting.cuffs.wearable_cuff import Cuff, NotIdentified
 from fitting.results.codes import Standing
 from recordings.manifest import DataOrigin
-from solver.cuff import CuffParameters
+from solver.cuff import CuffParameters, by_site
 from solver.model import Model
 from solver.personalisation.anthropometry import has_arm_segments
 from solver.redundancy.effort import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
+from solver.suit.suit import SuitError
 from solver.uncertainty.total import DrawnPeople
 from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
+    InputError,
     cuff_findings,
     cuff_remarks,
     read_cuffs_to_wear,
@@ -57,10 +59,12 @@ from station.assessment.uncertainty_json import (
 )
 from station.checksums import write_checksums, write_whole
 from station.messages.assessment_messages import AssessmentCode
+from station.messages.kinematics_messages import SubjectCode
 from station.output_folder import ensure_folder
 from station.progress import Progress, silent
-from station.subject.assessed_subject import compare_cord, subject_document, subject_inputs
+from station.subject.assessed_subject import compare_cord, cuff_on_cord, subject_document, subject_inputs
 from station.subject.subject_document import SubjectDocument
+from station.subject.subject_file import refuse_subject
 from station.versions import solving_versions
 
 POINT = re.compile(r"\[\s+(-?[\d.]+),\s+(-?[\d.]+),\s+(-?[\d.]+)\s+\]")
@@ -125,7 +129,7 @@ def assess_cuffs(
     most_frames and most_rest_lengths limit the frames and rest lengths, evenly spaced; None: all of them.
     """
     donning = None if people is None else _donning(people, inputs.cuffs)  # first: its faults are reported at once
-    worn = worn_cuffs(cuffs, inputs.chosen)
+    worn, on_cord = worn_cuffs(cuffs, inputs.chosen), _cuff_on_cord(inputs, cuffs)  # at once, too
     case = read_case(inputs, most_rest_lengths, progress)
     model, kinematics, suit = case.model, case.kinematics, case.suit
     emg, options = inputs.read_emg(model, suit), inputs.read_options(model)
@@ -147,7 +151,7 @@ def assess_cuffs(
         assessment, drawn_people = assess_people(people, case, moving, worn, assessment, progress, spread)
     drawn = drawn_postures(model, kinematics, suit, assessment.time)
     hashes = inputs.hashes() | ({} if people is None else people.inputs)
-    subject, named = _wearer(inputs, case, cuffs, assessment.waist_cuff)
+    subject, named = _wearer(inputs, case, worn, on_cord)
     hashes |= named
     on_loads = load_checks(inputs.external_loads, moving.loads, moving.model, moving.kinematics)
     on_inputs = _findings_on_inputs(case, on_loads, has_people=people is not None)
@@ -178,13 +182,26 @@ def _donning(people: PeopleRun, cuffs: Path) -> DonningSources | None:
     return donning_sources(declared, cuffs, people.donnings, estimates=estimates)
 
 
+def _cuff_on_cord(inputs: AssessmentInputs, cuffs: dict[str, Cuff]) -> CuffParameters | None:
+    """The arm cuff of the compared cord tension. Raises SubjectError for one that was not fitted or cannot be worn."""
+    name = None if inputs.subject is None else cuff_on_cord(inputs.subject, cuffs.values())
+    if name is None:
+        return None
+    try:
+        (worn,) = worn_cuffs({name: cuffs[name]}, ())
+    except (NotIdentified, InputError, SuitError) as error:
+        raise refuse_subject(SubjectCode.UNUSABLE_CUFF, cuff=name, **because(error)) from error
+    return worn
+
+
 def _wearer(
-    inputs: AssessmentInputs, case: AssessedCase, cuffs: dict[str, Cuff], waist: str | None
+    inputs: AssessmentInputs, case: AssessedCase, worn: Sequence[CuffParameters], on_cord: CuffParameters | None
 ) -> tuple[SubjectDocument | None, dict[str, str]]:
     """The wearer, and what stood for the inputs of the assessment; None and nothing without one."""
     if inputs.subject is None or case.subject is None:
         return None, {}
-    cord = compare_cord(case.subject, case.suit, cuffs, waist, lambda cuff: worn_cuffs({cuff.name: cuff}, ())[0])
+    _, waists = by_site(worn)
+    cord = compare_cord(case.subject, case.suit, next(iter(waists), None), on_cord)
     return subject_document(case.subject, case.spread, cord), subject_inputs(inputs.subject, case.subject)
 
 

@@ -101,6 +101,11 @@ class SubjectCode(Code):
         "subject.unknown_cuff",
         "subject.toml names the cuff {cuff} in the cord, the fitted arm cuffs are {known}; fit it or correct the name",
     )
+    UNUSABLE_CUFF = (
+        "subject.unusable_cuff",
+        "subject.toml names the cuff {cuff} in the cord, whose measured tension is compared, but {reason}; or remove "
+        "rest_length_m of the cord, which leaves the comparison out",
+    )
 
 
 class KinematicsCode(Code):

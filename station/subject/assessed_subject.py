@@ -6,7 +6,7 @@ The cord's tension that the load cell measured on the wearer is compared with th
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from fitting.cuffs.wearable_cuff import Cuff
 from fitting.uncertainty import NORMAL_95
 from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.exchange.sample_tables import MarkerTable
-from recordings.manifest import DataOrigin, TrialCondition
+from recordings.manifest import DataOrigin, Manifest, TrialCondition
 from recordings.reader import open_recording
 from solver.cuff import CuffParameters
 from solver.inverse_kinematics.marker_fit import WholeMotion, longest_whole_motion, rotation_laboratory_to_ground
@@ -201,18 +201,7 @@ def measure_subject(
 
 def read_wearer_trials(folder: Path, before_utc_ns: int | None = None) -> tuple[WearerTrial, ...]:
     """Pose and motion trials of a session that began before this time, in time order; of a repeat the newest run."""
-    newest: dict[tuple[object, ...], WearerTrial] = {}
-    for path in sorted(folder.glob("*.mcap")):
-        manifest = open_recording(path).manifest
-        if manifest.body is None or manifest.condition == "mvc":
-            continue
-        if before_utc_ns is not None and manifest.start_utc_ns >= before_utc_ns:
-            continue
-        trial = read_wearer_trial(path)
-        key = manifest.test, manifest.condition, manifest.repeat
-        if key not in newest or newest[key].manifest.start_utc_ns < trial.manifest.start_utc_ns:
-            newest[key] = trial
-    return tuple(sorted(newest.values(), key=lambda trial: trial.manifest.start_utc_ns))
+    return tuple(read_wearer_trial(path) for path, _ in _newest_recordings(folder, before_utc_ns))
 
 
 def fit_suit(subject: MeasuredSubject, suit: Suit) -> DigitisedSuit | None:
@@ -287,34 +276,42 @@ def worn_arm_cuff(named: str | None, arms: Sequence[str]) -> str | None:
     return named or (arms[0] if len(arms) == 1 else None)
 
 
-def compare_cord(
-    subject: AssessedSubject,
-    suit: Suit,
-    cuffs: Mapping[str, Cuff],
-    waist: str | None,
-    wear: Callable[[Cuff], CuffParameters],
-) -> CordTension | None:
-    """In the trial with a tight cord; None where its tension or its rest length is not known.
+def cuff_on_cord(folder: Path, cuffs: Iterable[Cuff]) -> str | None:
+    """The arm cuff that was worn (worn_arm_cuff) in the trial whose measured cord tension is compared; None for rigid
+    cuffs, or where no tension is compared.
 
-    cuffs are all fitted ones by name, also those that are not assessed: subject.toml names the arm cuff that was worn
-    (worn_arm_cuff). wear gives the parameters of a cuff. Raises SubjectError for one that was not fitted, and as wear.
+    cuffs are all fitted ones, also those that are not assessed. Reads subject.toml and manifests alone. Raises
+    SubjectError for a cuff that was not fitted.
     """
-    cord = subject.declared.cord
-    tight = [trial for trial in subject.trials if trial.manifest.condition == "tight" and trial.body.is_cord_measured]
-    if cord is None or cord.rest_length_m is None or not tight:
+    cord = read_subject(folder).cord
+    if cord is None or cord.rest_length_m is None:
         return None
-    arms = [name for name, cuff in cuffs.items() if cuff.site == "arm"]
+    if not any(_is_cord_compared(manifest) for _, manifest in _newest_recordings(folder)):
+        return None
+    arms = [cuff.name for cuff in cuffs if cuff.site == "arm"]
     if cord.cuff is not None and cord.cuff not in arms:
         raise refuse_subject(SubjectCode.UNKNOWN_CUFF, cuff=cord.cuff, known=", ".join(arms))
+    return worn_arm_cuff(cord.cuff, arms)
+
+
+def compare_cord(
+    subject: AssessedSubject, suit: Suit, waist: CuffParameters | None, arm: CuffParameters | None
+) -> CordTension | None:
+    """In the trial with a tight cord, with the waist and the arm cuff that were worn, rigid ones if arm is None; None
+    where its tension or its rest length is not known.
+    """
+    cord = subject.declared.cord
+    tight = [trial for trial in subject.trials if _is_cord_compared(trial.manifest)]
+    if cord is None or cord.rest_length_m is None or not tight:
+        return None
     trial = tight[0]
     motion = longest_whole_motion(subject.model, trial.time, subject.postures(trial)).motion
     measured = np.interp(motion.time, trial.force_time, trial.force)
-    arm = worn_arm_cuff(cord.cuff, arms)
-    worn = [wear(cuffs[name]) if arm and name else None for name in (waist, arm)]
     at_rest = replace(suit, reference_rest_length=cord.rest_length_m)
+    worn = (waist, arm) if arm else (None, None)
     check = check_cord(at_rest, subject.model, differentiate(motion), measured, worn)
     return CordTension(
-        arm_cuff=arm,
+        arm_cuff=arm.name if arm else None,
         offset_n=check.offset,
         rms_n=check.rms,
         correlation=None if np.isnan(check.correlation) else check.correlation,
@@ -363,6 +360,25 @@ def subject_inputs(folder: Path, subject: AssessedSubject) -> dict[str, str]:
         "motion": f"{subject.assessed.file} {recorded}",
         "subject": f"{SUBJECT_FILE} {digest}",
     }
+
+
+def _newest_recordings(folder: Path, before_utc_ns: int | None = None) -> list[tuple[Path, Manifest]]:
+    """Recordings of the pose and motion trials that read_wearer_trials reads."""
+    newest: dict[tuple[object, ...], tuple[Path, Manifest]] = {}
+    for path in sorted(folder.glob("*.mcap")):
+        manifest = open_recording(path).manifest
+        if manifest.body is None or manifest.condition == "mvc":
+            continue
+        if before_utc_ns is not None and manifest.start_utc_ns >= before_utc_ns:
+            continue
+        key = manifest.test, manifest.condition, manifest.repeat
+        if key not in newest or newest[key][1].start_utc_ns < manifest.start_utc_ns:
+            newest[key] = path, manifest
+    return sorted(newest.values(), key=lambda found: found[1].start_utc_ns)
+
+
+def _is_cord_compared(manifest: Manifest) -> bool:
+    return manifest.condition == "tight" and manifest.body is not None and manifest.body.is_cord_measured
 
 
 def _residual(subject: AssessedSubject, place: int) -> MarkerResidual:

@@ -28,7 +28,14 @@ from station.kinematics.marker_checks import PersonError
 from station.messages.kinematics_messages import PersonCode, SubjectCode
 from station.report.page import write_report
 from station.subject import assessed_subject
-from station.subject.assessed_subject import AssessedSubject, build_subject, compare_cord, fit_suit, worn_arm_cuff
+from station.subject.assessed_subject import (
+    AssessedSubject,
+    build_subject,
+    compare_cord,
+    cuff_on_cord,
+    fit_suit,
+    worn_arm_cuff,
+)
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, SubjectError, read_subject, write_subject
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs
@@ -140,20 +147,23 @@ def test_the_measured_tension_of_the_cord_is_beside_the_predicted_one(plain: dic
     assert cord["arm_cuff"] is None, "two were fitted, and none is named"
 
 
+def with_cord(folder: Path, tmp_path: Path, cuff: str | None, *, files: str = "*.mcap") -> Path:
+    """The session with another cuff in the cord of subject.toml."""
+    for path in folder.glob(files):
+        shutil.copy(path, tmp_path)
+    write_subject(tmp_path, Subject(mass_kg=75.0, cord=Cord(rest_length_m=CORD, cuff=cuff)))
+    return tmp_path
+
+
 def test_the_cord_is_compared_with_the_cuff_that_was_worn_whichever_is_assessed(
-    folder: Path, person: AssessedSubject
+    folder: Path, person: AssessedSubject, tmp_path: Path
 ) -> None:
     """All fitted cuffs count, as they do live: one that was worn need not be assessed, nor the reverse."""
     hand, waist = (read_cuffs_to_wear(folder / "cuffs.json")[name] for name in ("hand", "waist"))
     cuffs = {"hand": hand, "tube": replace(hand, name="tube"), "waist": waist}
-    suit = read_suit()
 
     def worn(named: str | None, *fitted: str) -> str | None:
-        declared = person.declared.model_copy(update={"cord": Cord(rest_length_m=CORD, cuff=named)})
-        known = {name: cuffs[name] for name in fitted}
-        found = compare_cord(replace(person, declared=declared), suit, known, "waist", with_interval_covariance)
-        assert found is not None
-        return found.arm_cuff
+        return cuff_on_cord(with_cord(folder, tmp_path, named), [cuffs[name] for name in fitted])
 
     assert worn("tube", *cuffs) == "tube"
     assert worn(None, *cuffs) is None
@@ -161,6 +171,33 @@ def test_the_cord_is_compared_with_the_cuff_that_was_worn_whichever_is_assessed(
     for named, *fitted in (("elbow", "hand", "waist"), ("waist", *cuffs)):
         with raises_refusal(SubjectCode.UNKNOWN_CUFF, kind=SubjectError):
             worn(named, *fitted)
+    tube, belt = (with_interval_covariance(cuffs[name]) for name in ("tube", "waist"))
+    tensions = [compare_cord(person, read_suit(), belt, arm) for arm in (tube, None)]
+    assert [tension and tension.arm_cuff for tension in tensions] == ["tube", None]
+    assert tensions[0] != tensions[1]
+
+
+@pytest.mark.parametrize(("named", "code"), [("elbow", SubjectCode.UNUSABLE_CUFF), ("knee", SubjectCode.UNKNOWN_CUFF)])
+def test_a_worn_cuff_that_cannot_be_used_is_refused_before_the_body_is_estimated(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: str, code: SubjectCode
+) -> None:
+    """The hand cuff is assessed; damping of the elbow cuff, which subject.toml names as worn, is not identified."""
+    inputs = AssessmentInputs(
+        folder / "cuffs.json", subject=with_cord(folder, tmp_path, named, files=TIGHT.file_name(1)), chosen=("hand",)
+    )
+    cuffs = read_cuffs_to_wear(inputs.cuffs)
+    cuffs["elbow"] = replace(cuffs["elbow"], missing=("damping",))
+    monkeypatch.setattr(case, "build_subject", lambda *_: pytest.fail("the body is estimated first"))
+    with raises_refusal(code, named, kind=SubjectError):
+        assess_cuffs(cuffs, inputs)
+
+
+def test_a_cuff_that_no_measured_tension_needs_need_not_be_fitted(folder: Path, tmp_path: Path) -> None:
+    subject = with_cord(folder, tmp_path, "knee", files=FREE.file_name(1))
+    assert cuff_on_cord(subject, read_cuffs_to_wear(folder / "cuffs.json").values()) is None
+    (tmp_path / SUBJECT_FILE).write_text('mass_kg = 75.0\n[cord]\ncuff = "knee"\n', encoding="utf-8")
+    shutil.copy(folder / TIGHT.file_name(1), tmp_path)
+    assert cuff_on_cord(subject, read_cuffs_to_wear(folder / "cuffs.json").values()) is None
 
 
 def test_the_report_names_body_and_motion(plain: dict[str, Any], folder: Path) -> None:
