@@ -2,13 +2,14 @@
 
     e(t) = α + β a(t − τ) + ε(t),   Cov ε = σ² V,   V = (1 − λ) G R G + λ D²
 
-R is the correlation exp(−|t − t'| / ℓ) of the model error, G² = (1 − κ) + κ D² its size, of which the part κ is
+R is the correlation of the model error with the time ℓ: Matérn's of order 1/2, exp(−|t − t'| / ℓ), or of order 5/2,
+whose power decreases faster above the frequency 1/ℓ. G² = (1 − κ) + κ D² is its size, of which the part κ is
 proportional to the level. D is the level, with a mean square of 1: the envelope of a random signal varies about its
 mean by white noise that is proportional to its level.
 
 α, β and τ are estimated by least squares, whose weights do not depend on the noise. Generalised least squares is more
 precise if the noise is as modelled; in measured EMG it is not, and then a small noise near rest or at high frequencies
-lets the onset alone decide the lag. λ, ℓ and κ have a prior on a grid and the restricted likelihood of the residuals
+lets the onset alone decide the lag. λ, R and κ have a prior on a grid and the restricted likelihood of the residuals
 at the least-squares lag. For each of them the likelihood of the lag under white noise is raised to a power so
 that its curvature is that of the variance under V (Ribatet, Cooley and Davison (2012), Statistica Sinica 22:813–845):
 
@@ -16,6 +17,11 @@ that its curvature is that of the variance under V (Ribatet, Cooley and Davison 
 
 with S the sum of squared residuals at a lag, M the matrix that removes 1, a and its derivative a', and u the unit
 vector along the part of a' that 1 and a leave. m is the effective number of samples. The search bounds the lag.
+
+A gain that drifts is slow noise proportional to the level (the largest κ). Its power at the frequencies of the movement
+does not show in the residuals, because the lag takes it up. It is known with DRIFT_FREEDOM degrees of freedom at most:
+
+    p(τ | e, V) ∝ (1 + m (S(τ) / S(τ̂) − 1) / ν)^(−ν / 2),   1/ν = 1/m + 1/DRIFT_FREEDOM
 
 The correlation at a lag is estimated as Pearson's r. The estimand is
 
@@ -44,20 +50,26 @@ Array = NDArray[np.float64]
 
 WHITE_PARTS = (0.02, 0.1, 0.3, 0.6, 0.9)
 """λ: part of the variance that is the envelope's own."""
+ORDERS = (0.5, 2.5)
 CORRELATION_TIMES_S = (0.06, 0.12, 0.24, 0.5, 1.0, 2.0, 4.0)
 """ℓ: from that of the smoothing to the duration of a movement."""
 PROPORTIONAL_PARTS = (0.0, 0.5, 0.95)
 """κ: a disagreement that vanishes at rest would make the samples at rest decide the lag."""
-NOISES = tuple(product(WHITE_PARTS, CORRELATION_TIMES_S, PROPORTIONAL_PARTS))
-PRIOR: Array = np.array([time**-0.5 for _, time, _ in NOISES])
+NOISES = tuple(product(WHITE_PARTS, ORDERS, CORRELATION_TIMES_S, PROPORTIONAL_PARTS))
+"""λ, order, ℓ and κ."""
+PRIOR: Array = np.array([time**-0.5 for *_, time, _ in NOISES])
 """Flat in √(1 − φ) for the autocorrelation φ of slow noise between two samples, 1 − φ ∝ 1/ℓ."""
 REST = 0.05
 """Level of a muscle at rest over the range of its level; the offset of EMG is not known."""
 DRAWS = 4000
-SLOW_S = 1.0
+SLOW_S = 0.24
 """Least ℓ of noise whose size may vary between movements; the noise of muscle and amplifier is faster."""
+IS_SLOW = np.array([time >= SLOW_S for *_, time, _ in NOISES])
 SIZE_FREEDOM = 8.0
 """Degrees of freedom of a size that varies: a coefficient of variation of 50 % of σ²."""
+IS_GAIN_DRIFT = IS_SLOW & np.array([proportional == PROPORTIONAL_PARTS[-1] for *_, proportional in NOISES])
+DRIFT_FREEDOM = 10.0
+"""With it the interval of the lag contains 95 % of the simulated lags under gain drift (docs/emg.md)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +101,9 @@ def lag_posterior(measured: Array, shifted: Array, lags: Array, interval: float)
     sizes, products = _smooth_products(basis, variances, interval)
     inner = _mixed(basis @ products.mT, basis @ (variances * basis).T)
     trace = _mixed(sizes.sum(axis=1), variances.sum()) - np.trace(inner, axis1=1, axis2=2)
-    exponent = -0.5 * trace / inner[:, 2, 2] * (samples - 2) / (samples - 3)
-    log = exponent[:, None] * np.log(squares / squares[best])
+    effective = trace / inner[:, 2, 2] * (samples - 2) / (samples - 3)
+    freedom = 1 / (1 / effective + IS_GAIN_DRIFT / DRIFT_FREEDOM)
+    log = -0.5 * freedom[:, None] * np.log1p(np.multiply.outer(effective / freedom, squares / squares[best] - 1))
     weight = np.exp(log) / np.exp(log).sum(axis=1, keepdims=True)
     probability = _restricted_likelihood(measured, design, variances, interval) * PRIOR
     return EmgLagPosterior(lags, weight * (probability / probability.sum())[:, None])
@@ -109,7 +122,7 @@ def correlation_interval(
     noise, lag = np.unravel_index(random.choice(weight.size, DRAWS, p=weight.ravel()), weight.shape)
     variances = _variances(shifted[place])
     trace, freedom, slope_variance, within = _moments(centred[place], variances, interval)[:, noise]
-    varies = (np.array(NOISES)[noise, 1] >= SLOW_S) & (random.random(DRAWS) < 0.5)
+    varies = IS_SLOW[noise] & (random.random(DRAWS) < 0.5)
     freedom = 1 / (1 / freedom + varies / SIZE_FREEDOM)
     variance = _squares(measured, shifted)[lag] / trace * freedom / random.chisquare(freedom)
     slopes = (centred @ measured / square)[lag] + random.standard_normal(DRAWS) * np.sqrt(variance * slope_variance)
@@ -142,7 +155,9 @@ def _moments(centred: Array, variances: Array, interval: float) -> Array:
     diagonal = _mixed(sizes.sum(axis=1), variances.sum())
     trace = diagonal - np.trace(inner, axis1=1, axis2=2)
     # tr V² − 2 Σ (V times the basis)², quadratic in λ
-    smooth = np.sum(sizes * _times_correlation(sizes, 2 * interval), axis=2) - 2.0 * np.sum(products**2, axis=(2, 3))
+    smooth = np.sum(sizes * _times_correlation(sizes, interval, power=2), axis=2) - 2.0 * np.sum(
+        products**2, axis=(2, 3)
+    )
     both = sizes @ variances - 2.0 * np.sum(products * own, axis=(2, 3))
     white = np.reshape(WHITE_PARTS, (-1, 1, 1))
     quadratic = (1 - white) ** 2 * smooth + 2 * white * (1 - white) * both
@@ -153,26 +168,32 @@ def _moments(centred: Array, variances: Array, interval: float) -> Array:
 
 
 def _smooth_products(vectors: Array, variances: Array, interval: float) -> tuple[Array, Array]:
-    """Diagonal (κ, n) of G², and G R G times vectors (k, n), (ℓ, κ, k, n)."""
+    """Diagonal (κ, n) of G², and G R G times vectors (k, n), (R, κ, k, n)."""
     sizes = 1.0 + np.multiply.outer(PROPORTIONAL_PARTS, variances - 1.0)
     roots = np.sqrt(sizes)[:, None]
     return sizes, roots * _times_correlation(roots * vectors, interval)
 
 
-def _times_correlation(vectors: Array, interval: float) -> Array:
-    """R times vectors (…, n) for every ℓ, (ℓ, …, n): a Toeplitz matrix as part of a circulant one, by FFT."""
+def _times_correlation(vectors: Array, interval: float, power: int = 1) -> Array:
+    """R, or its elements to the power, times vectors (…, n) for every R, (R, …, n).
+
+    A Toeplitz matrix as part of a circulant one, by FFT.
+    """
     samples = vectors.shape[-1]
     length = scipy.fft.next_fast_len(2 * samples - 1, real=True)
-    distance = interval * np.minimum(np.arange(length), length - np.arange(length))
-    spectra = scipy.fft.rfft(np.exp(-np.divide.outer(distance, CORRELATION_TIMES_S).T))
+    ratio = np.divide.outer(interval * np.minimum(np.arange(length), length - np.arange(length)), CORRELATION_TIMES_S).T
+    scaled = np.sqrt(5) * ratio
+    rough, smooth = np.exp(-ratio), (1 + scaled + scaled**2 / 3) * np.exp(-scaled)
+    spectra = scipy.fft.rfft(np.concatenate((rough, smooth)) ** power)
     spectra = spectra.reshape(-1, *(1,) * (vectors.ndim - 1), spectra.shape[1])
     return np.asarray(scipy.fft.irfft(spectra * scipy.fft.rfft(vectors, length), length)[..., :samples])
 
 
 def _mixed(smooth: Array, own: Array) -> Array:
-    """(1 − λ) smooth + λ own over NOISES (noises, …), of smooth (ℓ, κ, …) or (κ, …) and own (…)."""
+    """(1 − λ) smooth + λ own over NOISES (noises, …), of smooth (R, κ, …) or (κ, …) and own (…)."""
     white = np.reshape(WHITE_PARTS, (-1, 1, 1, *(1,) * own.ndim))
-    shape = (len(WHITE_PARTS), len(CORRELATION_TIMES_S), len(PROPORTIONAL_PARTS), *own.shape)
+    correlations = len(ORDERS) * len(CORRELATION_TIMES_S)
+    shape = (len(WHITE_PARTS), correlations, len(PROPORTIONAL_PARTS), *own.shape)
     return np.broadcast_to((1 - white) * smooth + white * own, shape).reshape(len(NOISES), *own.shape)
 
 
@@ -189,20 +210,46 @@ def _restricted_likelihood(measured: Array, design: Array, variances: Array, int
 def _whitened(columns: Array, variances: Array, interval: float) -> tuple[Array, Array]:
     """Innovations (n, noises, columns) of columns (n, columns) over their standard deviation, and log |V| (noises,).
 
-    A Kalman filter whose state is the first-order autoregressive process with the correlation R.
+    A Kalman filter whose state is the process with the correlation R and, of order 5/2, its first two derivatives times
+    ℓ/√5 and its square (J. Hartikainen and S. Särkkä, IEEE MLSP, 379-384, 2010).
     """
-    white, time, proportional = np.array(NOISES).T
-    kept = np.exp(-interval / time)
+    white, *_, proportional = np.array(NOISES).T
     sizes = np.sqrt((1 - white) * ((1 - proportional) + proportional * variances[:, None]))
     own = white * variances[:, None]
+    change, covariance = _state_steps(interval)
+    added = covariance - change @ covariance @ change.mT
     innovations = np.empty((len(columns), len(NOISES), columns.shape[1]))
-    mean, variance, log_determinant = np.zeros(innovations.shape[1:]), np.ones(len(NOISES)), np.zeros(len(NOISES))
+    mean, log_determinant = np.zeros((len(NOISES), 3, columns.shape[1])), np.zeros(len(NOISES))
     for i, observed in enumerate(columns):
-        expected = sizes[i] ** 2 * variance + own[i]
-        error = observed - sizes[i][:, None] * mean
+        with_state = sizes[i][:, None] * covariance[:, 0]
+        expected = sizes[i] * with_state[:, 0] + own[i]
+        error = observed - sizes[i][:, None] * mean[:, 0]
         innovations[i] = error / np.sqrt(expected)[:, None]
-        gain = variance * sizes[i] / expected
-        mean = kept[:, None] * (mean + gain[:, None] * error)
-        variance = kept**2 * (variance - gain * sizes[i] * variance) + 1 - kept**2
+        gain = (with_state / expected[:, None])[:, :, None]
+        mean = change @ (mean + gain * error[:, None])
+        covariance = change @ (covariance - gain * with_state[:, None]) @ change.mT + added
         log_determinant += np.log(expected)
     return innovations, log_determinant
+
+
+def _state_steps(interval: float) -> tuple[Array, Array]:
+    """Transition of the state over an interval [s] and its covariance without observations, (noises, 3, 3)."""
+    x = np.sqrt(5) * interval / np.array(CORRELATION_TIMES_S)
+    rows = (
+        (1 + x + x**2 / 2, x + x**2, x**2 / 2),
+        (-(x**2) / 2, 1 + x - x**2, x - x**2 / 2),
+        (x**2 / 2 - x, x**2 - 3 * x, 1 - 2 * x + x**2 / 2),
+    )
+    smooth = np.moveaxis(np.exp(-x) * np.array(rows), 2, 0)
+    rough = np.exp(-x / np.sqrt(5))[:, None, None] * FIRST
+    smooth_covariance = np.array([[1, 0, -1 / 3], [0, 1 / 3, 0], [-1 / 3, 0, 1]])
+    covariances = np.repeat((FIRST, smooth_covariance), len(x), axis=0)
+    shape = (len(WHITE_PARTS), 2 * len(x), len(PROPORTIONAL_PARTS), 3, 3)
+    change, covariance = (
+        np.broadcast_to(part[:, None], shape).reshape(-1, 3, 3)
+        for part in (np.concatenate((rough, smooth)), covariances)
+    )
+    return change, covariance
+
+
+FIRST: Array = np.diag([1.0, 0.0, 0.0])

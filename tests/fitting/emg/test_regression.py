@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from fitting.emg.regression import (
     NOISES,
@@ -25,10 +25,17 @@ MEASURED = SHIFTED[3] + 0.05 * np.cumsum(RANDOM.standard_normal(N))
 VARIANCES = (SHIFTED[3] + REST) ** 2 / np.mean((SHIFTED[3] + REST) ** 2)
 
 
-def _covariance(noise: tuple[float, float, float]) -> np.ndarray:
-    white, time, proportional = noise
+def _matern(order: float, length: float) -> np.ndarray:
+    """Matérn's correlation by its general formula with a modified Bessel function."""
+    scaled = np.sqrt(2 * order) * np.abs(np.subtract.outer(TIME, TIME)) / length + np.eye(N)
+    correlation = 2 ** (1 - order) / special.gamma(order) * scaled**order * special.kv(order, scaled)
+    return np.asarray(np.where(np.eye(N), 1.0, correlation))
+
+
+def _covariance(noise: tuple[float, float, float, float]) -> np.ndarray:
+    white, order, time, proportional = noise
     size = np.sqrt((1 - proportional) + proportional * VARIANCES)
-    smooth = size[:, None] * np.exp(-np.abs(np.subtract.outer(TIME, TIME)) / time) * size
+    smooth = size[:, None] * _matern(order, time) * size
     return np.asarray((1 - white) * smooth + white * np.diag(VARIANCES))
 
 
@@ -62,10 +69,10 @@ def test_the_curvature_of_the_posterior_is_the_sandwich_variance_of_the_lag() ->
     jacobian = np.column_stack((np.ones(N), shifted[2], slope))
     inverse, removing = np.linalg.inv(jacobian.T @ jacobian), _removing(jacobian)
     residual = removing @ measured
-    for place in (0, 40, 104):
-        white, time, proportional = NOISES[place]
+    for place in (0, 40, 104, 209):
+        white, order, time, proportional = NOISES[place]
         size = np.sqrt((1 - proportional) + proportional * square / square.mean())
-        smooth = size[:, None] * np.exp(-np.abs(np.subtract.outer(TIME, TIME)) / time) * size
+        smooth = size[:, None] * _matern(order, time) * size
         matrix = (1 - white) * smooth + white * np.diag(square / square.mean())
         variance = (inverse @ jacobian.T @ matrix @ jacobian @ inverse)[2, 2]
         variance *= residual @ residual / np.trace(removing @ matrix) * (N - 3) / (N - 2)  # σ is integrated
@@ -73,7 +80,31 @@ def test_the_curvature_of_the_posterior_is_the_sandwich_variance_of_the_lag() ->
         assert -1 / curvature == pytest.approx(variance, rel=2e-3)
 
 
-@pytest.mark.parametrize("place", [0, 5, 16, 30, 56, 104])
+@pytest.mark.parametrize(
+    ("noise", "freedom"),
+    [((0.3, 2.5, 1.0, 0.95), 10.0), ((0.3, 2.5, 1.0, 0.5), np.inf), ((0.3, 0.5, 0.12, 0.95), np.inf)],
+)
+def test_the_power_of_a_gain_drift_at_the_movement_has_ten_degrees_of_freedom_at_most(
+    noise: tuple[float, float, float, float], freedom: float
+) -> None:
+    """p(τ) ∝ (1 + m (S(τ) / S − 1) / ν)^(−ν / 2), with ν = m but for slow noise proportional to the level."""
+    measured = SHIFTED[3] + 0.2 * (MEASURED - SHIFTED[3])
+    weight = lag_posterior(measured, SHIFTED, LAGS, INTERVAL).weight[NOISES.index(noise)]
+    residuals = [_removing(np.column_stack((np.ones(N), shifted))) @ measured for shifted in SHIFTED]
+    squares = np.sum(np.square(residuals), axis=1)
+    best, matrix = int(squares.argmin()), _covariance(noise)
+    assert best == 3
+    derivative = (SHIFTED[best + 1] - SHIFTED[best - 1]) / (LAGS[best + 1] - LAGS[best - 1])
+    unit = _removing(np.column_stack((np.ones(N), SHIFTED[best]))) @ derivative
+    unit /= np.linalg.norm(unit)
+    removing = _removing(np.column_stack((np.ones(N), SHIFTED[best], derivative)))
+    m = (N - 2) / (N - 3) * np.trace(removing @ matrix) / (unit @ matrix @ unit)
+    nu = 1 / (1 / m + 1 / freedom)
+    expected = (1 + m / nu * (squares / squares[best] - 1)) ** (-nu / 2)
+    np.testing.assert_allclose(weight / weight[best], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("place", [0, 5, 16, 30, 56, 104, 209])
 def test_moments_are_those_of_the_dense_matrices(place: int) -> None:
     centred = SHIFTED[3] - SHIFTED[3].mean()
     matrix = _covariance(NOISES[place])
@@ -93,18 +124,18 @@ def test_with_white_noise_the_interval_is_that_of_a_fixed_design() -> None:
     random = np.random.default_rng(9)
     model = np.sin(np.linspace(0, 20, 2000))
     measured = model + random.standard_normal(2000)
-    white = np.array([[float(noise == (0.02, 0.06, 0.0))] for noise in NOISES])
+    white = np.array([[float(noise == (0.02, 0.5, 0.06, 0.0))] for noise in NOISES])
     r = float(np.corrcoef(measured, model)[0, 1])
     ends = correlation_interval(measured, model[None], white, 0, interval=1.0)  # longer than any correlation time
     assert np.diff(np.arctanh(ends))[0] / 2 == pytest.approx(1.96 * np.sqrt((1 - r**2 / 2) / 2000), rel=0.06)
 
 
-@pytest.mark.parametrize("time", [0.5, 2.0])
+@pytest.mark.parametrize("time", [0.12, 2.0])
 def test_the_size_of_slow_noise_alone_varies_between_movements_with_a_probability_of_a_half(time: float) -> None:
     """The slope of a model far faster than the noise is certain: the ends of ρ are those of the size of the noise."""
     model = np.cos(np.pi * np.arange(200))
     measured = 30 * model + np.convolve(np.random.default_rng(4).standard_normal(219), np.ones(20), mode="valid")
-    place = NOISES.index((0.02, time, 0.0))
+    place = NOISES.index((0.02, 0.5, time, 0.0))
     weight = np.arange(len(NOISES))[:, None] == place
     ends = np.array(correlation_interval(measured, model[None], weight.astype(float), 0, interval=0.1))
     trace, freedom, _, within = _moments(model, _variances(model), 0.1)[:, place]

@@ -12,7 +12,7 @@ from fitting.emg.change import RepeatUnit, emg_change, pool_shapes
 from fitting.emg.envelopes import PUBLISHED, EnvelopeSettings, emg_envelope
 from fitting.emg.shape import MAX_LAG_S, ShapeComparison, ShapeOutcome, compare_shapes
 from fitting.results.codes import FitErrorCode
-from tests.fitting.emg.simulated import NOISES, RATE, activation, compare_pair, emg_pair, raw_emg
+from tests.fitting.emg.simulated import FAST, NOISES, RATE, activation, compare_pair, emg_pair, raw_emg
 from tests.refusals import raises_refusal
 
 TIME = np.arange(0, 8, 0.01)
@@ -123,11 +123,19 @@ def test_intervals_cover_the_truth_over_fast_and_slow_noise(bandwidth: float) ->
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_intervals_cover_the_truth_over_noise_that_does_not_follow_the_model() -> None:
+    """Of fast noise they cover more than 95 %, because a movement of one raise does not rule out slow noise; their width
+    bounds that.
+    """
     settings = EnvelopeSettings()
-    pairs = [compare_pair(emg_pair(noise, settings, i), settings) for noise in NOISES for i in range(100)]
-    found = np.array(pairs, dtype=float)[:, [1, 3]]
-    assert ((found.mean(axis=0) >= 0.93) & (found.mean(axis=0) <= 0.97)).all()
-    assert (found.reshape(len(NOISES), 100, 2).mean(axis=1) >= 0.88).all()  # 2.3 standard errors below 95 %
+    pairs = {noise: [compare_pair(emg_pair(noise, settings, i), settings) for i in range(100)] for noise in NOISES}
+    covered = {noise: np.array(found, dtype=float)[:, [1, 3]].mean(axis=0) for noise, found in pairs.items()}
+    assert all((share >= 0.9).all() for share in covered.values())  # 2.3 standard errors below 95 %
+    slow = np.array([share for noise, share in covered.items() if noise not in FAST])
+    assert 0.93 <= slow[:, 0].mean() <= 0.97
+    of_random_size = np.array([covered["gain drift"], covered["disagreement"]])
+    assert 0.93 <= of_random_size[:, 1].mean() <= 0.97
+    widths = {noise: np.median([width for *_, width, _ in pairs[noise]]) for noise in FAST}
+    assert widths["none"] < 0.09 and widths["amplifier"] < 0.1 and widths["few motor units"] < 0.17
 
 
 TRIAL, CYCLE = RepeatUnit.TRIAL, RepeatUnit.CYCLE
