@@ -123,9 +123,7 @@ def test_intervals_cover_the_truth_over_fast_and_slow_noise(bandwidth: float) ->
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_intervals_cover_the_truth_over_noise_that_does_not_follow_the_model() -> None:
-    """Of fast noise they cover more than 95 %, because a movement of one raise does not rule out slow noise; their width
-    bounds that.
-    """
+    """Of fast noise more than 95 %, because a single raise does not rule out slow noise: there the width is bounded."""
     settings = EnvelopeSettings()
     pairs = {noise: [compare_pair(emg_pair(noise, settings, i), settings) for i in range(100)] for noise in NOISES}
     covered = {noise: np.array(found, dtype=float)[:, [1, 3]].mean(axis=0) for noise, found in pairs.items()}
