@@ -12,21 +12,21 @@ True cuffs are uniform in the logarithms of stiffness and migration, wider than 
 all that was measured is equally likely. The last table draws them from the published range alone: first as a lab that
 does not know this range, then as one that does. Prints for each statement how often it was made, its mean claimed
 probability, how often it was true, with 95 % intervals (Wilson), and the difference with its standard error.
+--samples are Latin hypercubes of people, --only numbers of populations; another --seed draws other labs.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from benchmarks.command_line import parse_options
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.motion import differentiate
@@ -88,17 +88,14 @@ POPULATIONS: tuple[tuple[str, str, Limits, Callable[[Array], bool], bool], ...] 
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    arguments.add_argument("--labs", type=int, default=12000)
-    arguments.add_argument("--people", type=int, default=100)
-    arguments.add_argument("--samples", type=int, default=12, help="Latin hypercubes of people")
-    arguments.add_argument("--only", default="", help="numbers of the populations")
-    arguments.add_argument("--seed", type=int, default=0, help="other labs")
-    chosen = arguments.parse_args()
+    chosen = parse_options(__doc__, labs=12000, people=100, samples=12, only="", seed=0)
     budget = UncertaintySources()
     parts = {name: getattr(budget, name) for name in ("body", "muscles", "motion")}
-    half = replace(budget, **{name: _times(part, 0.5) for name, part in parts.items()})
-    titles = {"bundled budget": budget, "half of it": half}
+    halves = {
+        name: replace(part, **{one.name: 0.5 * getattr(part, one.name) for one in fields(part)})
+        for name, part in parts.items()
+    }
+    titles = {"bundled budget": budget, "half of it": replace(budget, **halves)}
     solve = cache(lambda title: solve_wearers(titles[title], chosen.people, chosen.samples))
     wanted = [int(number) for number in chosen.only.split(",")] if chosen.only else range(1, len(POPULATIONS) + 1)
     for number in wanted:
@@ -109,12 +106,6 @@ def main() -> None:
         labs = [simulate(solve(sources), pair, known, generator) for pair in cuffs]
         print(f"\n{number}. {title}, {sources}; {chosen.labs} labs", flush=True)
         print_table(labs)
-        share = solve(sources).choosing
-        print(f"| wearers for whom the best cuff of the wide range saves more than the worst | {share:.0%} |")
-
-
-def _times(part: Any, factor: float) -> Any:
-    return replace(part, **{field.name: factor * getattr(part, field.name) for field in fields(part)})
 
 
 @dataclass(frozen=True)
@@ -204,15 +195,6 @@ class Wearers:
     least: Array
     best: Array
     reference: float
-
-    @property
-    def choosing(self) -> float:
-        """Part of the wearers for whom the best cuff of the wide range saves relevantly more than the worst."""
-        (soft, stiff), (least, most) = WIDE
-        everyone = np.arange(len(self.slack))
-        extremes = np.tile([[stiff, least], [soft, most]], (len(everyone), 1, 1))
-        best, worst = self.assess(everyone, extremes)["at_reference"].T
-        return float(np.mean(worst - best >= DecisionRule().relevant_difference))
 
     def assess(self, wearers: NDArray[np.int64], cuffs: Array) -> dict[str, Array]:
         """Readouts (people, cuffs) of wearers (people,) with the stiffness and migration of cuffs (people, cuffs, 2).

@@ -10,7 +10,6 @@ Numbers under a key that ends in `_codes` or `_code` have a separate part, becau
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import sys
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import parse_options
 from benchmarks.fitting import session_trials
 from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.session import fit_session
@@ -42,13 +42,9 @@ CLEAN = Truth(friction=1e9, migration=0.0, duration=14.0, hold=5.0)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sessions", nargs="*", type=Path)
-    parser.add_argument("--motion", action="store_true")
-    parser.add_argument("--list", action="store_true")
-    options = parser.parse_args()
+    options = parse_options(__doc__, paths="*", motion=False, list=False)
     whole = hashlib.sha256()
-    for name, numbers in _results(options.sessions, with_motion=options.motion):
+    for name, numbers in _results(options.paths, with_motion=options.motion):
         for part, lines in numbers.items():
             text = "".join(f"{line}\n" for line in lines)
             if not part.endswith(CODES):
@@ -75,10 +71,8 @@ def _simulated() -> Iterator[tuple[str, list[Trial]]]:
         yield str(cause), session_trials(OddSession(law, rig, 1, CLEAN), 1)
     for name, law in STRONG.items():
         yield name.replace(" ", "_"), session_trials(OddSession(law, Rig(), 1, CLEAN), 2)
-    yield (
-        "late_and_drifting",
-        session_trials(OddSession(Law(), Rig(), 1, replace(CLEAN, lag=25e-3, zero_drift=2 / 60)), 1),
-    )
+    late_and_drifting = replace(CLEAN, lag=25e-3, zero_drift=2 / 60)
+    yield "late_and_drifting", session_trials(OddSession(Law(), Rig(), 1, late_and_drifting), 1)
     for cuff in ("waist", "hand", "tube", "elbow"):
         yield cuff, session_trials(Session(published(cuff, hold=4.0, duration=12.0), 2), 2)
     for change in ({"occlusion": 0.3}, {"unloads_at_once": True}, {"force_rate": 20.0}, {"amplitude": 1.0}):

@@ -3,8 +3,8 @@
     python -m benchmarks.findings [--sessions 200] [--power 50] [--repeats 2]
     python -m benchmarks.findings --negative 20
 
-Sessions are those of benchmarks/coverage.py: clean ones at three rates of the force, then some with a defect of a
-stated size. Of each the table has how often the finding and the cause of the defect are reported, and how often others.
+Sessions are those of benchmarks/coverage.py: clean ones at three rates of the force, then --power sessions with each
+defect of a stated size: how often the finding and the cause of the defect are reported, and how often others.
 
 --negative prints F − k x of the published method, the force of its damper, over so many sessions for each cause that
 could make it negative, as in Fig. 7 of the source study, with the findings of at least half of the sessions. The
@@ -13,12 +13,12 @@ force of a swing has the weight of the hook and the zero of the cell, 5 N in the
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.command_line import parse_options
 from benchmarks.coverage import OBLIQUE, Condition, Session, run
 from fitting.cuffs.published_method import fit_published
 from fitting.results.codes import CauseCode, FindingCode
@@ -27,10 +27,10 @@ from tests.fitting.defects import Rig
 
 RATES = (20.0, 50.0, 1000.0)
 SWING_ASIDE, FAR_ZERO = Condition(rig=Rig(dynamic_angle=OBLIQUE)), Condition(rig=Rig(dynamic_zero=-23.0))
-FRICTION, CREEP, STIFFENING = Condition({"friction": 4.0}), Condition({"slow": (0.15, 15.0)}), Condition({"bend": 30.0})
 NEAR_ZERO, FARTHER = Condition(rig=Rig(dynamic_zero=-5.0)), Condition(rig=Rig(dynamic_shift=2e-3))
 REMEMBERED, RELAXATION = Condition(truth={"marker_memory": 0.05}), Condition({"fast": (0.15, 0.3)})
-DEFECTS: dict[str, tuple[Condition, FindingCode | None, CauseCode | None]] = {
+Row = tuple[Condition, FindingCode | None, CauseCode | None]
+DEFECTS: dict[str, Row] = {
     "swing 25° aside": (SWING_ASIDE, FindingCode.ANGLE, CauseCode.PULL_DIRECTION),
     "zero −23 N in the swing": (FAR_ZERO, FindingCode.UNLOADED_FORCE, CauseCode.TARE),
     "zero −5 N in the swing": (NEAR_ZERO, FindingCode.UNLOADED_FORCE, CauseCode.ZERO_DRIFT),
@@ -38,12 +38,12 @@ DEFECTS: dict[str, tuple[Condition, FindingCode | None, CauseCode | None]] = {
     "1 N of noise in the swing alone": (Condition(rig=Rig(swing_noise=1.0)), FindingCode.FORCE_NOISE, None),
     "marker noise with 0.05 s of memory": (REMEMBERED, FindingCode.MARKER_CORRELATION, None),
     "skin that moves by 0.05 mm/N": (Condition(rig=Rig(skin=0.05e-3)), None, CauseCode.SKIN),
-    "creep of 15 % in 15 s": (CREEP, None, CauseCode.CREEP),
+    "creep of 15 % in 15 s": (Condition({"slow": (0.15, 15.0)}), None, CauseCode.CREEP),
     "relaxation of 15 % in 0.3 s": (RELAXATION, FindingCode.STIFFNESS_RATIO, CauseCode.STANDARD_LINEAR_SOLID),
     "friction of 2 N": (Condition({"friction": 2.0}), FindingCode.HARMONICS, CauseCode.FRICTION),
-    "friction of 4 N": (FRICTION, FindingCode.DAMPING_POWER, CauseCode.FRICTION),
+    "friction of 4 N": (Condition({"friction": 4.0}), FindingCode.DAMPING_POWER, CauseCode.FRICTION),
     "slip above 30 N": (Condition({"slip_from": 30.0}), FindingCode.START, CauseCode.SLIP),
-    "stiffening with b = 30 /m": (STIFFENING, FindingCode.CURVATURE, CauseCode.STIFFENING),
+    "stiffening with b = 30 /m": (Condition({"bend": 30.0}), FindingCode.CURVATURE, CauseCode.STIFFENING),
 }
 """Size of a defect → its condition, and the finding and the cause that are to be reported."""
 
@@ -53,23 +53,15 @@ NEGATIVE = {
     "none": Condition(),
     "force 25 ms late": Condition(truth={"lag": -25e-3}),
     "force 25 ms early": Condition(truth={"lag": 25e-3}),
-    "friction of 4 N": FRICTION,
-    "creep of 15 % in 15 s": CREEP,
+    **{name: DEFECTS[name][0] for name in ("friction of 4 N", "creep of 15 % in 15 s", "stiffening with b = 30 /m")},
+    **{name: DEFECTS[name][0] for name in ("swing 25° aside", "zero −23 N in the swing")},
     "relaxation of 30 % in 0.3 s": Condition({"fast": (0.3, 0.3)}),
-    "stiffening with b = 30 /m": STIFFENING,
-    "swing 25° aside": SWING_ASIDE,
-    "zero −23 N in the swing": FAR_ZERO,
     "migration of 12 mm, x from the start of each record": SLIPS,
 }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sessions", type=int, default=200)
-    parser.add_argument("--power", type=int, default=50, help="sessions of each size")
-    parser.add_argument("--repeats", type=int, default=2)
-    parser.add_argument("--negative", type=int, default=0)
-    options = parser.parse_args()
+    options = parse_options(__doc__, sessions=200, power=50, repeats=2, negative=0)
     if options.negative:
         print_negative_forces(options.negative, options.repeats)
         return
@@ -81,9 +73,7 @@ def main() -> None:
             print_row(name, row, [run(row[0], seed, options.repeats) for seed in range(count)])
 
 
-def print_row(
-    name: str, row: tuple[Condition, FindingCode | None, CauseCode | None], sessions: Sequence[Session]
-) -> None:
+def print_row(name: str, row: Row, sessions: Sequence[Session]) -> None:
     """Alarms and named causes of sessions with a defect, or of clean ones."""
     _, finding, cause = row
     diagnoses = [session.fit.diagnosis for session in sessions if session.fit.diagnosis]

@@ -1,6 +1,6 @@
 """Bias, error against the Cramér-Rao bound and coverage of the fit, on cuffs and rigs whose truth is known.
 
-    python benchmarks/fitting.py [--runs 500] [--only T1,T8] [--processes 2]
+    python -m benchmarks.fitting [--runs 500] [--only T1,T8] [--processes 2]
 
 prints the tables of docs/fitting.md. Every run is a record or donning of the simulated experiments of the tests,
 which are independent of the fitted law. T1: force at 20 Hz, lag known. T2: 1 kHz, the true lag drawn from its prior.
@@ -11,22 +11,18 @@ repeats with true differences. Runs are divided for donnings: T3, T10 and T11 by
 
 from __future__ import annotations
 
-import argparse
 import math
 import resource
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
+from benchmarks.command_line import parse_options
 from fitting.dynamic.cross_checks import check, output_error
 from fitting.dynamic.damping import fit_damping
 from fitting.dynamic.errors_in_variables import C, K, Swing, estimate
@@ -49,15 +45,10 @@ from tests.fitting.pulls import swing
 LAG_SD = 0.5e-3
 Row = tuple[float, ...]
 """Of one run: k, its standard error and bound, c, its standard error and bound, all over the true value."""
-NO_DEFECT = "no defect: no cause reported"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=500)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--processes", type=int, default=2)
-    options = parser.parse_args()
+    options = parse_options(__doc__, runs=500, only="", processes=2)
     wanted = options.only.split(",") if options.only else list(REPORTS)
     with ProcessPoolExecutor(options.processes) as pool:
         for name in wanted:
@@ -65,13 +56,20 @@ def main() -> None:
                 print(line, flush=True)
 
 
-def _estimates(title: str, runs: int, pool: ProcessPoolExecutor, **settings: Any) -> Iterator[str]:
-    yield f"| {title} | bias k % | RMSE k / bound | cover k % | bias c % | RMSE c / bound | cover c % |"
-    yield "|---|---|---|---|---|---|---|"
-    for cuff in PUBLISHED:
-        rows = np.array(list(pool.map(partial(_one, cuff, **settings), range(runs), chunksize=10)))
-        yield f"| {cuff} | " + " | ".join(_judged(rows[:, :3]) + _judged(rows[:, 3:])) + " |"
+def _table(columns: str, rows: Iterable[Iterable[str]]) -> Iterator[str]:
+    yield f"| {columns} |"
+    yield f"|{'---|' * (columns.count('|') + 1)}"
+    yield from (f"| {' | '.join(cells)} |" for cells in rows)
     yield ""
+
+
+def _estimates(title: str, runs: int, pool: ProcessPoolExecutor, **settings: Any) -> Iterator[str]:
+    def row(cuff: str) -> list[str]:
+        found = np.array(list(pool.map(partial(_one, cuff, **settings), range(runs), chunksize=10)))
+        return [cuff, *_judged(found[:, :3]), *_judged(found[:, 3:])]
+
+    quantities = " | ".join(f"bias {name} % | RMSE {name} / bound | cover {name} %" for name in "kc")
+    yield from _table(f"{title} | {quantities}", map(row, PUBLISHED))
 
 
 def _one(cuff: str, seed: int, rate: float, lag_sd: float, colour: float = 0.0) -> Row:
@@ -124,13 +122,13 @@ def _coloured(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
 
 
 def _half_a_sample(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
-    yield "| T3: 20 Hz, no sync line, lag 25 ms | c identified % | interval over k · 25 ms/√3 | cover % |"
-    yield "|---|---|---|---|"
-    for cuff in PUBLISHED:
+    def row(cuff: str) -> list[str]:
         found = list(pool.map(partial(_unsynchronised, cuff), range(max(2, runs // 10))))
         called, width, cover = np.mean(found, axis=0)
-        yield f"| {cuff} | {100 * called:.0f} | {width:.2f} | {100 * cover:.0f} |"
-    yield ""
+        return [cuff, f"{100 * called:.0f}", f"{width:.2f}", f"{100 * cover:.0f}"]
+
+    columns = "T3: 20 Hz, no sync line, lag 25 ms | c identified % | interval over k · 25 ms/√3 | cover %"
+    yield from _table(columns, map(row, PUBLISHED))
 
 
 def _unsynchronised(cuff: str, seed: int) -> Row:
@@ -153,15 +151,15 @@ def _unsynchronised(cuff: str, seed: int) -> Row:
 
 
 def _seen(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
-    yield "| T10, T11: 1 kHz, lag known | bias c % | RMSE c / that of whole records | cover c % |"
-    yield "|---|---|---|---|"
-    for cuff in PUBLISHED:
-        rows = np.array(list(pool.map(partial(_through_markers, cuff), range(max(2, runs // 10)))))
-        whole = np.sqrt(np.mean(rows[:, 0, 0] ** 2))
-        for kind, (off, is_covered) in zip(SIGHTS, rows.transpose(1, 2, 0), strict=True):
-            ratio = np.sqrt(np.mean(off**2)) / whole
-            yield f"| {cuff}, {kind} | {100 * off.mean():+.2f} | {ratio:.2f} | {100 * is_covered.mean():.0f} |"
-    yield ""
+    def rows() -> Iterator[list[str]]:
+        for cuff in PUBLISHED:
+            found = np.array(list(pool.map(partial(_through_markers, cuff), range(max(2, runs // 10)))))
+            whole = np.sqrt(np.mean(found[:, 0, 0] ** 2))
+            for kind, (off, is_covered) in zip(SIGHTS, found.transpose(1, 2, 0), strict=True):
+                ratio = np.sqrt(np.mean(off**2)) / whole
+                yield [f"{cuff}, {kind}", f"{100 * off.mean():+.2f}", f"{ratio:.2f}", f"{100 * is_covered.mean():.0f}"]
+
+    yield from _table("T10, T11: 1 kHz, lag known | bias c % | RMSE c / that of whole records | cover c %", rows())
 
 
 def _through_markers(cuff: str, seed: int) -> list[tuple[float, float]]:
@@ -207,13 +205,11 @@ SIGHTS = {"whole": lambda values, _: values, "hidden (T10)": _hidden, "ghosts (T
 
 
 def _causes(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
-    seeds = range(max(1, runs // 50))
-    yield "| T8 defect | ranked first or second % |"
-    yield "|---|---|"
-    for cause in (*DEFECTS, None):
-        found = list(pool.map(partial(_is_named, cause), seeds))
-        yield f"| {NO_DEFECT if cause is None else NAMES[cause]} | {100 * np.mean(found):.0f} |"
-    yield ""
+    def row(cause: CauseCode | None) -> list[str]:
+        found = list(pool.map(partial(_is_named, cause), range(max(1, runs // 50))))
+        return [NAMES[cause] if cause else "no defect: no cause reported", f"{100 * np.mean(found):.0f}"]
+
+    yield from _table("T8 defect | ranked first or second %", map(row, (*DEFECTS, None)))
 
 
 def _is_named(cause: CauseCode | None, seed: int) -> bool:
@@ -226,17 +222,13 @@ def _is_named(cause: CauseCode | None, seed: int) -> bool:
 
 
 def _laws(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
-    seeds = range(max(1, runs // 50))
-    yield "| T9 law | chosen, full effect % | chosen, 20 % of the effect % |"
-    yield "|---|---|---|"
-    for name in ("Kelvin-Voigt", *STRONG):
-        shares = [
-            f"{100 * np.mean(list(pool.map(partial(_is_chosen, name, law), seeds))):.0f}"
-            for law in (STRONG.get(name, Law()), WEAK.get(name))
-            if law is not None
-        ]
-        yield f"| {name} | {' | '.join((*shares, '')[:2])} |"
-    yield ""
+    def share(name: str, law: Law | None) -> str:
+        chosen = pool.map(partial(_is_chosen, name, law), range(max(1, runs // 50))) if law else ()
+        return f"{100 * np.mean(list(chosen)):.0f}" if law else ""
+
+    laws = {"Kelvin-Voigt": Law(), **STRONG}
+    rows = ([name, share(name, law), share(name, WEAK.get(name))] for name, law in laws.items())
+    yield from _table("T9 law | chosen, full effect % | chosen, 20 % of the effect %", rows)
 
 
 def _is_chosen(name: str, law: Law, seed: int) -> bool:
@@ -258,12 +250,10 @@ def session_trials(session: Session, repeats: int, cuff: str = "") -> list[Trial
 
 
 def _space(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
-    rows = np.array(list(pool.map(_in_space, range(max(1, 2 * runs // 25)))))
-    yield "| T12 tensor | rms error of an entry over the largest % | cover % |"
-    yield "|---|---|---|"
-    for name, (error, cover) in zip(("K", "C"), rows.transpose(1, 2, 0), strict=True):
-        yield f"| {name} | {100 * math.sqrt(np.mean(error)):.2f} | {100 * np.mean(cover):.0f} |"
-    yield ""
+    found = np.array(list(pool.map(_in_space, range(max(1, 2 * runs // 25))))).transpose(1, 2, 0)
+    shares = zip("KC", np.sqrt(found[:, 0].mean(axis=1)), found[:, 1].mean(axis=1), strict=True)
+    rows = ([name, f"{100 * error:.2f}", f"{100 * cover:.0f}"] for name, error, cover in shares)
+    yield from _table("T12 tensor | rms error of an entry over the largest % | cover %", rows)
 
 
 def _in_space(seed: int) -> list[Row]:
@@ -285,28 +275,23 @@ def _in_space(seed: int) -> list[Row]:
 
 
 def _repeats(runs: int, _pool: ProcessPoolExecutor) -> Iterator[str]:
-    yield "| T17 spread between repeats / noise | cover, 2 repeats % | 3 repeats % | 5 repeats % |"
-    yield "|---|---|---|---|"
     random = np.random.default_rng(17)
-    for spread in (0.0, 0.5, 1.0, 2.0, 4.0, 8.0):
-        shares = []
-        for count in (2, 3, 5):
-            means = np.hypot(1.0, spread) * random.standard_normal((4 * runs, count))
-            intervals = [combine([Repeat(value, 1.0) for value in row]).ci95 for row in means]
-            shares.append(f"{100 * np.mean([low < 0 < high for low, high in intervals]):.1f}")
-        yield f"| {spread:g} | {' | '.join(shares)} |"
-    yield ""
+
+    def cover(spread: float, count: int) -> str:
+        means = np.hypot(1.0, spread) * random.standard_normal((4 * runs, count))
+        intervals = [combine([Repeat(value, 1.0) for value in row]).ci95 for row in means]
+        return f"{100 * np.mean([low < 0 < high for low, high in intervals]):.1f}"
+
+    rows = ([f"{spread:g}", *(cover(spread, count) for count in (2, 3, 5))] for spread in (0, 0.5, 1, 2, 4, 8))
+    yield from _table("T17 spread between repeats / noise | cover, 2 repeats % | 3 repeats % | 5 repeats %", rows)
 
 
 def _speed(_runs: int, _pool: ProcessPoolExecutor) -> Iterator[str]:
     trials = [trial for cuff in PUBLISHED for trial in session_trials(Session(published(cuff), 3), 3, cuff)]
     fit_session(trials[:2])
-    for what, some in (
-        ("one static and one dynamic trial, 30 s at 1 kHz", trials[:2]),
-        ("a session of 24 trials", trials),
-    ):
+    for what, count in (("one static and one dynamic trial, 30 s at 1 kHz", 2), ("a session of 24 trials", 24)):
         began, used = time.perf_counter(), time.process_time()
-        fit_session(some)
+        fit_session(trials[:count])
         yield f"{what}: {time.perf_counter() - began:.2f} s, {time.process_time() - used:.2f} s of processor"
     yield f"largest memory of the process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB"
 

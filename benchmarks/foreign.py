@@ -3,15 +3,15 @@
     python -m benchmarks.foreign FOLDER…
 
 Every .c3d and .trc below the folders is read by the station's reader and by another one: C3D by the package c3d, and by
-ezc3d where the two differ or c3d fails; TRC by OpenSim (extra `oracle`). The other readers run in a process with limits
-of memory and time, because some files end them. Compared are the labels, times, positions and missing markers, and of
-C3D all analog channels. A line is printed for every file that is not read as by the others, then the counts: accepted
-right and wrong, refused right (no other reader finds markers) and wrong, and accepted alone (no other opens the file).
+ezc3d where the two differ or c3d fails; TRC by OpenSim (extra `oracle`). Each other reader runs in a process with
+limits of memory and time, because some files end it. Compared are the labels, times, positions and missing markers, and
+of C3D all analog channels. A line is printed for every file that is not read as by the others, then the counts:
+accepted right and wrong, refused right (no other reader finds markers) and wrong, and accepted alone (no other opens
+the file).
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import warnings
 from collections import Counter
@@ -22,14 +22,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.command_line import parse_options
 from recordings.errors import ForeignFile
 from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals
-from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import read_trc
 
 Array = NDArray[np.float64]
@@ -52,15 +51,12 @@ class Content:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     counts: dict[str, Counter[str]] = {".c3d": Counter(), ".trc": Counter()}
-    with OtherReaders() as others:
-        for path in distinct_files(parser.parse_args().folders, (".c3d", ".trc")):
-            verdict, reason = judge(path, others)
-            counts[path.suffix.lower()][verdict] += 1
-            if verdict != "accepted right":
-                print(f"{verdict:<22}{path}: {reason}", flush=True)
+    for path in distinct_files(parse_options(__doc__, paths="+").paths, (".c3d", ".trc")):
+        verdict, reason = judge(path)
+        counts[path.suffix.lower()][verdict] += 1
+        if verdict != "accepted right":
+            print(f"{verdict:<22}{path}: {reason}", flush=True)
     verdicts = ("accepted right", "accepted wrong", "refused right", "refused wrong", "accepted alone")
     print(f"\n{'':<6}" + "".join(f"{verdict:>16}" for verdict in verdicts))
     for suffix, found in counts.items():
@@ -78,37 +74,24 @@ def distinct_files(folders: Sequence[Path], suffixes: Sequence[str]) -> Iterator
                 yield path
 
 
-class OtherReaders:
-    """Other readers in a process that is replaced when a file has ended it."""
-
-    def __enter__(self) -> OtherReaders:
-        self._start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-    def read(self, reader: Callable[[Path], Content], path: Path) -> Content | str:
-        """What it finds, or why it finds nothing."""
-        try:
-            return self._pool.submit(reader, path).result(LONGEST_S)
-        except BrokenProcessPool:
-            failure = "ended its process"
-        except TimeoutError:
-            failure = f"took more than {LONGEST_S:g} s"
-            for process in list(self._pool._processes.values()):
-                process.kill()
-        except Exception as error:  # whatever its code raises
-            return f"{type(error).__name__}: {str(error)[:100]}"
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._start()
-        return failure
-
-    def _start(self) -> None:
-        self._pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_limit)
+def read_apart(reader: Callable[[Path], Content], path: Path) -> Content | str:
+    """What another reader finds in a process of its own, or why it finds nothing."""
+    pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_limit)
+    try:
+        return pool.submit(reader, path).result(LONGEST_S)
+    except BrokenProcessPool:
+        return "ended its process"
+    except TimeoutError:
+        for process in list(pool._processes.values()):
+            process.kill()
+        return f"took more than {LONGEST_S:g} s"
+    except Exception as error:  # whatever its code raises
+        return f"{type(error).__name__}: {str(error)[:100]}"
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
-def judge(path: Path, others: OtherReaders) -> tuple[str, str]:
+def judge(path: Path) -> tuple[str, str]:
     """One of the verdicts, and its reason."""
     is_c3d = path.suffix.lower() == ".c3d"
     ours: Content | str
@@ -116,9 +99,9 @@ def judge(path: Path, others: OtherReaders) -> tuple[str, str]:
         ours = our_c3d(path) if is_c3d else our_trc(path)
     except ForeignFile as error:
         ours = f"[{error.code}] {error}"
-    reasons = []
+    reasons, is_compared = [], False
     for reader in (c3d_package, ezc3d_package) if is_c3d else (opensim_table,):
-        theirs = others.read(reader, path)
+        theirs = read_apart(reader, path)
         if isinstance(theirs, str) or not theirs.labels:
             reasons.append(f"{reader.__name__} {theirs if isinstance(theirs, str) else 'finds no labels'}")
             continue
@@ -128,11 +111,9 @@ def judge(path: Path, others: OtherReaders) -> tuple[str, str]:
         if not difference:
             return "accepted right", ""
         reasons.append(f"{reader.__name__}: {difference}")
+        is_compared = True
     if isinstance(ours, str):
         return "refused right", "; ".join((ours, *reasons))
-    is_compared = any(
-        reason.partition(": ")[0] in ("c3d_package", "ezc3d_package", "opensim_table") for reason in reasons
-    )
     return ("accepted wrong" if is_compared else "accepted alone"), "; ".join(reasons)
 
 
@@ -179,10 +160,7 @@ def our_c3d(path: Path) -> Content:
 
 
 def our_trc(path: Path) -> Content:
-    return _content(read_trc(path))
-
-
-def _content(table: MarkerTable) -> Content:
+    table = read_trc(path)
     return Content(table.labels, (len(table.time_s) - 1) / np.ptp(table.time_s), table.positions, {})
 
 
@@ -203,9 +181,8 @@ def c3d_package(path: Path) -> Content:
         positions = np.where(values[..., 3:4] < 0, np.nan, values[..., :3])[:, : len(labels)]
         rate = float(reader.point_rate)
     samples = np.concatenate(analog, axis=1) if names else np.zeros((0, 0))
-    return Content(
-        labels, rate, positions, dict(zip(names, samples, strict=False)), unit.string_value.strip() if unit else ""
-    )
+    name = unit.string_value.strip() if unit else ""
+    return Content(labels, rate, positions, dict(zip(names, samples, strict=False)), name)
 
 
 def ezc3d_package(path: Path) -> Content:
@@ -220,9 +197,8 @@ def ezc3d_package(path: Path) -> Content:
     names = [name.strip() for name in analog.get("LABELS", {}).get("value", [])]
     signals = dict(zip(names, file["data"]["analogs"][0], strict=False))
     unit = next(iter(point.get("UNITS", {}).get("value", [])), "")
-    return Content(
-        tuple(labels[: positions.shape[1]]), float(point["RATE"]["value"][0]), positions, signals, unit.strip()
-    )
+    shown = tuple(labels[: positions.shape[1]])
+    return Content(shown, float(point["RATE"]["value"][0]), positions, signals, unit.strip())
 
 
 def opensim_table(path: Path) -> Content:
@@ -230,14 +206,11 @@ def opensim_table(path: Path) -> Content:
 
     opensim.Logger.setLevelString("off")
     table = opensim.TimeSeriesTableVec3(str(path))
-    positions = np.array([[row[k].to_numpy() for k in range(table.getNumColumns())] for row in _rows(table)])
+    rows = map(table.getRowAtIndex, range(table.getNumRows()))
+    positions = np.array([[row[k].to_numpy() for k in range(table.getNumColumns())] for row in rows])
     time = np.array(table.getIndependentColumn())
     unit = table.getTableMetaDataString("Units")
     return Content(tuple(table.getColumnLabels()), (len(time) - 1) / np.ptp(time), positions, {}, unit)
-
-
-def _rows(table: Any) -> Iterator[Any]:
-    return (table.getRowAtIndex(i) for i in range(table.getNumRows()))
 
 
 def _limit() -> None:

@@ -1,12 +1,12 @@
 """Size of the source tree, concepts declared more than once, and files entered by three flows.
 
-    python -m benchmarks.house [SESSION]
+    python -m benchmarks.house [SESSION] [--list]
 
 Prints files and lines of every top-level folder, the number of modules with sentences, pairs of a dataclass and a
 pydantic model that mirror each other, with each class in one pair, the same of classes with any base in any number of
 pairs, which is the stricter count, and file names that occur more than once. With the folder of a session, as
 `simulated/demo`, also the files whose functions run during a fit of two recordings, an assessment of three frames and
-one live frame with and without the suit. `__init__.py` is not counted.
+one live frame with and without the suit, and with `--list` their names. `__init__.py` is not counted.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from benchmarks.command_line import parse_options
+
 ROOT = Path(__file__).parents[1]
 PRODUCT = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents")
 ALIKE = 0.6
@@ -32,6 +34,7 @@ LEAST_WORDS, LEAST_SENTENCES = 4, 3
 
 
 def main() -> None:
+    options = parse_options(__doc__, paths="*", list=False)
     sources = {folder: _sources(folder) for folder in (*PRODUCT, "benchmarks", "tests")}
     print("| folder | files | lines |\n|---|---:|---:|")
     for folder, paths in sources.items():
@@ -43,9 +46,9 @@ def main() -> None:
     print(f"pairs of a dataclass and a model that mirror each other: {of_models}; classes with any base: {of_any}")
     repeated = {name: count for name, count in Counter(path.name for path in ours).items() if count > 1}
     print(f"file names that occur more than once: {len(repeated)}")
-    if sys.argv[1:]:
-        for name, flow in _flows(Path(sys.argv[1])):
-            print(f"files entered by {name}: {len(_entered(flow))}")
+    for name, flow in _flows(options.paths[0]) if options.paths else ():
+        entered = sorted(_entered(flow))
+        print(f"files entered by {name}: {len(entered)}", *entered if options.list else (), sep="\n    ")
 
 
 def _sources(folder: str) -> list[Path]:

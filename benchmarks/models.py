@@ -1,6 +1,6 @@
 """Public OpenSim models: which are accepted, parity with OpenSim, and time: the table of docs/osim-files.md.
 
-    python -m benchmarks.models FOLDER… [--states 20] [--ignore-forces] [--repeats 3]
+    python -m benchmarks.models FOLDER… [--states 20] [--ignore-forces]
 
 FOLDER holds .osim files that you have fetched, a folder per repository; docs/osim-files.md lists the repositories. The
 table is printed as Markdown, a row per distinct file with muscles, then the counts. With OpenSim installed (extra
@@ -15,7 +15,6 @@ the calls count.
 
 from __future__ import annotations
 
-import argparse
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.command_line import parse_options
 from benchmarks.foreign import distinct_files
 from solver.errors import SolverError
 from solver.model import CoordinateLock, Model
@@ -58,35 +58,27 @@ class Row:
 
     def markdown(self) -> str:
         status = self.problem or ("yes" if not self.left_out else f"without {self.left_out} forces")
-        figures = ["" if value is None else f"{value:.0e}" for value in (getattr(self, name) for name in COMPARED)]
-        time = "" if self.microseconds is None else f"{self.microseconds:.0f}"
-        ratio = "" if self.ratio is None else f"{self.ratio:.0f}"
-        return f"| {self.name} | {self.muscles or ''} | {status} | {' | '.join(figures)} | {time} | {ratio} |"
+        formats = {**dict.fromkeys(COMPARED, ".0e"), "microseconds": ".0f", "ratio": ".0f"}
+        values = {name: getattr(self, name) for name in formats}
+        figures = ["" if value is None else f"{value:{formats[name]}}" for name, value in values.items()]
+        return f"| {self.name} | {self.muscles or ''} | {status} | {' | '.join(figures)} |"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folders", nargs="+", type=Path)
-    parser.add_argument("--states", type=int, default=20)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--ignore-forces", action="store_true")
-    arguments = parser.parse_args()
+    options = parse_options(__doc__, paths="+", states=20, ignore_forces=False)
     print("| model | muscles | accepted | length [m] | acceleration | inverse dynamics | time [µs] | ratio |")
     print("|---|---|---|---|---|---|---|---|")
     rows = []
-    for path in distinct_files(arguments.folders, (".osim",)):
+    for path in distinct_files(options.paths, (".osim",)):
         if not MUSCLE.search(path.read_bytes()):
             continue
-        row = examine(path, arguments.states, arguments.repeats, ignore_forces=arguments.ignore_forces)
-        row = replace(row, name=_title(path, arguments.folders))
-        rows.append(row)
-        print(row.markdown(), flush=True)
-    opened = [row for row in rows if not row.problem.endswith(NEITHER)]
-    accepted = [row for row in rows if not row.problem]
-    print(
-        f"\n{len(accepted)} of {len(rows)} models accepted, {len(rows) - len(opened)} that OpenSim does not open either"
-    )
-    print(_largest(accepted))
+        row = examine(path, options.states, ignore_forces=options.ignore_forces)
+        rows.append(replace(row, name=_title(path, options.paths)))
+        print(rows[-1].markdown(), flush=True)
+    accepted, neither = [row for row in rows if not row.problem], sum(row.problem.endswith(NEITHER) for row in rows)
+    print(f"\n{len(accepted)} of {len(rows)} models accepted, {neither} that OpenSim does not open either")
+    worst = {name: max((getattr(row, name) or 0.0 for row in accepted), default=0.0) for name in COMPARED}
+    print("largest difference: " + ", ".join(f"{name} {value:.0e}" for name, value in worst.items()))
 
 
 def _title(path: Path, folders: Sequence[Path]) -> str:
@@ -96,7 +88,7 @@ def _title(path: Path, folders: Sequence[Path]) -> str:
     return "/".join([repository, *(["_".join(below).replace(" ", "_")] if below else [])])
 
 
-def examine(path: Path, states: int, repeats: int, *, ignore_forces: bool) -> Row:
+def examine(path: Path, states: int, *, ignore_forces: bool) -> Row:
     try:
         model = read_osim(path, ignore_forces=ignore_forces)
     except SolverError as error:
@@ -106,16 +98,14 @@ def examine(path: Path, states: int, repeats: int, *, ignore_forces: bool) -> Ro
         return row
     q, u, acceleration = random_states(model, states)
     try:
-        row = replace(row, microseconds=1e6 * seconds_per_state(model, repeats))
+        row = replace(row, microseconds=1e6 * seconds_per_state(model))
         ours = our_values(model, q, u, acceleration)
     except SolverError as error:
         return replace(row, problem=_problem(error, path))
     try:
         theirs, seconds = opensim_values(path, model, q, u, acceleration)
-    except ImportError:
+    except (ImportError, RuntimeError):  # no OpenSim; or it does not open the file, or cannot build its system
         return row
-    except RuntimeError:  # OpenSim does not open the file, or cannot build its system
-        return replace(row, ratio=None)
     differences = {name: float(_error(name, ours[name], theirs[name]).max(initial=0.0)) for name in theirs}
     return replace(row, ratio=1e6 * seconds / (row.microseconds or np.nan), **differences)  # type: ignore[arg-type]
 
@@ -146,17 +136,17 @@ def our_values(model: Model, q: Array, u: Array, acceleration: Array) -> dict[st
     return dict(zip(COMPARED, found, strict=True))
 
 
-def seconds_per_state(model: Model, repeats: int) -> float:
+def seconds_per_state(model: Model) -> float:
     """Processor time, the least of several batches."""
     q, u, _ = random_states(model, TIMED_STATES)
     times = []
-    for _ in range(repeats + 1):  # the first compiles
+    for _ in range(4):  # the first compiles
         start = process_time()
         state = postures(model, q, u)
         evaluate_paths(model, state)
         equations_of_motion(model, state, model.joints[0].name)
         times.append(process_time() - start)
-    return min(times[1:], default=times[0]) / TIMED_STATES
+    return min(times[1:]) / TIMED_STATES
 
 
 def opensim_values(path: Path, model: Model, q: Array, u: Array, acceleration: Array) -> tuple[dict[str, Array], float]:
@@ -252,11 +242,6 @@ def _error(name: str, ours: Array, theirs: Array) -> Array:
         return difference
     largest: Array = np.nanmax(np.abs(theirs), axis=1, keepdims=True, initial=1.0)
     return difference / largest
-
-
-def _largest(rows: Sequence[Row]) -> str:
-    worst = {name: max((getattr(row, name) or 0.0 for row in rows), default=0.0) for name in COMPARED}
-    return "largest difference: " + ", ".join(f"{name} {value:.0e}" for name, value in worst.items())
 
 
 if __name__ == "__main__":

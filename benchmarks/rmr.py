@@ -1,6 +1,6 @@
 """Speed of the muscle solver, as ratios to other programs measured in one run; the last line has that of a whole frame.
 
-    python benchmarks/rmr.py [--frames N] [--scenarios N]
+    python -m benchmarks.rmr [--frames N] [--scenarios N]
 
 Motion and model are FLX01 of the public data set if it is beside the repository, else the bundled arm raise. The peer,
 OpenSim's maps and SLSQP, is `shared/peer/opensim_rmr.py` beside the repository, run in this Python process.
@@ -15,79 +15,61 @@ import os
 
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")  # before NumPy comes
 
-import argparse
-import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
+from multiprocessing import get_context
 from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).parents[1]
-SHARED = ROOT.parent / "shared"
-OSIM, MOTION = SHARED / "data/models/TSM_subject_noWeight.osim", SHARED / "data/motions/FLX01.mot"
-PEER = SHARED / "peer/opensim_rmr.py"
-REPEATS = 3
-OBJECTIVE_LIMIT, VIOLATION_LIMIT = 1e-6, 1e-8
-
-sys.path.insert(0, str(ROOT))
-
-from solver.bundled import bundled_model, simulate_arm_raise  # noqa: E402
-from solver.model import Model  # noqa: E402
-from solver.motion import Kinematics, decimate, differentiate, read_motion  # noqa: E402
-from solver.multibody.dynamics import equations_of_motion  # noqa: E402
-from solver.multibody.postures import postures  # noqa: E402
-from solver.muscle import evaluate_paths, muscle_forces  # noqa: E402
-from solver.redundancy.effort import RedundancyOptions  # noqa: E402
-from solver.redundancy.mechanics import evaluate_motion  # noqa: E402
-from solver.redundancy.motion_solution import solve_motion  # noqa: E402
-from solver.redundancy.problem import (  # noqa: E402
+from benchmarks.command_line import parse_options
+from solver.bundled import bundled_model, simulate_arm_raise
+from solver.model import Model
+from solver.motion import Kinematics, decimate, differentiate
+from solver.redundancy.effort import RedundancyOptions
+from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.motion_solution import solve_motion
+from solver.redundancy.problem import (
     CONE_FORCE_SCALE,
     FrameOutcome,
     LoadResponse,
     RedundancyProblem,
     build_redundancy,
 )
-from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy  # noqa: E402
+from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy
+from tests.solver.published import trial
+from tests.solver.references import NO_WEIGHT, SHARED
+
+MOTION, PEER = SHARED / "motions/FLX01.mot", SHARED.parent / "peer/opensim_rmr.py"
+REPEATS = 3
+OBJECTIVE_LIMIT, VIOLATION_LIMIT = 1e-6, 1e-8
 
 Array = NDArray[np.float64]
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--frames", type=int, default=12, help="frames of the peer's sample")
-    parser.add_argument("--scenarios", type=int, default=300, help="scenarios whose memory is measured")
-    parser.add_argument("--memory", action="store_true", help="only the memory that the largest study takes")
-    arguments = parser.parse_args()
+    options = parse_options(__doc__, frames=12, scenarios=300)
     model, kinematics, name = subject()
     solve_motion(model, decimate(kinematics, 20))  # compiles at the first call
-    problem = build_redundancy(model, evaluate_motion(model, kinematics), RedundancyOptions())
-    if arguments.memory:
-        memory(problem, arguments.scenarios)
-        return 0
-    print(f"{name}: {len(kinematics.time)} frames, {len(model.muscles)} muscles, {os.cpu_count()} processors")
-    peer, whole = side_by_side(model, kinematics, arguments.frames)
+    print(f"{name}: {len(kinematics.time)} frames, {len(model.muscles)} muscles")
+    peer, whole = side_by_side(model, kinematics, options.frames)
     print(f"whole frame, one core           {1e6 * whole:8.0f} µs")
-    stations(model, kinematics)
-    is_agreed = further_scenario(problem)
-    run_again("--memory", "--scenarios", str(arguments.scenarios))
+    is_agreed = further_scenario(build_redundancy(model, evaluate_motion(model, kinematics), RedundancyOptions()))
+    with ProcessPoolExecutor(1, get_context("spawn")) as alone:  # a process whose memory has no earlier stages
+        print(alone.submit(memory, options.scenarios).result())
     print(f"ratio={peer / whole:.0f}" if peer else "ratio=none: there is no peer to compare with")
     return 0 if is_agreed else 1
 
 
 def subject() -> tuple[Model, Kinematics, str]:
-    if not OSIM.exists():
-        model = bundled_model()
-        motion = differentiate(simulate_arm_raise(model))
-        return model, motion, "bundled arm raise (no public data set beside the repository)"
-    from solver.osim.model_reader import read_osim
-
-    model = read_osim(OSIM)
-    return model, differentiate(read_motion(MOTION, model)), "FLX01"
+    if MOTION.exists():
+        return *trial("FLX01"), "FLX01"
+    model = bundled_model()
+    return model, differentiate(simulate_arm_raise(model)), "bundled arm raise (no public data beside the repository)"
 
 
 def least(run: Callable[[], object], repeats: int = REPEATS) -> float:
@@ -119,7 +101,7 @@ def side_by_side(model: Model, kinematics: Kinematics, frames: int) -> tuple[flo
 
 def the_peer() -> Callable[[int], tuple[float, float]] | None:
     """A function that times OpenSim's maps and SLSQP in one frame of FLX01 [s]; None without the peer."""
-    if not (PEER.exists() and OSIM.exists()):
+    if not (PEER.exists() and MOTION.exists()):
         print(f"no peer: {PEER.name} should lie in shared/peer beside the repository and does not")
         return None
     sys.path.insert(0, str(PEER.parent))
@@ -128,7 +110,7 @@ def the_peer() -> Callable[[int], tuple[float, float]] | None:
     except ImportError as error:
         print(f"no peer: {error}; install the extra `oracle`")
         return None
-    oracle = opensim_rmr.Oracle(str(OSIM))
+    oracle = opensim_rmr.Oracle(str(NO_WEIGHT))
     oracle.mot_names, time, q, u, acceleration = opensim_rmr.kinematics(str(MOTION))
     weights = opensim_rmr.weights(oracle)
     free = np.full(oracle.na - oracle.nm, np.inf)
@@ -143,23 +125,6 @@ def the_peer() -> Callable[[int], tuple[float, float]] | None:
         return between - start, process_time() - between
 
     return frame
-
-
-def stations(model: Model, kinematics: Kinematics) -> None:
-    """Time of every stage of a whole frame."""
-    mechanics, options = evaluate_motion(model, kinematics), RedundancyOptions()
-    problem = build_redundancy(model, mechanics, options)
-    steps: dict[str, Callable[[], object]] = {
-        "postures": lambda: postures(model, kinematics.positions, kinematics.speeds),
-        "paths": lambda: evaluate_paths(model, mechanics.state),
-        "muscle forces": lambda: muscle_forces(model, mechanics.paths.lengths, mechanics.paths.speeds),
-        "equations": lambda: equations_of_motion(model, mechanics.state),
-        "response maps": lambda: mechanics.maps(model),
-        "building, with the maps": lambda: build_redundancy(model, mechanics, options),
-        "solving": lambda: solve_redundancy(problem),
-    }
-    for name, run in steps.items():
-        print(f"    {name:<27} {1e6 * least(run) / len(kinematics.time):8.1f} µs")
 
 
 def random_loads(problem: RedundancyProblem, count: int) -> LoadResponse:
@@ -186,8 +151,9 @@ def further_scenario(problem: RedundancyProblem) -> bool:
     print(f"    Clarabel frame by frame     {1e6 * clarabel:8.0f} µs a frame: {clarabel / ours:.0f} times ours")
     found = solve_redundancy(alone, one)
     objective, violation = differences(alone, one, found, known)
-    is_agreed = objective <= OBJECTIVE_LIMIT and violation <= VIOLATION_LIMIT and not unsolved(found)
-    print(f"    objective within {objective:.1e} of Clarabel's, violation {violation:.1e}, {unsolved(found)} unsolved")
+    unsolved = int((found.outcomes != FrameOutcome.SOLVED).sum())
+    is_agreed = objective <= OBJECTIVE_LIMIT and violation <= VIOLATION_LIMIT and not unsolved
+    print(f"    objective within {objective:.1e} of Clarabel's, violation {violation:.1e}, {unsolved} unsolved")
     print("    as it should be" if is_agreed else f"    NOT WITHIN {OBJECTIVE_LIMIT:g} AND {VIOLATION_LIMIT:g}")
     return is_agreed
 
@@ -207,25 +173,17 @@ def differences(
     return float(np.abs(effort / expected - 1).max()), max(float(np.abs(gap).max()), outside, 0.0)
 
 
-def unsolved(solution: ScenarioSolutions) -> int:
-    return int((solution.outcomes != FrameOutcome.SOLVED).sum())
-
-
-def memory(problem: RedundancyProblem, scenarios: int) -> None:
-    solve_redundancy(problem, random_loads(problem, scenarios))
+def memory(scenarios: int) -> str:
+    """The most memory of a process that solves so many scenarios."""
     try:
         import resource
     except ImportError:
-        print("memory: this system does not tell")
-        return
+        return "memory: not available on this system"
+    model, kinematics, _ = subject()
+    problem = build_redundancy(model, evaluate_motion(model, kinematics), RedundancyOptions())
+    solve_redundancy(problem, random_loads(problem, scenarios))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    print(f"    {len(problem.time)} × {scenarios}: at most {peak / 1e6:.0f} MB in memory, the whole process")
-
-
-def run_again(*options: str) -> None:
-    """In a new process, whose memory is not affected by earlier stages."""
-    sys.stdout.flush()
-    subprocess.run([sys.executable, __file__, *options], check=True)  # noqa: S603
+    return f"    {len(problem.time)} × {scenarios}: at most {peak / 1e6:.0f} MB in memory, the whole process"
 
 
 if __name__ == "__main__":

@@ -1,26 +1,24 @@
 """The uncertainty budget of the published cuffs on the bundled body: table, indices, processor time and memory.
 
     python -m benchmarks.uncertainty [--motion FLX01.mot] [--people 1000] [--indices 128] [--picture uncertainty.svg]
-    python -m benchmarks.uncertainty --persons 200 [--first SEED]
+    python -m benchmarks.uncertainty --persons 200 [--first SEED] [--live]
 
 Prints the figures of docs/uncertainty.md: Tables 3 and 4 of the paper with intervals of total uncertainty, the
-probabilities of the statements on the cuffs, Sobol indices, and time and memory. `--folder` keeps finished tasks, so
-that an interrupted run continues.
+probabilities of the statements on the cuffs, Sobol indices, and time and memory.
 
 With `--persons`, the part of simulated persons (tests/solver/personalisation/measured_person.py) whose true angles,
 effort and best rest length lie in their 95 % intervals, from body, motion and points of the cord alone: rigid cuffs,
 muscles as the model has them. Standard errors are those between persons. "live" is the second raise as a stream, on the
-body of the pose and the first raise.
+body of the pose and the first raise; with `--live` it is alone.
 """
 
 from __future__ import annotations
 
-import argparse
 import resource
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
@@ -28,15 +26,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.assessment import print_cells, published_cuffs
+from benchmarks.assessment import print_cells
+from benchmarks.command_line import parse_options
 from fitting.uncertainty import NORMAL_95
 from solver.bundled import bundled_model
 from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
-from solver.model import Marker, Model
+from solver.model import Model
 from solver.motion import Kinematics, Motion, differentiate
-from solver.personalisation.estimate import estimate_body, within_ranges
+from solver.personalisation.estimate import BodyEstimate, estimate_body, within_ranges
 from solver.personalisation.segment_masses import set_arm_masses
-from solver.personalisation.wearer_motion import smooth_wearer
+from solver.personalisation.wearer_motion import WearerMotion, smooth_wearer
 from solver.scaling import Scaling, scale_model
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import assess
@@ -56,36 +55,28 @@ from station.assessment.uncertainty_json import decision_entry
 from station.defaults import LEAST_DRAWS
 from station.sources import resolve_motion
 from tests.solver.personalisation.measured_person import MARKERS, RATE, MeasuredPerson, measure_person
+from tests.solver.published import study_cuffs
 
 Array = NDArray[np.float64]
+BEGAN = time.perf_counter()
 
 RELATIVE_ERRORS = (0.01, 0.05, 0.02)
 """Of stiffness, damping and migration: the fit of one donning; the publication has none."""
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    arguments.add_argument("--motion", type=Path)
-    arguments.add_argument("--people", type=int, default=1000)
-    arguments.add_argument("--indices", type=int, default=0)
-    arguments.add_argument("--picture", type=Path)
-    arguments.add_argument("--folder", type=Path)
-    arguments.add_argument("--persons", type=int, default=0)
-    arguments.add_argument("--first", type=int, default=0, help="seed of the first person")
-    arguments.add_argument("--live", action="store_true", help="the live angles of the persons alone")
-    chosen = arguments.parse_args()
+    chosen = parse_options(__doc__, motion=Path, people=1000, indices=0, picture=Path, persons=0, first=0, live=False)
     if chosen.persons:
-        print_coverage(range(chosen.first, chosen.first + chosen.persons), is_live=chosen.live)
+        print_coverage(range(chosen.first, chosen.first + chosen.persons), cover_live if chosen.live else cover_person)
         return
     model, suit = bundled_model(), read_suit()
     kinematics = differentiate(resolve_motion(chosen.motion, model))
-    motion, cuffs = LoadedMotion(model, kinematics), published_cuffs(RELATIVE_ERRORS)
+    motion, cuffs = LoadedMotion(model, kinematics), study_cuffs(RELATIVE_ERRORS)
     assessment = assess(motion, suit, cuffs)
     case = AssessedCase(model, kinematics, suit)
-    run = PeopleRun(read_budget(people=chosen.people), chosen.folder, index_blocks=chosen.indices)
-    whole = Clock()
-    found, people = assess_people(run, case, motion, cuffs, assessment, Clock().report)
-    spent = str(whole)
+    run = PeopleRun(read_budget(people=chosen.people), index_blocks=chosen.indices)
+    found, people = assess_people(run, case, motion, cuffs, assessment, report)
+    end = spent()
     if people is None or found.uncertainty is None:
         raise SystemExit("no source of uncertainty varies")
     print(f"{found.uncertainty.people} people, {found.uncertainty.solved} solved; ± is half of the 95 % interval\n")
@@ -100,22 +91,17 @@ def main() -> None:
         draw_indices(people, chosen.picture)
     unit = 1e6 if sys.platform == "darwin" else 1e3
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-    print(f"\ntogether: {spent}, {memory:.0f} MB")
+    print(f"\ntogether: {end}, {memory:.0f} MB")
 
 
-class Clock:
-    """Wall and processor time since the start, or since the last stage, whose end is printed."""
+def spent() -> str:
+    """Wall and processor time since the start."""
+    return f"{time.perf_counter() - BEGAN:.0f} s, {time.process_time():.0f} s of processor"
 
-    def __init__(self) -> None:
-        self.began = time.perf_counter(), time.process_time()
 
-    def __str__(self) -> str:
-        return f"{time.perf_counter() - self.began[0]:.0f} s, {time.process_time() - self.began[1]:.0f} s of processor"
-
-    def report(self, stage: str, done: int, total: int) -> None:
-        if done == total:
-            print(f"{stage}: {total} in {self}", flush=True)
-            self.began = time.perf_counter(), time.process_time()
+def report(stage: str, done: int, total: int) -> None:
+    if done == total:
+        print(f"{stage}: {total}, {spent()} since the start", flush=True)
 
 
 def print_indices(people: DrawnPeople) -> None:
@@ -150,22 +136,16 @@ def draw_indices(people: DrawnPeople, path: Path) -> None:
     figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
 
 
-@dataclass(frozen=True)
-class Covered:
-    """Of one person: whether the interval of a figure holds the truth, or the part of frames in which it does; root of
-    the mean square of the standard deviations of an angle [deg] and of its error; part of the draws that is infeasible.
-    """
-
-    held: dict[str, float]
-    deviation: dict[str, float]
-    error: dict[str, float]
-    infeasible: float
+Covered = dict[str, tuple[float, float, float]]
+"""Of one person, by figure: whether its interval holds the truth, or the part of frames in which it does; the standard
+deviation, as root mean square over frames, and that of the error [deg for an angle].
+"""
 
 
-def print_coverage(seeds: Sequence[int], *, is_live: bool) -> None:
+def print_coverage(seeds: Sequence[int], cover: Callable[[int], Covered]) -> None:
     found = []
     for seed in seeds:
-        found.append(cover_live(seed) if is_live else cover_person(seed))
+        found.append(cover(seed))
         if len(found) % 50 == 0 or len(found) == len(seeds):
             print_covered(found)
 
@@ -173,90 +153,76 @@ def print_coverage(seeds: Sequence[int], *, is_live: bool) -> None:
 def print_covered(found: Sequence[Covered]) -> None:
     print(f"\n{len(found)} persons\n\n| figure | held by 95 % intervals | standard deviation | RMS error |")
     print("|---|---|---|---|")
-    for name in found[0].held:
-        held = np.array([one.held[name] for one in found])
+    for name in found[0]:
+        held, *sizes = np.array([one[name] for one in found]).T
         held = held[np.isfinite(held)]
-        if not len(held):
-            continue
-        error = np.std(held) / np.sqrt(len(held))
-        squares = (np.square([getattr(one, part)[name] for one in found]) for part in ("deviation", "error"))
-        sizes = [f"{np.sqrt(np.nanmean(part)):.3g}" for part in squares]
-        print(f"| {name} | {100 * held.mean():.1f} ± {100 * error:.1f} % ({len(held)}) | {' | '.join(sizes)} |")
-    if np.isfinite(found[0].infeasible):
-        print(f"infeasible draws: {100 * np.mean([one.infeasible for one in found]):.1f} %", flush=True)
+        if len(held):
+            error = np.std(held) / np.sqrt(len(held))
+            known = (size[np.isfinite(size)] for size in sizes)
+            cells = [f"{np.sqrt(np.mean(size**2)):.3g}" if len(size) else "" for size in known]
+            print(f"| {name} | {100 * held.mean():.1f} ± {100 * error:.1f} % ({len(held)}) | {' | '.join(cells)} |")
 
 
 def cover_person(seed: int) -> Covered:
     """Estimate a simulated person's body and motion from the markers, and assess the suit on draws and on the truth."""
     person, generic = measure_person(seed), bundled_model()
-    markers = tuple(generic.marker(name) for name in MARKERS)
-    body = estimate_body(generic, markers, person.trials)
-    model, tasks = within_ranges(body.model, body.tasks)
-    solved = [(observed, solve_inverse_kinematics(model, observed, tasks)) for observed in person.trials]
-    smoothed = smooth_wearer(generic, markers, body, solved, solved[-1][1].coordinates)
+    body, smoothed = estimate_wearer(person.trials)
     drawn = list(smoothed.draw(PERSON_DRAWS, seed))
-    held, deviation, error = {}, {}, {}
-    angles = [name for name in person.shoulder.coordinate_names if not name.startswith("ground")]
-    for name in angles:
-        truth = np.degrees(person.coordinates[-1][:, person.shoulder.index(name)])
-        place = generic.coordinate_index(name)
-        samples = np.degrees([coordinates[:, place] for _, coordinates in drawn])
-        low, high = order_statistics(samples)
-        held[name] = float(np.mean((low < truth) & (truth < high)))
-        deviation[name] = float(np.sqrt(np.var(samples, axis=0).mean()))
-        error[name] = float(np.sqrt(np.mean((samples.mean(axis=0) - truth) ** 2)))
-    held = {"all angles": float(np.mean(list(held.values()))), **held}
-    deviation, error = {"all angles": np.nan, **deviation}, {"all angles": np.nan, **error}
-    efforts = assess_person(person, scale_model(body.model, smoothed.scaling), smoothed.coordinates, drawn)
-    for name, (true, samples) in efforts.items():
+    angles, efforts = Covered(), Covered()
+    for name in person.shoulder.coordinate_names:
+        if not name.startswith("ground"):
+            truth = np.degrees(person.coordinates[-1][:, person.shoulder.index(name)])
+            samples = np.degrees([coordinates[:, generic.coordinate_index(name)] for _, coordinates in drawn])
+            low, high = order_statistics(samples)
+            error = float(np.sqrt(np.mean((samples.mean(axis=0) - truth) ** 2)))
+            is_held = float(np.mean((low < truth) & (truth < high)))
+            angles[name] = is_held, float(np.sqrt(np.var(samples, axis=0).mean())), error
+    assessed = assess_person(person, scale_model(body.model, smoothed.scaling), smoothed.coordinates, drawn)
+    for name, (true, samples) in assessed.items():
         known = samples[np.isfinite(samples)]
         is_enough = np.isfinite(true) and len(known) >= LEAST_DRAWS
         least, most = order_statistics(known) if is_enough else (np.nan, np.nan)
-        held[name] = float(least < true < most) if is_enough else np.nan
-        deviation[name], error[name] = float(np.std(known)), float(known.mean() - true)
-    live = cover_live(seed)
-    parts = (held | live.held, deviation | live.deviation, error | live.error)
-    return Covered(*parts, float(np.mean(~np.isfinite(efforts["effort"][1]))))
+        is_held = float(least < true < most) if is_enough else np.nan
+        efforts[name] = is_held, float(np.std(known)), float(known.mean() - true)
+    mean = float(np.mean([is_held for is_held, *_ in angles.values()]))
+    infeasible = float(np.mean(~np.isfinite(assessed["effort"][1])))
+    whole: Covered = {"all angles": (mean, np.nan, np.nan), **angles, **efforts, **cover_live(seed)}
+    return whole | {"infeasible draws": (infeasible, np.nan, np.nan)}
+
+
+def estimate_wearer(trials: Sequence[Array]) -> tuple[BodyEstimate, WearerMotion]:
+    """Body and motion of a person from the markers of the trials."""
+    generic = bundled_model()
+    markers = tuple(generic.marker(name) for name in MARKERS)
+    body = estimate_body(generic, markers, trials)
+    model, tasks = within_ranges(body.model, body.tasks)
+    solved = [(observed, solve_inverse_kinematics(model, observed, tasks)) for observed in trials]
+    return body, smooth_wearer(generic, markers, body, solved, solved[-1][1].coordinates)
 
 
 def cover_live(seed: int) -> Covered:
+    """Angles of the raise that is assessed, as a stream on the body of the earlier trials; also by the elevation."""
     person = measure_person(seed)
-    held, deviation, error = {}, {}, {}
-    for name, figures in live_angles(person, tuple(bundled_model().marker(name) for name in MARKERS)).items():
-        live, stated, truth = figures
-        held[name] = float(np.mean(np.abs(live - truth) < NORMAL_95 * stated)) if len(live) else np.nan
-        deviation[name] = float(np.sqrt(np.mean(stated**2))) if len(live) else np.nan
-        error[name] = float(np.sqrt(np.mean((live - truth) ** 2))) if len(live) else np.nan
-    return Covered(held, deviation, error, np.nan)
-
-
-def live_angles(person: MeasuredPerson, markers: Sequence[Marker]) -> dict[str, tuple[Array, Array, Array]]:
-    """Angle, standard deviation and truth (frames,) [deg] of the raise that is assessed, by name.
-
-    Also by the elevation.
-    """
     *earlier, raised = person.trials
-    body = estimate_body(bundled_model(), markers, earlier)
-    model, tasks = within_ranges(body.model, body.tasks)
-    solved = [(observed, solve_inverse_kinematics(model, observed, tasks)) for observed in earlier]
-    wearer = smooth_wearer(bundled_model(), markers, body, solved, solved[-1][1].coordinates)
+    body, wearer = estimate_wearer(earlier)
     stream = StreamSolver(wearer.skeleton, wearer.tasks, {}, errors=wearer.errors)
     frames = [frame for k, seen in enumerate(raised) for frame in stream.push(k / RATE, seen)] + stream.finish()
-    found = np.degrees([(frame.coordinates, frame.standard_deviations[0]) for frame in frames])
-    angles: dict[str, tuple[Array, Array, Array]] = {
-        f"live, {name}": (
-            *found[:, :, body.model.coordinate_index(name)].T,
-            np.degrees(person.coordinates[-1][:, person.shoulder.index(name)]),
-        )
-        for name in ("plane_elv", "shoulder_elv", "axial_rot")
-    }
-    elevation = angles["live, shoulder_elv"][2]
-    for name, figures in tuple(angles.items()):
-        for low, high in pairwise(ELEVATIONS):
-            is_meant = (elevation >= low) & (elevation < high)
-            live, stated, truth = (figure[is_meant] for figure in figures)
-            angles[f"{name} from {low} to {high} degrees"] = live, stated, truth
-    return angles
+    live, stated = np.degrees([(frame.coordinates, frame.standard_deviations[0]) for frame in frames]).swapaxes(0, 1)
+    truth = np.degrees(person.coordinates[-1])
+    elevation = truth[:, person.shoulder.index("shoulder_elv")]
+    covered = Covered()
+    for low, high in ((-np.inf, np.inf), *pairwise(ELEVATIONS)):
+        is_meant = (elevation >= low) & (elevation < high)
+        for name in ("plane_elv", "shoulder_elv", "axial_rot"):
+            place = body.model.coordinate_index(name)
+            error = (live[:, place] - truth[:, person.shoulder.index(name)])[is_meant]
+            deviation = stated[is_meant, place]
+            title = f"live, {name}" + (f" from {low} to {high} degrees" if np.isfinite(low) else "")
+            covered[title] = (np.nan, np.nan, np.nan)
+            if is_meant.any():
+                is_held = float(np.mean(np.abs(error) < NORMAL_95 * deviation))
+                covered[title] = is_held, float(np.sqrt(np.mean(deviation**2))), float(np.sqrt(np.mean(error**2)))
+    return covered
 
 
 def assess_person(

@@ -1,10 +1,9 @@
 """Run a command on a busy machine, and print its times and its share of the cores.
 
-    python -m benchmarks.under_load [--loops 16] [--compare] -- .venv/bin/pytest
+    python -m benchmarks.under_load [--loops 16] -- .venv/bin/pytest
 
 Busy loops with the priority of the command run meanwhile, one process for each. They end with the command, and also by
-themselves when this program ends, or after --at-most seconds. --compare first runs the command without them. The exit
-code is that of the command under load.
+themselves when this program ends, or after three hours. The exit code is that of the command.
 
 Processor time is that of the command and of all descendants that it waited for; it is 0 on Windows, which does not
 report it. The command is not informed of the load: tests scale their time-outs with the load average.
@@ -44,22 +43,22 @@ class Run:
     loops: int
     exit_code: int
 
-    @property
-    def share_of_cores(self) -> float:
-        """Share of all cores, 1 if the command kept them all busy."""
-        return self.processor_s / self.wall_s / (os.cpu_count() or 1)
+    def __str__(self) -> str:
+        share = self.processor_s / self.wall_s / (os.cpu_count() or 1)
+        times = f"{self.wall_s:.1f} s, {self.processor_s:.1f} s of processor, {share:.0%} of the cores"
+        return f"{times}, load average {self.load_average:.1f}, {self.loops} busy loops, exit code {self.exit_code}"
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the table, and return the command's exit code."""
-    options = _parse(arguments)
-    runs = [measure(options.command)] if options.compare else []
-    with busy_loops(options.loops, options.at_most) as loops:
-        runs.append(measure(options.command, loops))
-    print(f"\n{table(runs)}")
-    if runs[-1].loops < options.loops:
-        print(f"{options.loops - runs[-1].loops} loops ended before the command; raise --at-most")
-    return runs[-1].exit_code
+    """Print the times, and return the command's exit code."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.under_load")
+    parser.add_argument("--loops", type=int, default=16, help="busy loops beside the command")
+    parser.add_argument("command", nargs="+", help="after --")
+    options = parser.parse_args(arguments)
+    with busy_loops(options.loops, AT_MOST_S) as loops:
+        run = measure(options.command, loops)
+    print(f"\n{run}")
+    return run.exit_code
 
 
 @contextmanager
@@ -93,30 +92,6 @@ def _load_average() -> float:
         return psutil.getloadavg()[0]
     except RuntimeError:  # Windows without performance counters, and Wine
         return math.nan
-
-
-def table(runs: Sequence[Run]) -> str:
-    """A row per run, and the ratios of the last one to the first where there are two."""
-    rows = ["| busy loops | wall | processor | share of the cores | load average | exit code |", "|---:" * 6 + "|"]
-    rows += [
-        f"| {run.loops} | {run.wall_s:.1f} s | {run.processor_s:.1f} s | {run.share_of_cores:.0%} "
-        f"| {run.load_average:.1f} | {run.exit_code} |"
-        for run in runs
-    ]
-    if len(runs) > 1:
-        first, last = runs[0], runs[-1]
-        processor = f"{last.processor_s / first.processor_s:.2f}" if first.processor_s else ""
-        rows.append(f"| ratio | {last.wall_s / first.wall_s:.2f} | {processor} | | | |")
-    return "\n".join(rows)
-
-
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.under_load")
-    parser.add_argument("--loops", type=int, default=16, help="busy loops beside the command")
-    parser.add_argument("--at-most", type=float, default=AT_MOST_S, help="seconds after which a loop ends by itself")
-    parser.add_argument("--compare", action="store_true", help="run the command without loops first")
-    parser.add_argument("command", nargs="+", help="after --")
-    return parser.parse_args(arguments)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,13 @@ prints how far they are apart, trial by trial.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.cuff import CuffParameters
 from solver.model import Model
 from solver.motion import Kinematics, differentiate, read_motion
 from solver.osim.model_reader import read_osim
@@ -19,6 +21,7 @@ from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy
+from tests.fitting.experiment import PUBLISHED
 from tests.solver.references import SHARED
 
 Array = NDArray[np.float64]
@@ -29,6 +32,30 @@ TRIALS = [
     ("ABD02", "noWeight", ()),
     ("SHRUG01", "noWeight", FREE_IN_SHRUGS),
 ]
+
+STUDY = {
+    ("rigid", None): (0.787, 0.74, 0.79, 3.9),
+    ("shift", "hand"): (0.829, 0.71, 0.79, 4.1),
+    ("visco_elastic", "hand"): (0.798, 0.72, 0.79, 5.2),
+    ("both", "hand"): (0.858, 0.70, 0.79, 5.3),
+    ("shift", "tube"): (0.829, 0.72, 0.79, 3.9),
+    ("visco_elastic", "tube"): (0.803, 0.72, 0.79, 5.4),
+    ("both", "tube"): (0.854, 0.70, 0.79, 5.4),
+    ("shift", "elbow"): (0.869, 0.71, 0.78, 3.7),
+    ("visco_elastic", "elbow"): (0.818, 0.70, 0.79, 6.0),
+    ("both", "elbow"): (0.877, 0.68, 0.79, 5.8),
+}
+"""Condition and arm cuff → cost at 0.74 m, best rest length [m], cost there, permissible error [cm], as published."""
+
+
+def study_cuffs(relative_errors: Sequence[float] = ()) -> list[CuffParameters]:
+    """The published cuffs, with these standard errors of stiffness, damping and migration over the value."""
+    cuffs = []
+    for name, values in PUBLISHED.items():
+        errors = [(error * value) ** 2 for error, value in zip(relative_errors, values, strict=False)]
+        covariance = np.diag(errors) if errors else np.zeros((0, 0))
+        cuffs.append(CuffParameters(name, "waist" if name == "waist" else "arm", *values, covariance))
+    return cuffs
 
 
 def trial(name: str, weight: str = "noWeight") -> tuple[Model, Kinematics]:

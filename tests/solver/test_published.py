@@ -5,41 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.cuff import CuffParameters
 from solver.motion import decimate
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import FrameOutcome, build_redundancy
 from solver.redundancy.sequence import solve_redundancy
 from solver.suit.assessment import assess
-from solver.suit.cord import CUFF_CONDITIONS
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from tests.solver.published import (
     FREE_IN_SHRUGS,
+    STUDY,
     TRIALS,
     Published,
     cheapest_reserves,
     each_frame,
     solved_again,
+    study_cuffs,
     trial,
     with_room,
 )
 
 pytestmark = pytest.mark.shared
-PUBLISHED_COSTS = {"hand": (0.829, 0.798, 0.858), "tube": (0.829, 0.803, 0.854), "elbow": (0.869, 0.818, 0.877)}
-PUBLISHED_OPTIMA = {
-    ("rigid", None): (0.74, 0.79, 3.9),
-    ("shift", "hand"): (0.71, 0.79, 4.1),
-    ("shift", "tube"): (0.72, 0.79, 3.9),
-    ("shift", "elbow"): (0.71, 0.78, 3.7),
-    ("visco_elastic", "hand"): (0.72, 0.79, 5.2),
-    ("visco_elastic", "tube"): (0.72, 0.79, 5.4),
-    ("visco_elastic", "elbow"): (0.70, 0.79, 6.0),
-    ("both", "hand"): (0.70, 0.79, 5.3),
-    ("both", "tube"): (0.70, 0.79, 5.4),
-    ("both", "elbow"): (0.68, 0.79, 5.8),
-}
 EVERY = 4  # frames; docs/assessment.md has the table of all of them
 
 
@@ -107,20 +94,10 @@ def test_our_solver_finds_clarabels_optimum_in_every_frame(name, weight, free):
     np.testing.assert_allclose(found.equality_residual, known.equality_residual, atol=1e-5)
 
 
-# at a rest length of 0.74 m: shift, visco-elastic, both
-# best rest length [m], cost there, permissible error [cm]
-
-
 @pytest.fixture(scope="module")
 def study():
     model, kinematics = trial("FLX01")
-    cuffs = [
-        CuffParameters("waist", "waist", 2140.0, 124.0, 0.012),
-        CuffParameters("hand", "arm", 8520.0, 210.0, 0.012),
-        CuffParameters("tube", "arm", 5510.0, 38.0, 0.009),
-        CuffParameters("elbow", "arm", 2530.0, 139.0, 0.022),
-    ]
-    return assess(LoadedMotion(model, kinematics), read_suit(), cuffs, every=EVERY)
+    return assess(LoadedMotion(model, kinematics), read_suit(), study_cuffs(), every=EVERY)
 
 
 def test_every_frame_of_the_published_study_is_solved(study):
@@ -128,17 +105,11 @@ def test_every_frame_of_the_published_study_is_solved(study):
     assert study.longest_cord == pytest.approx(0.866, abs=1e-3)
 
 
-def test_costs_at_the_rigid_optimum_are_the_published_ones(study):
-    found = {(curve.condition, curve.cuff): curve.figures["at_reference"].value for curve in study.curves}
-    assert found["rigid", None] == pytest.approx(0.787, abs=0.02)
-    for cuff, costs in PUBLISHED_COSTS.items():
-        assert [found[condition, cuff] for condition in CUFF_CONDITIONS] == pytest.approx(costs, abs=0.02)
-
-
-@pytest.mark.parametrize("place", PUBLISHED_OPTIMA)
-def test_optima_are_the_published_ones(study, place):
+@pytest.mark.parametrize("place", STUDY)
+def test_costs_and_optima_are_the_published_ones(study, place):
     (figures,) = [curve.figures for curve in study.curves if (curve.condition, curve.cuff) == place]
-    length, cost, width = PUBLISHED_OPTIMA[place]
+    at_reference, length, cost, width = STUDY[place]
+    assert figures["at_reference"].value == pytest.approx(at_reference, abs=0.02)
     assert figures["rest_length"].value == pytest.approx(length, abs=0.012)
     assert figures["lowest_cost"].value == pytest.approx(cost, abs=0.02)
     assert figures["permissible_error"].value == pytest.approx(width / 100, abs=0.005)
