@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import prod
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,28 +13,6 @@ Order = NDArray[np.int64]
 SMALLEST_PIVOT = 1e-14
 LANES = 32
 """Numbers that a compiled loop treats at once; the rest of a row takes as long again."""
-CACHE_LINE = 64  # bytes
-
-
-def padded(columns: int) -> int:
-    """The next multiple of LANES: a width for the rows of a matrix that is worked on row by row."""
-    return -(-columns // LANES) * LANES
-
-
-def aligned(*shape: int) -> Array:
-    """Zeros that start at a cache line, as working memory. NumPy's arrays start at any multiple of 16 bytes, so that in
-    half of them vectorised loops read across cache lines.
-    """
-    memory = np.zeros(prod(shape) + CACHE_LINE // 8)
-    start = -memory.ctypes.data % CACHE_LINE // 8
-    return memory[start : start + prod(shape)].reshape(shape)
-
-
-def read_only(values: Array) -> Array:
-    """The values as a contiguous read-only array: for the compiler, arrays of another kind are of another type."""
-    view = np.ascontiguousarray(values).view()
-    view.flags.writeable = False
-    return view
 
 
 @compiled

@@ -48,6 +48,7 @@ from solver.multibody.postures import (
     point_acceleration,
     points_in_ground,
     postures,
+    read_only,
     rotate,
     velocity_at,
     wrench_about_origin,
@@ -180,7 +181,7 @@ def responses_to(
     """The response to each load times its factor (frames, loads), and to forces of this strength (actuators,) on the
     `driven` coordinates (actuators,); their sum with shares (frames, loads) of the loads.
     """
-    from solver.dense import read_only  # the compiler behind them takes a third of a second to import
+    # the compiler behind them takes a third of a second to import
     from solver.multibody.mass_matrix import Loads, Mobility, Responses, fill_responses
 
     (frames, coordinates), columns = equations.screws.shape[:2], wrenches.loads + len(driven)

@@ -222,6 +222,13 @@ def each_frame(matrix: Array, values: Array) -> Array:
     return (matrix @ values.transpose(1, 2, 0)).transpose(2, 0, 1)
 
 
+def read_only(values: Array) -> Array:
+    """The values as a contiguous read-only array, as compiled functions take them: other kinds are other types."""
+    view = np.ascontiguousarray(values).view()
+    view.flags.writeable = False
+    return view
+
+
 def cross(a: Array, b: Array) -> Array:
     """(…, 3) vector product; leading axes broadcast. NumPy's own takes 20 µs to begin."""
     x, y, z = a[..., 0], a[..., 1], a[..., 2]

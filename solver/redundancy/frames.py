@@ -14,6 +14,7 @@ a distant v it may diverge.
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,11 @@ from solver.dense import columns_times, copy, divide, factor, inner_product, row
 from solver.redundancy import effort
 from solver.redundancy.interior_point import (
     LARGEST_EFFORT,
-    FrameWorkspace,
-    NewtonWorkspace,
+    InteriorWorkspace,
+    Iterate,
     Ray,
-    allocate_frame,
+    RowSystem,
+    SearchDirection,
     effort_of_eliminated,
     interior_point,
     is_certificate,
@@ -275,3 +277,47 @@ def optimality_errors(
         for i in range(3):
             error[p + i] = v[p + i] - near[i]
     return sqrt(inner_product(error, error)), ray
+
+
+class NewtonWorkspace(NamedTuple):
+    """free_inverse (n,), error, previous and change (m,) of Newton's method."""
+
+    system: RowSystem
+    free_inverse: Array
+    error: Array
+    previous: Array
+    change: Array
+
+
+class FrameWorkspace(NamedTuple):
+    """For n muscles and m rows: cost (n,), relaxed (m, m), rows (m, n) and target (m,) of _minimise_violation, and
+    what the two methods need.
+    """
+
+    cost: Array
+    relaxed: Array
+    rows: Array
+    target: Array
+    newton: NewtonWorkspace
+    interior: InteriorWorkspace
+
+
+def allocate_frame(n: int, m: int) -> FrameWorkspace:
+    """Working memory for n muscles and m rows."""
+    system = RowSystem(matrix=np.zeros((m, m)), order=np.zeros(m, np.int64))
+    return FrameWorkspace(
+        cost=np.zeros(n),
+        relaxed=np.zeros((m, m)),
+        rows=np.zeros((m, n)),
+        target=np.zeros(m),
+        newton=NewtonWorkspace(system, np.zeros(n), np.zeros(m), np.zeros(m), np.zeros(m)),
+        interior=InteriorWorkspace(
+            system=system,
+            point=Iterate(np.zeros(n), np.zeros((2, n)), np.zeros(m), np.zeros((2, n))),
+            step=SearchDirection(np.zeros(n), np.zeros((2, n)), np.zeros(m)),
+            error=np.zeros(m),
+            inverse=np.zeros(n),
+            gradient=np.zeros(n),
+            aim=np.zeros((2, n)),
+        ),
+    )

@@ -17,20 +17,21 @@ published problem a, r and f are 33, 9 and 8, and v has 6 + 3 entries.
 
 from __future__ import annotations
 
-from math import sqrt
+from math import prod, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
-from solver.dense import aligned, copy, inner_product, padded, read_only
-from solver.multibody.postures import each_frame
+from solver.dense import LANES, copy, inner_product
+from solver.multibody.postures import each_frame, read_only
 from solver.redundancy.problem import RedundancyProblem
 
 Array = NDArray[np.float64]
 NO_RANK = -1
 RANK_TOLERANCE = 1e-9  # of the longest column
+CACHE_LINE = 64  # bytes
 
 
 class Reduction(NamedTuple):
@@ -106,7 +107,7 @@ def reduce_frames(problem: RedundancyProblem, rank: int | None = None) -> Reduct
             free_per_acceleration=np.empty((frames, free, tracked)),
         )
 
-    width = padded(controls - free + tracked)
+    width = -(-(controls - free + tracked) // LANES) * LANES  # rows are worked on by so many numbers at once
     triangle = Triangle(
         free=np.empty((tracked + cone, free)),
         others=aligned(tracked + cone, width),
@@ -120,6 +121,15 @@ def reduce_frames(problem: RedundancyProblem, rank: int | None = None) -> Reduct
         return None
     reduction = allocate(frames, rank - free + cone)
     return reduction if eliminate(matrix, cone_matrix, rank, triangle, reduction) == rank else None
+
+
+def aligned(*shape: int) -> Array:
+    """Zeros that start at a cache line, as working memory. NumPy's arrays start at any multiple of 16 bytes, so that in
+    half of them vectorised loops read across cache lines.
+    """
+    memory = np.zeros(prod(shape) + CACHE_LINE // 8)
+    start = -memory.ctypes.data % CACHE_LINE // 8
+    return memory[start : start + prod(shape)].reshape(shape)
 
 
 @compiled_for_python
@@ -194,7 +204,7 @@ def _fill_effort(lines: Array, muscles: int, weights: Array, reserves: Array, ef
 
 class Triangle(NamedTuple):
     """A matrix in two parts: the columns of the free unknowns (rows, free), and the others (rows, width), with zeros up
-    to the width dense.padded. Only as many rows as the reflector has are reflected; sums (width,) is working memory.
+    to a multiple of LANES. Only as many rows as the reflector has are reflected; sums (width,) is working memory.
     """
 
     free: Array

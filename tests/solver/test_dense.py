@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from solver.compiled import compiled_for_python
-from solver.dense import CACHE_LINE, aligned, invert_part, matrix_times
+from solver.dense import invert_part, matrix_times
+from solver.redundancy.reduction import CACHE_LINE, aligned
 
 RANDOM = np.random.default_rng(7)
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.inverse_kinematics.solve import estimate_marker_noise
-from solver.stream.marker_labels import ASSUMED, LEAST, RunningMarkerNoise
 from solver.stream.stream_frame import StreamFrame, StreamOutcome
+from solver.stream.stream_solver import ASSUMED_NOISE, LEAST_NOISE, RunningMarkerNoise
 from tests.solver.stream.streams import FIRST, FRAMES, MODEL, NAMES, NOISE, raised, seen, solver, stream
 
 Array = NDArray[np.float64]
@@ -132,7 +132,7 @@ def test_the_noise_of_every_marker_is_found_while_it_moves() -> None:
     positions[300:310, 1] = np.nan
     positions[500:, 0] += 0.3  # a jump is no noise
     running = RunningMarkerNoise(3)
-    assert (running.standard_deviation == ASSUMED).all()
+    assert (running.standard_deviation == ASSUMED_NOISE).all()
     for k in range(NOISY_FRAMES):
         running.add(time[k], positions[k])
     np.testing.assert_allclose(running.standard_deviation, drawn, rtol=0.15)
@@ -146,5 +146,5 @@ def test_uneven_frames_do_not_count_and_no_marker_is_without_noise() -> None:
         running.add(k * INTERVAL, np.zeros((1, 3)))
         time += INTERVAL * chance.choice([1.0, 1.6])
         uneven.add(time, chance.standard_normal((1, 3)))
-    assert LEAST <= running.standard_deviation[0] < 2e-4
-    assert uneven.standard_deviation[0] == ASSUMED
+    assert LEAST_NOISE <= running.standard_deviation[0] < 2e-4
+    assert uneven.standard_deviation[0] == ASSUMED_NOISE
