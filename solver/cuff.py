@@ -153,11 +153,6 @@ class CuffParameters(EqualByFields):
         changed: dict[str, Any] = dict(zip(self.UNITS, values, strict=True))
         return replace(self, **changed)
 
-    def covariance_between(self, first: str, second: str) -> float:
-        """Covariance of two figures by name, the variance of one with itself."""
-        names = list(self.UNITS)
-        return float(self.covariance[names.index(first), names.index(second)])
-
 
 def by_site(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameters], list[CuffParameters]]:
     """Those at the arm, and those at the waist."""

@@ -260,7 +260,7 @@ def linearise(
             add_force(system, body, scale(share[m], subtract(point, read(seen[m]))), point)
     add_to_parents(skeleton, system)
     for k in range(len(q)):
-        joint = skeleton.joint_of[k]
+        joint = skeleton.joint_indices[k]
         if joint < 0:
             continue
         body = skeleton.joints[joint]["child"]
@@ -346,7 +346,7 @@ def add_curvature(
             system.hessian[independent, independent] -= multipliers[row] * curvature
         row += 1
     for k in range(len(q)):
-        joint = skeleton.joint_of[k]
+        joint = skeleton.joint_indices[k]
         if joint < 0:
             continue
         body = skeleton.joints[joint]["child"]
@@ -356,8 +356,8 @@ def add_curvature(
             if not skeleton.moves[body, j]:
                 continue
             entry = dot(read(work.screws[j]), carried)
-            if skeleton.joint_of[j] == joint:  # both orders of a pair come by, and each adds its half
-                change = work.changes[k, skeleton.place_of[j]]
+            if skeleton.joint_indices[j] == joint:  # both orders of a pair come by, and each adds its half
+                change = work.changes[k, skeleton.axis_indices[j]]
                 entry = 0.5 * (entry + dot(read(change), moment) + dot(read(change[3:]), force))
             system.hessian[j, k] += entry
             system.hessian[k, j] += entry

@@ -209,26 +209,26 @@ def find_exchanges(observed: Array) -> tuple[Exchange, ...]:
     begun: dict[tuple[int, int], int] = {}
     found = []
     for frame in range(frames):
-        seen = observed[frame, tracks.label_of]
+        seen = observed[frame, tracks.labels]
         for pair in exchanged_pairs(seen, tracks.expected(frame)):
-            labels = tuple(sorted(int(tracks.label_of[marker]) for marker in pair))
+            labels = tuple(sorted(int(tracks.labels[marker]) for marker in pair))
             tracks.exchange(*pair)
             start = begun.pop((labels[0], labels[1]), None)
             if start is None:
                 begun[labels[0], labels[1]] = frame
             else:
                 found.append(Exchange((labels[0], labels[1]), start, frame))
-        tracks.add(frame, observed[frame, tracks.label_of])
+        tracks.add(frame, observed[frame, tracks.labels])
     for markers, start in begun.items():
         found.append(Exchange(markers, start, frames) if start > frames / 2 else Exchange(markers, 0, start))
     return tuple(sorted(found, key=lambda exchange: exchange.start))
 
 
 class MarkerTracks:
-    """Places of markers whatever their labels: label_of (markers,), and the last two places of each."""
+    """Markers whatever their labels: the label (markers,) that each now has, and its last two places."""
 
     def __init__(self, count: int) -> None:
-        self.label_of = np.arange(count)
+        self.labels = np.arange(count)
         self._last, self._before = np.full((2, count, 3), np.nan)
         self._frame = np.zeros(count, dtype=np.int64)
 
@@ -242,7 +242,7 @@ class MarkerTracks:
         return np.asarray((frame - self._frame <= LONGEST_EXTRAPOLATION) & np.isfinite(self._before[:, 0]))
 
     def exchange(self, one: int, other: int) -> None:
-        self.label_of[[one, other]] = self.label_of[[other, one]]
+        self.labels[[one, other]] = self.labels[[other, one]]
 
     def forget(self, marker: int) -> None:
         """Take the next place of a marker as its first."""

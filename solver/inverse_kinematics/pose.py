@@ -31,14 +31,14 @@ AXIS = np.dtype([("driver", np.int64), ("slope", np.float64), ("axis", np.float6
 
 
 class Skeleton(NamedTuple):
-    """joints (JOINT), parents first; joint_of (coordinates,) the joint that each coordinate moves, −1 for none, and
-    place_of (coordinates,) its place among that joint's; moves (bodies, coordinates) as in Tables.
+    """joints (JOINT), parents first; joint_indices (coordinates,) the joint that a coordinate moves, −1 for none, and
+    axis_indices (coordinates,) its place among that joint's; moves (bodies, coordinates) as in Tables.
     """
 
     joints: Records
     functions: Functions
-    joint_of: Indices
-    place_of: Indices
+    joint_indices: Indices
+    axis_indices: Indices
     moves: Indices
 
 
@@ -67,12 +67,12 @@ class PoseWorkspace(NamedTuple):
 
 def build_skeleton(model: Model) -> Skeleton:
     tables = pack_bodies(model)
-    joint_of = np.full(len(model.coordinates), -1, dtype=np.int64)
-    place_of = np.zeros(len(model.coordinates), dtype=np.int64)
+    joint_indices = np.full(len(model.coordinates), -1, dtype=np.int64)
+    axis_indices = np.zeros(len(model.coordinates), dtype=np.int64)
     for index, joint in enumerate(model.joints):
         moved = list(joint.motion.coordinates)
-        joint_of[moved], place_of[moved] = index, range(len(moved))
-    return Skeleton(tables.joints, tables.functions, joint_of, place_of, tables.moves)
+        joint_indices[moved], axis_indices[moved] = index, range(len(moved))
+    return Skeleton(tables.joints, tables.functions, joint_indices, axis_indices, tables.moves)
 
 
 def allocate_pose(model: Model) -> PoseWorkspace:

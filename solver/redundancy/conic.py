@@ -9,7 +9,6 @@ of a motion is one batch: its scenarios differ in e, in the bounds and in c only
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -29,18 +28,6 @@ EFFORT_SHARE = 1e-6  # of effort against violation, in least_violation
 FAR = 100.0  # a target, in rows of the size of x
 LARGEST_SIZE = 100.0  # of such a target, up to which efforts keep their share
 CUBE_TOLERANCE = 1e-11  # of Clarabel for cubes, whose slope is small where the unknown is
-
-
-class ConicOutcome(StrEnum):
-    """Outcome of one problem, decided on residuals computed here, never on the solver's status alone.
-
-    INFEASIBLE     no point within the bounds meets the equalities and the cone; a certificate was checked
-    NOT_CONVERGED  the solver stopped before its residuals were small
-    """
-
-    SOLVED = "solved"
-    INFEASIBLE = "infeasible"
-    NOT_CONVERGED = "not_converged"
 
 
 @dataclass(frozen=True)
@@ -69,26 +56,15 @@ class ConicProblem:
         return Effort(self.weights, self.cubed, exponent=3)
 
 
-@dataclass(frozen=True)
-class ConicSolution:
-    """Unknowns (problems, n), NaN where infeasible, with an outcome for each problem.
+def solve_conic(problem: ConicProblem) -> tuple[Array, Outcomes]:
+    """x (problems, n), NaN where infeasible, and outcomes (problems,) of a batch.
 
-    violation   (problems,) largest one of an equality, a bound or the cone where the solver stopped, in the rows' units
+    SOLVED, INFEASIBLE with a certificate that was checked, or NOT_CONVERGED: decided on residuals computed here, never
+    on Clarabel's status alone.
     """
-
-    x: Array
-    outcomes: tuple[ConicOutcome, ...]
-    violation: Array
-
-
-def solve_conic(problem: ConicProblem) -> ConicSolution:
-    """Solve each problem of the batch with Clarabel.
-
-    Raises ValueError where the arrays do not fit together; an infeasible problem is an outcome, not an error.
-    """
-    solution = _solve_each(problem)
-    is_infeasible = np.array([outcome is ConicOutcome.INFEASIBLE for outcome in solution.outcomes])
-    return replace(solution, x=np.where(is_infeasible[:, None], np.nan, solution.x))
+    x, outcomes = _solve_each(problem)
+    x[outcomes == FrameOutcome.INFEASIBLE] = np.nan
+    return x, outcomes
 
 
 def least_violation(problem: ConicProblem) -> Array:
@@ -100,13 +76,11 @@ def least_violation(problem: ConicProblem) -> Array:
     m, k = len(problem.equality_matrix), len(problem.cone_matrix)
     along_axis = np.eye(k, min(k, 1))
     problem = replace(problem, cubed=0)
-    solution = _with_violations(problem, np.zeros((m, min(k, 1))), along_axis)
-    x = solution.x.copy()
+    x, outcomes = _with_violations(problem, np.zeros((m, min(k, 1))), along_axis)
     in_equalities = np.hstack([np.zeros((m, min(k, 1))), np.eye(m)])
     in_cone = np.hstack([along_axis, np.zeros((k, m))])
-    for i, outcome in enumerate(solution.outcomes):
-        if outcome is ConicOutcome.INFEASIBLE:
-            x[i] = _with_violations(_one_near(problem, i), in_equalities, in_cone).x[0]
+    for i in np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE).tolist():
+        x[i] = _with_violations(_one_near(problem, i), in_equalities, in_cone)[0][0]
     return x
 
 
@@ -132,8 +106,7 @@ def solve_frame_with_clarabel(problem: RedundancyProblem, bounds: Array) -> tupl
 
 def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, Outcomes]:
     """Solve a frame; if only the activation rate makes it infeasible, solve without that limit and record it."""
-    solution = solve_conic(problem)
-    controls, outcomes = solution.x, np.array([_FRAME_OUTCOME[outcome] for outcome in solution.outcomes], dtype=object)
+    controls, outcomes = solve_conic(problem)
     infeasible = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
     if not len(infeasible):
         return controls, outcomes
@@ -144,23 +117,13 @@ def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Ar
         upper=widest[1][infeasible],
         cone_offset=problem.cone_offset[infeasible],
     )
-    again = solve_conic(unlimited)
-    controls[infeasible] = again.x
-    for i, outcome in zip(infeasible, again.outcomes, strict=True):
-        is_solved = outcome is ConicOutcome.SOLVED
-        outcomes[i] = FrameOutcome.BEYOND_ACTIVATION_RATE if is_solved else _FRAME_OUTCOME[outcome]
-    remaining = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
-    if len(remaining):
-        found = controls[infeasible]
-        controls[infeasible] = np.where(np.isnan(found), least_violation(unlimited), found)
+    found, again = solve_conic(unlimited)
+    again[again == FrameOutcome.SOLVED] = FrameOutcome.BEYOND_ACTIVATION_RATE
+    outcomes[infeasible] = again
+    if (again == FrameOutcome.INFEASIBLE).any():
+        found = np.where(np.isnan(found), least_violation(unlimited), found)
+    controls[infeasible] = found
     return controls, outcomes
-
-
-_FRAME_OUTCOME = {
-    ConicOutcome.SOLVED: FrameOutcome.SOLVED,
-    ConicOutcome.INFEASIBLE: FrameOutcome.INFEASIBLE,
-    ConicOutcome.NOT_CONVERGED: FrameOutcome.NOT_CONVERGED,
-}
 
 
 def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
@@ -189,11 +152,11 @@ def _one_near(problem: ConicProblem, i: int) -> ConicProblem:
     )
 
 
-def _with_violations(problem: ConicProblem, in_equalities: Array, in_cone: Array) -> ConicSolution:
-    """The solution with violations of weight 1 as further unknowns, which x does not hold."""
+def _with_violations(problem: ConicProblem, in_equalities: Array, in_cone: Array) -> tuple[Array, Outcomes]:
+    """x and outcomes with violations of weight 1 as further unknowns, which x does not hold."""
     violations, problems = in_equalities.shape[1], len(problem.lower)
     unbounded = np.full((problems, violations), np.inf)
-    solution = _solve_each(
+    x, outcomes = _solve_each(
         ConicProblem(
             weights=np.append(EFFORT_SHARE * problem.weights, np.ones(violations)),
             equality_matrix=np.hstack([problem.equality_matrix, in_equalities]),
@@ -204,54 +167,30 @@ def _with_violations(problem: ConicProblem, in_equalities: Array, in_cone: Array
             cone_offset=problem.cone_offset,
         )
     )
-    return replace(solution, x=solution.x[:, : problem.weights.size])
+    return x[:, : problem.weights.size], outcomes
 
 
-def _solve_each(problem: ConicProblem) -> ConicSolution:
+def _solve_each(problem: ConicProblem) -> tuple[Array, Outcomes]:
     """As solve_conic, but also infeasible problems have their last point."""
-    _ensure_shapes(problem)
     below, above = np.isfinite(problem.lower[0]), np.isfinite(problem.upper[0])
     matrix = _stacked_matrix(problem, below, above)
     targets = np.hstack(
         [problem.equality_target, problem.upper[:, above], -problem.lower[:, below], problem.cone_offset]
     )
     solver = _clarabel_solver(problem, matrix, int(above.sum() + below.sum()))
-    x = np.empty(problem.lower.shape)
-    violation = np.empty(len(x))
-    outcomes: list[ConicOutcome] = []
+    x, outcomes = np.empty(problem.lower.shape), np.empty(len(targets), dtype=object)
     for i, target in enumerate(targets):
         solver.update(b=np.append(target, np.tile([1.0, -1.0, 0.0, 0.0, 0.0, 0.0], problem.cubed)))
         answer = solver.solve()
-        primal, dual = np.array(answer.x)[: problem.weights.size], np.array(answer.z)[: len(target)]
-        violation[i] = _violation(problem, i, primal)
-        optimality = _optimality(problem, matrix, target, primal, dual)
-        if violation[i] <= VIOLATION_LIMIT and optimality <= OPTIMALITY_LIMIT:
-            outcomes.append(ConicOutcome.SOLVED)
+        x[i], dual = np.array(answer.x)[: problem.weights.size], np.array(answer.z)[: len(target)]
+        is_met = _violation(problem, i, x[i]) <= VIOLATION_LIMIT
+        if is_met and _optimality(problem, matrix, target, x[i], dual) <= OPTIMALITY_LIMIT:
+            outcomes[i] = FrameOutcome.SOLVED
+        elif _is_certificate(matrix, target, dual):
+            outcomes[i] = FrameOutcome.INFEASIBLE
         else:
-            outcomes.append(
-                ConicOutcome.INFEASIBLE if _is_certificate(matrix, target, dual) else ConicOutcome.NOT_CONVERGED
-            )
-        x[i] = primal
-    return ConicSolution(x=x, outcomes=tuple(outcomes), violation=violation)
-
-
-def _ensure_shapes(problem: ConicProblem) -> None:
-    n, m, k = problem.weights.size, len(problem.equality_matrix), len(problem.cone_matrix)
-    problems = len(problem.lower)
-    expected = {
-        "equality_matrix": (m, n),
-        "equality_target": (problems, m),
-        "lower": (problems, n),
-        "upper": (problems, n),
-        "cone_matrix": (k, n),
-        "cone_offset": (problems, k),
-    }
-    for name, shape in expected.items():
-        found = getattr(problem, name).shape
-        if found != shape:
-            raise ValueError(
-                f"the conic problem's {name} should have shape {shape} and has {found}; give all arrays the same n"
-            )
+            outcomes[i] = FrameOutcome.NOT_CONVERGED
+    return x, outcomes
 
 
 def _stacked_matrix(problem: ConicProblem, below: NDArray[np.bool_], above: NDArray[np.bool_]) -> Array:

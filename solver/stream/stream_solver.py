@@ -284,12 +284,12 @@ class MarkerLabels:
         self._frame += 1
         self._forget(time)
         expected = self._tracks.expected(self._frame)
-        for pair in exchanged_pairs(positions[self._tracks.label_of], expected):
+        for pair in exchanged_pairs(positions[self._tracks.labels], expected):
             self._tracks.exchange(*pair)
-        label_of = self._tracks.label_of
-        places = positions[label_of]
+        labels = self._tracks.labels
+        places = positions[labels]
         is_seen = np.asarray(np.isfinite(places).all(axis=1))
-        pairs = tuple((i, int(label_of[i])) for i in range(self._count) if label_of[i] > i)
+        pairs = tuple((i, int(labels[i])) for i in range(self._count) if labels[i] > i)
         has_jumped = self._has_jumped(time, places, expected)
         self._given = places
         if 2 * has_jumped.sum() > is_seen.sum():  # not this body, or not its labels
@@ -314,10 +314,10 @@ class MarkerLabels:
         """Forget tracks of markers that were hidden for long; an exchange ends with the track of one of its markers."""
         is_old = time - self._seen_at > TRACK_MEMORY
         self._is_left_out &= ~is_old
-        label_of = self._tracks.label_of
+        labels = self._tracks.labels
         for marker in np.flatnonzero(is_old).tolist():
-            while (other := int(label_of[marker])) != marker:  # all labels that were exchanged with it, in turn
-                label_of[marker], label_of[other] = label_of[other], other
+            while (other := int(labels[marker])) != marker:  # all labels that were exchanged with it, in turn
+                labels[marker], labels[other] = labels[other], other
                 self._tracks.forget(other)
             self._tracks.forget(marker)
 

@@ -45,15 +45,15 @@ UNUSABLE = (StationError, FitError, SolverError, RecordingError, OSError)
 
 @dataclass(frozen=True, eq=False)
 class LiveBody:
-    """A model and a suit. name_of maps recorded labels to the model's markers; errors of the postures of a measured
-    wearer.
+    """A model and a suit. marker_names maps recorded labels to the model's markers; errors are those of the postures of
+    a measured wearer.
     """
 
     model: Model
     tasks: TrackingTasks
     suit: Suit
     vertical: Vertical
-    name_of: Mapping[str, str]
+    marker_names: Mapping[str, str]
     cord: Cord | None
     is_scaled: bool
     findings: tuple[Message[LiveCode], ...] = ()
@@ -79,7 +79,7 @@ class LiveBody:
 
     def tasks_for(self, labels: tuple[str, ...]) -> tuple[TrackingTasks, list[int], PostureErrors | None]:
         """The tasks of the markers that these labels have, the column of each, and their errors; may be empty."""
-        columns = {self.name_of.get(label, label): column for column, label in enumerate(labels)}
+        columns = {self.marker_names.get(label, label): column for column, label in enumerate(labels)}
         kept = [k for k, marker in enumerate(self.tasks.markers) if marker.name in columns]
         markers = tuple(self.tasks.markers[k] for k in kept)
         tasks = replace(self.tasks, markers=markers, weights=self.tasks.weights[kept])
@@ -110,7 +110,7 @@ def live_body(folder: Path, settings: LiveSection, before_utc_ns: int) -> LiveBo
             errors=wearer.posterior.errors,
             suit=suit if digitised is None else digitised.suit,
             vertical=declared.vertical,
-            name_of=declared.markers,
+            marker_names=declared.markers,
             cord=declared.cord,
             is_scaled=True,
         )
@@ -181,7 +181,7 @@ def _generic(
         tasks=TrackingTasks(markers, np.ones(len(markers))),
         suit=suit,
         vertical=declared.vertical if declared else "z",
-        name_of=declared.markers if declared else {},
+        marker_names=declared.markers if declared else {},
         cord=declared.cord if declared else None,
         is_scaled=is_scaled,
         findings=() if is_scaled else (finding,),

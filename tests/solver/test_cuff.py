@@ -48,14 +48,8 @@ def test_a_covariance_of_another_size_than_the_figures_is_refused(shape: tuple[i
         CuffParameters("hand", "arm", 8520.0, 210.0, 0.012, np.ones(shape))
 
 
-def test_figures_and_covariance_are_read_by_name() -> None:
-    covariance = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 0.0], [0.5, 0.0, 16.0]])
-    cuff = CuffParameters("hand", "arm", 1.0, 2.0, 3.0, covariance)
-    assert (cuff.covariance_between("damping", "damping"), cuff.covariance_between("stiffness", "migration")) == (
-        9.0,
-        0.5,
-    )
-    changed = cuff.with_figures([5.0, 6.0, 7.0])
+def test_figures_are_changed_in_the_order_of_their_units() -> None:
+    changed = CuffParameters("hand", "arm", 1.0, 2.0, 3.0).with_figures([5.0, 6.0, 7.0])
     assert (changed.stiffness, changed.damping, changed.migration, changed.name) == (5.0, 6.0, 7.0, "hand")
 
 
