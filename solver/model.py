@@ -441,6 +441,12 @@ class ScapulothoracicMotion:
 Motion = AxisMotion | BallMotion | ScapulothoracicMotion
 
 
+def with_mass_ratios(model: Model, ratios: Mapping[str, float]) -> Model:
+    """The model with bodies of these multiples of their masses and inertias, by name."""
+    bodies = [(body, ratios.get(body.name, 1.0)) for body in model.bodies]
+    return replace(model, bodies=tuple(replace(b, mass=k * b.mass, inertia=k * b.inertia) for b, k in bodies))
+
+
 def with_point_mass(model: Model, body: str, mass: float, location: ArrayLike) -> Model:
     """The model with a point of `mass` [kg] fixed to a body at `location` (3,) [m] in it, say a cuff or a dumb-bell."""
     index = model.body_index(body)

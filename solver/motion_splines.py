@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.errors import MotionError, SolverCode
+from solver.functions.coordinate_functions import natural_interpolation
 from solver.model import Model
 from solver.motion import Kinematics, Motion, ensure_cutoff, ensure_steps, frames_between
 
@@ -50,10 +51,10 @@ def differentiate_by_splines(
         at = np.linspace(motion.time[0], motion.time[-1], frames)
         time, positions = _padded(at, positions, frames // 2)
         positions = _low_pass(positions, cutoff, interval)
-    spline = _natural_spline(time, positions)
+    spline = natural_interpolation(time, positions, HALF_ORDER)
     speeds, curvatures = spline(at, nu=1), spline(at, nu=2)
     if accelerations == "slopes_of_speeds":
-        curvatures = _natural_spline(time, spline(time, nu=1))(at, nu=1)
+        curvatures = natural_interpolation(time, spline(time, nu=1), HALF_ORDER)(at, nu=1)
     kept = frames_between(motion.time, start, end)
     return Kinematics(
         time=motion.time[kept],
@@ -123,9 +124,3 @@ def _low_pass(positions: Array, cutoff: float, interval: float) -> Array:
         filtered, _ = scipy.signal.lfilter(b, a, rest, axis=0, zi=np.column_stack(states))
         positions = np.concatenate([before, filtered])[::-1]
     return positions
-
-
-def _natural_spline(time: Array, values: Array) -> Any:
-    flat = [(order, np.zeros(values.shape[1])) for order in range(HALF_ORDER, 2 * HALF_ORDER - 1)]
-    ends_are_flat: Any = (flat, flat)
-    return scipy.interpolate.make_interp_spline(time, values, k=2 * HALF_ORDER - 1, bc_type=ends_are_flat)

@@ -112,7 +112,9 @@ def scale_model(model: Model, scaling: Scaling) -> Model:
         for m, k in ((muscle, next(ratios)) for muscle in scaled_model.muscles)
     ]
     forces = [
-        with_grown_length(force, float(next(ratios))) if isinstance(force, ALONG_PATH) else force
+        replace(force, resting_length=force.resting_length * float(next(ratios)))
+        if isinstance(force, ALONG_PATH)
+        else force
         for force in scaled_model.forces
     ]
     return replace(scaled_model, muscles=tuple(muscles), forces=tuple(forces))
@@ -251,7 +253,7 @@ def _default_lengths(model: Model) -> Array:
 
 
 def scaled_force(force: PassiveForce, factors: Factors, *, scales_points: bool) -> PassiveForce:
-    """Its resting length is that of before, see with_grown_length. Raises ModelError for a force of another class."""
+    """Its resting length is that of before. Raises ModelError for a force of another class."""
     if isinstance(force, ALONG_PATH):
         return replace(force, path=scaled_path(force.path, factors))
     if isinstance(force, _BUSHINGS):
@@ -260,13 +262,6 @@ def scaled_force(force: PassiveForce, factors: Factors, *, scales_points: bool) 
     if not isinstance(force, _AT_POINTS):
         raise ModelError(f"{force.name} has no rule for scaling; remove it from the model", SolverCode.UNSUPPORTED)
     return _with_points(force, factors) if scales_points else force
-
-
-def with_grown_length(force: PassiveForce, ratio: float) -> PassiveForce:
-    """A force along a path that became longer by the ratio; any other force as it is."""
-    if isinstance(force, ALONG_PATH):
-        return replace(force, resting_length=force.resting_length * ratio)
-    return force
 
 
 def scaled_actuator(actuator: Actuator, factors: Factors, *, scales_points: bool) -> Actuator:

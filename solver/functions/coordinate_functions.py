@@ -144,9 +144,7 @@ def natural_spline(x: Array, y: Array, half_order: int) -> PiecewisePolynomial:
 
     Beyond its ends it is a polynomial of degree half_order − 1.
     """
-    flat = [(order, 0.0) for order in range(half_order, 2 * half_order - 1)]
-    ends_are_flat: Any = (flat, flat) if flat else None
-    spline: Any = scipy.interpolate.make_interp_spline(x, y, k=2 * half_order - 1, bc_type=ends_are_flat)
+    spline = natural_interpolation(x, y, half_order)
     inner = scipy.interpolate.PPoly.from_spline(spline)
     is_piece = np.diff(inner.x) > 0.0
     origins, coefficients = inner.x[:-1][is_piece], inner.c[::-1].T[is_piece]
@@ -156,6 +154,13 @@ def natural_spline(x: Array, y: Array, half_order: int) -> PiecewisePolynomial:
         factorial *= max(order, 1)
         ends[:, order] = spline(x[[0, -1]], nu=order) / factorial
     return _pieces(x, [x[0], *origins, x[-1]], np.vstack([ends[0], coefficients, ends[1]]))
+
+
+def natural_interpolation(x: Array, y: Array, half_order: int) -> Any:
+    """SciPy's spline of degree 2 half_order − 1 through y (knots, …), with ends that natural splines have."""
+    flat = [(order, np.zeros(y.shape[1:])) for order in range(half_order, 2 * half_order - 1)]
+    ends_are_flat: Any = (flat, flat) if flat else None
+    return scipy.interpolate.make_interp_spline(x, y, k=2 * half_order - 1, bc_type=ends_are_flat)
 
 
 def _pieces(breaks: ArrayLike, origins: ArrayLike, coefficients: Array) -> PiecewisePolynomial:

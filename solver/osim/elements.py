@@ -28,6 +28,7 @@ from solver.functions.coordinate_functions import (
     smooth_step,
 )
 from solver.model import GROUND, AnyPathPoint, Body, ConditionalPathPoint, Model, ModelError, Path, PathPoint, Placement
+from solver.multibody.postures import body_fixed_xyz_angles
 
 Array = NDArray[np.float64]
 
@@ -59,14 +60,8 @@ def body_path(bodies: Sequence[Body], body: int) -> str:
 def add_offset_frame(frames: Xml.Element, name: str, path: str, placement: Placement) -> None:
     """A frame of the body at that path."""
     frame = add(frames, "PhysicalOffsetFrame", name)
-    angles = rotation_to_angles(placement.rotation)
+    angles = body_fixed_xyz_angles(placement.rotation)
     add_values(frame, socket_parent=path, translation=placement.translation, orientation=angles)
-
-
-def rotation_to_angles(rotation: Array) -> Array:
-    """Body-fixed x-y-z angles of a rotation."""
-    r = rotation
-    return np.array([np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(np.clip(r[0, 2], -1, 1)), np.arctan2(-r[0, 1], r[0, 0])])
 
 
 def _text(value: Any) -> str:

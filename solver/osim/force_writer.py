@@ -43,6 +43,7 @@ from solver.functions.muscle_curves import (
     ThelenTendon,
 )
 from solver.model import GROUND, CoordinateActuator, Model, ModelError, Muscle, Placement
+from solver.multibody.postures import body_fixed_xyz_angles
 from solver.osim.elements import (
     add,
     add_function,
@@ -51,7 +52,6 @@ from solver.osim.elements import (
     add_whole_path,
     body_path,
     find_objects,
-    rotation_to_angles,
 )
 from solver.osim.force_reader import BUSHING_EXPRESSIONS, BUSHING_FUNCTIONS, unit_of_limits
 from solver.osim.muscle_reader import MILLARD_OPTIONS, THELEN_OPTIONS
@@ -256,7 +256,7 @@ def _add_surface(written: Xml.Element, model: Model, surface: ContactSurface, na
     made = add(find_objects(written, "ContactGeometrySet"), tag, name)
     placement = surface.placement
     add_values(made, socket_frame=body_path(model.bodies, surface.body), location=placement.translation)
-    add_values(made, orientation=rotation_to_angles(placement.rotation))
+    add_values(made, orientation=body_fixed_xyz_angles(placement.rotation))
     if surface.radius is not None:
         add_values(made, radius=surface.radius)
 

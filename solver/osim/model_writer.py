@@ -40,6 +40,7 @@ from solver.model import (
     ScapulothoracicMotion,
     WrapSurface,
 )
+from solver.multibody.postures import body_fixed_xyz_angles
 from solver.osim.document import DRAWN, Element, read_document
 from solver.osim.elements import (
     VERSION,
@@ -49,7 +50,6 @@ from solver.osim.elements import (
     add_values,
     body_path,
     find_objects,
-    rotation_to_angles,
 )
 from solver.osim.force_writer import add_force, add_muscle
 
@@ -144,7 +144,7 @@ def _add_surfaces(owner: Xml.Element, model: Model, body: int) -> None:
 def _add_surface(objects: Xml.Element, surface: WrapSurface) -> None:
     made = add(objects, f"Wrap{surface.kind.capitalize()}", surface.name)
     placement = surface.placement
-    add_values(made, xyz_body_rotation=rotation_to_angles(placement.rotation), translation=placement.translation)
+    add_values(made, xyz_body_rotation=body_fixed_xyz_angles(placement.rotation), translation=placement.translation)
     add_values(made, quadrant=surface.quadrant, active=str(surface.is_active).lower())
     if surface.kind == "ellipsoid":
         add_values(made, dimensions=surface.dimensions)

@@ -21,7 +21,7 @@ from solver.inverse_kinematics.solve import (
     build_problem,
     linearise_frames,
 )
-from solver.model import CoordinateLock, Model
+from solver.model import Model
 from solver.multibody.postures import postures
 
 Array = NDArray[np.float64]
@@ -62,7 +62,9 @@ def normal_equations(
     jacobian = (root[..., None] * found.jacobian).reshape(frames, -1, count)
     targets = _target_derivatives(skeleton, tasks, len(parameters))
     forces = np.swapaxes(jacobian, 1, 2) @ points - stiffness[..., None] * targets
-    moved = _posture_derivatives(_is_held(skeleton, coordinates), found, jacobian, forces, gaps, stiffness)
+    bounds = build_problem(skeleton, tasks).bounds
+    is_held = bounds.is_locked | (coordinates <= bounds.lowest) | (coordinates >= bounds.highest)
+    moved = _posture_derivatives(is_held, found, jacobian, forces, gaps, stiffness)
     share = np.sqrt(frame_weights)[:, None]
     reduced, pulled = share[..., None] * (points + jacobian @ moved), moved - targets
     stiffness *= share**2
@@ -109,16 +111,6 @@ def _target_derivatives(skeleton: Model, tasks: TrackingTasks, parameters: int) 
     for place, name in enumerate(tasks.coordinate_targets):
         derivatives[skeleton.coordinate_index(name), first + place] = 1.0
     return derivatives
-
-
-def _is_held(skeleton: Model, coordinates: Array) -> NDArray[np.bool_]:
-    """(frames, coordinates) locked, or clamped at an end of the range."""
-    held = np.zeros(coordinates.shape, dtype=np.bool_)
-    for k, coordinate in enumerate(skeleton.coordinates):
-        if coordinate.is_clamped:
-            held[:, k] = (coordinates[:, k] <= coordinate.range[0]) | (coordinates[:, k] >= coordinate.range[1])
-    held[:, [lock.coordinate for lock in skeleton.constraints if isinstance(lock, CoordinateLock)]] = True
-    return held
 
 
 def _posture_derivatives(

@@ -23,7 +23,17 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
-from solver.model import NO_COORDINATE, AxisMotion, Body, Joint, Model, ModelError, Muscle, Placement
+from solver.model import (
+    NO_COORDINATE,
+    AxisMotion,
+    Body,
+    Joint,
+    Model,
+    ModelError,
+    Muscle,
+    Placement,
+    with_mass_ratios,
+)
 from solver.personalisation.anthropometry import ARM_SEGMENTS
 from solver.scaling import FIBRE_RANGE, LARGEST_JUMP, muscle_ranges
 
@@ -96,7 +106,7 @@ def set_arm_masses(model: Model, body_mass: float) -> Model:
     for name, mass in segment_masses(model).items():
         segment = ARM_SEGMENTS[name]
         ratios |= dict.fromkeys(segment.bodies, segment.mass_fraction * body_mass / mass)
-    return replace(model, bodies=tuple(_times(body, ratios.get(body.name, 1.0)) for body in model.bodies))
+    return with_mass_ratios(model, ratios)
 
 
 def hold_load(model: Model, mass: float) -> Model:
@@ -114,10 +124,6 @@ def hold_load(model: Model, mass: float) -> Model:
     grip = Placement(np.eye(3), model.bodies[hand].mass_center)
     joint = Joint(f"{LOAD}_joint", hand, len(model.bodies), grip, Placement(np.eye(3), np.zeros(3)), still)
     return replace(model, bodies=(*model.bodies, load), joints=(*model.joints, joint))
-
-
-def _times(body: Body, ratio: float) -> Body:
-    return Body(body.name, ratio * body.mass, body.mass_center, ratio * body.inertia)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.model import Body, Model, Muscle, PathPoint
+from solver.model import Model, Muscle, PathPoint, with_mass_ratios
 from solver.personalisation.anthropometry import ARM_SEGMENTS
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER
@@ -50,7 +50,8 @@ def varied_model(model: Model, body: BodySpread, muscles: MuscleSpread, scores: 
         size = float(np.exp(body.size * scores["size"][0]))
         model = scale_model(model, Scaling({part.name: np.full(3, size) for part in model.bodies[1:]}))
     if "segment_mass" in scores:
-        model = _with_segment_masses(model, np.exp(body.segment_mass * scores["segment_mass"]))
+        ratios = zip(ARM_SEGMENTS.values(), np.exp(body.segment_mass * scores["segment_mass"]).tolist(), strict=True)
+        model = with_mass_ratios(model, {name: ratio for segment, ratio in ratios for name in segment.bodies})
     if "glenoid_radius" in scores:
         model = _with_glenoid(model, float(np.exp(muscles.glenoid_radius * scores["glenoid_radius"][0])))
     return replace(model, muscles=tuple(_muscle(m, i, muscles, scores) for i, m in enumerate(model.muscles)))
@@ -123,19 +124,6 @@ def covariance_root(covariance: Array) -> Array:
     sizes, directions = np.linalg.eigh(covariance / np.outer(scale, scale))
     root: Array = scale[:, None] * directions * np.sqrt(sizes.clip(0))
     return root
-
-
-def _with_segment_masses(model: Model, ratios: Array) -> Model:
-    by_body = {
-        name: float(ratio)
-        for segment, ratio in zip(ARM_SEGMENTS.values(), ratios, strict=True)
-        for name in segment.bodies
-    }
-    return replace(model, bodies=tuple(_times(body, by_body.get(body.name, 1.0)) for body in model.bodies))
-
-
-def _times(body: Body, ratio: float) -> Body:
-    return replace(body, mass=ratio * body.mass, inertia=ratio * body.inertia) if ratio != 1.0 else body
 
 
 def _with_glenoid(model: Model, ratio: float) -> Model:
