@@ -243,7 +243,7 @@ def assess_person(
         kinematics = smoothed_kinematics(motion)
         motions = () if motion is truth else tuple(DrawnMotion(size, smoothed_kinematics(one)) for size, one in drawn)
         loaded = LoadedMotion(set_arm_masses(model, MASS), kinematics)
-        cases.append(PeopleCase(loaded, suits[-1], None, (), OF_PERSON, EVERY, motions))
+        cases.append(PeopleCase(loaded, suits[-1], None, (), PERSON_SOURCES, EVERY, motions))
     count = len(drawn)
     scores = np.zeros((count + 1, sum(factor.size for factor in cases[1].factors)))
     scores[1:] = normal_scores(unit_sample(cases[1].factors, count, "latin_hypercube", seed=1))
@@ -273,7 +273,7 @@ def order_statistics(samples: Array) -> tuple[Array, Array]:
 ELEVATIONS = (0, 30, 55, 80, 120)
 """Degrees of elevation between which the live angles are judged apart."""
 PERSON_DRAWS, EVERY, MASS = 59, 5, 75.0  # kg
-OF_PERSON = replace(UncertaintySources().of_fit, body=BodySpread(0.0, 0.0, 0.01, 0.0))
+PERSON_SOURCES = replace(UncertaintySources().fit_only, body=BodySpread(0.0, 0.0, 0.01, 0.0))
 """Points of the cord; the rest is drawn with the motion."""
 
 FIGURE_LABELS: dict[IndexedFigure, str] = {

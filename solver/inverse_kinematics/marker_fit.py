@@ -288,7 +288,7 @@ class PostureErrors:
     bodies: tuple[int, ...]
     resting: Array
 
-    def of_markers(self, chosen: Sequence[int]) -> PostureErrors:
+    def for_markers(self, chosen: Sequence[int]) -> PostureErrors:
         """Of some of the markers, by their places."""
         return replace(self, markers=self.markers[:, list(chosen)])
 

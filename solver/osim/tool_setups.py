@@ -319,7 +319,7 @@ class ScaleSetup:
         placed = [] if self.placement is None else [name for name, weight in self.placement.markers.items() if weight]
         return frozenset(measured | set(placed))
 
-    def of_model(self, model: Model, labels: Sequence[str], observed: Array) -> tuple[ScaleSetup, tuple[str, ...]]:
+    def for_model(self, model: Model, labels: Sequence[str], observed: Array) -> tuple[ScaleSetup, tuple[str, ...]]:
         """Without the bodies that the model lacks and the measurements whose markers it or the file lacks, and these.
 
         As OpenSim, which warns of them. A set-up of which no measurement is left stays as it is.

@@ -106,7 +106,7 @@ class UncertaintySources:
     motion: MotionSpread = field(default_factory=MotionSpread)
 
     @property
-    def of_fit(self) -> UncertaintySources:
+    def fit_only(self) -> UncertaintySources:
         """The noise of the fit alone."""
         return UncertaintySources(
             self.fit,

@@ -113,7 +113,7 @@ def assess_people(
     sources, sample = run.budget.sources, run.budget.sample
     if donning is not None:
         sources = replace(sources, donning=donning)
-    sources = sources if run.sources == "all" else sources.of_fit
+    sources = sources if run.sources == "all" else sources.fit_only
     every = max(1, round(len(motion.kinematics.time) / sample.frames))
     arms, waists = by_site(cuffs)
     waist = waists[0] if waists else None

@@ -86,7 +86,7 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     file = inputs.markers or named_file(inputs.setup, setup.marker_file, "markers' file", "--markers")
     table = read_body_markers(file, [marker.name for marker in generic.markers], inputs.prefix)
     observed = _in_range(file, table, setup.time_range)
-    setup, unknown = setup.of_model(generic, table.labels, observed)
+    setup, unknown = setup.for_model(generic, table.labels, observed)
     _ensure_markers_fit(generic, file, table, setup, observed)
     factors = setup.factors(generic, table.labels, observed)
     _ensure_plausible(file, setup, factors)

@@ -83,7 +83,7 @@ class LiveBody:
         kept = [k for k, marker in enumerate(self.tasks.markers) if marker.name in columns]
         markers = tuple(self.tasks.markers[k] for k in kept)
         tasks = replace(self.tasks, markers=markers, weights=self.tasks.weights[kept])
-        errors = self.errors.of_markers(kept) if self.errors else None
+        errors = self.errors.for_markers(kept) if self.errors else None
         return tasks, [columns[marker.name] for marker in markers], errors
 
 

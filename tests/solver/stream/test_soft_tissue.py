@@ -154,7 +154,7 @@ def test_errors_grow_with_the_angle_from_the_posture_at_rest() -> None:
     raised = errors.at(turned)
     np.testing.assert_allclose(raised[0], [5e-3, 9e-3], rtol=1e-12)
     np.testing.assert_allclose(raised[1], np.hypot(0.1, 0.2), rtol=1e-12)
-    np.testing.assert_allclose(errors.of_markers([1]).at(turned)[0], [9e-3], rtol=1e-12)
+    np.testing.assert_allclose(errors.for_markers([1]).at(turned)[0], [9e-3], rtol=1e-12)
 
 
 def test_a_measured_wearer_is_tracked_with_the_girdle_following_the_arm() -> None:

@@ -235,7 +235,7 @@ def test_an_angle_that_no_draw_varies_keeps_the_error_of_a_posture_without_marke
 
 def test_a_drawn_motion_is_assessed_on_the_body_that_was_drawn_with_it():
     arm = {"humerus": np.full(3, 1.05)}
-    case = replace(CASE, sources=CASE.sources.of_fit, drawn=(DrawnMotion(Scaling(arm, keeps_masses=True), MOTION),))
+    case = replace(CASE, sources=CASE.sources.fit_only, drawn=(DrawnMotion(Scaling(arm, keeps_masses=True), MOTION),))
     scores = np.zeros((1, sum(factor.size for factor in case.factors)))
     scores[:, factor_columns(case.factors, ("drawn_motion",))] = 1.0
     own = replace(CASE, motion=LoadedMotion(scale_model(MODEL, Scaling(arm, keeps_masses=True)), MOTION))

@@ -18,7 +18,7 @@ from solver.uncertainty.varied_motion import DrawnMotion
 from tests.solver.uncertainty.test_people import CASE, EVERY, HAND, SUIT, WAIST, people  # noqa: F401
 
 UNSURE = replace(HAND, covariance=np.diag([100.0, 10.0, 0.002]) ** 2)
-OF_FIT = UncertaintySources().of_fit
+OF_FIT = UncertaintySources().fit_only
 DRAWS = 8
 
 
