@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import re
+import math
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -26,6 +28,7 @@ from station.assessment.assessment_json import (
 from station.assessment.drawn_postures import PostureEntry
 from station.assessment.study_comparison import StudyComparisonEntry
 from station.assessment.uncertainty_json import DecisionEntry, UncertaintyEntry
+from station.defaults import CUTOFF_HZ
 from station.errors import StationError
 from station.messages.assessment_messages import AssessmentCode, AssessmentFileCode
 from station.subject.subject_document import SubjectDocument
@@ -72,9 +75,17 @@ def _ensure_usable(inputs: dict[str, str]) -> dict[str, str]:
     for option, values in OPTIONS.items():
         if (value := inputs.get(option, values[0])) not in values:
             raise ValueError(f"{option} is {shortened(value)}, expected {' or '.join(values)}")
-    if not re.fullmatch(r"none|\d+(\.\d+)?(e[+-]\d+)?", cutoff := inputs.get("cutoff_hz", "none")):
-        raise ValueError(f"cutoff_hz is {shortened(cutoff)}, expected a number above zero or none")
+    cutoff_of(inputs)
     return inputs
+
+
+def cutoff_of(inputs: Mapping[str, str]) -> float | None:
+    """The cut-off [Hz] of the low-pass filter of the motion, None for no filter. Raises ValueError."""
+    text = inputs.get("cutoff_hz", f"{CUTOFF_HZ:g}")
+    with suppress(ValueError):
+        if text == "none" or 0 < float(text) < math.inf:
+            return None if text == "none" else float(text)
+    raise ValueError(f"cutoff_hz is {shortened(text)}, expected a number above zero or none")
 
 
 class AssessedFindingEntry(StrictEntry):

@@ -85,6 +85,12 @@ class KnownNumberEntry(NumberEntry):
     value: Real
 
 
+class CountEntry(KnownNumberEntry):
+    """A count."""
+
+    value: Annotated[int, Field(ge=0)]
+
+
 class MeasuredReductionEntry(StrictEntry):
     """A measured reduction of muscle activity."""
 
@@ -139,12 +145,12 @@ class CurveEntries(StrictEntry, Generic[Entry]):
 class UnsolvedEntry(StrictEntry):
     """Frames without a regular solution: their number, by outcome in outcome_codes, and by curve."""
 
-    count: KnownNumberEntry
-    outcomes: Annotated[dict[str, KnownNumberEntry], Field(description="outcome_codes in sentences")] = Field(
+    count: CountEntry
+    outcomes: Annotated[dict[str, CountEntry], Field(description="outcome_codes in sentences")] = Field(
         default_factory=dict
     )
-    outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
-    by_condition: CurveEntries[KnownNumberEntry] | None = None
+    outcome_codes: dict[str, CountEntry] = Field(default_factory=dict)
+    by_condition: CurveEntries[CountEntry] | None = None
 
 
 class EffortComparisonEntry(StrictEntry):
@@ -174,10 +180,10 @@ class AssessedMotionEntry(StrictEntry):
     rest_lengths_m: RestLengthsEntry
     cost: CurveEntries[SeriesEntry]
     reserve_cost: CurveEntries[SeriesEntry] | None = None
-    frames: KnownNumberEntry
-    scenarios: KnownNumberEntry
+    frames: CountEntry
+    scenarios: CountEntry
     unsolved: UnsolvedEntry
-    muscle_outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
+    muscle_outcome_codes: dict[str, CountEntry] = Field(default_factory=dict)
 
 
 class WornFigureEntry(NumberEntry):
@@ -226,21 +232,26 @@ def motion_entries(assessment: Assessment) -> dict[str, Any]:
         "rest_lengths_m": RestLengthsEntry(value=assessment.rest_lengths.tolist(), ci95=None),
         "cost": by_curve(_cost),
         "reserve_cost": by_curve(lambda curve: SeriesEntry(value=_nulls(curve.reserve_cost), ci95=None)),
-        "frames": known(len(assessment.time)),
-        "scenarios": known(assessment.scenarios),
+        "frames": count(len(assessment.time)),
+        "scenarios": count(assessment.scenarios),
         "unsolved": {
-            "count": known(assessment.unsolved),
-            "outcomes": {FRAME_SENTENCES[outcome]: known(count) for outcome, count in assessment.outcomes.items()},
-            "outcome_codes": {outcome: known(count) for outcome, count in assessment.outcomes.items()},
-            "by_condition": by_curve(lambda curve: known(curve.unsolved)),
+            "count": count(assessment.unsolved),
+            "outcomes": {FRAME_SENTENCES[outcome]: count(found) for outcome, found in assessment.outcomes.items()},
+            "outcome_codes": {outcome: count(found) for outcome, found in assessment.outcomes.items()},
+            "by_condition": by_curve(lambda curve: count(curve.unsolved)),
         },
-        "muscle_outcome_codes": {outcome: known(count) for outcome, count in assessment.muscle_outcomes.items()},
+        "muscle_outcome_codes": {outcome: count(found) for outcome, found in assessment.muscle_outcomes.items()},
     }
 
 
 def known(value: float) -> KnownNumberEntry:
     """A number without an interval."""
     return KnownNumberEntry(value=value, ci95=None)
+
+
+def count(value: int) -> CountEntry:
+    """A count."""
+    return CountEntry(value=value, ci95=None)
 
 
 def finite(value: float) -> NumberEntry:

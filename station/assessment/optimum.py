@@ -23,7 +23,7 @@ from station.assessment.assessment_inputs import (
     one_arm_cuff,
     read_cuffs_to_wear,
 )
-from station.assessment.assessment_json import KnownNumberEntry, StrictEntry, known
+from station.assessment.assessment_json import CountEntry, KnownNumberEntry, StrictEntry, count, known
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.checksums import write_checksums, write_whole
 from station.messages.assessment_messages import AssessmentCode
@@ -56,7 +56,7 @@ class OptimumDocument(StrictEntry):
     start: CandidateEntry
     optimum: CandidateEntry
     robust_optimum: CandidateEntry
-    suits_tried: KnownNumberEntry
+    suits_tried: CountEntry
     remarks: list[str]
     inputs: dict[str, str]
     versions: dict[str, str]
@@ -111,7 +111,7 @@ def optimise_file(
         start=_entry(optimised.start),
         optimum=_entry(optimised.fitted),
         robust_optimum=_entry(optimised.robust),
-        suits_tried=known(optimised.tried),
+        suits_tried=count(optimised.tried),
         remarks=remarks,
         inputs=inputs.hashes(),
         versions=solving_versions(),

@@ -25,7 +25,16 @@ from solver.suit.scenarios import FIGURES
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.sources import GROUPS, DonningSpread, Group
 from solver.uncertainty.total import DrawnPeople, IndexedFigure
-from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, Real, StrictEntry, finite, known
+from station.assessment.assessment_json import (
+    CountEntry,
+    KnownNumberEntry,
+    NumberEntry,
+    Real,
+    StrictEntry,
+    count,
+    finite,
+    known,
+)
 from station.checksums import sha256_of
 from station.messages.assessment_messages import DecisionCode, InputCode
 from station.study.sessions import StudySession, read_session, read_sessions, refuse_mixed, select_measurements
@@ -54,8 +63,8 @@ class DonningEntry(StrictEntry):
     outcome: str
     spread: KnownNumberEntry
     degrees_of_freedom: NumberEntry
-    donnings: KnownNumberEntry
-    cuffs: KnownNumberEntry
+    donnings: CountEntry
+    cuffs: CountEntry
 
 
 @dataclass(frozen=True)
@@ -100,8 +109,8 @@ class DonningSources:
             outcome=estimate.outcome.value,
             spread=KnownNumberEntry(value=getattr(self.spread, quantity), ci95=ends),
             degrees_of_freedom=NumberEntry(value=estimate.freedom if is_estimated else None, ci95=None),
-            donnings=known(estimate.donnings),
-            cuffs=known(estimate.cuffs),
+            donnings=count(estimate.donnings),
+            cuffs=count(estimate.cuffs),
         )
 
     def _text(self, quantity: str) -> str:
@@ -153,7 +162,7 @@ class IndicesEntry(StrictEntry):
     figure: str
     cuffs: list[str]
     variance: KnownNumberEntry
-    blocks: KnownNumberEntry
+    blocks: CountEntry
     groups: dict[str, GroupIndexEntry]
 
 
@@ -163,15 +172,15 @@ class UncertaintyEntry(StrictEntry):
     an interval, with the bounds that so many people give.
     """
 
-    people: KnownNumberEntry
-    seed: KnownNumberEntry
-    solved: KnownNumberEntry
-    infeasible: KnownNumberEntry
-    every_frame: KnownNumberEntry
+    people: CountEntry
+    seed: CountEntry
+    solved: CountEntry
+    infeasible: CountEntry
+    every_frame: CountEntry
     sources: Annotated[list[Group], Field(min_length=1)]
     content: KnownNumberEntry
     subsampling_difference: dict[str, NumberEntry]
-    index_blocks: KnownNumberEntry
+    index_blocks: CountEntry
     indices: list[IndicesEntry] = Field(default_factory=list)
     donning: dict[str, DonningEntry] = Field(default_factory=dict)
 
@@ -182,11 +191,11 @@ def uncertainty_entry(
     """The block "uncertainty" of the file."""
     difference = summary.largest_difference
     return UncertaintyEntry(
-        people=known(summary.people),
-        seed=known(people.seed),
-        solved=known(summary.solved),
-        infeasible=known(summary.infeasible),
-        every_frame=known(summary.every),
+        people=count(summary.people),
+        seed=count(people.seed),
+        solved=count(summary.solved),
+        infeasible=count(summary.infeasible),
+        every_frame=count(summary.every),
         sources=[source for source in GROUPS if source in summary.sources],
         content=KnownNumberEntry(value=1 - 2 * TAIL, ci95=list(summary.content)),
         subsampling_difference={
@@ -195,7 +204,7 @@ def uncertainty_entry(
             "normalised_cost": finite(difference["lowest_cost"]),
             "permissible_error_m": finite(difference["permissible_error"]),
         },
-        index_blocks=known(people.index_blocks),
+        index_blocks=count(people.index_blocks),
         indices=[
             _indices(figure, cuffs, found) for (figure, cuffs), found in people.indices.items() if found is not None
         ],
@@ -222,7 +231,7 @@ def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> Indice
         figure=figure,
         cuffs=list(cuffs),
         variance=known(found.variance),
-        blocks=known(found.blocks),
+        blocks=count(found.blocks),
         groups={
             group: GroupIndexEntry(first=index(first, first_half), total=index(total, total_half))
             for group, first, first_half, total, total_half in rows
@@ -271,7 +280,7 @@ class DecisionEntry(StrictEntry):
     """
 
     contains: Literal["fit", "total"]
-    people: KnownNumberEntry
+    people: CountEntry
     relevant_difference: KnownNumberEntry
     certainty: KnownNumberEntry
     at_reference: BasisEntry
@@ -343,7 +352,7 @@ def _decision(
 ) -> DecisionEntry:
     return DecisionEntry(
         contains=contains,
-        people=known(people),
+        people=count(people),
         relevant_difference=known(rule.relevant_difference),
         certainty=known(rule.certainty),
         at_reference=at_reference,

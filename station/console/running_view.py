@@ -144,7 +144,8 @@ def status_text(live: LiveTrial, needed: Collection[str] = ()) -> str:
     level = latest.sync_v
     seen_alarm = [f"seen: {live.alarm}"] if live.alarm is not None and live.is_alarm_seen else []
     sync = f"sync line {level:z.2f} V" if level is not None else "sync line: no sample yet"
-    first = [*seen_alarm, state_text(latest), sync, markers_text(latest.seen, needed), *list(live.events)[-1:]]
+    unread = [] if live.unread is None else [str(live.unread)]
+    first = [*unread, *seen_alarm, state_text(latest), sync, markers_text(latest.seen, needed), *list(live.events)[-1:]]
     return " · ".join(first) + "\n" + " · ".join([*emg_text(live), streams_text(latest)])
 
 

@@ -173,6 +173,11 @@ class RefusalCode(Code):
         "refused.recorder_ended",
         "the recorder ended with code {exit_code} during the trial; what it had written is kept",
     )
+    UNREADABLE_MESSAGE = (
+        "refused.unreadable_message",
+        "a message of the recorder cannot be read ({reason}); the recording is not affected. Restart the console after "
+        "this trial",
+    )
 
 
 class CheckCode(Code):

@@ -345,7 +345,7 @@ class Provenance:
         if source.file != ASSESSMENT_FILE or self.assessment is None or source.keys[:1] in (["cuffs"], ["subject"]):
             return None, None
         settings = self.assessment.uncertainty
-        return (int(settings.people.value), int(settings.seed.value)) if settings else (None, None)
+        return (settings.people.value, settings.seed.value) if settings else (None, None)
 
     def _behind_cuffs_file(self, keys: list[str]) -> Iterable[str]:
         if self.cuffs is None:

@@ -16,13 +16,12 @@ from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json
 from fitting.results.codes import Standing
-from station.assessment.assessment_file import AssessmentDocument, AssessmentFileError, read_assessment
+from station.assessment.assessment_file import AssessmentDocument, AssessmentFileError, cutoff_of, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.assessment.budget_file import read_budget
 from station.assessment.people_run import PeopleRun, SourceChoice
 from station.checksums import sha256_of
-from station.defaults import CUTOFF_HZ
 from station.files.chain import NUMBERS_FILE, Link
 from station.fit import fit_session_folder
 from station.messages.file_messages import NumberCode
@@ -150,12 +149,11 @@ def _inputs(folder: Path, recorded: AssessmentDocument) -> AssessmentInputs | No
         return None
     chosen = tuple(name for name, cuff in recorded.cuffs.items() if cuff.site != "waist")
     options: dict[str, Any] = {key: named[key] for key in ("paths", "tendons") if key in named}
-    cutoff = named.get("cutoff_hz", f"{CUTOFF_HZ:g}")
     return AssessmentInputs(
         cuffs,
         chosen=chosen,
         subject=folder if has_subject else None,
-        cutoff_hz=None if cutoff == "none" else float(cutoff),
+        cutoff_hz=cutoff_of(named),
         **options,
     )
 

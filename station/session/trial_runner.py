@@ -14,14 +14,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from documents.message import Message
+from documents.validation import describe_error
 from station.bench.simulation import SimulatedBench, SimulationError
 from station.bench.view import TrialTelemetry
 from station.child import DETACHED, Child
@@ -57,6 +59,7 @@ class LiveTrial:
     emg: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)  # RMS [µV], by channel
     mvc_uv: Mapping[str, float] = field(default_factory=dict)  # largest RMS of each channel in the MVC trial
     events: deque[str] = field(default_factory=lambda: deque(maxlen=8))
+    unread: Message[RefusalCode] | None = None  # on the last message of the recorder that cannot be read
     alarm: Message[AlarmCode] | None = None
     is_alarm_seen: bool = False
     marks: dict[int, float] = field(default_factory=dict)  # s into the recording, by the number of the mark
@@ -252,13 +255,14 @@ class TrialRunner:
         live = self.live
         assert live is not None  # noqa: S101  (set in arm())
         try:
-            await trial.follow(lambda telemetry: self._update(live, telemetry))
+            await trial.follow(partial(self._update, live))
         finally:
             self.live, self._trial, self.ended = None, None, trial
             self._session.has_running_trial = False
         recorded = trial.recorded
         refusal = f"{trial.refusal} [{trial.refusal_code}]" if trial.refusal_code else trial.refusal
-        self._session.message = refusal or (recorded.sentence if recorded and not _ended_as_planned(recorded) else "")
+        sentence = recorded.sentence if recorded and not _ended_as_planned(recorded) else ""
+        self._session.message = refusal or sentence or str(live.unread or "")
         if recorded is not None and recorded.file and self._session.folder is not None:
             try:
                 for number, name in live.mark_names.items():
@@ -266,8 +270,11 @@ class TrialRunner:
             except JournalError as error:
                 self._session.message = str(error)
 
-    def _update(self, live: LiveTrial, telemetry: TrialTelemetry) -> None:
-        """Take a message of the recorder. An alarm marks its moment in the recording."""
+    def _update(self, live: LiveTrial, telemetry: TrialTelemetry | Message[RefusalCode]) -> None:
+        """Take telemetry, or the message on what cannot be read. An alarm marks its moment in the recording."""
+        if isinstance(telemetry, Message):
+            live.unread = telemetry
+            return
         if live.update(telemetry, self.limits) and live.takes_marks and self._trial is not None:
             live.add_mark(str(live.alarm))
             self._trial.mark()
@@ -376,10 +383,11 @@ class TrialProcess:
         threading.Thread(target=trial._send_commands, name="commands to the recorder", daemon=True).start()
         return trial
 
-    async def follow(self, on_telemetry: Callable[[TrialTelemetry], None]) -> None:
+    async def follow(self, on_telemetry: Callable[[TrialTelemetry | Message[RefusalCode]], None]) -> None:
         """Return when the recorder has ended: `recorded` holds the result, or `refusal` and its code the reason.
 
-        One message waits at most, so that a console that is too slow still answers its pages: the recorder drops its
+        on_telemetry receives a Message in place of telemetry that cannot be read; for a result it is the refusal. One
+        message waits at most, so that a console that is too slow still answers its pages: the recorder drops its
         oldest telemetry.
         """
         loop = asyncio.get_running_loop()
@@ -392,12 +400,19 @@ class TrialProcess:
 
         threading.Thread(target=receive, name="messages of the recorder", daemon=True).start()
         while (message := await messages.get()) is not None:
-            if "result" in message:
-                self.recorded = _RECORDED.validate_python(message["result"])
-            elif "refused" in message:
-                self.refusal, self.refusal_code = message["refused"], message["code"]
-            else:
-                on_telemetry(TrialTelemetry.model_validate(message))
+            try:
+                if "result" in message:
+                    self.recorded = _RECORDED.validate_python(message["result"])
+                elif "refused" in message:
+                    self.refusal, self.refusal_code = message["refused"], message["code"]
+                else:
+                    on_telemetry(TrialTelemetry.model_validate(message))
+            except ValidationError as error:
+                unread = Message(RefusalCode.UNREADABLE_MESSAGE, {"reason": describe_error(error)})
+                if "result" in message:
+                    self.refusal, self.refusal_code = str(unread), unread.code.value
+                else:
+                    on_telemetry(unread)
         self._commands.put(None)
         code = await asyncio.to_thread(self._child.ensure_ended, END_TIMEOUT_S)
         if self.recorded is None and self.refusal is None:

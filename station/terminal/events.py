@@ -21,7 +21,9 @@ from station.session.judgement import Figure, Grade, Judgement, Reason, Row
 from station.session.plan_status import PlanState, PlanStatus
 from station.session.trial_runner import LiveTrial
 
-WarningCode = Literal["alarm", "capture_running", "not_ready", "not_recorded", "not_armed", "not_summed_up"]
+WarningCode = Literal[
+    "alarm", "capture_running", "not_ready", "not_recorded", "not_armed", "telemetry_unread", "not_summed_up"
+]
 STATUS_INTERVAL_S = 1.0
 """Wall seconds."""
 
@@ -107,6 +109,7 @@ class WarningRaised:
     not_ready        a device or the disk is not ready; tried again in retry_s, None if that is of no use
     not_recorded     a trial ended before its sync edge; armed again
     not_armed        the recorder could not be started
+    telemetry_unread  values of the running trial cannot be read, and are not shown; it is recorded to its end
     not_summed_up    fit, assessment or report of the session failed
 
     cause is the code of the alarm, the refusal or the end of the trial, "" if there is none.
@@ -297,7 +300,7 @@ class TrialMonitor:
         self._cue: tuple[int, CueCode] | None = None
         self._alarm: str | None = None
         self._status_s = 0.0
-        self._is_capture_reported = False
+        self._is_capture_reported = self._is_unread_reported = False
 
     def update(self, live: LiveTrial) -> None:
         latest = live.latest
@@ -305,6 +308,9 @@ class TrialMonitor:
         self._report_running_capture(latest)
         if latest.state == "recording":
             self._update_cue(live)
+        if live.unread is not None and not self._is_unread_reported:
+            self._is_unread_reported = True
+            self._show_event(WarningRaised("telemetry_unread", str(live.unread), cause=live.unread.code.value))
         alarm = live.unseen_alarm
         if alarm is not None and str(alarm) != self._alarm:
             self._show_event(WarningRaised("alarm", str(alarm), cause=alarm.code.value))

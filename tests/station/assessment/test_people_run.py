@@ -122,7 +122,13 @@ def test_the_band_over_the_rest_length_holds_the_curve_and_the_interval_at_the_r
         (("postures", 0, "bones", 0, "kind"), "feather", AssessmentFileCode.INVALID_ENTRY),
         (("inputs", "tendons"), "soft", AssessmentFileCode.INVALID_ENTRY),
         (("inputs", "paths"), "straight", AssessmentFileCode.INVALID_ENTRY),
-        (("inputs", "cutoff_hz"), "six", AssessmentFileCode.INVALID_ENTRY),
+        *((("frames", "value"), number, AssessmentFileCode.INVALID_ENTRY) for number in (-1, 0.5, "8")),
+        (("uncertainty", "people", "value"), -40, AssessmentFileCode.INVALID_ENTRY),
+        (("uncertainty", "index_blocks", "value"), 0.5, AssessmentFileCode.INVALID_ENTRY),
+        *(
+            (("inputs", "cutoff_hz"), text, AssessmentFileCode.INVALID_ENTRY)
+            for text in ("six", "0", "0.0", "-3", "nan", "inf", "1e400", "")
+        ),
     ],
 )
 def test_a_file_whose_bands_postures_or_options_do_not_fit_is_refused(

@@ -32,6 +32,7 @@ from station.bench.simulation import SimulatedBench, practice_settings
 from station.bench.view import Snapshot, TrialState, TrialTelemetry
 from station.child import Child
 from station.config import StationConfig, load_config
+from station.console.running_view import status_text
 from station.journal import Recorded, read_journal
 from station.messages.bench_messages import CueCode, RefusalCode, TrialCode
 from station.messages.session_messages import ReasonCode
@@ -42,6 +43,7 @@ from station.session.guide import FreeStaticGuide, MotionGuide, StaticGuide
 from station.session.reviewer import adopt_recordings, is_being_recorded
 from station.session.trial_daemon import Telemetry
 from station.session.trial_runner import ForceLimits, LiveTrial, TrialProcess
+from station.terminal.events import TrialMonitor, WarningRaised
 from tests.station.console.served import write_config
 from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 from tests.station.session.test_controller import SETUP, SPEED, until, with_folder
@@ -344,6 +346,65 @@ def test_a_page_is_served_while_telemetry_arrives_faster_than_it_is_shown() -> N
     shown = asyncio.run(served_meanwhile())
     assert len(shown) == 200
     assert all(later > sooner for sooner, later in pairwise(shown)), "other work between two messages"
+
+
+RESULT = {
+    "file": "a.mcap",
+    "cuff": "hand",
+    "test": "static",
+    "repeat": 1,
+    "donning": "1",
+    "accepted": True,
+    "lost_samples": 0,
+    "sentence": "the capture ended",
+    "codes": [{"code": TrialCode.CAPTURE_ENDED, "figures": {}}],
+}
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [(RESULT, ""), ({**RESULT, "lost_samples": "many"}, f"[{RefusalCode.UNREADABLE_MESSAGE}]")],
+)
+def test_a_message_of_the_recorder_that_cannot_be_read_is_reported_and_the_trial_followed_to_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, result: dict[str, Any], message: str
+) -> None:
+    class Scripted:
+        def __iter__(self) -> Iterator[dict[str, Any]]:
+            return iter([{"state": "armed"}, {"state": 5}, {"state": "recording", "force": "x"}, {"result": result}])
+
+        def ensure_ended(self, _: float) -> int:
+            return 0
+
+    async def start(*_: object) -> TrialProcess:
+        return TrialProcess(cast(Child, Scripted()))
+
+    monkeypatch.setattr(TrialProcess, "start", start)
+    controller = SessionController(with_folder(load_config(write_config(tmp_path)), tmp_path / "sessions"))
+
+    async def record() -> LiveTrial:
+        controller.session.begin(SETUP)
+        await controller.runner.arm()
+        live = controller.runner.live
+        assert live is not None
+        await until(lambda: controller.runner.live is None)
+        return live
+
+    live = asyncio.run(record())
+    controller.close()
+    assert live.latest.state == "armed" and live.unread is not None
+    assert (live.unread.code, live.unread.figures["reason"]) == (
+        RefusalCode.UNREADABLE_MESSAGE,
+        "force is 'x', expected a list",
+    )
+    assert str(live.unread) in status_text(live) and not controller.session.has_running_trial
+    ended = controller.runner.ended
+    assert ended is not None and (ended.recorded is None) == bool(message)
+    assert controller.session.message.endswith(message or str(live.unread))
+    shown: list[object] = []
+    monitor = TrialMonitor(shown.append)
+    monitor.update(live)
+    monitor.update(live)
+    assert [one.cause for one in shown if isinstance(one, WarningRaised)] == [RefusalCode.UNREADABLE_MESSAGE]
 
 
 def moved(frames: int, displacement_mm: float, rope: bool = True) -> np.ndarray:
