@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import asyncio
 import re
+import select
 import socket
-import socketserver
 import struct
 import sys
 import threading
@@ -455,7 +455,7 @@ def parameters_xml(wanted: Sequence[str], mocap: MocapSettings, labels: Sequence
 
 
 class QtmDiscovery:
-    """Answers in threads of its own; port 0 takes a free one. start() and stop() work once each.
+    """Answers in a separate thread; port 0 takes a free one. start() and stop() work once each.
 
     qtm_port is that of QTM's little-endian server, one above its base port.
     """
@@ -465,35 +465,41 @@ class QtmDiscovery:
         info = f"{socket.gethostname()}, QTM {QTM_VERSION}, {CAMERAS} cameras"
         body = info.encode() + b"\0" + PORT.pack(qtm_port - 1)
         self._answer = REQUEST.pack(REQUEST.size + len(body), COMMAND) + body
-        self._servers: list[socketserver.UDPServer] = []
-        self._threads: list[threading.Thread] = []
+        self._sockets: list[socket.socket] = []
+        self._thread = threading.Thread(target=self._run, name="QTM discovery", daemon=True)
+        self._is_stopped = threading.Event()
 
     def start(self) -> None:
         """Binds and answers; on Windows one socket also receives broadcasts. Raises OSError if the port is taken."""
         try:
             for address in (LOCAL,) if sys.platform == "win32" else (LOCAL, EVERYBODY):
-                server = socketserver.UDPServer((address, self.port), self._receive)  # type: ignore[arg-type]
-                self.port = server.server_address[1]
-                self._servers.append(server)
+                self._sockets.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                self._sockets[-1].bind((address, self.port))
+                self.port = self._sockets[-1].getsockname()[1]
         except OSError:
-            self.stop()
+            self._close()
             raise
-        for server in self._servers:
-            thread = threading.Thread(target=server.serve_forever, args=(0.05,), name="QTM discovery", daemon=True)
-            self._threads.append(thread)
-            thread.start()
+        self._thread.start()
 
     def stop(self) -> None:
-        for server in self._servers:
-            if self._threads:
-                server.shutdown()
-            server.server_close()
+        self._is_stopped.set()
+        self._sockets[0].sendto(b"", (LOCAL, self.port))  # ends the wait for a request
+        self._thread.join()
+        self._close()
 
-    def _receive(self, request: tuple[bytes, socket.socket], sender: tuple[str, int], _: object) -> None:
-        packet, _ = request
+    def _run(self) -> None:
+        while not self._is_stopped.is_set():
+            for bound in select.select(self._sockets, [], [])[0]:
+                with suppress(OSError):  # the port of an answer is closed already
+                    self._answer_request(*bound.recvfrom(LONGEST_COMMAND_BYTES))
+
+    def _answer_request(self, packet: bytes, sender: tuple[str, int]) -> None:
         if len(packet) != REQUEST.size + PORT.size or not ip_address(sender[0]).is_loopback:
             return
         if REQUEST.unpack_from(packet) == (len(packet), DISCOVER):
             (port,) = PORT.unpack_from(packet, REQUEST.size)
-            with suppress(OSError):  # the port is closed already
-                self._servers[0].socket.sendto(self._answer, (sender[0], port))
+            self._sockets[0].sendto(self._answer, (sender[0], port))
+
+    def _close(self) -> None:
+        for bound in self._sockets:
+            bound.close()

@@ -58,6 +58,7 @@ class FolderCode(Code):
         "report.nothing",
         "{folder} contains no recording, no cuffs.json, no assessment.json and no emg.json to report",
     )
+    FILE_BESIDE_UNUSABLE = "report.file_unusable", "{path} cannot be used: {reason}; make it again"
     NO_BROWSER = (
         "report.no_browser",
         "no browser can print the report ({reason}); install Chromium, Chrome or Edge, or run `playwright install "

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
 from jinja2.bccache import Bucket
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from documents.interval import counted
 from documents.message import Message
-from documents.plain_data import PlainDataError, read_json
-from documents.validation import describe_error
+from documents.plain_data import read_json
+from documents.validation import DOCUMENT_ERRORS, invalid_because
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_document, read_cuffs, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
@@ -269,17 +269,12 @@ def _contradictions(cuffs: Mapping[str, Cuff], assessment: AssessmentDocument | 
 
 
 def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
-    """Content of a file beside the recordings, None without the file."""
-    if not path.is_file():
-        return None
+    """Content of a file beside the recordings, None without the file. Raises ReportError."""
     try:
-        return kind.validate_python(read_json(path))
-    except OSError as error:
-        raise ReportError(f"{path} cannot be read: {error.strerror or error}") from error
-    except ValidationError as error:
-        raise ReportError(f"{path}: {describe_error(error)}; make it again") from error
-    except PlainDataError as error:
-        raise ReportError(f"{path} {error}; make it again") from error
+        return kind.validate_python(read_json(path)) if path.is_file() else None
+    except DOCUMENT_ERRORS as error:
+        figures = {"path": str(path), **invalid_because(error)}
+        raise ReportError(Message(FolderCode.FILE_BESIDE_UNUSABLE, figures)) from error
 
 
 class CompiledTemplates(BytecodeCache):

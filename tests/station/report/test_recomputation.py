@@ -18,9 +18,11 @@ from station.checksums import write_checksums
 from station.files.chain import Link
 from station.messages.assessment_messages import AssessmentFileCode
 from station.messages.file_messages import NumberCode
-from station.report.page import write_report
+from station.messages.setup_messages import FolderCode
+from station.report.page import ReportError, read_results, render, write_report
 from station.report.recomputation import TOLERANCE, Difference, differences, recomputed_links
 from tests.made_once import made_once
+from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused
 from tests.station.foreign import static_and_dynamic
 from tests.station.reported import DYNAMIC, STATIC, report_session
@@ -114,6 +116,14 @@ def test_an_assessment_that_cannot_be_read_does_not_follow(tmp_path: Path, text:
     (tmp_path / "assessment.json").write_text(text, encoding="utf-8")
     (link,) = recomputed_links(tmp_path)
     assert (link.standing, link.code) == (Standing.CHANGED, code)
+
+
+@pytest.mark.parametrize("file", ["simulated_truth.json", "missing.json"])
+@pytest.mark.parametrize("content", [b'["a", 7]', b"{", b"\xff"])
+def test_a_file_beside_the_recordings_that_cannot_be_used_is_refused(session: Path, file: str, content: bytes) -> None:
+    (session / file).write_bytes(content)
+    with raises_refusal(FolderCode.FILE_BESIDE_UNUSABLE, file, kind=ReportError):
+        render(read_results(session))
 
 
 def test_a_sentence_that_an_older_station_worded_otherwise_is_named_and_breaks_nothing(session: Path) -> None:
