@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, ValidationError
 
-from documents.message import Figures, because
+from documents.message import Code, Figures, Message, because
 from documents.plain_data import PlainDataError, shortened
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
@@ -57,6 +59,21 @@ DOCUMENT_ERRORS = (OSError, PlainDataError, ValidationError)
 def invalid_because(error: Exception) -> Figures:
     """Figures of the cause of a message: why a document cannot be used, one of DOCUMENT_ERRORS, without its path."""
     return {"reason": describe_error(error)} if isinstance(error, ValidationError) else because(error)
+
+
+@contextmanager
+def refused_as(
+    refusal: Callable[[Message[Any]], Exception], path: Path, unreadable: Code, invalid: Code | None = None
+) -> Iterator[None]:
+    """Raise a refusal for a document at `path` that cannot be read or parsed, or is invalid, with its path and reason.
+
+    The code is `unreadable`, and for a document that was parsed `invalid` where it is given.
+    """
+    try:
+        yield
+    except DOCUMENT_ERRORS as error:
+        code = invalid if invalid is not None and isinstance(error, ValidationError) else unreadable
+        raise refusal(Message(code, {"path": str(path), **invalid_because(error)})) from error
 
 
 def describe_error(error: ValidationError, *, context: str = "") -> str:

@@ -22,7 +22,7 @@ WITHOUT_COMPILER = ("info", "recover", "import", "judge", "fit", "export", "veri
 WITH_COMPILER = {"--osim", "--recompute", "--to=parquet"}
 """Verbs that load no LLVM, and their arguments with which they load it, or Arrow, which needs as much."""
 BLAS_SIZE = 128
-"""Rows of matrices for which OpenBLAS allocates the memory that it keeps."""
+"""Rows of matrices large enough for OpenBLAS to allocate the memory that it keeps."""
 SHORT_OF_MEMORY = "station: the memory of this computer, or its limit for this command, is not sufficient"
 
 

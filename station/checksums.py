@@ -165,7 +165,7 @@ def _compared(path: Path) -> tuple[Standing, Message[ChainCode] | None]:
 
 
 def _journal_fault(path: Path, recorded: str | None) -> Message[ChainCode] | None:
-    """Why the lines of a journal are not those that were written; None for whole lines that continue them.
+    """Reason why a journal differs from what was written; None if whole lines were appended.
 
     recorded: hash in the list, of the journal or of its first lines
     """

@@ -78,7 +78,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 CLOSED = {errno.EPIPE, errno.EINVAL} if sys.platform == "win32" else {errno.EPIPE}
-"""What a write to a pipe without a reader fails with."""
+"""Errors of a write to a pipe without a reader."""
 
 
 class Verb(TyperCommand):
@@ -107,7 +107,7 @@ class Verb(TyperCommand):
 
 
 def _is_infinite(text: str) -> bool:
-    """Whether a number is inf or nan; False for a text, which typer refuses."""
+    """Whether a number is inf or nan; False for a text: typer refuses it."""
     try:
         return not math.isfinite(float(text))
     except ValueError:

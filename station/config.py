@@ -52,7 +52,7 @@ NO_BODY = ("source", "markers")
 
 
 class LiveSection(Section):
-    """What is solved live in pose and motion trials, and where it goes besides the views."""
+    """Live solution of pose and motion trials, and its outputs besides the views."""
 
     enabled: bool = False
     lag_s: float = Field(default=0.15, ge=0, le=0.2)  # of the smoother: more lag, more accurate (docs/live.md)

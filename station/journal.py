@@ -113,7 +113,7 @@ class Assignment:
 
 @dataclass(frozen=True, kw_only=True)
 class JournalEntry:
-    """What all lines share: time of writing (UTC, ISO 8601), format, and the SHA-256 of all lines above, in hex.
+    """Keys of every line: time of writing (UTC, ISO 8601), format, and the SHA-256 of all lines above, in hex.
 
     The journal adds previous when it writes the line; lines of older stations have none.
     """
@@ -450,7 +450,7 @@ def _append(folder: Path, kind: str, **values: Any) -> None:
 
 
 def _readable(text: str) -> str:
-    """Typed or pasted text without NUL and halves of surrogate pairs, for which a reader refuses the whole journal."""
+    """Typed or pasted text without NUL and halves of surrogate pairs: a reader refuses a journal with one."""
     return text.replace("\0", "").encode(errors="replace").decode()
 
 

@@ -33,7 +33,7 @@ RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{digit}" for port in ("COM", "
 
 @dataclass(frozen=True)
 class TrialKey:
-    """What names a trial of the plan: cuff, test, number of the repeat (from 1) and donning of the cuff.
+    """Identity of a trial of the plan: cuff, test, number of the repeat (from 1) and donning of the cuff.
 
     cuff: None for a bounce (a weight hangs from the load cell) and for a pose or motion of the wearer. condition: of a
     motion.
@@ -120,7 +120,7 @@ def published_plan(
 
 
 def windows_name_fault(name: str) -> str:
-    """Why Windows does not allow a file of this name, as a clause; "" if it does."""
+    """Reason why Windows refuses this file name, as a clause; "" if it does not."""
     wrong = sorted({letter for letter in name if letter in FORBIDDEN or ord(letter) < 32})
     if wrong:
         return f"contains {' '.join(map(repr, wrong))}, which Windows does not allow in a file name"

@@ -266,7 +266,7 @@ def sentences_on(assessed: AssessedSuit, cuffs: Path) -> list[str]:
 
 
 def decision_sentences(assessed: AssessedSuit) -> list[str]:
-    """Which cuff to choose at the reference rest length, and with each at its own best one."""
+    """Choice of the cuff at the reference rest length, and at the best rest length of each cuff."""
     decision = _decision(assessed)
     entries = [decision.at_reference, decision.at_best]
     settle = [entry.settle.text for entry in entries if entry.settle]

@@ -30,7 +30,7 @@ from pydantic import Field
 from documents.message import Figures, Message, because
 from documents.plain_data import read_toml
 from documents.regular_file import LARGEST_TABLE, read_regular
-from documents.validation import DOCUMENT_ERRORS, Section, invalid_because
+from documents.validation import Section, refused_as
 from fitting.cuffs.cuffs_file import read_cuffs
 from fitting.cuffs.wearable_cuff import KNOWN_LAW, Cuff, NotIdentified, with_interval_covariance
 from fitting.laws.model_class import SLIP
@@ -277,10 +277,8 @@ class EffortWeights(Section):
 
 def read_effort(path: Path) -> EffortWeights:
     """Read effort.toml. Raises EffortError."""
-    try:
+    with refused_as(EffortError, path, InputCode.EFFORT):
         return EffortWeights.model_validate(read_toml(path))
-    except DOCUMENT_ERRORS as error:
-        raise EffortError(Message(InputCode.EFFORT, {"path": str(path), **invalid_because(error)})) from error
 
 
 class EmgError(StationError):

@@ -351,7 +351,7 @@ def note_unconverged(solution: MotionSolution) -> str:
 
 
 def describe_tendons(model: Model, fibers: ElasticForces | None) -> str:
-    """Which are elastic, with their strain, and fibres that were held at their least length."""
+    """Elastic tendons with their strain, and fibres held at their least length."""
     if fibers is None:
         return "rigid"
     tendons = [model.muscles[index].tendon for index in fibers.elastic]

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import AfterValidator, Field
 
-from documents.message import Message, because
-from documents.plain_data import PlainDataError, parse_toml
+from documents.plain_data import parse_toml
 from documents.regular_file import LARGEST_SUIT, read_regular
-from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
+from documents.validation import NonNegative, Number, Positive, Section, Whole, refused_as
 from solver.suit.decision import DecisionRule
 from solver.uncertainty.sources import (
     BodySpread,
@@ -111,16 +110,13 @@ class UncertaintyBudget(Section):
 
 def read_budget(path: Path = BUNDLED_BUDGET, people: int | None = None) -> UncertaintyBudget:
     """Read the file, with this number of people in place of its own. Raises BudgetError, which names the key."""
-    document = _parsed(path)
-    merged: dict[str, Any] = {name: dict(section) for name, section in _bundled().items()}
-    for name, section in document.items():
-        merged[name] = {**merged.get(name, {}), **section} if isinstance(section, dict) else section
-    if people is not None and isinstance(merged["sample"], dict):
-        merged["sample"]["people"] = people
-    try:
+    with refused_as(BudgetError, path, InputCode.BUDGET):
+        merged: dict[str, Any] = {name: dict(section) for name, section in _bundled().items()}
+        for name, section in _parsed(path).items():
+            merged[name] = {**merged.get(name, {}), **section} if isinstance(section, dict) else section
+        if people is not None and isinstance(merged["sample"], dict):
+            merged["sample"]["people"] = people
         return UncertaintyBudget.model_validate(merged)
-    except ValidationError as error:
-        raise BudgetError(Message(InputCode.BUDGET, {"path": str(path), "reason": describe_error(error)})) from error
 
 
 @lru_cache(maxsize=1)
@@ -129,7 +125,4 @@ def _bundled() -> dict[str, dict[str, Any]]:
 
 
 def _parsed(path: Path) -> dict[str, Any]:
-    try:
-        return parse_toml(read_regular(path, LARGEST_SUIT))
-    except (OSError, PlainDataError) as error:
-        raise BudgetError(Message(InputCode.BUDGET, {"path": str(path), **because(error)})) from error
+    return parse_toml(read_regular(path, LARGEST_SUIT))

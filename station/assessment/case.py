@@ -19,7 +19,7 @@ from station.subject.assessed_subject import AssessedSubject, build_subject, fit
 
 @dataclass(frozen=True, eq=False)
 class AssessedCase:
-    """What is assessed. drawn are bodies and motions within the uncertainty of the markers, of a wearer only.
+    """Inputs of one assessment. drawn are bodies and motions within the uncertainty of the markers, of a wearer only.
 
     spread of each suit marker about its point [m], empty where the suit's points are those of its file
     """

@@ -69,12 +69,15 @@ def _unsolved_people(summary: UncertaintySummary | None) -> Iterator[Finding]:
         yield Message(AssessmentCode.PEOPLE_INFEASIBLE, left_out)
 
 
+def arm_efforts(assessment: Assessment, figure: str) -> dict[str, float]:
+    """The figure of every arm cuff, with migration and compliance, that is known."""
+    curves = {curve.cuff: curve.figures[figure].value for curve in assessment.curves if curve.condition == "both"}
+    return {cuff: effort for cuff, effort in curves.items() if cuff and effort is not None}
+
+
 def _choice(assessment: Assessment) -> Finding:
     """The arm cuff with the least effort, with migration and compliance."""
-    efforts = {
-        curve.cuff: curve.figures["at_reference"].value for curve in assessment.curves if curve.condition == "both"
-    }
-    known = {cuff: effort for cuff, effort in efforts.items() if cuff and effort is not None}
+    known = arm_efforts(assessment, "at_reference")
     if not known:
         return Message(AssessmentCode.NO_CHOICE)
     best = min(known, key=lambda cuff: known[cuff])

@@ -74,7 +74,7 @@ def solve_here(tasks: Sequence[PeopleTask]) -> Iterator[tuple[str, Readouts]]:
 
 @dataclass(frozen=True, eq=False)
 class PeopleRun:
-    """How people are drawn and where finished tasks are kept; None keeps nothing.
+    """Design of the drawn people, and folder of finished tasks; None keeps nothing.
 
     sources: all of the budget, or the noise of the cuffs' fit alone
     source: the file of the budget;  index_blocks: blocks of the sample for Sobol indices, 0 for none

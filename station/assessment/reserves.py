@@ -1,4 +1,4 @@
-"""How much of the force that a motion needs is given by reserve actuators, by coordinate."""
+"""Share of reserve actuators in the generalised forces of a motion, by coordinate."""
 
 from __future__ import annotations
 

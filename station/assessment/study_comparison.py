@@ -1,4 +1,4 @@
-"""Why the answer of an assessment is not that of the source study: one part is exchanged at a time.
+"""Difference between an assessment and the source study, by exchanging one part at a time.
 
 The study ("Effect of Cuff Compliance on Muscle Activation in a Passive Shoulder-Exotendon Suit", table 3) has rigid
 cuffs on one recorded motion. That motion is not bundled, so the bundled raise of the arm takes its place.
@@ -22,6 +22,7 @@ from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, StrictEntry
+from station.assessment.findings import arm_efforts
 from station.sources import BUNDLED, resolve_kinematics
 
 if TYPE_CHECKING:
@@ -114,10 +115,7 @@ class _Setting:
 
 def _best_arm(assessment: Assessment) -> str | None:
     """The arm cuff with the least effort at its best rest length."""
-    efforts = {
-        curve.cuff: curve.figures["lowest_cost"].value for curve in assessment.curves if curve.condition == "both"
-    }
-    known = {cuff: effort for cuff, effort in efforts.items() if cuff and effort is not None}
+    known = arm_efforts(assessment, "lowest_cost")
     return min(known, key=known.__getitem__) if known else None
 
 
@@ -132,12 +130,7 @@ def _answer(part: str, setting: _Setting, worn: Sequence[CuffParameters], cuff: 
     """
     every = math.ceil(len(setting.kinematics.time) / FRAMES)
     try:
-        found = assess(
-            LoadedMotion(setting.model, setting.kinematics),
-            setting.suit,
-            worn,
-            every=every,
-        )
+        found = assess(LoadedMotion(setting.model, setting.kinematics), setting.suit, worn, every=every)
     except SolverError:
         return AnswerEntry(exchanged=part, rest_length_m=_number(None), effort=_number(None))
     condition = "rigid" if cuff is None else "both"

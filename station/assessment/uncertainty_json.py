@@ -92,7 +92,7 @@ class DonningSources:
 
     @property
     def message(self) -> Message[InputCode]:
-        """Which spread is used of every quantity, with its origin."""
+        """Spread and its origin for every quantity."""
         figures: Figures = {quantity: self._text(quantity) for quantity in self.estimates}
         return Message(InputCode.DONNING_SPREAD, figures)
 
@@ -167,7 +167,7 @@ class IndicesEntry(StrictEntry):
 
 
 class UncertaintyEntry(StrictEntry):
-    """Where the intervals are from: the number of people drawn, of those solved in every condition, in every N-th
+    """Basis of the intervals: the number of people drawn, of those solved in every condition, in every N-th
     frame, and of those left out because their muscles cannot do the motion. content is the part of all people inside
     an interval, with the bounds that so many people give.
     """
@@ -250,9 +250,7 @@ class PairEntry(StrictEntry):
 
 
 class SettleEntry(StrictEntry):
-    """What would settle an open decision: the group of sources with the largest expected reduction of variance, or that
-    it is not known.
-    """
+    """For an open decision: the group of sources with the largest expected reduction of variance, if known."""
 
     code: Annotated[DecisionCode, Field(strict=False)]
     figures: dict[str, Real | str]
@@ -274,7 +272,7 @@ class BasisEntry(StrictEntry):
 
 
 class DecisionEntry(StrictEntry):
-    """Which cuff to choose. contains: "fit" if only the uncertainty of the fit is known, "total" with a budget.
+    """Choice of the cuff. contains: "fit" if only the uncertainty of the fit is known, "total" with a budget.
 
     people  drawn from the budget; relevant_difference is the smallest effect of interest, relative to a slack cord
     """
@@ -305,14 +303,14 @@ def decision_entry(
     return _decision("total", rule, drawn, found["at_reference"], found["at_best"])
 
 
-def without_decision(rule: DecisionRule | None = None, *, can_draw_people: bool = True) -> DecisionEntry:
+def without_decision(*, can_draw_people: bool) -> DecisionEntry:
     """No decision, because the fit of one donning does not contain what differs between days and people.
 
     can_draw_people: False with elastic tendons, with which people are refused
     """
     message = Message(DecisionCode.FIT_ONLY if can_draw_people else DecisionCode.NO_PEOPLE)
     entry = BasisEntry(code=message.code, text=str(message))
-    return _decision("fit", rule or DecisionRule(), 0, entry, entry)
+    return _decision("fit", DecisionRule(), 0, entry, entry)
 
 
 def decision_message(decision: CuffDecision, rule: DecisionRule, drawn: int, at: str) -> Message[DecisionCode]:

@@ -134,18 +134,11 @@ class DeviceSurvey:
             self._force.append(samples.values[:, 0].astype(np.float64))
 
 
-def check_bench(
-    config: StationConfig,
-    folder: Path,
-    console: Console | None = None,
-    make_devices: MakeDevices = devices_for,
-    *,
-    as_json: bool = False,
-) -> int:
+def check_bench(config: StationConfig, folder: Path, *, as_json: bool) -> int:
     """Print the results, including the space on the folder's disk; return 0 if all are good, else 1."""
     with Console(stderr=True).status("reading the devices"):
-        results = inspect_bench(config, folder, make_devices)
-    return show_results(results, console, as_json=as_json)
+        results = inspect_bench(config, folder)
+    return show_results(results, as_json=as_json)
 
 
 def show_results(results: Sequence[CheckResult], console: Console | None = None, *, as_json: bool = False) -> int:
@@ -167,7 +160,7 @@ def inspect_bench(config: StationConfig, folder: Path, make_devices: MakeDevices
 
 
 def compare(survey: DeviceSurvey, devices: Sequence[str], config: StationConfig, folder: Path) -> list[CheckResult]:
-    """What the devices sent, compared with the configuration."""
+    """Comparison of the devices' samples with the configuration."""
     return [
         *(check_device(survey, device) for device in devices),
         *(_check_rate(survey, stream) for stream in survey.streams.values()),

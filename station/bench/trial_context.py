@@ -1,4 +1,4 @@
-"""What the states of one trial share: streams, counters, the writer, and the conditions that start and end it."""
+"""Shared data of the states of one trial: streams, counters, the writer, and the conditions that start and end it."""
 
 from __future__ import annotations
 

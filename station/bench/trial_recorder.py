@@ -396,7 +396,7 @@ class RecordedItems:
             self._writer.write(event)
 
     def misalignment(self) -> Message[TrialCode] | None:
-        """Why a fit could not align the streams; None if it can. Call once, after the last item."""
+        """Reason why a fit could not align the streams; None if it can. Call once, after the last item."""
         from fitting.trial.timeline import align_by_sync_edge  # takes as long to import as a device to open
 
         if not self._manifest.begins_at_edge:

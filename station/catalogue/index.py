@@ -239,7 +239,7 @@ def _replace_participants(connection: duckdb.DuckDBPyConnection, participants: P
 
 
 class SessionState(StrEnum):
-    """How much of a session there is to read."""
+    """Readable part of a session."""
 
     FITTED = "fitted"
     NOT_FITTED = "not_fitted"

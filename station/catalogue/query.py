@@ -36,7 +36,7 @@ READ_ONLY: dict[str, str | bool | int | float | list[str]] = {
 
 @dataclass(frozen=True)
 class SessionFilter:
-    """Which cuffs to list; None takes all. since and before compare with the start of the session in UTC."""
+    """Filter of the list of cuffs; None takes all. since and before compare with the start of the session in UTC."""
 
     subject: str | None = None
     operator: str | None = None

@@ -1,4 +1,4 @@
-"""What a chart shows, as data: lines, dots, bands, intervals, rules, with axes and paths.
+"""Content of a chart as data: lines, dots, bands, intervals, rules, with axes and paths.
 
 Coordinates are in the units of the axes. A colour is a class of the page's style sheet (`ink`, `quiet`, `c1` … `c6`),
 so that it follows the light, dark or printed page.

@@ -74,7 +74,7 @@ class Area:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the axes of a panel are, and their ticks with their texts."""
+    """Position of the axes of a panel, and their ticks with their texts."""
 
     area: Area
     x_ticks: Ticks

@@ -55,7 +55,7 @@ class Actions:
         is_of_session: bool = False,
         asks: bool = False,
     ) -> ui.button:
-        """Add a button and its keys, of which it shows the first; is_apart: at the other end of the bar; is_of_session:
+        """Add a button and its keys, the first of them shown; is_apart: at the other end of the bar; is_of_session:
         after those of the trial, in a group that stays together; asks: the action only asks for confirmation.
         """
         if is_of_session and self._of_session is None:

@@ -46,7 +46,6 @@ window.station = (() => {
   function showConnected() {
     lostSince = null;
     document.body.classList.remove("no-console");
-    station.showUnconfirmed?.();
   }
 
   function render() {

@@ -4,6 +4,7 @@
 (() => {
   const PRESSED = "station.pressed", FORM = "station.form.";
   const TYPING_MS = 1500, REDRAWN_MS = 1000;
+  const CONFIRM_MS = 5000; // the console executes no press that is older than 3 s, and confirms each at once
   const nameOf = (element) => `${element.tagName} ${element.ariaLabel || element.textContent}`;
   let typedAt = 0; // the last letter in a field that was not left since
   let focused = null; // the element that had the focus last, its name, and when it was missed
@@ -16,18 +17,28 @@
     return letters.map((letter) => buttons.find((button) => button.dataset.keys.includes(letter))).find(Boolean);
   }
 
+  // Presses without a confirmation: name, and when it was sent [ms], 0 for a key that never was.
+  const pressed = () => JSON.parse(sessionStorage.getItem(PRESSED) || "[]");
+
+  function keepPressed(presses) {
+    sessionStorage.setItem(PRESSED, JSON.stringify(presses));
+    showUnconfirmed();
+  }
+
   function showUnconfirmed() {
-    const names = JSON.parse(sessionStorage.getItem(PRESSED) || "[]"), notice = document.querySelector(".unconfirmed");
-    if (!notice) return;
-    notice.hidden = !names.length;
-    notice.querySelector(".names").textContent = names.join(", ");
+    const due = pressed().filter(({ sent }) => Date.now() - sent >= CONFIRM_MS);
+    const notice = document.querySelector(".unconfirmed");
+    notice.hidden = !due.length;
+    notice.querySelector(".lack").textContent = due.some(({ sent }) => sent) ? "confirmed" : "executed";
+    notice.querySelector(".names").textContent = due.map(({ name }) => name).join(", ");
+    if (pressed().length > due.length) setTimeout(showUnconfirmed, CONFIRM_MS);
   }
 
   function build() {
     const notice = document.createElement("div");
     notice.className = "unconfirmed";
     notice.setAttribute("role", "alert");
-    notice.innerHTML = "<div>Pressed while the console did not answer, and not executed: <b class=names></b>. " +
+    notice.innerHTML = "<div>Pressed while the console did not answer, and not <span class=lack></span>: <b class=names></b>. " +
       "Press it again if it is still wanted.</div><button>Close</button>";
     notice.querySelector("button").addEventListener("click", () => station.confirmPress());
     document.body.append(notice);
@@ -37,21 +48,15 @@
   Object.assign(window.station, {
     // Called by a button that is pressed; returns the time of the press [Unix ms, clock of the console].
     press(name) {
-      sessionStorage.setItem(PRESSED, JSON.stringify([name]));
+      keepPressed([{ name, sent: Date.now() }]);
       return station.now();
     },
-    confirmPress() {
-      sessionStorage.removeItem(PRESSED);
-      showUnconfirmed();
-    },
+    confirmPress() { keepPressed([]); },
     // A key was pressed while the console did not answer.
     missKey(event) {
-      const name = isTyping() || event.key.length > 1 ? null : buttonOf(event)?.innerText ?? null;
-      if (name === null) return;
-      const names = JSON.parse(sessionStorage.getItem(PRESSED) || "[]");
-      if (!names.includes(name)) sessionStorage.setItem(PRESSED, JSON.stringify([...names, name]));
+      const name = isTyping() || event.key.length > 1 ? null : buttonOf(event)?.innerText.replace(/ \(.\)$/, "") ?? null;
+      if (name !== null && !pressed().some((press) => press.name === name)) keepPressed([...pressed(), { name, sent: 0 }]);
     },
-    showUnconfirmed,
     keepForm(name, content) { sessionStorage.setItem(FORM + name, JSON.stringify(content)); },
     keptForm(name) { return JSON.parse(sessionStorage.getItem(FORM + name) || "{}"); },
   });

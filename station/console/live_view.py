@@ -1,24 +1,25 @@
 """The live page: the body with its muscles, effort by scenario, cord force, EMG, and the rest length of the cord.
 
 It may be opened and closed at any time, on any number of browsers; all show the same. A page that draws too slowly
-gets fewer updates (`UNDRAWN_UPDATES`), and the age of what it shows is computed in the browser.
+gets fewer updates (`UpdateSender`), and the age of what it shows is computed in the browser.
 """
 
 from __future__ import annotations
 
-import asyncio
 import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
 from documents.interval import counted
+from documents.plain_data import finite
 from recordings.manifest import DataOrigin
 from station.console.charts import DISPLACEMENT, FORCE, FORCE_AXIS, INK, axis, axis_below, line
 from station.console.live_feed import SHOWN_S, SLACK, WORN, LiveFeed, LivePoint
+from station.console.running_view import DRAW_TIMEOUT_S, UpdateSender
 from station.live.published import LiveBest, LiveRecent, LiveScenario, LiveSetup, LiveUpdate, LiveValues
 from station.messages.live_messages import LiveCode
 
@@ -29,9 +30,6 @@ SCRIPTS = "".join(
     f"<script>{(HERE / name).read_text(encoding='utf-8')}</script>"
     for name in ("freshness.js", "view3d.js", "body.js", "live.js")
 )
-DRAW_TIMEOUT_S = 10.0
-UNDRAWN_UPDATES = 2
-"""As on the page of a trial: more are sent only when one is drawn."""
 SLIDER_STEP_M = 0.005
 FULL_BAR = 1.2
 """Effort over that of the slack suit at which its bar ends."""
@@ -84,8 +82,7 @@ class LiveMuscles:
 
     def __init__(self, feed: LiveFeed) -> None:
         self._feed, self._client = feed, ui.context.client
-        self._undrawn = 0
-        self._drawn: tuple[int, LiveUpdate | None] = (0, None)
+        self._sender = UpdateSender(self._draw)
         self._sent_points = 0
         self._setups = -1
         self._findings: tuple[str, ...] = ()
@@ -138,15 +135,12 @@ class LiveMuscles:
         feed = self._feed
         if feed.setups != self._setups or (feed.drawing is not None) != self._has_drawing:
             self._setups, self._has_drawing = feed.setups, feed.drawing is not None
-            self._sent_points, self._drawn = 0, (0, None)
-            self._shown_scenario = feed.worn or 0
+            self._sent_points, self._shown_scenario = 0, feed.worn or 0
             self._build.refresh()
         if not self._ready or feed.setup is None:
             return
         self._show_texts(feed.setup)
-        if feed.shown is not None and self._drawn != (feed.setups, feed.shown) and self._undrawn < UNDRAWN_UPDATES:
-            self._drawn = feed.setups, feed.shown
-            background_tasks.create(self._draw(feed.shown))
+        self._sender.tick(None if feed.shown is None else (feed.setups, feed.shown))
 
     _has_drawing = False
 
@@ -168,9 +162,10 @@ class LiveMuscles:
         if self._slider is not None and abs(self._slider.value - feed.rest_length_m) > 1e-6:
             self._slider.value = feed.rest_length_m
 
-    async def _draw(self, update: LiveUpdate) -> None:
-        values, feed = update.values, self._feed
-        assert values is not None and feed.setup is not None  # noqa: S101  (feed.shown has values)
+    async def _draw(self) -> None:
+        feed, update = self._feed, self._feed.shown
+        if feed.setup is None or update is None or (values := update.values) is None:
+            return
         new = min(feed.points - self._sent_points, len(feed.history))
         points, self._sent_points = list(feed.history)[-new:] if new else [], feed.points
         shown = values.scenarios[self._shown_scenario]
@@ -185,13 +180,8 @@ class LiveMuscles:
             "curves": [(chart.id, _curves(points, name)) for name, chart in self._charts.items()],
             "seconds": SHOWN_S,
         }
-        self._undrawn += 1
-        try:
-            await self._client.run_javascript(f"return station.drawLive({_json(picture)})", timeout=DRAW_TIMEOUT_S)
-        except TimeoutError:  # a frozen or closed browser
-            await asyncio.sleep(0)
-        finally:
-            self._undrawn -= 1
+        drawn = f"return station.drawLive({json.dumps(finite(picture))})"
+        await self._client.run_javascript(drawn, timeout=DRAW_TIMEOUT_S)
 
     def _body(self, values: LiveValues, activations: Sequence[float]) -> dict[str, Any] | None:
         if self._feed.drawing is None or not all(map(math.isfinite, values.coordinates)):
@@ -240,7 +230,7 @@ def _width(share: float) -> float:
 
 
 def _scenario_choice(scenarios: Sequence[LiveScenario], chosen: int, choose: Callable[[int], None]) -> ui.toggle:
-    """Which scenario's activations colour the muscles; on this page only."""
+    """Choice of the scenario whose activations colour the muscles, on this page only."""
     names = {index: scenario_text(scenario) for index, scenario in enumerate(scenarios)}
     toggle = ui.toggle(names, value=chosen, on_change=lambda event: choose(event.value))
     return toggle.classes("colour-by").props("no-caps").mark("colour-by")
@@ -291,27 +281,14 @@ def _curves(points: Sequence[LivePoint], name: str) -> list[list[tuple[float, fl
     return [[(time, round(value, 4)) for time, value in zip(times, column, strict=True)] for column in columns]
 
 
-def _json(picture: dict[str, Any]) -> str:
-    """NaN as null: a gap in a curve, a muscle without an activation."""
-    return json.dumps(_without_nan(picture))
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _without_nan(one) for key, one in value.items()}
-    return [_without_nan(one) for one in value] if isinstance(value, list | tuple) else value
-
-
 def body_text(setup: LiveSetup) -> str:
-    """Whose body is solved."""
+    """Name and scaling of the body."""
     scaled = "scaled to the wearer" if setup.subject.is_scaled else "generic, not scaled to the wearer"
     return f"body: {setup.subject.name}, {scaled}"
 
 
 def scenario_text(scenario: LiveScenario) -> str:
-    """What is worn. Further rest lengths and cuffs go by their own names."""
+    """Title of a scenario. Further rest lengths and cuffs have their own names."""
     return {"slack": "slack cord", "rigid": "rigid cuffs", "worn": "as worn"}.get(scenario.name, scenario.name)
 
 
@@ -352,7 +329,7 @@ def most_active(muscles: Sequence[str], activations: Sequence[float]) -> str:
 
 
 def delivery_text(setup: LiveSetup, update: LiveUpdate | None, *, is_over: bool) -> str:
-    """How many frames are solved and left out, and what this page did not get."""
+    """Numbers of frames solved and left out, and of updates that this page missed."""
     if update is None:
         return "waiting for the first frame"
     delivery = update.delivery

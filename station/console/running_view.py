@@ -342,7 +342,7 @@ def _force_over_motion(live: LiveTrial) -> list[list[float]]:
     return pairs
 
 
-def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
+def _over_time(motion: str) -> dict[str, Any]:
     """Chart of the force and, on the right axis, of the motion of that name."""
     right = axis(motion, DISPLACEMENT, splitLine={"show": False})
     return {
@@ -350,7 +350,7 @@ def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
         "grid": {"left": 60, "right": 60, "top": 40, "bottom": 60},
         "xAxis": axis_below(TIME_AXIS, splitNumber=5),
         "yAxis": [axis(FORCE_AXIS, FORCE), right],
-        "dataZoom": [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=[0, 1], zoomOnMouseWheel="shift")],
+        "dataZoom": _zoom([0, 1]),
         "series": [line(FORCE), line(DISPLACEMENT, yAxisIndex=1)],
     }
 
@@ -358,17 +358,20 @@ def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
 def _motion_over_time(motion: str) -> dict[str, Any]:
     """Chart of the motion of that name alone."""
     chart = _over_time(motion)
-    zoom = [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=0, zoomOnMouseWheel="shift")]
-    return {**chart, "yAxis": [axis(motion, DISPLACEMENT)], "dataZoom": zoom, "series": [line(DISPLACEMENT)]}
+    return {**chart, "yAxis": [axis(motion, DISPLACEMENT)], "dataZoom": _zoom([0]), "series": [line(DISPLACEMENT)]}
+
+
+def _zoom(vertical: list[int]) -> list[dict[str, Any]]:
+    """The wheel zooms the time axis, with Shift the vertical axes of these numbers."""
+    return [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=vertical, zoomOnMouseWheel="shift")]
 
 
 def _emg_over_time(live: LiveTrial) -> dict[str, Any]:
     """Chart of the EMG; its channels are named by the first samples."""
-    zoom = [zoomed_by_wheel(xAxisIndex=0), zoomed_by_wheel(yAxisIndex=0, zoomOnMouseWheel="shift")]
     grid = {"left": 60, "right": 20, "top": 70, "bottom": 60}
     legend = {"top": 0, "right": 10, "type": "scroll", "textStyle": {"fontSize": 16}}
     axes = {"xAxis": axis_below(TIME_AXIS, splitNumber=4), "yAxis": axis(emg_axis(live))}
-    return {"animation": False, "grid": grid, "legend": legend, **axes, "dataZoom": zoom, "series": []}
+    return {"animation": False, "grid": grid, "legend": legend, **axes, "dataZoom": _zoom([0]), "series": []}
 
 
 class MarkReceipt:
@@ -417,12 +420,12 @@ class UpdateSender:
     def __init__(self, draw: Callable[[], Awaitable[object]]) -> None:
         self._draw = draw
         self._undrawn = 0
-        self._sent_at: float | None = None
+        self._sent: object = None
 
-    def tick(self, at: float | None) -> None:
-        """Send the data of time `at` unless they are sent already or the browser is behind; None without data."""
-        if at is not None and at != self._sent_at and self._undrawn < UNDRAWN_UPDATES:
-            self._sent_at = at
+    def tick(self, data: object) -> None:
+        """Send the data, given by themselves or by their time, unless they are sent or the browser is behind."""
+        if data is not None and data != self._sent and self._undrawn < UNDRAWN_UPDATES:
+            self._sent = data
             self._undrawn += 1
             background_tasks.create(self._send())
 

@@ -197,7 +197,7 @@ def _end(*_: object) -> NoReturn:
 
 
 def _is_no_cancellation(record: logging.LogRecord) -> bool:
-    """Whether the record is none of an answer that was cancelled at the end, of which the server logs a traceback."""
+    """Whether to log the record: at the end, the server logs a traceback for every cancelled answer."""
     return not (record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError))
 
 
@@ -260,10 +260,10 @@ class CompressionMiddleware(GZipMiddleware):
 def main(parent: ProcessLink, folder: str, port: str) -> None:
     """Serve the live page alone in a process of its own, until Ctrl-C or the end of the parent."""
     exit_with_parent(parent)
-    serve_live(Path(folder), port=int(port))
+    serve_live(Path(folder), int(port))
 
 
-def serve_live(folder: Path, *, port: int = 8422, is_opened: bool = False) -> None:
+def serve_live(folder: Path, port: int) -> None:
     """Serve the live page alone until Ctrl-C, for a replay or beside a recording that the terminal runs.
 
     The values are those of the live process that announces itself in the folder, now or later.
@@ -276,7 +276,7 @@ def serve_live(folder: Path, *, port: int = 8422, is_opened: bool = False) -> No
         stack.callback(feed.close)
         app.add_middleware(AccessMiddleware, token=None)
         app.add_api_route("/beat", answer_beat)
-        app.on_startup(partial(print_address, f"http://{LOOPBACK[0]}:{port}/", is_opened=is_opened))
+        app.on_startup(partial(print_address, f"http://{LOOPBACK[0]}:{port}/", is_opened=False))
         app.timer(LIVE_POLL_S, feed.poll)
         ui.run(
             lambda: show_live_page(feed),

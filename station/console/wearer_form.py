@@ -1,4 +1,4 @@
-"""What no marker shows of the wearer, as fields: in the set-up, and in a dialog of the open session."""
+"""Form of the wearer's data that no marker shows: in the set-up, and in a dialog of the open session."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ class Segments:
 
 
 def find_segments(time: Array, values: Array) -> Segments:
-    """Find the gap-free segments of values (rows, columns) at even times (rows,), of which some may be lost."""
+    """Find the gap-free segments of values (rows, columns) at even times (rows,) with gaps."""
     is_known: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(values), axis=1)
     changes = np.diff(is_known) | _jumps(time)
     starts = np.concatenate([[0], np.flatnonzero(changes) + 1]).tolist()

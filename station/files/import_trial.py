@@ -111,7 +111,7 @@ def marker_file_notes(markers: MarkerTable) -> tuple[Message[ImportCode], ...]:
 
 
 def _force_notes(force: Force, source: ForceSource) -> tuple[Message[ImportCode], ...]:
-    """Where the force is from, and its range, if the file has other signals and no option names the column."""
+    """Column and range of the force, if the file has other signals and no option names the column."""
     if source.column or not force.others:
         return ()
     figures: Figures = {

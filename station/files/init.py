@@ -12,7 +12,7 @@ from station.errors import StationError
 from station.messages.setup_messages import ConfigCode
 
 SHARED = "share/cuffstation/"
-"""Where an installation keeps them; a checkout has them in its own folder."""
+"""Folder in an installation; a checkout has them in its own folder."""
 
 
 class InitError(StationError):

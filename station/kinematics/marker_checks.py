@@ -151,7 +151,7 @@ def find_in_markers(time: Array, tasks: TrackingTasks, observed: Array) -> tuple
 
 
 def seen_markers(markers: Sequence[Marker], observed: Array) -> list[Marker]:
-    """Those of which observed (frames, markers, 3) has a position in some frame."""
+    """Markers with a position in any frame of observed (frames, markers, 3)."""
     shown = np.isfinite(observed).all(axis=2).any(axis=0)
     return [markers[index] for index in np.flatnonzero(shown).tolist()]
 

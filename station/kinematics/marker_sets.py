@@ -11,7 +11,7 @@ from pydantic import Field
 
 from documents.message import Message
 from documents.plain_data import parse_toml, read_toml
-from documents.validation import DOCUMENT_ERRORS, Section, Vector, invalid_because
+from documents.validation import Section, Vector, refused_as
 from solver.model import Marker, Model
 from solver.osim.model_writer import with_markers
 from station.errors import StationError
@@ -68,10 +68,8 @@ def read_marker_set(name: str) -> LabelledMarkers:
                 Message(KinematicsCode.UNKNOWN_SET, {"name": name, "known": ", ".join(published_sets())})
             )
         return _published()[name]
-    try:
+    with refused_as(MarkerSetError, Path(name), KinematicsCode.WRONG_SET):
         return LabelledMarkers.model_validate(read_toml(Path(name)))
-    except DOCUMENT_ERRORS as error:
-        raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, **invalid_because(error)})) from error
 
 
 def place_marker_set(model: Model, name: str) -> PlacedMarkers:

@@ -70,7 +70,7 @@ LARGEST_RMS = 0.030
 """m, of the markers from the best body; the published hand-tuned bodies of a lab have 24 to 27 mm without offsets."""
 INCOMPLETE = (PersonCode.NOT_CONVERGED, PersonCode.UNSOLVED_FRAMES, KinematicsCode.EXCHANGED)
 MOST_JOINT_FRAMES = 100
-"""Of a trial of which muscles and joint force are solved."""
+"""Frames of a trial in which muscles and joint force are solved, at most."""
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ class BodySize(_Part):
 
 
 class BodyMarker(_Part):
-    """Where a marker is, from where the scaled model has it, along the axes of its body."""
+    """Offset of a marker from its place on the scaled model, along the axes of its body."""
 
     name: str
     body: str
@@ -316,7 +316,7 @@ class BodyExtreme(_Part):
 
 
 class BodyTrial(_Part):
-    """What markers, muscles and joint show in a trial."""
+    """Checks of markers, muscles and joint in a trial."""
 
     name: str
     frames: int

@@ -264,7 +264,7 @@ class AssessmentCode(Code):
 
 
 class DecisionCode(Code):
-    """Which cuff to choose, as solver.suit.decision.DecisionOutcome; FIT_ONLY: the total uncertainty is not known.
+    """Choice of the cuff, as solver.suit.decision.DecisionOutcome; FIT_ONLY: the total uncertainty is not known.
     NO_PEOPLE: nor can it be, because people are not drawn with elastic tendons.
     """
 
@@ -371,7 +371,7 @@ class InputCode(Code):
 
 
 class AssessmentFileCode(Code):
-    """What is wrong with the file."""
+    """Fault of the file."""
 
     UNREADABLE = "assessment_file.unreadable", "{path} cannot be read: {reason}"
     NOT_JSON = "assessment_file.not_json", "{path} {reason}" + _REMEDY

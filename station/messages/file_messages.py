@@ -186,7 +186,7 @@ class ExportCode(Code):
 class NumberCode(Code):
     """Reason why a number of the report does not agree with its source."""
 
-    FILE = "number.file", "{file} cannot be used ({reason}); write it again with `station report`"
+    FILE = "number.file", "{path} cannot be used ({reason}); write it again with `station report`"
     UNKNOWN = (
         "number.unknown",
         "{file} has no number {id}; the page shows the id of a number when the pointer rests on it",

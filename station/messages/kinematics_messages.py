@@ -76,7 +76,7 @@ class PersonCode(Code):
 
 
 class SubjectCode(Code):
-    """What is wrong with subject.toml, or missing in its folder."""
+    """Fault of subject.toml, or file missing in its folder."""
 
     UNREADABLE = (
         "subject.unreadable",
@@ -174,7 +174,7 @@ class KinematicsCode(Code):
         "marker_set.unknown",
         "there is no marker set {name}; choose from {known}, or a file that ends in .toml",
     )
-    WRONG_SET = "marker_set.unreadable", "{name} cannot be read as a marker set: {reason}"
+    WRONG_SET = "marker_set.unreadable", "{path} cannot be read as a marker set: {reason}"
     NO_BODY = (
         "marker_set.no_body",
         "marker set {set}: {marker} is attached to {body}, which {model} does not have; it has {known}",

@@ -224,7 +224,7 @@ def body_figure(
 
 
 def postures_text(postures: Sequence[PostureEntry]) -> str:
-    """What the postures are."""
+    """Description of the postures."""
     return POSTURES[postures[0].chosen_by]
 
 

@@ -80,7 +80,7 @@ def first_page(assessment: AssessmentDocument | None, cuffs: Cuffs) -> FirstPage
 
 
 def answer(assessment: AssessmentDocument) -> Iterator[Shown]:
-    """Which cuff, how much less effort than with a slack cord, with which interval, at which rest length."""
+    """The cuff to choose, the effort saved against a slack cord with its interval, and the rest length."""
     arms, optimum, decision = list(assessment.cost.arms), assessment.optimum, assessment.decision
     efforts = {cuff: optimum.of(cuff).normalised_cost.value for cuff in arms}
     known = {cuff: effort for cuff, effort in efforts.items() if effort is not None}
@@ -131,7 +131,7 @@ def _fitted(cuffs: Cuffs) -> Iterator[Shown]:
 
 
 def _basis(assessment: AssessmentDocument) -> Iterator[Shown]:
-    """Whose body and motion, and what the intervals contain."""
+    """Origin of body and motion, and sources in the intervals."""
     subject = assessment.subject
     why = [text for code, text in _coded(assessment) if code in WEARER]
     if subject:
@@ -149,7 +149,7 @@ def _basis(assessment: AssessmentDocument) -> Iterator[Shown]:
 
 
 def interval_contents(assessment: AssessmentDocument) -> str:
-    """What the intervals of the assessment contain; empty without any."""
+    """Sources of uncertainty in the intervals; empty without intervals."""
     return sources_text([*assessment.uncertainty.sources]) if assessment.uncertainty else ""
 
 
@@ -168,7 +168,7 @@ def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:
 
 
 def list_limits(assessment: AssessmentDocument) -> Iterator[str]:
-    """What limits the result, in sentences."""
+    """Limitations of the result, in sentences."""
     yield from (text for code, text in _coded(assessment) if code in LIMITING)
     if assessment.decision and assessment.decision.at_reference.code in ADVICE:
         yield (

@@ -203,10 +203,5 @@ def _held_loads(curves: FittedPull, fit: CuffFit, colour: Colour, wider: float) 
     for segment in np.unique(curves.static.segment):
         inside = curves.static.segment == segment
         if inside.sum() > 1:
-            yield stiffness_line(fit.stiffness.value, x[inside], curves.static.offset[inside][0])
-
-
-def stiffness_line(stiffness: float, x: Array, offset: float, label: str = "") -> Line:
-    """F = k x + offset over the displacements x (n,) [m]."""
-    ends = values([x.min(), x.max()])
-    return Line(MM * ends, stiffness * ends + offset, "ink", label)
+            ends = values([x[inside].min(), x[inside].max()])
+            yield Line(MM * ends, fit.stiffness.value * ends + curves.static.offset[inside][0], "ink")

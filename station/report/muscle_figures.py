@@ -38,7 +38,7 @@ LEAST_SHOWN = 0.01
 FINE, SOLVED = 121, 1.6
 """Points of a smooth curve, and radius [px] of the dot of a length that was solved."""
 COSTLIEST = 1.3
-"""Where cost curves leave the figure: far too short a cord costs double, and would hide what matters."""
+"""Largest cost in the figure: a cord that is far too short costs double, and would compress the other curves."""
 NAMED_MUSCLES = (
     "DeltoideusClavicle_A",
     "DeltoideusScapula_M",

@@ -24,7 +24,7 @@ from pydantic import TypeAdapter
 from documents.interval import counted
 from documents.message import Message
 from documents.plain_data import read_json
-from documents.validation import DOCUMENT_ERRORS, invalid_because
+from documents.validation import refused_as
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_document, read_cuffs, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
@@ -88,7 +88,7 @@ class ReportError(StationError):
 
 @dataclass(frozen=True)
 class Results:
-    """What the text of a page is made of.
+    """Inputs of the text of a page.
 
     document: content of cuffs.json, or what a fit would write there, located; None without either
     assessment: located
@@ -185,7 +185,7 @@ def render(results: Results, drawn: Drawn = MappingProxyType({})) -> tuple[str, 
 
 
 def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
-    """What the templates show."""
+    """Variables of the templates."""
     folder, document, assessment, emg = results.folder, results.document, results.assessment, results.emg
     origin, chain = results.origin, trace_chain(folder, is_report_included=False)
     known = located(results.truth, Source.of(TRUTH_FILE))
@@ -253,7 +253,7 @@ def _inputs(folder: Path) -> list[str]:
 
 
 def _contradictions(cuffs: Mapping[str, Cuff], assessment: AssessmentDocument | None) -> list[str]:
-    """Where the assessment wears other figures than those in the table of cuffs, in sentences."""
+    """Sentences on cuffs whose figures in the assessment differ from those in the table of cuffs."""
     sentences = []
     for name, entries in (assessment.cuffs if assessment else {}).items():
         for quantity, key in QUANTITIES.items() if name in cuffs else ():
@@ -270,11 +270,8 @@ def _contradictions(cuffs: Mapping[str, Cuff], assessment: AssessmentDocument | 
 
 def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
     """Content of a file beside the recordings, None without the file. Raises ReportError."""
-    try:
+    with refused_as(ReportError, path, FolderCode.FILE_BESIDE_UNUSABLE):
         return kind.validate_python(read_json(path)) if path.is_file() else None
-    except DOCUMENT_ERRORS as error:
-        figures = {"path": str(path), **invalid_because(error)}
-        raise ReportError(Message(FolderCode.FILE_BESIDE_UNUSABLE, figures)) from error
 
 
 class CompiledTemplates(BytecodeCache):

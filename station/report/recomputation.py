@@ -117,7 +117,7 @@ def _assessment_links(
         yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, ELSEWHERE)
         return
     worn, people = read_cuffs_to_wear(inputs.cuffs, inputs.chosen), _people(recorded)
-    frames, lengths = int(recorded.frames.value), len(recorded.rest_lengths_m.value)
+    frames, lengths = recorded.frames.value, len(recorded.rest_lengths_m.value)
     assessed = assess_cuffs(
         worn, inputs, most_frames=frames, most_rest_lengths=lengths, people=people, progress=progress
     )
@@ -133,9 +133,9 @@ def _people(recorded: AssessmentDocument) -> PeopleRun | None:
     """The people of the assessment, drawn again from the bundled budget."""
     if not (uncertainty := recorded.uncertainty):
         return None
-    budget = read_budget(people=int(uncertainty.people.value))
+    budget = read_budget(people=uncertainty.people.value)
     sources: SourceChoice = "cuffs" if uncertainty.sources == ["fit"] else "all"
-    return PeopleRun(budget, sources=sources, index_blocks=int(uncertainty.index_blocks.value))
+    return PeopleRun(budget, sources=sources, index_blocks=uncertainty.index_blocks.value)
 
 
 def _inputs(folder: Path, recorded: AssessmentDocument) -> AssessmentInputs | None:

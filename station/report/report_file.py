@@ -9,9 +9,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from documents.message import Message
 from documents.plain_data import read_json
-from documents.validation import DOCUMENT_ERRORS, invalid_because
+from documents.validation import refused_as
 from recordings.manifest import DataOrigin
 from station.errors import StationError
 from station.messages.file_messages import NumberCode
@@ -29,7 +28,7 @@ class Part(BaseModel):
 
 
 class Derivation(StrEnum):
-    """How a number is computed from the value at its pointer."""
+    """Operation that gives a number from the value at its pointer."""
 
     VALUE = "value"
     SUM = "sum"
@@ -45,7 +44,7 @@ def pointer_below(pointer: str, key: str | int) -> str:
 
 
 class Source(Part):
-    """Where a number is from: file in the session folder and JSON Pointer (RFC 6901) into it."""
+    """Source of a number: file in the session folder and JSON Pointer (RFC 6901) into it."""
 
     file: Annotated[str, Field(description="of a recording, the pointer is into its manifest; empty for a count")]
     pointer: str = ""
@@ -134,8 +133,5 @@ def numbers_text(document: ReportDocument) -> str:
 
 def read_numbers(path: Path) -> ReportDocument:
     """Read report.json. Raises ReportFileError with the wrong key."""
-    try:
+    with refused_as(ReportFileError, path, NumberCode.FILE):
         return ReportDocument.model_validate(read_json(path))
-    except DOCUMENT_ERRORS as error:
-        figures = {"file": str(path), **invalid_because(error)}
-        raise ReportFileError(Message(NumberCode.FILE, figures)) from error

@@ -130,7 +130,7 @@ def _reserve_groups(solved: SolvedMotion) -> dict[tuple[str, str], list[int]]:
 
 
 def _glenoid(page: Page, solved: SolvedMotion) -> None:
-    """Where the line of the reaction goes through the glenoid, coloured by time; its rim, and frames beyond solving."""
+    """Path of the reaction's line of action on the glenoid, coloured by time; its rim, and unsolved frames."""
     found = solved.solution
     axis = page.subplots()
     axis.set_title("joint reaction in the plane of the glenoid", loc="left")

@@ -91,11 +91,11 @@ def rendered_numbers(folder: Path) -> Numbers | Fault:
     try:
         return render(read_results(folder))[1].numbers
     except (StationError, FitError, PlainDataError, OSError) as error:
-        return Message(NumberCode.FILE, {"file": str(getattr(error, "filename", None) or folder), **because(error)})
+        return Message(NumberCode.FILE, {"path": str(getattr(error, "filename", None) or folder), **because(error)})
 
 
 def page_faults(key: str, entry: ReportedNumber | DrawnFigure, marks: Marks) -> Iterator[Fault]:
-    """Why a number or figure is not on the page as it is listed."""
+    """Fault of a number or figure that is not on the page as it is listed."""
     if key not in marks:
         yield Message(NumberCode.NOT_ON_PAGE, {"id": key})
         return
@@ -106,7 +106,7 @@ def page_faults(key: str, entry: ReportedNumber | DrawnFigure, marks: Marks) -> 
 
 
 def source_faults(key: str, listed: ReportDocument, rendered: Numbers) -> Iterator[Fault]:
-    """Why a number is not the one that its source gives. Another version may show it with another text, or not."""
+    """Fault of a number that differs from its source. Another version may word or omit it."""
     number, again, is_same_version = listed.numbers[key], rendered.get(key), listed.version == VERSION
     place = {"id": key, "source": number.source.file or "recordings", "pointer": number.source.pointer}
     if again is None:

@@ -268,7 +268,7 @@ def _recorder_reasons(recorded: Recorded | None) -> Iterator[Reason]:
 
 
 def _details_of_kill(recorded: Recorded | None) -> str | None:
-    """What the killed recorder left of the file; None if it was not killed."""
+    """Recovered part of the file of a killed recorder; None if it was not killed."""
     killed = [] if recorded is None else [code for code in recorded.codes if code.code is TrialCode.RECORDER_KILLED]
     return str(killed[0].figures.get("details", "")) if killed else None
 

@@ -47,7 +47,7 @@ TREND_S, TREND_DEG = 0.5, 4.0
 
 
 class RestState(StrEnum):
-    """How steady the force is."""
+    """Steadiness of the signal."""
 
     WAITING = "no force yet"
     NO_ELEVATION = "no elevation yet"
@@ -95,17 +95,21 @@ def guide_for(test: TestKind, protocol: ProtocolSection) -> Guide:
     return BounceGuide(protocol.swing_s) if test == "bounce" else SwingGuide(protocol.swing_s)
 
 
-class RecentForce:
-    """The force of the last window_s seconds, and its statistics."""
+class RecentSignal:
+    """The points (time s, value) of the last window_s seconds."""
 
     def __init__(self, window_s: float) -> None:
         self._window_s = window_s
         self._points: deque[tuple[float, float]] = deque()
 
-    def add(self, time: float, force: float) -> None:
-        self._points.append((time, force))
+    def add(self, time: float, value: float) -> None:
+        self._points.append((time, value))
         while self._points[-1][0] - self._points[0][0] > self._window_s:
             self._points.popleft()
+
+
+class RecentForce(RecentSignal):
+    """Statistics of a force [N]."""
 
     @property
     def mean(self) -> float:
@@ -330,16 +334,8 @@ def wearer_guide(condition: TrialCondition | None, body: BodySection, *, is_pose
     return MotionGuide(body.cycles)
 
 
-class RecentElevation:
-    """The elevation of the last STILL_S."""
-
-    def __init__(self) -> None:
-        self._points: deque[tuple[float, float]] = deque()
-
-    def add(self, time: float, angle: float) -> None:
-        self._points.append((time, angle))
-        while self._points[-1][0] - self._points[0][0] > STILL_S:
-            self._points.popleft()
+class RecentElevation(RecentSignal):
+    """Trend and range of an elevation [deg]."""
 
     def trend(self) -> int:
         """1 while the arm rises by more than TREND_DEG in TREND_S, -1 while it falls, otherwise 0."""
@@ -363,7 +359,7 @@ class PoseGuide:
 
     def __init__(self, pose_s: float) -> None:
         self._pose_s = pose_s
-        self._recent = RecentElevation()
+        self._recent = RecentElevation(STILL_S)
         self._first: float | None = None  # s, of the recording
         self._now = 0.0
 
@@ -391,7 +387,7 @@ class MotionGuide:
 
     def __init__(self, cycles: int) -> None:
         self._cycles = cycles
-        self._recent, self._detector = RecentElevation(), CycleDetector()
+        self._recent, self._detector = RecentElevation(STILL_S), CycleDetector()
         self.stages = tuple(f"cycle {number}" for number in range(1, cycles + 1))
         self._is_at_top = False  # the present raise has ended
         self._is_lowering = False  # the last cycle is counted, and the arm still falls
@@ -424,7 +420,7 @@ class UncountedGuide:
     stages = ()
 
     def __init__(self, message: Message[CueCode]) -> None:
-        self._message, self._recent = message, RecentElevation()
+        self._message, self._recent = message, RecentElevation(STILL_S)
 
     def update(self, points: Iterable[tuple[float, float]], *, is_recorded: bool = True) -> None:  # noqa: ARG002
         for time, angle in points:

@@ -17,7 +17,7 @@ from station.messages.session_messages import ReasonCode
 Grade = Literal["good", "doubtful", "bad"]
 Reason = Message[ReasonCode]
 MISSING = "-"
-"""In the place of a figure that there is not."""
+"""Text of a missing figure."""
 FOR_THE_REPORT = {
     TrialNoteCode.ASSIGNED,
     TrialNoteCode.SYNC_CERTIFICATE,

@@ -161,7 +161,7 @@ class OpenSession:
 
     @property
     def wearer(self) -> Subject:
-        """What subject.toml states; nothing is known without it. Raises SubjectError for one that is damaged."""
+        """Content of subject.toml; an unknown wearer without the file. Raises SubjectError for a damaged file."""
         is_declared = self.folder is not None and (self.folder / SUBJECT_FILE).exists()
         return read_subject(self.folder) if is_declared and self.folder is not None else Subject()
 

@@ -78,14 +78,8 @@ def plan_status(setup: Setup, journal: Journal, folder: Path) -> PlanStatus:
         for spec in published_plan(setup.cuffs, setup.repeats, has_bounce=setup.has_bounce, conditions=setup.conditions)
     )
     present = [trial for trial in journal.recorded if (folder / trial.file).is_file()]
-    accepted = {
-        (trial.cuff, trial.test, trial.condition, trial.repeat, trial.donning)
-        for trial in present
-        if trial.file in journal.verdicts and trial.file not in journal.redone
-    }
-    done = frozenset(
-        spec for spec in trials if (spec.cuff, spec.test, spec.condition, spec.repeat, spec.donning) in accepted
-    )
+    accepted = {_place(trial) for trial in present if _is_kept(trial, journal)}
+    done = frozenset(spec for spec in trials if _place(spec) in accepted)
     skipped = journal.skipped.difference(done).intersection(trials)
     left = [spec for spec in trials if spec not in done | skipped]
     left.sort(key=lambda spec: journal.chosen.index(spec) if spec in journal.chosen else len(journal.chosen))
@@ -106,14 +100,16 @@ def plan_status(setup: Setup, journal: Journal, folder: Path) -> PlanStatus:
 
 def kept_recordings(spec: TrialSpec, journal: Journal) -> list[Recorded]:
     """The accepted recordings of a trial of the plan."""
-    place = (spec.cuff, spec.test, spec.condition, spec.repeat, spec.donning)
-    return [
-        trial
-        for trial in journal.recorded
-        if (trial.cuff, trial.test, trial.condition, trial.repeat, trial.donning) == place
-        and trial.file in journal.verdicts
-        and trial.file not in journal.redone
-    ]
+    return [trial for trial in journal.recorded if _place(trial) == _place(spec) and _is_kept(trial, journal)]
+
+
+def _place(trial: TrialSpec | Recorded) -> tuple[object, ...]:
+    """Place in the plan."""
+    return trial.cuff, trial.test, trial.condition, trial.repeat, trial.donning
+
+
+def _is_kept(trial: Recorded, journal: Journal) -> bool:
+    return trial.file in journal.verdicts and trial.file not in journal.redone
 
 
 def minutes_left(plan: PlanStatus, journal: Journal, config: StationConfig) -> int:
@@ -161,14 +157,14 @@ def _duration_s(trial: TrialSpec | Recorded, config: StationConfig) -> float:
 
 
 def preparation(plan: PlanStatus, config: StationConfig) -> str:
-    """What to do at the bench before the next trial."""
+    """Instruction for the bench before the next trial."""
     if plan.spec is None:
         return "The plan is complete"
     if plan.spec.cuff is None:
         return _preparation_without_cuff(plan.spec, config)
     if plan.is_new_cuff:
         return f"Don the {plan.spec.cuff} cuff, rope slack"
-    if plan.is_back and plan.spec.cuff is not None:
+    if plan.is_back:
         return f"Rope to the {plan.spec.cuff} cuff, worn as before, and slack"
     if plan.has_pause:
         return f"Let the wearer rest for {config.protocol.pause_s:.0f} s"

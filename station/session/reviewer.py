@@ -69,12 +69,10 @@ class Reviewer:
 
     def decide(self, choice: Choice, reason: str, *, is_donned_anew: bool = False) -> None:
         """Accept or redo the recording that waits. A cuff that is donned anew starts its repeats again."""
-        plan = self._session.plan
-        if plan is None or self._session.folder is None or plan.undecided is None:
-            raise CommandRefused.of(CommandCode.NOTHING_TO_DECIDE)
-        write_verdict(self._session.folder, plan.undecided.file, choice, reason)
-        if is_donned_anew and plan.undecided.cuff is not None:
-            write_donned(self._session.folder, plan.undecided.cuff)
+        folder, undecided = self._undecided()
+        write_verdict(folder, undecided.file, choice, reason)
+        if is_donned_anew and undecided.cuff is not None:
+            write_donned(folder, undecided.cuff)
         self._discard_fit()
         self._decided_s = time.perf_counter()
 
@@ -123,10 +121,15 @@ class Reviewer:
         self._discard_fit()
 
     def name_mark(self, number: int, name: str) -> None:
-        plan = self._session.plan
-        if plan is None or self._session.folder is None or plan.undecided is None:
+        folder, undecided = self._undecided()
+        write_mark(folder, undecided.file, number, name)
+
+    def _undecided(self) -> tuple[Path, Recorded]:
+        """The folder, and the recording that waits for a decision. Raises CommandRefused."""
+        plan, folder = self._session.plan, self._session.folder
+        if plan is None or folder is None or plan.undecided is None:
             raise CommandRefused.of(CommandCode.NOTHING_TO_DECIDE)
-        write_mark(self._session.folder, plan.undecided.file, number, name)
+        return folder, plan.undecided
 
     async def process_recordings(self) -> None:
         """Adopt recordings without a journal entry, and judge the one that waits. Call once a second.

@@ -20,7 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -124,16 +124,6 @@ def _send(console: ProcessLink, result: dict[str, Any]) -> None:
         console.send(result)
 
 
-@dataclass
-class _NewData:
-    """Data since the last message."""
-
-    force: list[tuple[float, float]] = field(default_factory=list)  # s, N
-    displacement: list[tuple[float, float]] = field(default_factory=list)  # s, mm
-    elevation: list[tuple[float, float]] = field(default_factory=list)  # s, deg
-    events: list[str] = field(default_factory=list)
-
-
 class Telemetry(BackgroundView):
     """A view of one trial. Times are station seconds since the view's first sample.
 
@@ -157,7 +147,7 @@ class Telemetry(BackgroundView):
         self._bench_clock, self._emg = bench_clock, emg
         self._snapshot = Snapshot(TrialState.IDLE)
         self._tallies: dict[str, StreamTally] = {}
-        self._new = _NewData()
+        self._new = TrialTelemetry()  # curves and events since the last message
         self._first_host_ns: int | None = None
         self._offset_ns: dict[str, int] = {}  # by stream
         self._now_s = 0.0
@@ -173,7 +163,7 @@ class Telemetry(BackgroundView):
     def _refresh(self) -> None:
         super()._refresh()
         message = self._message()
-        self._new = _NewData()
+        self._new = TrialTelemetry()
         with suppress(OSError):  # the console has ended; the trial continues
             self._send(message.model_dump(mode="json"))
 

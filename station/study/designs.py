@@ -16,13 +16,21 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from documents.interval import counted
-from documents.message import Message, because
-from documents.plain_data import PlainDataError, parse_toml, read_toml
+from documents.message import Message
+from documents.plain_data import parse_toml, read_toml
 from documents.regular_file import read_regular
-from documents.validation import FiniteSection, NonNegative, Number, Positive, Section, Whole, describe_error
+from documents.validation import (
+    FiniteSection,
+    NonNegative,
+    Number,
+    Positive,
+    Section,
+    Whole,
+    refused_as,
+)
 from fitting.study.power import (
     SETTLING,
     ExpectedSpread,
@@ -85,7 +93,7 @@ class DetectSection(Section):
 
 
 class ChoicesSection(Section):
-    """What may be chosen. Every combination of the lists is a design."""
+    """Choices of the protocol. Every combination of the lists is a design."""
 
     most_volunteers: Annotated[Whole, Field(ge=3, le=1000)] = 40
     donnings: Several = (1, 2, 3)
@@ -126,13 +134,8 @@ class StudyPlan(Section):
 
 def read_study_plan(path: Path) -> StudyPlan:
     """Raises StudyError that names a key that is missing, unknown or out of range."""
-    try:
+    with refused_as(StudyError, path, PlanCode.UNREADABLE, PlanCode.WRONG_TABLE):
         return StudyPlan.model_validate(read_toml(path))
-    except (OSError, PlainDataError) as error:
-        raise StudyError(Message(PlanCode.UNREADABLE, {"path": str(path), **because(error)})) from error
-    except ValidationError as error:
-        figures = {"path": str(path), "reason": describe_error(error)}
-        raise StudyError(Message(PlanCode.WRONG_TABLE, figures)) from error
 
 
 class DesignEntry(FiniteSection):

@@ -52,7 +52,7 @@ class StudySessions:
 
 
 def session_folders(folders: Sequence[Path]) -> list[Path]:
-    """Folders that are sessions, and the sessions below the others. Raises StudyError for what is not a folder."""
+    """Folders that are sessions, and the sessions below the others. Raises StudyError for a path that is no folder."""
     found: dict[Path, Path] = {}
     for folder in folders:
         if not folder.is_dir():

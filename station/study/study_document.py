@@ -21,7 +21,7 @@ from pydantic import Field
 from documents.interval import between, bracketed, shown
 from documents.message import Message
 from documents.plain_data import read_json
-from documents.validation import DOCUMENT_ERRORS, FiniteSection, invalid_because
+from documents.validation import FiniteSection, refused_as
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.cuff_study import (
     Agreement,
@@ -132,7 +132,7 @@ class StudySessionEntry(FiniteSection):
 
 
 class LeftOutEntry(FiniteSection):
-    """What is left out, and why."""
+    """An omission and its reason."""
 
     code: StudyCode
     figures: dict[str, float | str] = Field(default_factory=dict)
@@ -305,7 +305,7 @@ def _compare_all(by_cuff: Mapping[str, list[Observation]]) -> tuple[CuffComparis
 
 
 class NormativePlace(StrEnum):
-    """Where a value is in relation to the 95 % prediction interval."""
+    """Position of a value relative to the 95 % prediction interval."""
 
     BELOW = "below"
     WITHIN = "within"
@@ -322,7 +322,7 @@ class NormativeEntry(FiniteSection):
     repeats: int = Field(ge=1)
 
     def place(self, value: float) -> NormativePlace:
-        """Where the value of a donning is."""
+        """Position of the value of a donning."""
         low, high = self.prediction95
         if value < low:
             return NormativePlace.BELOW
@@ -362,7 +362,5 @@ def write_normative(study: Path, document: StudyDocument) -> Path:
 
 def read_normative(path: Path) -> NormativeDocument:
     """Raises StudyError for what `station study` would not write."""
-    try:
+    with refused_as(StudyError, path, StudyCode.WRONG_NORMATIVE):
         return NormativeDocument.model_validate(read_json(path))
-    except DOCUMENT_ERRORS as error:
-        raise StudyError(Message(StudyCode.WRONG_NORMATIVE, {"path": str(path), **invalid_because(error)})) from error

@@ -26,7 +26,7 @@ class BodyFactor(_Strict):
 
 
 class WearerFinding(_Strict):
-    """What may be wrong with the body or its markers; the codes are those of `station scale`."""
+    """A possible fault of the body or its markers; the codes are those of `station scale`."""
 
     code: str
     text: str

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from documents.message import Message, because
-from documents.plain_data import PlainDataError, parse_toml
+from documents.message import Message
+from documents.plain_data import parse_toml
 from documents.regular_file import LARGEST_SUIT, read_regular
-from documents.validation import NonNegative, Positive, Section, describe_error
+from documents.validation import NonNegative, Positive, Section, refused_as
 from station.checksums import write_whole
 from station.errors import StationError
 from station.messages.kinematics_messages import SubjectCode
@@ -50,12 +50,8 @@ class Subject(Section):
 def read_subject(folder: Path) -> Subject:
     """Raises SubjectError that names the key that is missing, unknown or out of range."""
     path = folder / SUBJECT_FILE
-    try:
+    with refused_as(SubjectError, path, SubjectCode.UNREADABLE, SubjectCode.INVALID_KEY):
         return Subject.model_validate(parse_toml(read_regular(path, LARGEST_SUIT)))
-    except (OSError, PlainDataError) as error:
-        raise refuse_subject(SubjectCode.UNREADABLE, path=str(path), **because(error)) from error
-    except ValidationError as error:
-        raise refuse_subject(SubjectCode.INVALID_KEY, path=str(path), reason=describe_error(error)) from error
 
 
 def write_subject(folder: Path, subject: Subject) -> None:

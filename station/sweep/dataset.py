@@ -353,7 +353,7 @@ class WornCase:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a case, or the motion of its task, cannot be solved."""
+    """Reason why a case, or the motion of its task, is not solved."""
 
     sentence: str
     code: str

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from documents.message import Message, because
-from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml
+from documents.message import Message
+from documents.plain_data import LARGEST_TOML, parse_toml
 from documents.regular_file import read_regular
-from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error
+from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error, refused_as
 from solver.suit.cord import Condition
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
@@ -102,16 +102,9 @@ class SweepPlan:
 
 def read_plan(path: Path) -> SweepPlan:
     """Read a plan. Raises PlanError, which names a key that is missing, unknown or out of range."""
-    try:
+    with refused_as(PlanError, path, SweepCode.UNREADABLE, SweepCode.WRONG_TABLE):
         content = read_regular(path, LARGEST_TOML)
-        document = parse_toml(content)
-    except (OSError, PlainDataError) as error:
-        raise PlanError(Message(SweepCode.UNREADABLE, {"path": str(path), **because(error)})) from error
-    try:
-        table = _PlanTable.model_validate(document)
-    except ValidationError as error:
-        figures = {"path": str(path), "reason": describe_error(error)}
-        raise PlanError(Message(SweepCode.WRONG_TABLE, figures)) from error
+        table = _PlanTable.model_validate(parse_toml(content))
     axes = _axes(table)
     points = math.prod(len(axis) for axis in axes.values() if not isinstance(axis, Span))
     if table.method == "grid" and points > MOST_POINTS:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 import re
 import signal
 import sys
@@ -24,6 +23,7 @@ from rich.text import Text
 
 from documents.interval import counted
 from documents.message import Message
+from documents.plain_data import finite
 from recordings.samples import DeviceIdentity
 from station.bench.session_folder import SIMULATED_FOLDER, check_folder, is_for_simulated
 from station.bench.simulation import SimulatedBench, clock_port, is_served_by_simulator, simulator_settings
@@ -393,20 +393,9 @@ class JsonOutput:
         self._out = out
 
     def show_event(self, event: Event) -> None:
-        line = json.dumps({"event": event.event, **_finite(asdict(event))}, ensure_ascii=False, allow_nan=False)
+        line = json.dumps({"event": event.event, **finite(asdict(event))}, ensure_ascii=False, allow_nan=False)
         with suppress(OSError, ValueError):  # the reader has ended; the session continues and its journal has it
             print(line, file=self._out, flush=True)
 
     def show_trial(self, live: LiveTrial | None) -> None:
         """The status is an event, once a second."""
-
-
-def _finite(value: Any) -> Any:
-    """Replace the open end of an interval by null, because JSON has no infinity."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(inner) for inner in value]
-    return value

@@ -202,7 +202,7 @@ def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
 
 
 def lift_findings(lift: MeasuredLift) -> list[Message[AssessmentCode]]:
-    """What the checks of a motion find in that of a lift, such as degrees that were read as radians."""
+    """Findings on the motion of a lift, such as degrees that were read as radians."""
     return motion_findings(motion_checks(lift.model, differentiate(lift.motion, CUTOFF_HZ)))
 
 
@@ -383,7 +383,7 @@ def read_published_force(path: Path) -> PublishedForce:
 def _notes(
     folder: Path, name: str, implant: JointForceRecord, files: Mapping[str, Path]
 ) -> Iterator[Message[ValidationCode]]:
-    """What may be wrong with the names of published solutions and with the time of the record."""
+    """Findings on the names of published solutions and on the times of the record."""
     if implant.is_cut:
         yield Message(ValidationCode.START_NOT_MARKED, {"file": name + IMPLANT})
     found = {path.name for path in folder.glob(name + PUBLISHED.format(variant="*"))}

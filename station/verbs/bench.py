@@ -261,7 +261,7 @@ def live(
         if page and source.is_dir():
             from station.console.server import serve_live
 
-            serve_live(source, port=port)
+            serve_live(source, port)
             return
         scenes = _scenes(stack, rrd, rerun=rerun)
         if source.is_dir():

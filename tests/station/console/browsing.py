@@ -76,7 +76,7 @@ def open_page(browser: Browser, address: str, width: int = 1280, height: int = 8
     """A page whose user presses again what was not executed: a busy machine's console may answer too late."""
     page = browser.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(patience_ms())
-    refused = page.get_by_role("alert").filter(has_text="not executed", visible=True)
+    refused = page.get_by_role("alert").filter(has_text=re.compile("not (executed|confirmed)"), visible=True)
     page.add_locator_handler(refused, press_again, times=3)  # a console that refuses all presses fails the test
     page.goto(address)
     return page
@@ -92,7 +92,7 @@ def press_again(alert: Locator) -> None:
         })"""
     )
     for notice in notices:
-        names = re.search(r"not executed: (.+)\. Press|(.+) was pressed", notice)
+        names = re.search(r"not (?:executed|confirmed): (.+)\. Press|(.+) was pressed", notice)
         assert names is not None
         for name in (names[1] or names[2]).split(", "):
             button = alert.page.locator("footer [data-keys]").filter(has_text=name, visible=True)

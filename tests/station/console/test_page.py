@@ -15,7 +15,7 @@ from nicegui.page import page
 from documents.message import Message
 from station.bench.check import CheckResult
 from station.console.actions import _unless_late
-from station.console.charts import ELEVATION_AXIS, force_over_motion
+from station.console.charts import DISPLACEMENT_AXIS, ELEVATION_AXIS, force_over_motion
 from station.console.live_view import best_text, delivery_text, most_active, rest_length_text, share_text
 from station.console.page import _Page
 from station.console.running_view import _over_time
@@ -28,7 +28,9 @@ from tests.refusals import raises_refusal
 from tests.station.console.live_source import live_setup
 
 CHARTS = pytest.mark.parametrize(
-    "chart", [force_over_motion([]), _over_time(), _over_time(ELEVATION_AXIS)], ids=["path", "over time", "wearer"]
+    "chart",
+    [force_over_motion([]), _over_time(DISPLACEMENT_AXIS), _over_time(ELEVATION_AXIS)],
+    ids=["path", "over time", "wearer"],
 )
 
 

@@ -69,13 +69,38 @@ def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects
         if death == "frozen":
             psutil.Process(console.pid).resume()
             expect(lost).to_be_hidden()
-            expect(page.locator(".unconfirmed")).to_contain_text("Arm")
+            expect(page.locator(".unconfirmed")).to_contain_text("not executed: Arm. ")
             seen(page, "next: hand, static, repeat 1")
         else:
             with ServedConsole(config, "--simulated", port=console.port):
                 seen(page, "P01, session 1: hand")
                 expect(lost).to_be_hidden()
                 expect(page.locator(".unconfirmed")).to_contain_text("Arm")
+
+
+def test_a_press_that_waits_in_the_connection_is_reported_only_when_the_console_had_time_to_confirm_it(
+    browser: Browser, tmp_path: Path
+) -> None:
+    """It may still be executed, which no notice must deny."""
+    with ServedConsole(write_config(tmp_path), "--simulated") as console:
+        page = browser.new_page()
+        page.set_default_timeout(patience_ms())
+        page.clock.install()
+        page.goto(console.address)
+        begin(page)
+        notice = page.locator(".unconfirmed")
+        page.clock.pause_at(page.evaluate("Date.now() + 1"))
+        psutil.Process(console.pid).suspend()
+        page.keyboard.press("a")
+        page.clock.run_for(4900)
+        assert not notice.is_visible()
+        page.clock.run_for(200)
+        assert "not confirmed: Arm" in notice.inner_text()
+        page.keyboard.press("a")
+        assert "not confirmed: Arm. " in notice.inner_text(), "the page is grey by then, and sends no further key"
+        page.evaluate("station.confirmPress()")  # by the console, once the press has arrived
+        assert not notice.is_visible()
+        psutil.Process(console.pid).resume()
 
 
 @pytest.fixture(scope="module")

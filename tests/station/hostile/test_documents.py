@@ -224,10 +224,11 @@ def _assessment() -> dict[str, Any]:
     by_cuff = {"rigid": known, "hand": {"both": known}}
     return {
         "format": 1,
-        **dict.fromkeys(("reference_rest_length_m", "bare_body_cost", "longest_cord_m", "frames", "scenarios"), known),
+        **dict.fromkeys(("reference_rest_length_m", "bare_body_cost", "longest_cord_m"), known),
+        **{key: {"value": 1} for key in ("frames", "scenarios")},
         "rest_lengths_m": {"value": [0.5, 0.6], "ci95": None},
         "waist_cuff": None,
-        "unsolved": {"count": {"value": 0.0, "ci95": None}},
+        "unsolved": {"count": {"value": 0, "ci95": None}},
         "optimum": {"rigid": optimum, "hand": {"both": optimum}},
         "cost": {"rigid": {"value": [1.0, 0.9]}, "hand": {"both": {"value": [1.0, None]}}},
         "muscle_reduction": {"rigid": {"DELT": known}, "hand": {"both": {"DELT": known}}},

@@ -9,7 +9,7 @@ import pytest
 from documents.interval import UNBROKEN
 from fitting.results.cuffs_schema import ClassEntry
 from station.assessment.assessment_file import AssessmentDocument
-from station.assessment.assessment_json import CURVE_KEYS, KnownNumberEntry, NumberEntry
+from station.assessment.assessment_json import CURVE_KEYS, CountEntry, NumberEntry
 from station.assessment.uncertainty_json import BasisEntry, DecisionEntry, UncertaintyEntry
 from station.charts.marks import Band
 from station.charts.svg import with_commands
@@ -51,11 +51,12 @@ def _decision(at_best: dict[str, Any]) -> DecisionEntry:
 
 
 def _assessment(**more: Any) -> AssessmentDocument:
-    known = ("reference_rest_length_m", "bare_body_cost", "longest_cord_m", "frames", "scenarios")
+    known = ("reference_rest_length_m", "bare_body_cost", "longest_cord_m")
     plain = {
         "format": 1,
         **dict.fromkeys(known, _number(1.0)),
         **{key: _by_curve(_number(1.0), "hand") for key in CURVE_KEYS.values()},
+        **dict.fromkeys(("frames", "scenarios"), _number(1)),
         "waist_cuff": None,
         "rest_lengths_m": {"value": [0.6]},
         "unsolved": {"count": _number(0)},
@@ -81,7 +82,7 @@ def _assessment(**more: Any) -> AssessmentDocument:
 
 
 def _drawn(people: int, sources: list[str]) -> UncertaintyEntry:
-    return UncertaintyEntry.model_construct(people=KnownNumberEntry(value=people), sources=sources)
+    return UncertaintyEntry.model_construct(people=CountEntry(value=people), sources=sources)
 
 
 def _number(value: float | None, *ci95: float) -> dict[str, Any]:
