@@ -10,6 +10,7 @@ from rich.console import Console
 from documents.interval import between, bracketed, plus_minus, rounded, significant_decimals
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.published_method import PublishedFit
+from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.codes import NoteCode
 from fitting.results.trial_codes import TrialNoteCode
 from fitting.uncertainty import NORMAL_95, Estimate
@@ -17,7 +18,7 @@ from recordings.manifest import DataOrigin
 from solver.suit.assessment import Assessment
 from solver.suit.optimise import OptimisedSuit
 from solver.suit.quantity import Quantity
-from station.cuff_text import of_cuff
+from station.cuff_text import SHOWN, of_cuff
 from station.folded_table import FoldedTable
 from station.messages.assessment_messages import sources_text
 
@@ -67,16 +68,14 @@ def _describe_calibration(fitted: SessionFit) -> Iterator[str]:
 def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> FoldedTable:
     """Value ± half width of the 95 % interval, with the Cramér-Rao bound; the truth of simulated cuffs in brackets."""
     caption = "±: half width of the 95 % interval; at best: Cramér-Rao bound"
-    table = FoldedTable("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "verdict", caption=caption)
+    table = FoldedTable("cuff", *(shown.heading for shown in SHOWN.values()), "verdict", caption=caption)
     for name, fit in cuffs.items():
         true = (truth or {}).get(name, {})
-        table.add_row(
-            name,
-            of_cuff(fit, "stiffness", _estimate(fit.stiffness, true=true.get("stiffness_n_per_m"))),
-            of_cuff(fit, "damping", _estimate(fit.damping, true=true.get("damping_n_s_per_m"))),
-            of_cuff(fit, "migration", _estimate(fit.migration, 1000.0, true=true.get("migration_m"))),
-            fit.verdict,
+        texts = (
+            of_cuff(fit, quantity, _estimate(getattr(fit, quantity), shown.scale, true.get(QUANTITIES[quantity])))
+            for quantity, shown in SHOWN.items()
         )
+        table.add_row(name, *texts, fit.verdict)
     return table
 
 

@@ -21,8 +21,8 @@ from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import AssessmentDocument
 from station.assessment.assessment_json import RIGID, NumberEntry, WornCuffEntry
 from station.checksums import write_checksums, write_whole
-from station.cuff_text import of_cuff
-from station.report.fit_figures import MM, checks_figure, fit_figure
+from station.cuff_text import SHOWN, of_cuff
+from station.report.fit_figures import checks_figure, fit_figure
 from station.report.numbers import (
     Number,
     Shown,
@@ -39,7 +39,6 @@ from station.report.pictures import Picture, PlannedFigure
 from station.report.report_file import Source
 from station.study.study_document import (
     NORMATIVE_FILE,
-    SHOWN,
     NormativeEntry,
     NormativePlace,
     QuantityName,
@@ -66,23 +65,6 @@ class TrueCuff(BaseModel):
     stiffness_n_per_m: float
     damping_n_s_per_m: float
     migration_m: float
-
-
-@dataclass(frozen=True)
-class ShownQuantity:
-    """Field of the fit, key in the results, scale, most decimals that the measurement bears."""
-
-    name: str
-    key: str
-    scale: float
-    most_digits: int
-
-
-QUANTITIES_SHOWN = (
-    ShownQuantity("stiffness", "stiffness_n_per_m", 1.0, 0),
-    ShownQuantity("damping", "damping_n_s_per_m", 1.0, 1),
-    ShownQuantity("migration", "migration_m", MM, 1),
-)
 
 
 @dataclass(frozen=True)
@@ -130,8 +112,8 @@ def reported_cuffs(
         ReportedCuff(
             name,
             entries.get(name),
-            [_shown(cuffs.get(name), worn_cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN],
-            [_true(known[name], cuffs.get(name), quantity) for quantity in QUANTITIES_SHOWN] if name in known else (),
+            [_shown(cuffs.get(name), worn_cuffs.get(name), quantity) for quantity in SHOWN],
+            [_true(known[name], cuffs.get(name), quantity) for quantity in SHOWN] if name in known else (),
             *suit_effect(assessment, name),
             pictures.get(f"cuff {name}", ()),
         )
@@ -184,19 +166,20 @@ def cuff_figures(fit: CuffFit, truth: TrueCuff | None = None) -> list[PlannedFig
     return figures
 
 
-def _shown(fit: Cuff | None, in_suit: WornCuffEntry | None, quantity: ShownQuantity) -> Shown:
+def _shown(fit: Cuff | None, in_suit: WornCuffEntry | None, quantity: str) -> Shown:
     """With a remark if it is given by hand, or not identified; as worn by the assessment without cuffs.json."""
+    scale, digits = SHOWN[quantity].scale, SHOWN[quantity].most_digits
     if fit is None:
-        return worn(getattr(in_suit, quantity.key, None), quantity.scale, quantity.most_digits)
-    shown = interval(cuff_estimate(fit, quantity.name), quantity.scale, quantity.most_digits)
-    return shown if isinstance(shown, str) else shown.within(of_cuff(fit, quantity.name, "{}"))
+        return worn(getattr(in_suit, QUANTITIES[quantity], None), scale, digits)
+    shown = interval(cuff_estimate(fit, quantity), scale, digits)
+    return shown if isinstance(shown, str) else shown.within(of_cuff(fit, quantity, "{}"))
 
 
-def _true(known: TrueCuff, fit: Cuff | None, quantity: ShownQuantity) -> Number:
+def _true(known: TrueCuff, fit: Cuff | None, quantity: str) -> Number:
     """With as many digits as the estimate above it."""
-    estimate = getattr(fit, quantity.name, None)
-    digits = significant_decimals(estimate.ci95 if estimate else None, quantity.scale)
-    return fixed(getattr(known, quantity.key), quantity.scale, min(digits, quantity.most_digits))
+    estimate, scale = getattr(fit, quantity, None), SHOWN[quantity].scale
+    digits = min(significant_decimals(estimate.ci95 if estimate else None, scale), SHOWN[quantity].most_digits)
+    return fixed(getattr(known, QUANTITIES[quantity]), scale, digits)
 
 
 @dataclass(frozen=True)
@@ -246,10 +229,10 @@ def adopt_normative(table: Path, folder: Path) -> None:
 def _rows(fit: Cuff, entries: Mapping[QuantityName, NormativeEntry]) -> Iterator[NormativeRow]:
     for quantity, entry in entries.items():
         value = getattr(fit, quantity)
-        scale, unit = SHOWN[quantity]
+        scale = SHOWN[quantity].scale
         yield NormativeRow(
             fit.name,
-            f"{quantity} [{unit}]",
+            f"{quantity} [{SHOWN[quantity].unit}]",
             interval(cuff_estimate(fit, quantity), scale),
             mean_with(entry.mean, entry.mean_ci95, scale),
             ends(entry.prediction95, scale),

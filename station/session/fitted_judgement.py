@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from documents.interval import bracketed, rounded, significant_decimals
 from documents.message import Message, because
 from fitting.cuffs.cuff_fit import SLIPPED, CuffFit, SessionFit, TrialFit, find_outliers, has_slipped
+from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.diagnosis.identification import FittedPull
 from fitting.emg.channels import UNUSABLE, UnusableEmg, find_faults
 from fitting.errors import UnusableTrial
@@ -31,6 +32,7 @@ from recordings.manifest import MeasurementProtocol, TestKind
 from recordings.reader import Recording, open_recording
 from solver.scaling import largest_motion
 from station.config import ProtocolSection
+from station.cuff_text import SHOWN
 from station.emg.trials import EmgFileError, extract_emg
 from station.fit import SessionError, fit_trial_donning, read_recording
 from station.journal import Choice, JournalError, Recorded, read_journal
@@ -47,13 +49,6 @@ NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYN
 GENERAL = (*NO_RESULT.values(), ReasonCode.UNUSABLE)
 """Reasons that state a consequence where the trial ended before its last step."""
 SHOWN_POINTS = 400
-QUANTITIES = {
-    "stiffness": ("k", 1.0, "N/m", 0),
-    "damping": ("c", 1.0, "N s/m", 1),
-    "migration": ("migration", 1e3, "mm", 1),
-}
-"""Symbol, scale, unit and decimals that the measurement bears at most."""
-SI_NAMES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
 POINT_S = 0.05
 MOST_HIDDEN = 0.1
 """Part of the frames in which a marker may be hidden."""
@@ -169,7 +164,7 @@ def _judge_trial(
         ),
         path=_path(fitted),
         marks=marks,
-        figures=_figures({name: getattr(trial, field) for field, name in SI_NAMES.items()}),
+        figures=_figures({name: getattr(trial, field) for field, name in QUANTITIES.items()}),
         verdicts=_open_verdicts(trial, cuff),
         causes=tuple(note for note in cuff.notes if note.code in EXPLAINED_BY),
     )
@@ -186,22 +181,14 @@ def _judge_unfitted(reading: BounceTrial | RejectedTrial, recorded: Recorded | N
 def _judge_bounce(bounce: BounceTrial, recorded: Recorded | None) -> Judgement:
     """Raises UnusableTrial if the bounce calibrates nothing."""
     fit = fit_bounce(bounce)
-    figures = {"lag [ms]": (fit.lag, 1e3), "gain": (fit.gain, 1.0), "zero [N]": (fit.zero, 1.0)}
+    figures = {"lag_s": fit.lag.estimate, "gain": fit.gain.estimate, "zero_n": fit.zero.estimate}
+    shown = zip(("lag [ms]", "gain", "zero [N]"), figures.values(), (1e3, 1.0, 1.0), strict=True)
     rows = tuple(
-        Row(name, _text(repeat.estimate, scale), MISSING, MISSING) for name, (repeat, scale) in figures.items()
+        Row(name, bracketed(found.value, found.ci95, scale, 9, is_limited=True), MISSING, MISSING)
+        for name, found, scale in shown
     )
-    measured = _figures({"lag_s": fit.lag.estimate, "gain": fit.gain.estimate, "zero_n": fit.zero.estimate})
-    notes = notes_at_the_bench(fit.notes)
-    return Judgement(
-        bounce.file,
-        _title(recorded, bounce.file),
-        "accept",
-        (),
-        rows,
-        notes,
-        marks=bounce.marks,
-        figures=measured,
-    )
+    title, notes = _title(recorded, bounce.file), notes_at_the_bench(fit.notes)
+    return Judgement(bounce.file, title, "accept", (), rows, notes, marks=bounce.marks, figures=_figures(figures))
 
 
 def _judge_wearer(findings: WearerFindings, recorded: Recorded) -> Judgement:
@@ -247,17 +234,10 @@ def _reasons(trial: TrialFit, cuff: CuffFit, others: Sequence[TrialFit]) -> Iter
     if trial.migration is not None and has_slipped(trial):
         yield Message(ReasonCode.SLIPPED, {"slip_mm": 1e3 * trial.migration.value, "limit_mm": 1e3 * SLIPPED})
     for outlier in () if has_open_lag else find_outliers(trial, others):
-        symbol, scale, unit, digits = QUANTITIES[outlier.quantity]
-        yield Message(
-            ReasonCode.OUTLIER,
-            {
-                "symbol": symbol,
-                "value": rounded(scale * outlier.value, digits),
-                "mean": rounded(scale * outlier.mean, digits),
-                "unit": unit,
-                "distance": outlier.distance,
-            },
-        )
+        shown = SHOWN[outlier.quantity]
+        value, mean = (rounded(shown.scale * one, shown.most_digits) for one in (outlier.value, outlier.mean))
+        figures = {"symbol": shown.symbol, "value": value, "mean": mean, "unit": shown.unit}
+        yield Message(ReasonCode.OUTLIER, {**figures, "distance": outlier.distance})
 
 
 def _recorder_reasons(recorded: Recorded | None) -> Iterator[Reason]:
@@ -281,21 +261,16 @@ def _open_verdicts(trial: TrialFit, cuff: CuffFit) -> tuple[Verdict, ...]:
 
 def _rows(trial: TrialFit, others: Sequence[TrialFit], cuff: CuffFit) -> list[Row]:
     rows = []
-    for name, (symbol, scale, unit, most) in QUANTITIES.items():
+    for name, shown in SHOWN.items():
+        scale, most = shown.scale, shown.most_digits
         earlier = [getattr(other, name) for other in others if getattr(other, name) is not None]
         listed = ", ".join(
             rounded(scale * estimate.value, min(most, significant_decimals(estimate.ci95, scale)))
             for estimate in earlier
         )
-        this, so_far = (_text(getattr(fit, name), scale, most) for fit in (trial, cuff))
-        rows.append(Row(f"{symbol} [{unit}]", this, listed or MISSING, so_far))
+        this, so_far = (shown.text(getattr(fit, name), MISSING) for fit in (trial, cuff))
+        rows.append(Row(shown.heading, this, listed or MISSING, so_far))
     return rows
-
-
-def _text(estimate: Estimate | None, scale: float, most_digits: int = 9) -> str:
-    if estimate is None:
-        return MISSING
-    return bracketed(estimate.value, estimate.ci95, scale, most_digits, is_limited=True)
 
 
 def _title(recorded: Recorded | None, file: str) -> str:

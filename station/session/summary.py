@@ -8,10 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from documents.interval import bracketed
 from documents.message import Message, because
-from fitting.uncertainty import Estimate
-from station.cuff_text import of_cuff
+from station.cuff_text import SHOWN, of_cuff
 from station.errors import StationError
 from station.messages.assessment_messages import AssessmentCode
 from station.progress import Progress, silent
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
     from station.assessment.assess import AssessedSuit
 
 Options = Mapping[str, Any]
+NOT_IDENTIFIED = "not identified"
 NOT_ASSESSED = "The effect on the muscles is not known, because no cuff could be assessed."
 """In the place of the answer; the other findings have the reasons."""
 
@@ -75,12 +74,8 @@ def summarise(folder: Path, progress: Progress = silent) -> Summary:
     except SessionError as error:
         raise SummaryError(error.cause) from error
     rows = tuple(
-        {
-            "cuff": name,
-            "k [N/m]": of_cuff(cuff, "stiffness", _text(cuff.stiffness, 1.0, 0)),
-            "c [N s/m]": of_cuff(cuff, "damping", _text(cuff.damping, 1.0, 1)),
-            "migration [mm]": of_cuff(cuff, "migration", _text(cuff.migration, 1e3, 1)),
-        }
+        {"cuff": name}
+        | {one.heading: of_cuff(cuff, key, one.text(getattr(cuff, key), NOT_IDENTIFIED)) for key, one in SHOWN.items()}
         | ({} if cuff.verdicts == (Verdict.IDENTIFIED,) else {"verdict": cuff.verdict})
         for name, cuff in ended.fitted.cuffs.items()
     )
@@ -153,9 +148,3 @@ def _assess(
     except (SolverError, FitError, StationError) as error:
         return None, (f"no assessment: {error}",)
     return replace(assessed, on_inputs=(finding, *assessed.on_inputs)), ()
-
-
-def _text(estimate: Estimate | None, scale: float, most_digits: int) -> str:
-    if estimate is None:
-        return "not identified"
-    return bracketed(estimate.value, estimate.ci95, scale, most_digits, is_limited=True)

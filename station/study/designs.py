@@ -45,10 +45,10 @@ from fitting.study.power import (
 from recordings.standard_gravity import g
 from station.checksums import write_whole
 from station.config import parse_config
+from station.cuff_text import SHOWN
 from station.folded_table import FoldedTable
 from station.messages.study_messages import PlanCode
 from station.study.sessions import StudyError
-from station.study.study_document import SHOWN
 
 Several = Annotated[tuple[Annotated[Whole, Field(ge=1, le=100)], ...], Field(min_length=1)]
 Part = Annotated[Number, Field(gt=0, lt=1)]
@@ -194,7 +194,7 @@ def planned_config(config: Path, plan: StudyPlan, design: StudyDesign) -> str:
 def design_table(plan: StudyPlan, designs: Sequence[StudyDesign]) -> FoldedTable:
     """The first designs; the precision is that of the quantity to be detected, of one donning."""
     detect = plan.detect
-    scale, unit = SHOWN[detect.quantity]
+    scale, unit = SHOWN[detect.quantity].scale, SHOWN[detect.quantity].unit
     title = f"Designs to detect a difference of {scale * detect.difference:g} {unit} in {detect.quantity}"
     names = ("volunteers", "donnings", "repeats", "weights [kg]", "swing [Hz]", f"noise [{unit}]", "power")
     table = FoldedTable(*names, "session [min]", "total [h]", title=title, title_justify="left")

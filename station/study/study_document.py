@@ -40,6 +40,7 @@ from fitting.study.cuff_study import (
 from fitting.study.variance_components import Component, ComponentOutcome
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of, write_checksums, write_whole
+from station.cuff_text import SHOWN
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
 from station.study.sessions import StudyError, StudySessions, select_measurements
@@ -49,8 +50,6 @@ FORMAT: Literal[1] = 1
 """It rises where a key changes its meaning, not where one is added."""
 QuantityName = Literal["stiffness", "damping", "migration"]
 """In N/m, N s/m and m."""
-SHOWN = {"stiffness": (1.0, "N/m"), "damping": (1.0, "N s/m"), "migration": (1e3, "mm")}
-"""Quantity → factor from SI, unit."""
 OPEN = "not estimated"
 STUDY_FILE = "study.json"
 NORMATIVE_FILE = "normative.json"
@@ -152,7 +151,7 @@ class StudyDocument(FiniteSection):
 
 def shown_effect(effect: FixedEffect | None, quantity: str) -> str:
     """Value and 95 % interval in the shown unit."""
-    return OPEN if effect is None else bracketed(effect.value, effect.ci95, SHOWN[quantity][0])
+    return OPEN if effect is None else bracketed(effect.value, effect.ci95, SHOWN[quantity].scale)
 
 
 def shown_figure(figure: StudyFigure, scale: float, digits: int = 0) -> str:
@@ -169,7 +168,7 @@ def shown_figure(figure: StudyFigure, scale: float, digits: int = 0) -> str:
 
 def shown_range(ends: tuple[float, float], quantity: str) -> str:
     """Both ends with as many digits as two figures of half their distance."""
-    return between(ends, SHOWN[quantity][0])
+    return between(ends, SHOWN[quantity].scale)
 
 
 def study_document(study: Study) -> StudyDocument:

@@ -20,10 +20,10 @@ from recordings.manifest import DataOrigin
 from station.charts.marks import Chart, Intervals, Mark, Panel, Points, Rule, Strip, chart, values
 from station.charts.svg import draw, with_commands
 from station.checksums import write_checksums, write_whole
+from station.cuff_text import SHOWN
 from station.folded_table import FoldedTable
 from station.study.study_document import (
     OPEN,
-    SHOWN,
     AgreementEntry,
     ComparisonEntry,
     ComponentEntry,
@@ -56,8 +56,8 @@ def write_study_page(folder: Path, document: StudyDocument) -> Path:
             comparisons={quantity: _comparisons(document, quantity) for quantity in QUANTITIES},
             components=COMPONENTS,
             left_out=[str(Message(entry.code, entry.figures)) for entry in document.left_out],
-            unit=lambda quantity: SHOWN[quantity][1],
-            scale=lambda quantity: SHOWN[quantity][0],
+            unit=lambda quantity: SHOWN[quantity].unit,
+            scale=lambda quantity: SHOWN[quantity].scale,
             effect=shown_effect,
             figure=shown_figure,
             component=shown_component,
@@ -109,7 +109,7 @@ def _bland_altman(found: AgreementEntry, name: str, quantity: str, cuff: str) ->
 
 def forest_chart(found: QuantityEntry, quantity: str) -> Chart:
     """Every volunteer with a 95 % interval; the mean as a line, the prediction interval as a strip."""
-    scale, unit = SHOWN[quantity]
+    scale, unit = SHOWN[quantity].scale, SHOWN[quantity].unit
     names = tuple(mean.volunteer for mean in found.volunteers)
     places = values(range(len(names)))
     centres = values([scale * mean.value for mean in found.volunteers])
@@ -130,7 +130,7 @@ def forest_chart(found: QuantityEntry, quantity: str) -> Chart:
 
 def agreement_chart(found: AgreementEntry, name: str, quantity: str) -> Chart:
     """Difference over mean of the pairs, bias, limits of agreement with their 95 % intervals."""
-    scale, unit = SHOWN[quantity]
+    scale, unit = SHOWN[quantity].scale, SHOWN[quantity].unit
     marks: list[Mark] = [Rule(0.0, "quiet", dash="dotted")]
     for figure, label in ((found.lower_limit, "95 % limits of agreement"), (found.upper_limit, "")):
         marks += _limit(figure, scale, label)
@@ -169,7 +169,7 @@ def shown_component(component: ComponentEntry, scale: float) -> str:
 def _rows(document: StudyDocument) -> Iterator[tuple[str, str, QuantityEntry]]:
     for cuff, quantities in document.cuffs.items():
         for quantity, found in quantities.items():
-            yield cuff, f"{quantity} [{SHOWN[quantity][1]}]", found
+            yield cuff, f"{quantity} [{SHOWN[quantity].unit}]", found
 
 
 def _means(document: StudyDocument) -> FoldedTable:
@@ -189,7 +189,7 @@ def _components(document: StudyDocument) -> FoldedTable:
     for cuff, name, found in _rows(document):
         if not found.components:
             continue
-        scale = SHOWN[name.split()[0]][0]
+        scale = SHOWN[name.split()[0]].scale
         cells = [shown_component(found.components[component], scale) for component in COMPONENTS]
         table.add_row(cuff, name, *cells, f"{scale * (found.noise_sd or 0.0):.2g}")
     return table
@@ -203,7 +203,7 @@ def _reliability(document: StudyDocument) -> FoldedTable:
     for cuff, name, found in _rows(document):
         if found.reliability is None:
             continue
-        scale, one = SHOWN[name.split()[0]][0], found.reliability
+        scale, one = SHOWN[name.split()[0]].scale, found.reliability
         sem, mdc = shown_figure(one.sem, scale), shown_figure(one.mdc, scale)
         table.add_row(cuff, name, shown_figure(one.icc, 1.0, 2), sem, mdc, one.outcome.value.replace("_", " "))
     return table
@@ -213,7 +213,7 @@ def _comparison_rows(document: StudyDocument) -> FoldedTable:
     title = "Difference of cuffs over volunteers (95 % interval)"
     table = FoldedTable("cuffs", "quantity", "volunteers", "difference", title=title, title_justify="left")
     for found in document.comparisons:
-        name = f"{found.quantity} [{SHOWN[found.quantity][1]}]"
+        name = f"{found.quantity} [{SHOWN[found.quantity].unit}]"
         difference = shown_effect(found.difference, found.quantity) if found.difference else found.outcome.value
         cuffs = f"{found.second} − {found.first}"
         table.add_row(cuffs, name, str(found.volunteers or "none with both"), difference.replace("_", " "))
