@@ -131,7 +131,7 @@ def solve_postures(inputs: IkInputs) -> SolvedPostures:
     followed = [task for task, weight in setup.markers.items() if weight > 0] if setup else names
     table = read_body_markers(file, followed, inputs.prefix)
     span, on_range = _time_range(inputs, setup)
-    kept = _frames(file, table, span)
+    kept = frames_in(file, table, span, "--from and --to, or the set-up's time_range")
     on_range += _uncovered(file, table, span)
     known = [marker.name for marker in model.markers]
     ensure_common(file.name, table.labels, followed, known)
@@ -185,14 +185,16 @@ def _time_range(inputs: IkInputs, setup: IkSetup | None) -> tuple[tuple[float, f
     return (first, last), (Message(KinematicsCode.OTHER_RANGE, figures),) if is_overridden else ()
 
 
-def _frames(file: Path, table: MarkerTable, span: tuple[float, float]) -> NDArray[np.bool_]:
-    """(frames,) of the file that are solved. Raises MotionError where there is none."""
+def frames_in(
+    file: Path, table: MarkerTable, span: tuple[float, float], named_by: str = "the set-up's time_range"
+) -> NDArray[np.bool_]:
+    """(frames,) of the file within the range [s]. Raises MotionError where there is none."""
     first, last = span
     kept = (table.time_s >= first - 1e-6) & (table.time_s <= last + 1e-6)
     if not kept.any():
         raise MotionError(
             f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame between {first:g} "
-            f"and {last:g} s; correct --from and --to, or the set-up's time_range",
+            f"and {last:g} s; correct {named_by}",
             SolverCode.NO_FRAMES,
         )
     return np.asarray(kept)

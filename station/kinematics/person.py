@@ -20,7 +20,7 @@ from documents.interval import counted
 from documents.message import Message, because
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.standard_gravity import g
-from solver.errors import CoverageCode, MotionError, ScalingCode, SolverCode
+from solver.errors import CoverageCode, MotionError, ScalingCode
 from solver.inverse_kinematics.marker_fit import Vertical
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
 from solver.model import CoordinateLock, Marker, Model, ModelError
@@ -427,11 +427,6 @@ def result_files(output: Path) -> tuple[Path, Path, Path]:
 
 def write_person(output: Path, person: PersonBody, inputs: PersonInputs) -> tuple[Path, ...]:
     """Write output (.osim), and in its folder …-ik.xml and …-body.json; returns their paths."""
-    if output.suffix != ".osim":
-        raise ModelError(
-            f"the person's model should be written as .osim and is {output.name}; choose such a name",
-            SolverCode.NOT_WRITABLE,
-        )
     _, setup, record = result_files(output)
     documents = {
         output: Xml.tostring(osim_document(person.model), encoding="utf-8", xml_declaration=True),

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from documents.message import Message
 from recordings.exchange.sample_tables import MarkerTable
-from solver.errors import MotionError, SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
-from solver.model import Model, ModelError
+from solver.model import Model
 from solver.osim.model_writer import osim_document, read_marker_set, with_markers
 from solver.osim.tool_setups import IkSetup, ScaleSetup, read_scale_setup, scale_setup_document
 from solver.personalisation.coverage import check_coverage
 from solver.scaling import Scaling, check_scaling, place_markers, scale_model
-from station.kinematics.ik import ensure_common, model_with_markers, named_file, write_xml
+from station.kinematics.ik import ensure_common, frames_in, model_with_markers, named_file, write_xml
 from station.kinematics.marker_checks import (
     Finding,
     KinematicsError,
@@ -85,7 +84,7 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
         odd += unused_findings(setup.marker_set_file.name, unused)
     file = inputs.markers or named_file(inputs.setup, setup.marker_file, "markers' file", "--markers")
     table = read_body_markers(file, [marker.name for marker in generic.markers], inputs.prefix)
-    observed = _in_range(file, table, setup.time_range)
+    observed: Array = 1e-3 * table.positions[frames_in(file, table, setup.time_range)]
     setup, unknown = setup.for_model(generic, table.labels, observed)
     _ensure_markers_fit(generic, file, table, setup, observed)
     factors = setup.factors(generic, table.labels, observed)
@@ -102,9 +101,9 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
         named = setup.placement.marker_file or file
         pose_file = inputs.markers or named_file(inputs.setup, named, "markers' file", "--markers")
         pose = table if pose_file == file else read_body_markers(pose_file, setup.placement.markers, inputs.prefix)
-        static = _in_range(pose_file, pose, setup.placement.time_range)
-        findings += pose_findings(pose.labels, static)
-        scaled = _with_placed_markers(scaled, setup.placement, pose, static)
+        kept = frames_in(pose_file, pose, setup.placement.time_range)
+        findings += pose_findings(pose.labels, 1e-3 * pose.positions[kept])
+        scaled = _with_placed_markers(scaled, setup.placement, pose, kept)
         setup = replace(setup, placement=replace(setup.placement, marker_file=pose_file))
         notes += pose.notes if pose is not table else ()
     findings += setup_findings(inputs.setup.name, setup, unknown)
@@ -112,30 +111,13 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     return ScaledBody(setup, scaled, factors, tuple(findings), (*notes, *left_out_notes(generic)))
 
 
-def _in_range(file: Path, table: MarkerTable, span: tuple[float, float]) -> Array:
-    """(frames, labels, 3) [m] of the frames within the range [s]. Raises MotionError where there is none."""
-    shown = _is_in(table.time_s, span)
-    if not shown.any():
-        raise MotionError(
-            f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame between "
-            f"{span[0]:g} and {span[1]:g} s; correct the set-up's time_range",
-            SolverCode.NO_FRAMES,
-        )
-    observed: Array = 1e-3 * table.positions[shown]
-    return observed
-
-
-def _is_in(time: Array, span: tuple[float, float]) -> NDArray[np.bool_]:
-    is_in: NDArray[np.bool_] = (time >= span[0] - 1e-6) & (time <= span[1] + 1e-6)
-    return is_in
-
-
-def _with_placed_markers(scaled: Model, placement: IkSetup, pose: MarkerTable, observed: Array) -> Model:
-    """Markers at the mean of their positions (frames, labels, 3) in the pose, with coordinates of its first frame."""
+def _with_placed_markers(scaled: Model, placement: IkSetup, pose: MarkerTable, kept: NDArray[np.bool_]) -> Model:
+    """Markers at the mean of their positions in the kept frames of the pose, with coordinates of the first of them."""
+    observed = 1e-3 * pose.positions[kept]
     with np.errstate(invalid="ignore"):
         counts = np.isfinite(observed).sum(axis=0)
         static = np.where(counts > 0, np.nansum(observed, axis=0) / np.maximum(counts, 1), np.nan)
-    tasks = placement.tasks(scaled, pose.labels, pose.time_s[_is_in(pose.time_s, placement.time_range)][:1])
+    tasks = placement.tasks(scaled, pose.labels, pose.time_s[kept][:1])
     return place_markers(scaled, pose.labels, static, tasks)
 
 
@@ -182,11 +164,6 @@ def _ensure_plausible(file: Path, setup: ScaleSetup, factors: Mapping[str, Array
 
 def write_body(path: Path, body: ScaledBody) -> None:
     """The model as .osim: all that the solver reads of it, without meshes of bones."""
-    if path.suffix != ".osim":
-        raise ModelError(
-            f"the scaled model should be written as .osim and is {path.name}; choose such a name",
-            SolverCode.NOT_WRITABLE,
-        )
     write_xml(path, osim_document(body.model))
 
 

@@ -61,6 +61,8 @@ def scale(
     from station.kinematics.scale import ScaleInputs
 
     files = tuple(markers or ())
+    if output.suffix != ".osim":
+        raise typer.BadParameter(f"--output should end in .osim and is {output.name}")
     ensure_writable((output, write_setup))
     ensure_not_read((output, write_setup), (model, setup, *files))
     if setup is None:
@@ -101,8 +103,6 @@ def _scale_from_trials(output: Path, inputs: PersonInputs) -> None:
     from station.kinematics.person import measure_person, result_files, summary, write_person
     from station.progress import progress_bars
 
-    if output.suffix != ".osim":
-        raise typer.BadParameter(f"--output should end in .osim and is {output.name}")
     ensure_writable(result_files(output))
     ensure_not_read(result_files(output), inputs.markers)
     with progress_bars(Console(stderr=True)) as progress:
