@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from numpy import float64
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 BUNDLED = "bundled"
+T = TypeVar("T")
 
 
 def resolve_model(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
@@ -140,26 +142,18 @@ def drawn_body(osim: str, suit_toml: str) -> tuple[Model, Suit | None]:
 
     The suit is None if the model lacks one of its bodies. Raises SolverError for what cannot be read.
     """
-    model, suit = read_model(osim), _suit(suit_toml)
+    model, suit = read_model(osim), _read_text(suit_toml, "suit.toml", read_suit) if suit_toml else read_suit()
     bodies = {body.name for body in model.bodies}
     return model, suit if bodies >= {part.body for part in suit.line} else None
 
 
 def read_model(osim: str) -> Model:
     """The model in the text of an OpenSim file; the bundled one for an empty text. Raises ModelError."""
-    if not osim:
-        return bundled_model()
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "body.osim"
-        file.write_text(osim, encoding="utf-8")
-        return read_osim(file, ignore_forces=True)
+    return _read_text(osim, "body.osim", partial(read_osim, ignore_forces=True)) if osim else bundled_model()
 
 
-def _suit(toml: str) -> Suit:
-    """The suit in the text of a suit.toml; the bundled one for an empty text. Raises SuitError."""
-    if not toml:
-        return read_suit()
+def _read_text(text: str, name: str, read: Callable[[Path], T]) -> T:
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "suit.toml"
-        file.write_text(toml, encoding="utf-8")
-        return read_suit(file)
+        file = Path(folder) / name
+        file.write_text(text, encoding="utf-8")
+        return read(file)

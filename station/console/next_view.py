@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from nicegui import ui
 
 from station.console.actions import Action, Actions
@@ -120,28 +122,22 @@ def _offer_trial(controller: SessionController, plan: PlanStatus, trial: TrialSp
 def _offer_order(
     controller: SessionController, plan: PlanStatus, trial: TrialSpec, actions: Actions, dialog: ui.dialog
 ) -> None:
-    def skip() -> None:
-        controller.session.skip(trial)
-
     if trial != plan.spec:
         _dialog_button("Record it next", lambda: controller.session.choose(trial), actions, dialog)
     if trial not in plan.skipped:
-        _dialog_button("Skip it", skip, actions, dialog)
+        _dialog_button("Skip it", lambda: _skip(controller, trial), actions, dialog)
 
 
 def _offer_redo(controller: SessionController, trial: TrialSpec, actions: Actions, dialog: ui.dialog) -> None:
     reason = ui.input("Reason to redo it").classes("w-full").mark("redo-reason")
 
-    def redo() -> None:
-        controller.reviewer.redo(trial, reason.value or "")
-
-    def redo_donned_anew() -> None:
-        controller.reviewer.redo(trial, reason.value or "", is_donned_anew=True)
+    def redo(*, is_donned_anew: bool = False) -> None:
+        controller.reviewer.redo(trial, reason.value or "", is_donned_anew=is_donned_anew)
 
     _dialog_button("Redo it", redo, actions, dialog)
     if trial.cuff is not None:
         ui.label("Migration is known only for trials since the cuff was donned; donned anew, its repeats start again.")
-        _dialog_button("Don the cuff anew and redo", redo_donned_anew, actions, dialog)
+        _dialog_button("Don the cuff anew and redo", partial(redo, is_donned_anew=True), actions, dialog)
 
 
 def _dialog_button(name: str, action: Action, actions: Actions, dialog: ui.dialog) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from nicegui import ui
 
@@ -117,17 +118,9 @@ def _decision(
         controller.reviewer.decide(choice, reason.value or "", is_donned_anew=is_donned_anew)
         forget_form(form)
 
-    def keep() -> None:
-        decide("accept")
-
-    def redo() -> None:
-        decide("redo")
-
-    def redo_donned_anew() -> None:
-        decide("redo", is_donned_anew=True)
-
+    redo, redo_donned_anew = partial(decide, "redo"), partial(decide, "redo", is_donned_anew=True)
     is_kept = judgement.advice == "accept"
-    actions.add("Keep", "k", keep, kind="main" if is_kept else "other")
+    actions.add("Keep", "k", partial(decide, "accept"), kind="main" if is_kept else "other")
     advised: Kind = "other" if is_kept else "main"
     if is_costly:
         actions.add("Don the cuff anew and redo", "dr", redo_donned_anew, kind=advised, mark="don-anew")
