@@ -10,8 +10,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from queue import Empty, Full, Queue, SimpleQueue
+from typing import TypeVar
 
 import numpy as np
 
@@ -32,6 +34,7 @@ OPENING_INTERVAL_S = 0.005
 POLL_INTERVAL_S = 0.0005
 """Wall seconds between two reads of a connection with more data to come."""
 Sent = Mapping[int, int | None]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -132,11 +135,7 @@ class DeviceFeed:
                     return None
 
     def _execute_requests(self) -> None:
-        while True:
-            try:
-                request = self._requests.get_nowait()
-            except Empty:
-                return
+        for request in _drain(self._requests):
             request()
 
     def _close(self) -> None:
@@ -163,13 +162,10 @@ class Feeds:
 
     def receive(self) -> list[FeedMessage]:
         """All messages that have arrived; waits POLL_S for the first."""
-        messages = []
         try:
-            messages.append(self._inbox.get(timeout=POLL_S))
-            while True:
-                messages.append(self._inbox.get_nowait())
+            return [self._inbox.get(timeout=POLL_S), *_drain(self._inbox)]
         except Empty:
-            return messages
+            return []
 
     def finish_requests(self) -> None:
         """Nothing to do: the devices execute their requests before they close."""
@@ -177,6 +173,13 @@ class Feeds:
     def release(self, within_s: float) -> list[str]:
         """Close the devices; return the names of those that did not close within `within_s` wall seconds."""
         return end_feeds(self.feeds, within_s)
+
+
+def _drain(queue: Queue[T] | SimpleQueue[T]) -> Iterator[T]:
+    """Everything that waits."""
+    with suppress(Empty):
+        while True:
+            yield queue.get_nowait()
 
 
 def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[[], None] = lambda: None) -> list[str]:
@@ -231,12 +234,7 @@ class SteppedFeed(DeviceFeed):
 
     def collect(self) -> list[FeedMessage]:
         """Messages that were delivered and not collected yet."""
-        messages = []
-        while True:
-            try:
-                messages.append(self.inbox.get_nowait())
-            except Empty:
-                return messages
+        return list(_drain(self.inbox))
 
     def _serve(self) -> None:
         while True:

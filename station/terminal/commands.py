@@ -33,59 +33,38 @@ ENTER, ESCAPE, BACKSPACE = "\r\n", "\x1b", "\x7f\b"
 
 
 class Action(StrEnum):
-    """The letters of keep, redo, redon, arm, mark, stop and silence are those of the console page."""
+    """Word, key and meaning; keys of keep, redo, redon, arm, mark, stop and silence are those of the console page."""
 
-    KEEP = "keep"
-    REDO = "redo"
-    REDON = "redon"
-    UNDO = "undo"
-    SKIP = "skip"
-    NEXT = "next"
-    TRIALS = "trials"
-    PAUSE = "pause"
-    ARM = "arm"
-    MARK = "mark"
-    STOP = "stop"
-    SILENCE = "silence"
-    FINISH = "finish"
-    END = "end"
-    HELP = "help"
+    key: str
+    meaning: str
+
+    def __new__(cls, word: str, key: str, meaning: str) -> Action:
+        member = str.__new__(cls, word)
+        member._value_, member.key, member.meaning = word, key, meaning
+        return member
+
+    KEEP = "keep", "k", "keep the recording that waits"
+    REDO = (
+        "redo",
+        "r",
+        "repeat the trial of the recording that waits, runs, or was kept last, or trial #5; give the reason",
+    )
+    REDON = "redon", "d", "as redo, after donning the cuff anew; its repeats start again"
+    UNDO = "undo", "u", "undo the last decision; its recording waits for a decision again"
+    SKIP = "skip", "n", "skip the next trial of the plan, or trial #5"
+    NEXT = "next", "x", "record trial #5 next; a skipped one is taken up again"
+    TRIALS = "trials", "t", "list the trials of the plan with their numbers"
+    PAUSE = "pause", "p", "pause after the running trial, or at once while none is recorded"
+    ARM = "arm", "a", "arm: continue after a pause, or try again at once"
+    MARK = "mark", "m", "mark this moment in the recording"
+    STOP = "stop", "s", "stop the recording; what is recorded so far is kept"
+    SILENCE = "silence", "i", "silence the alarm"
+    FINISH = "finish", "f", "finish early: fit, assessment and report of the trials so far"
+    END = "end", "e", "end without a report; `station record` resumes the session"
+    HELP = "help", "?", "list the commands"
 
 
-KEYS = {
-    "k": Action.KEEP,
-    "r": Action.REDO,
-    "d": Action.REDON,
-    "u": Action.UNDO,
-    "n": Action.SKIP,
-    "x": Action.NEXT,
-    "t": Action.TRIALS,
-    "p": Action.PAUSE,
-    "a": Action.ARM,
-    "m": Action.MARK,
-    "s": Action.STOP,
-    "i": Action.SILENCE,
-    "f": Action.FINISH,
-    "e": Action.END,
-    "?": Action.HELP,
-}
-MEANINGS = {
-    Action.KEEP: "keep the recording that waits",
-    Action.REDO: "repeat the trial of the recording that waits, runs, or was kept last, or trial #5; give the reason",
-    Action.REDON: "as redo, after donning the cuff anew; its repeats start again",
-    Action.UNDO: "undo the last decision; its recording waits for a decision again",
-    Action.SKIP: "skip the next trial of the plan, or trial #5",
-    Action.NEXT: "record trial #5 next; a skipped one is taken up again",
-    Action.TRIALS: "list the trials of the plan with their numbers",
-    Action.PAUSE: "pause after the running trial, or at once while none is recorded",
-    Action.ARM: "arm: continue after a pause, or try again at once",
-    Action.MARK: "mark this moment in the recording",
-    Action.STOP: "stop the recording; what is recorded so far is kept",
-    Action.SILENCE: "silence the alarm",
-    Action.FINISH: "finish early: fit, assessment and report of the trials so far",
-    Action.END: "end without a report; `station record` resumes the session",
-    Action.HELP: "list the commands",
-}
+KEYS = {action.key: action for action in Action}
 TAKES_A_REASON = (Action.REDO, Action.REDON)
 TAKES_A_TRIAL = (*TAKES_A_REASON, Action.SKIP, Action.NEXT)
 
@@ -171,7 +150,7 @@ class CommandQueue:
             self.refuse(request)
             return None
         if request.action is Action.HELP:
-            self.answer("\n".join(f"{action:8}{meaning}" for action, meaning in MEANINGS.items()))
+            self.answer("\n".join(f"{action:8}{action.meaning}" for action in Action))
             return None
         if request.action is Action.TRIALS:
             self._output.show_event(self._list_plan())
