@@ -15,7 +15,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from rich.console import Console, Group
 from rich.live import Live as LiveRegion
@@ -137,7 +137,8 @@ async def _run(controller: SessionController, *, is_headless: bool, is_simulated
         with suppress(RuntimeError):  # the session has just ended
             loop.call_soon_threadsafe(requests.put_nowait, request)
 
-    _end_on_signals(lambda: post(Command(Action.END)))
+    for number in end_signals():  # once: the running trial ends cleanly, and then the session; twice: at once
+        signal.signal(number, lambda *_: post(Command(Action.END)))
     with ExitStack() as stack:
         output = _output(stack, post, is_headless=is_headless)
         warming = asyncio.create_task(controller.reviewer.warm_up())
@@ -162,16 +163,6 @@ def _output(stack: ExitStack, post: Callable[[Request], None], *, is_headless: b
     output = stack.enter_context(TextOutput(SessionConsole(stderr=True), sys.stdout, is_interactive=True))
     stack.enter_context(listening_to_keys(post, output.show_typed))
     return output
-
-
-def _end_on_signals(end: Callable[[], None]) -> None:
-    """Once: the running trial ends cleanly, and then the session. Twice: at once."""
-
-    def handle(_signal: int, _frame: Any) -> None:
-        end()
-
-    for number in end_signals():
-        signal.signal(number, handle)
 
 
 def _number(folder: Path) -> str:

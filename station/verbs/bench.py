@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -33,7 +33,7 @@ from station.verbs.options import (
 
 if TYPE_CHECKING:
     from station.bench.live import LiveView
-    from station.bench.trial_recorder import TrialRecorder, TrialResult
+    from station.bench.trial_recorder import TrialResult
     from station.child import Child
     from station.clock import Clock
     from station.config import LiveSection, StationConfig
@@ -196,7 +196,8 @@ def _record_trial(
             views += open_rerun(stack, rrd, rope, has_viewer=rerun)
         views += [stack.enter_context(tap) for tap in live_views(config, session, spec, clock)]
         recorder = TrialRecorder(config, clock, views, check_folder=check_folder)
-        _stop_on_signals(recorder)
+        for number in end_signals():
+            signal.signal(number, lambda *_: recorder.stop())
         result = recorder.record(session, spec, duration)
     print_result(result, format)
     code = _exit_code(result)
@@ -220,14 +221,6 @@ def _live_view(config: StationConfig, clock: Clock, spec: TrialSpec) -> LiveView
 
     site = config.cuff_site(spec.cuff) if spec.cuff in config.cuffs else None
     return LiveView(clock, spec.title, load_cell=config.calibration(), cuff=site)
-
-
-def _stop_on_signals(recorder: TrialRecorder) -> None:
-    def stop(_signal: int, _frame: Any) -> None:
-        recorder.stop()
-
-    for number in end_signals():
-        signal.signal(number, stop)
 
 
 def _exit_at_once(code: int, abandoned: list[str]) -> NoReturn:
