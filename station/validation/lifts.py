@@ -441,22 +441,6 @@ def published_options(model: Model) -> RedundancyOptions:
     return RedundancyOptions(unweighted_coordinates=(), reserve_weight=1.0, weights=weights)
 
 
-COLUMNS = (
-    "lift",
-    "variant",
-    "frames",
-    "unsolved",
-    "compared",
-    "median_difference_from_published_n",
-    "rmse_percent_of_body_weight",
-    "published_rmse_percent_of_body_weight",
-    "correlation",
-    "published_correlation",
-    "peak_ratio",
-    "published_peak_ratio",
-    "angle_to_measured_deg",
-    "is_within_limits",
-)
 NOTE = (
     "ΔF: median difference from the published force. RMSE in % of body weight, in brackets that of the published "
     "force; r; peaks, predicted / measured; angle to the measured force, which is not evaluated."
@@ -486,25 +470,27 @@ def validation_table(solved: Sequence[SolvedVariant]) -> Table:
 
 def write_validation(path: Path, solved: Sequence[SolvedVariant]) -> None:
     """A row per lift and variant, whose figures are of the `compared` frames; empty without a published solution."""
-    rows = [",".join(_row(found)) for found in solved]
-    write_whole(path, "\n".join([",".join(COLUMNS), *rows]) + "\n")
+    rows = [_row(found) for found in solved]
+    write_whole(path, "\n".join([",".join(rows[0]), *(",".join(row.values()) for row in rows)]) + "\n")
 
 
-def _row(found: SolvedVariant) -> list[str]:
+def _row(found: SolvedVariant) -> dict[str, str]:
+    """Column → text."""
     ours, theirs = found.agreement, found.published or UNKNOWN
-    figures = (
-        found.median_difference,
-        found.rmse_percent,
-        found.published_rmse_percent,
-        ours.correlation,
-        theirs.correlation,
-        ours.peak_ratio,
-        theirs.peak_ratio,
-        math.degrees(found.angle),
-    )
-    verdict = {True: "true", False: "false", None: ""}[found.is_within_limits]
-    counts = map(str, (len(found.time), found.unsolved, found.compared))
-    return [found.lift, found.variant, *counts, *map(_field, figures), verdict]
+    names = {"lift": found.lift, "variant": found.variant}
+    counts = {"frames": len(found.time), "unsolved": found.unsolved, "compared": found.compared}
+    figures = {
+        "median_difference_from_published_n": found.median_difference,
+        "rmse_percent_of_body_weight": found.rmse_percent,
+        "published_rmse_percent_of_body_weight": found.published_rmse_percent,
+        "correlation": ours.correlation,
+        "published_correlation": theirs.correlation,
+        "peak_ratio": ours.peak_ratio,
+        "published_peak_ratio": theirs.peak_ratio,
+        "angle_to_measured_deg": math.degrees(found.angle),
+    }
+    texts = {name: str(count) for name, count in counts.items()} | {key: _field(one) for key, one in figures.items()}
+    return names | texts | {"is_within_limits": {True: "true", False: "false", None: ""}[found.is_within_limits]}
 
 
 def _field(figure: float | None) -> str:
