@@ -26,6 +26,7 @@ from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.sources import GROUPS, DonningSpread, Group
 from solver.uncertainty.total import DrawnPeople, IndexedFigure
 from station.assessment.assessment_json import (
+    CURVE_KEYS,
     CountEntry,
     KnownNumberEntry,
     NumberEntry,
@@ -45,11 +46,7 @@ UNITS = {
     "rest_length": "best_rest_length_m",
     "lowest_cost": "effort_at_best",
     "permissible_error": "permissible_error_m",
-    "to_slack": "optimum_to_slack_m",
-    "cord_force": "largest_cord_force_n",
-    "cord_force_lost": "cord_force_lost_to_migration",
-    "cost_per_arm_migration": "cost_per_arm_migration_per_m",
-    "cost_per_waist_migration": "cost_per_waist_migration_per_m",
+    **CURVE_KEYS,
 }
 """Field of CurveReadouts → column of people.csv."""
 CERTAIN = 0.995

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from fitting.trial.clocks import find_edges
 from recordings.exchange.sample_tables import MarkerTable
 from recordings.manifest import Manifest
 from recordings.reader import Recording, Track, open_recording
-from recordings.samples import Event, Item, Loss, Samples, Stream
+from recordings.samples import Event, Item, Loss, Samples
 from station.files.foreign_files import ImportRefused, MarkerSource, read_markers
 from station.files.import_trial import Imported, blocks, marker_file_notes, nanoseconds, write_recording
 from station.messages.file_messages import ImportCode
@@ -146,18 +147,13 @@ def _items(
     counted = nanoseconds((live.sample_numbers.astype(np.int64) - int(live.sample_numbers[0])) / rate)
     host = since_first + int(np.min(live.host_time_ns - counted))
     frames = blocks("/markers", numbers, since_first + int(live.device_time_ns[0]), host, values)
+    others = (
+        item
+        for item in recording.items()
+        if isinstance(item, Event) or (isinstance(item, Samples | Loss) and item.stream != "/markers")
+    )
     yield origin
-    waiting = next(frames, None)
-    for item in recording.items():
-        if isinstance(item, Stream) or (isinstance(item, Samples | Loss) and item.stream == "/markers"):
-            continue
-        while waiting is not None and waiting.host_time_ns <= item.host_time_ns:
-            yield waiting
-            waiting = next(frames, None)
-        yield item
-    while waiting is not None:
-        yield waiting
-        waiting = next(frames, None)
+    yield from heapq.merge(frames, others, key=lambda item: item.host_time_ns)
 
 
 def _notes(live: Track, export: MarkerTable, numbers: NDArray[np.int64]) -> Iterator[Message[ImportCode]]:
