@@ -477,29 +477,24 @@ class QtmDiscovery:
                 self._sockets[-1].bind((address, self.port))
                 self.port = self._sockets[-1].getsockname()[1]
         except OSError:
-            self._close()
+            self.stop()
             raise
         self._thread.start()
 
     def stop(self) -> None:
         self._is_stopped.set()
-        self._sockets[0].sendto(b"", (LOCAL, self.port))  # ends the wait for a request
-        self._thread.join()
-        self._close()
+        if self._thread.is_alive():
+            self._sockets[0].sendto(b"", (LOCAL, self.port))  # ends the wait for a request
+            self._thread.join()
+        for bound in self._sockets:
+            bound.close()
 
     def _run(self) -> None:
+        head = REQUEST.pack(REQUEST.size + PORT.size, DISCOVER)
         while not self._is_stopped.is_set():
             for bound in select.select(self._sockets, [], [])[0]:
                 with suppress(OSError):  # the port of an answer is closed already
-                    self._answer_request(*bound.recvfrom(LONGEST_COMMAND_BYTES))
-
-    def _answer_request(self, packet: bytes, sender: tuple[str, int]) -> None:
-        if len(packet) != REQUEST.size + PORT.size or not ip_address(sender[0]).is_loopback:
-            return
-        if REQUEST.unpack_from(packet) == (len(packet), DISCOVER):
-            (port,) = PORT.unpack_from(packet, REQUEST.size)
-            self._sockets[0].sendto(self._answer, (sender[0], port))
-
-    def _close(self) -> None:
-        for bound in self._sockets:
-            bound.close()
+                    packet, (host, _) = bound.recvfrom(LONGEST_COMMAND_BYTES)
+                    is_request = packet.startswith(head) and len(packet) == len(head) + PORT.size
+                    if is_request and ip_address(host).is_loopback:
+                        self._sockets[0].sendto(self._answer, (host, PORT.unpack_from(packet, len(head))[0]))

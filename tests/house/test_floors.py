@@ -32,7 +32,7 @@ LONGEST = {
     "fitting/diagnosis/causes.py": 576,
     "fitting/study/cuff_study.py": 531,
     "solver/tendons/fiber.py": 524,
-    "station/validation/lifts.py": 547,
+    "station/validation/lifts.py": 533,
 }
 """Lines of files that have taken in a neighbour and are not yet shorter; none may grow."""
 

@@ -14,7 +14,7 @@ from solver.suit.assessment import Assessment, Comparison, EffortCurve, Uncertai
 from solver.suit.decision import DecisionRule
 from solver.suit.quantity import Quantity
 from solver.suit.scenarios import CurveReadouts
-from station.assessment.assessment_json import known, motion_entries
+from station.assessment.assessment_json import count, motion_entries
 from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
 from station.messages.assessment_messages import AssessmentCode
 
@@ -205,7 +205,7 @@ def test_frames_with_an_unconverged_muscle_are_counted_by_outcome_in_findings_an
     counted = assessment(curve("hand", 0.85), muscle_outcomes={outcome: 1})
     found = findings(counted)[-1]
     assert (found.code, found.figures) == (MUSCLE_OUTCOMES[outcome], {"frames": 1, "all_frames": 2})
-    assert motion_entries(counted)["muscle_outcome_codes"] == {outcome: known(1)}
+    assert motion_entries(counted)["muscle_outcome_codes"] == {outcome: count(1)}
 
 
 def test_every_outcome_but_solved_has_a_finding() -> None:
