@@ -35,6 +35,11 @@ def silent(stage: str, done: int, total: int) -> None:
     """A Progress that shows nothing."""
 
 
+def part_of(progress: Progress, part: str) -> Progress:
+    """A Progress that adds the name of a part to the names of its stages."""
+    return lambda stage, done, total: progress(f"{stage}, {part}", done, total)
+
+
 @contextmanager
 def progress_bars(console: Console, clock: Clock = perf_counter) -> Iterator[Progress]:
     """Yield a Progress that shows every stage from its first call on; clock: in seconds.

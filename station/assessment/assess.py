@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +60,7 @@ from station.checksums import write_checksums, write_whole
 from station.messages.assessment_messages import AssessmentCode
 from station.messages.kinematics_messages import SubjectCode
 from station.output_folder import ensure_folder
-from station.progress import Progress, silent
+from station.progress import Progress, part_of, silent
 from station.subject.assessed_subject import compare_cord, cuff_on_cord, subject_document, subject_inputs
 from station.subject.subject_document import SubjectDocument
 from station.subject.subject_file import refuse_subject
@@ -223,8 +222,7 @@ def _assess_other_motion(
     every = math.ceil(len(kinematics.time) / min(most_frames or OTHER_FRAMES, OTHER_FRAMES))
     every = 1 if options.tendons == "elastic" else every
     short, motion = inputs.read_suit(OTHER_REST_LENGTHS), LoadedMotion(loaded, kinematics, options=options)
-    count = partial(_report_other, progress)
-    return name, assess(motion, short, worn, every=every, progress=count)
+    return name, assess(motion, short, worn, every=every, progress=part_of(progress, "other motion"))
 
 
 def _findings_on_inputs(case: AssessedCase, on_loads: dict[str, str], *, has_people: bool) -> tuple[Finding, ...]:
@@ -232,11 +230,6 @@ def _findings_on_inputs(case: AssessedCase, on_loads: dict[str, str], *, has_peo
     if has_people and not has_arm_segments(case.model):
         found.append(Message(AssessmentCode.NO_ARM_SEGMENTS))
     return tuple(found)
-
-
-def _report_other(progress: Progress, stage: str, done: int, total: int) -> None:
-    """Report progress of the other motion under separate names."""
-    progress(f"{stage}, other motion", done, total)
 
 
 def assess_file(

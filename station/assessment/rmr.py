@@ -252,8 +252,9 @@ def left_out_findings(model: Model, effect: LeftOutEffect | None) -> list[Messag
 def _describe_effect(model: Model, effect: LeftOutEffect) -> str:
     """Sentences with a space before each; "" without an effect that is known."""
     sentences = []
+    units = {name: coordinate_unit(model, place) for place, name in enumerate(model.coordinate_names)}
     for name, forces in effect.loads.items():
-        parts = [f"{size:.3g} {_unit(model, coordinate)} at {coordinate}" for coordinate, size in forces.items()]
+        parts = [f"{size:.3g} {units[coordinate]} at {coordinate}" for coordinate, size in forces.items()]
         sentences.append(f"{name} would give {listed(parts)} (RMS)." if parts else f"{name} gives nothing here.")
     if model.lacking:
         given = f"give {shares_text(model, effect.reserves)}" if effect.reserves else "give nothing"
@@ -266,10 +267,6 @@ def _largest(model: Model, forces: Array) -> dict[str, float]:
     sizes = rms(forces)
     kept = [k for k in np.argsort(-sizes) if sizes[k] > LEAST_SHARE * sizes.max(initial=0.0)]
     return {model.coordinate_names[k]: float(sizes[k]) for k in kept}
-
-
-def _unit(model: Model, coordinate: str) -> str:
-    return coordinate_unit(model, model.coordinate_index(coordinate))
 
 
 def slack_muscles(model: Model, kinematics: Kinematics, path_mode: PathMode) -> tuple[str, ...]:
@@ -350,7 +347,7 @@ def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
         yield from _fibers(muscles, solution.fibers)
     for actuator, values in zip(model.actuators, solution.reserves.T, strict=True):
         unit = reserve_unit(model, actuator)
-        yield Column(f"reserve_{_suffix(unit)}.{actuator.name}", unit, values)
+        yield Column(f"reserve_{unit.lower().replace(' ', '_')}.{actuator.name}", unit, values)
     if is_shoulder(model, solved.options.joint):
         yield from _columns([f"reaction_moment_n_m.{axis}" for axis in "xyz"], "N m", solution.reaction[:, :3])
         yield from _columns([f"reaction_force_n.{axis}" for axis in "xyz"], "N", solution.reaction[:, 3:])
@@ -413,10 +410,6 @@ def _finite(
             f"{int((~is_kept).sum())} of {counted(len(time), 'frame')}, the first at {time[np.argmin(is_kept)]:g} s"
         )
     return kept, is_kept, " and ".join(parts)
-
-
-def _suffix(unit: str) -> str:
-    return {"N m": "n_m", "N": "n"}[unit]
 
 
 def _write_parquet(path: Path, solved: SolvedMotion, columns: tuple[Column, ...]) -> None:

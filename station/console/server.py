@@ -85,7 +85,7 @@ class AccessMiddleware:
                 await self._inner(scope, receive, send)
             else:
                 await self._reject(scope, receive, send, "this console answers on this machine only")
-        elif self._has_token(SimpleCookie(headers.get("cookie", "")).get(COOKIE)):
+        elif (cookie := SimpleCookie(headers.get("cookie", "")).get(COOKIE)) and self._is_right(cookie.value):
             await self._inner(scope, receive, send)
         elif scope["type"] == "http" and self._is_right(parse_qs(scope["query_string"].decode()).get("token", [""])[0]):
             answer = RedirectResponse("/" + scope["path"].lstrip("/\\"))  # //name would lead to another host
@@ -95,9 +95,6 @@ class AccessMiddleware:
             await self._reject(
                 scope, receive, send, "open the complete address that `station serve` printed, including the token"
             )
-
-    def _has_token(self, cookie: Any) -> bool:
-        return cookie is not None and self._is_right(cookie.value)
 
     def _is_right(self, shown: str) -> bool:
         return self._token is not None and hmac.compare_digest(shown.encode(), self._token.encode())

@@ -92,7 +92,7 @@ class _SetupForm:
             self._number = ui.input("Session", value="1").mark("number")
             self._repeats = ui.number("Repeats of each test", value=suggested.repeats, min=1, precision=0)
             self._repeats.mark("repeats")
-            masses = _format_masses(suggested.step_masses_kg)
+            masses = " ".join(f"{mass:g}" for mass in suggested.step_masses_kg)
             self._masses = ui.input("Load steps [kg]", value=masses).mark("load-steps")
         self._conditions = _conditions(controller, suggested.conditions)
         self._wearer = None if config.body is None else WearerForm(tuple(config.cuffs), published_sets())
@@ -178,10 +178,6 @@ def _conditions(controller: SessionController, suggested: tuple[TrialCondition, 
     label = "Pose and motions of the wearer"
     choice = ui.select(dict(CONDITION_NAMES), label=label, value=list(suggested), multiple=True)
     return choice.props("use-chips").classes("w-full").mark("conditions")
-
-
-def _format_masses(masses: tuple[float, ...]) -> str:
-    return " ".join(f"{mass:g}" for mass in masses)
 
 
 def _parse_masses(text: str) -> tuple[float, ...]:

@@ -159,7 +159,8 @@ def activation_figure(activations: pd.DataFrame, cuff: str) -> Chart:
             Line(values(part["time_s"]), values(part[muscle]), colour, CONDITIONS.get(condition, condition), width=1.2)
             for condition, part, colour in conditions
         )
-        panels.append(_activation_panel(marks, muscle))
+        limits = (0.0, None)
+        panels.append(Panel(marks, "time [s]", "activation", muscle, y_limits=limits, width=QUARTER, height=120.0))
     return chart(*panels, has_one_legend=True)
 
 
@@ -197,10 +198,6 @@ def _reductions(assessment: AssessmentDocument, cuff: str) -> Panel:
         width=THIRD,
         height=70.0 + 22.0 * len(measured),
     )
-
-
-def _activation_panel(marks: tuple[Line, ...], muscle: str) -> Panel:
-    return Panel(marks, "time [s]", "activation", muscle, y_limits=(0.0, None), width=QUARTER, height=120.0)
 
 
 def _effort_panel(

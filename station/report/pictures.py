@@ -43,13 +43,10 @@ def draw_all(
         pictures = []
         for figure in figures:
             progress("drawing figures", done, total)
-            pictures.append(_picture(figure))
+            drawing = draw(figure.plan(), figure.caption)
+            pictures.append(Picture(drawing, figure.caption, figure.is_wide, figure.is_printed))
             done += 1
         drawn[section] = tuple(pictures)
     if total:
         progress("drawing figures", total, total)
     return drawn
-
-
-def _picture(figure: PlannedFigure) -> Picture:
-    return Picture(draw(figure.plan(), figure.caption), figure.caption, figure.is_wide, figure.is_printed)

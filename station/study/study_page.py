@@ -25,7 +25,6 @@ from station.folded_table import FoldedTable
 from station.study.study_document import (
     OPEN,
     AgreementEntry,
-    ComparisonEntry,
     ComponentEntry,
     QuantityEntry,
     StudyDocument,
@@ -53,7 +52,10 @@ def write_study_page(folder: Path, document: StudyDocument) -> Path:
             study=document,
             volunteers=len({session.volunteer for session in document.sessions}),
             sections=_sections(document),
-            comparisons={quantity: _comparisons(document, quantity) for quantity in QUANTITIES},
+            comparisons={
+                quantity: [found for found in document.comparisons if found.quantity == quantity]
+                for quantity in QUANTITIES
+            },
             components=COMPONENTS,
             left_out=[str(Message(entry.code, entry.figures)) for entry in document.left_out],
             unit=lambda quantity: SHOWN[quantity].unit,
@@ -89,10 +91,6 @@ def _sections(document: StudyDocument) -> dict[str, dict[str, QuantityEntry]]:
         for quantity, entry in quantities.items():
             found.setdefault(quantity, {})[cuff] = entry
     return found
-
-
-def _comparisons(document: StudyDocument, quantity: str) -> list[ComparisonEntry]:
-    return [found for found in document.comparisons if found.quantity == quantity]
 
 
 def _predicted(found: QuantityEntry, quantity: str) -> str:

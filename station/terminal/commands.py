@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 from documents.message import Message
 from station.errors import StationError
@@ -213,7 +213,8 @@ class KeyParser:
             typed = self._typed
             self._action, self._typed = None, ""
             self._show_typed(None)
-            return _parse_typed(action, typed) if key in ENTER else None
+            text = f"#{typed.lstrip(' #')}" if action is Action.NEXT else typed
+            return _or_unknown(parse_argument, action, text) if key in ENTER else None
         self._type(self._typed[:-1] if key in BACKSPACE else self._typed + key if key.isprintable() else self._typed)
         return None
 
@@ -222,9 +223,9 @@ class KeyParser:
         self._show_typed(PROMPTS[self._action] + text if self._action is not None else text)
 
 
-def _parse_typed(action: Action, typed: str) -> Command | UnknownCommand:
+def _or_unknown(parse: Callable[..., Command], *arguments: Any) -> Command | UnknownCommand:
     try:
-        return parse_argument(action, f"#{typed.lstrip(' #')}" if action is Action.NEXT else typed)
+        return parse(*arguments)
     except UnknownCommand as unknown:
         return unknown
 
@@ -235,17 +236,10 @@ def listen_to_lines(post: Post) -> None:
     def read() -> None:
         for line in read_lines(sys.stdin):
             if line.strip():
-                post(_parse_line(line))
+                post(_or_unknown(parse_command, line))
         post(None)
 
     threading.Thread(target=read, name="commands", daemon=True).start()
-
-
-def _parse_line(line: str) -> Command | UnknownCommand:
-    try:
-        return parse_command(line)
-    except UnknownCommand as unknown:
-        return unknown
 
 
 @contextmanager

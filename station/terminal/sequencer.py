@@ -69,7 +69,7 @@ class SessionSequencer:
     ) -> None:
         """waits_for_start: the station starts the captures, so that a trial is armed only on the operator's command."""
         self._controller, self._output = controller, output
-        self._commands = CommandQueue(requests, output, self._list_plan)
+        self._commands = CommandQueue(requests, output, lambda: PlanListed.of(self._plan))
         self._is_simulated, self._waits_for_start = is_simulated, waits_for_start
         self._is_paused = self._is_ended = self.is_complete = self.is_refused = False
         self._is_started = False  # the operator started the next trial
@@ -186,9 +186,6 @@ class SessionSequencer:
     def _named_trial(self, command: Command) -> TrialSpec | None:
         """The trial that a command names by its number. Raises CommandRefused."""
         return None if command.trial is None else self._controller.session.trial(command.trial)
-
-    def _list_plan(self) -> PlanListed:
-        return PlanListed.of(self._plan)
 
     async def _wait(self, seconds: float) -> None:
         """Wait for the next attempt; arm makes it at once."""
