@@ -65,7 +65,7 @@ def _repeats(used: Sequence[TrialFit], name: str, pooled: Estimate | None, axis:
     if true is not None:
         marks.append(Rule(true, "c2", "true", "dashed"))
     places = values([numbers.index(repeat) for repeat, _ in found])
-    marks += _intervals(places, [value for _, value in found], FORCE, "")
+    marks += _intervals(places, [value for _, value in found], FORCE)
     return _small(marks, "repeat", axis, tuple(map(str, numbers)))
 
 
@@ -79,8 +79,8 @@ def _complex_stiffness(fit: CuffFit) -> Iterator[Panel]:
         return
     frequency = values([band.frequency for band in bands])
     swung = [trial.swing.stiffness.value for trial in fit.trials if trial.swing]
-    left = [*_intervals(frequency, [band.stiffness for band in bands], FORCE, "")]
-    right = [*_intervals(frequency, [band.damping for band in bands], MOTION, "")]
+    left = [*_intervals(frequency, [band.stiffness for band in bands], FORCE)]
+    right = [*_intervals(frequency, [band.damping for band in bands], MOTION)]
     if swung:
         left.append(Rule(float(np.mean(swung)), label="swings"))
     if fit.stiffness is not None:
@@ -111,11 +111,11 @@ def _residuals(dynamic: Sequence[FittedPull]) -> tuple[Panel, ...]:
     return _small(later, "time lag [s]", "autocorrelation"), _small(quantiles, "normal quantile", "residual / SD")
 
 
-def _intervals(across: Array, found: Sequence[Estimate], colour: Colour, label: str) -> Iterator[Mark]:
+def _intervals(across: Array, found: Sequence[Estimate], colour: Colour) -> Iterator[Mark]:
     ends = values([estimate.ci95 for estimate in found]).reshape(-1, 2)
     yield Intervals(across, ends[:, 0], ends[:, 1], colour, is_upright=True)
     titles = tuple(plus_minus(estimate.value, estimate.ci95) for estimate in found)
-    yield Points(across, values([estimate.value for estimate in found]), colour, label, titles=titles)
+    yield Points(across, values([estimate.value for estimate in found]), colour, titles=titles)
 
 
 def _pooled(pooled: Estimate, label: str) -> tuple[Mark, Mark]:
