@@ -11,7 +11,6 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
@@ -138,6 +137,21 @@ def read_study_plan(path: Path) -> StudyPlan:
         return StudyPlan.model_validate(read_toml(path))
 
 
+ERRORS = {
+    "stiffness": "stiffness_error_n_per_m",
+    "damping": "damping_error_n_s_per_m",
+    "migration": "migration_error_m",
+}
+"""Quantity → key of its standard error."""
+
+
+class DesignOutcome(StrEnum):
+    """Whether a design reaches the power with the volunteers that are possible."""
+
+    REACHED = "reached"
+    NOT_REACHED = "power_not_reached"
+
+
 class DesignEntry(FiniteSection):
     """One design, in SI. Standard errors are those of one donning, from the noise of its trials."""
 
@@ -152,8 +166,8 @@ class DesignEntry(FiniteSection):
     migration_error_m: float
     difference_error: float = Field(description="standard error of the mean difference of the cuffs")
     power: float
-    session_minutes: float
-    total_hours: float
+    session_minutes: Annotated[float, Field(description="of one volunteer with both cuffs")]
+    total_hours: Annotated[float, Field(description="of all sessions")]
 
 
 class StudyPlanDocument(FiniteSection):
@@ -164,14 +178,14 @@ class StudyPlanDocument(FiniteSection):
     designs: list[DesignEntry]
 
 
-def write_plan(folder: Path, plan: StudyPlan, designs: Sequence[StudyDesign]) -> Path:
+def write_plan(folder: Path, plan: StudyPlan, designs: Sequence[DesignEntry]) -> Path:
     """Write plan.json into the folder."""
-    document = StudyPlanDocument(format=FORMAT, plan=plan, designs=[_entry(design) for design in designs])
+    document = StudyPlanDocument(format=FORMAT, plan=plan, designs=list(designs))
     write_whole(folder / PLAN_FILE, json.dumps(document.model_dump(mode="json"), indent=1, allow_nan=False) + "\n")
     return folder / PLAN_FILE
 
 
-def planned_config(config: Path, plan: StudyPlan, design: StudyDesign) -> str:
+def planned_config(config: Path, plan: StudyPlan, design: DesignEntry) -> str:
     """The station's configuration with the protocol of the design. Raises StudyError and ConfigError."""
     text = read_regular(config, 2**20).decode("utf-8-sig").replace("\r\n", "\n")
     if not SECTION.search(text):
@@ -191,7 +205,7 @@ def planned_config(config: Path, plan: StudyPlan, design: StudyDesign) -> str:
     return planned
 
 
-def design_table(plan: StudyPlan, designs: Sequence[StudyDesign]) -> FoldedTable:
+def design_table(plan: StudyPlan, designs: Sequence[DesignEntry]) -> FoldedTable:
     """The first designs; the precision is that of the quantity to be detected, of one donning."""
     detect = plan.detect
     scale, unit = SHOWN[detect.quantity].scale, SHOWN[detect.quantity].unit
@@ -205,7 +219,7 @@ def design_table(plan: StudyPlan, designs: Sequence[StudyDesign]) -> FoldedTable
             str(design.repeats),
             " + ".join(f"{mass:g}" for mass in design.step_masses_kg),
             f"{design.swing_frequency_hz:g}",
-            f"{scale * getattr(design, f'{detect.quantity}_error'):.2g}",
+            f"{scale * getattr(design, ERRORS[detect.quantity]):.2g}",
             f"{100 * design.power:.0f} %",
             f"{design.session_minutes:.0f}",
             f"{design.total_hours:.0f}",
@@ -213,58 +227,7 @@ def design_table(plan: StudyPlan, designs: Sequence[StudyDesign]) -> FoldedTable
     return table
 
 
-def _entry(design: StudyDesign) -> DesignEntry:
-    return DesignEntry(
-        outcome=design.outcome,
-        volunteers=design.volunteers,
-        donnings=design.donnings,
-        repeats=design.repeats,
-        step_masses_kg=list(design.step_masses_kg),
-        swing_frequency_hz=design.swing_frequency_hz,
-        stiffness_error_n_per_m=design.stiffness_error,
-        damping_error_n_s_per_m=design.damping_error,
-        migration_error_m=design.migration_error,
-        difference_error=design.difference_error,
-        power=design.power,
-        session_minutes=design.session_minutes,
-        total_hours=design.total_hours,
-    )
-
-
-class DesignOutcome(StrEnum):
-    """Whether a design reaches the power with the volunteers that are possible."""
-
-    REACHED = "reached"
-    NOT_REACHED = "power_not_reached"
-
-
-@dataclass(frozen=True)
-class StudyDesign:
-    """One combination. Standard errors are those of one donning, from the noise of its trials, in SI.
-
-    power is that with so many volunteers; session_minutes that of one volunteer with both cuffs.
-    """
-
-    outcome: DesignOutcome
-    volunteers: int
-    donnings: int
-    repeats: int
-    step_masses_kg: tuple[float, ...]
-    swing_frequency_hz: float
-    stiffness_error: float
-    damping_error: float
-    migration_error: float
-    difference_error: float
-    power: float
-    session_minutes: float
-
-    @property
-    def total_hours(self) -> float:
-        """Of all sessions."""
-        return self.volunteers * self.session_minutes / 60
-
-
-def find_designs(plan: StudyPlan) -> list[StudyDesign]:
+def find_designs(plan: StudyPlan) -> list[DesignEntry]:
     """Every design; those that reach the power first, in the order of their total time. Raises StudyError."""
     choices = plan.choices
     lists = (choices.donnings, choices.repeats, choices.step_masses_kg, choices.swing_frequencies_hz)
@@ -283,14 +246,14 @@ def session_minutes(plan: StudyPlan, donnings: int, repeats: int, steps: int) ->
     return (time.setup_s + CUFFS * donnings * (time.donning_s + trials)) / 60
 
 
-def _rank(design: StudyDesign) -> tuple[bool, float, float, float, float]:
+def _rank(design: DesignEntry) -> tuple[bool, float, float, float, float]:
     """Without the power, the design with most of it is first."""
     is_short = design.outcome is DesignOutcome.NOT_REACHED
     first = -design.power if is_short else design.total_hours
-    return (is_short, first, design.total_hours, design.damping_error, design.stiffness_error)
+    return (is_short, first, design.total_hours, design.damping_error_n_s_per_m, design.stiffness_error_n_per_m)
 
 
-def _design(plan: StudyPlan, donnings: int, repeats: int, masses: tuple[float, ...], frequency: float) -> StudyDesign:
+def _design(plan: StudyPlan, donnings: int, repeats: int, masses: tuple[float, ...], frequency: float) -> DesignEntry:
     errors = _errors(plan, repeats, masses, frequency)
     detect, averaged = plan.detect, 1 if plan.detect.quantity == "migration" else repeats
     most = plan.choices.most_volunteers
@@ -299,19 +262,19 @@ def _design(plan: StudyPlan, donnings: int, repeats: int, masses: tuple[float, .
         power = paired_power(detect.difference, error, volunteers, detect.significance)
         if power >= detect.power:
             break
-    return StudyDesign(
+    minutes = session_minutes(plan, donnings, repeats, len(masses))
+    return DesignEntry(
         outcome=DesignOutcome.REACHED if power >= detect.power else DesignOutcome.NOT_REACHED,
         volunteers=volunteers,
         donnings=donnings,
         repeats=repeats,
-        step_masses_kg=masses,
+        step_masses_kg=list(masses),
         swing_frequency_hz=frequency,
-        stiffness_error=errors["stiffness"],
-        damping_error=errors["damping"],
-        migration_error=errors["migration"],
+        **{key: errors[quantity] for quantity, key in ERRORS.items()},
         difference_error=error,
         power=power,
-        session_minutes=session_minutes(plan, donnings, repeats, len(masses)),
+        session_minutes=minutes,
+        total_hours=volunteers * minutes / 60,
     )
 
 
