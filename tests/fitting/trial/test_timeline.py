@@ -467,13 +467,13 @@ def test_the_certificate_of_uniform_edges_has_their_closed_form(has_stop: bool) 
 @pytest.mark.parametrize("samples", [6000, 4000], ids=["frames end first", "force ends first"])
 def test_rates_are_the_highest_between_the_edge_and_the_end_of_the_shorter_stream(samples: int, fast: str) -> None:
     """9 N/s and 0.9 m/s elsewhere; 6 N/s and 0.6 m/s in the first or the last two rows of 50 ms, 3 and 0.3 within."""
-    end, last_frame = (4950, 300) if samples == 6000 else (4000, 200)
-    time, frame = np.arange(6000), np.arange(1, 301)
+    end, last_frame = (4950, 299) if samples == 6000 else (4000, 200)
+    time, frame = np.arange(6000), np.arange(1, 300)
     first, quick = (2000, frame < 15) if fast == "first" else (end - 100, frame > last_frame - 10)
     slope = np.where((time >= 2000) & (time < end), np.where((time >= first) & (time < first + 100), 3.0, 1.5), 4.5)
     force_values = 1e-3 * np.cumsum(slope)[:samples, None]
     step = np.where(frame <= last_frame, np.where(quick, 6.0, 3.0), 9.0)
-    tracks = captured()
+    tracks = captured(frames=299)
     tracks["/force"] = replace(force(np.arange(samples)), values=force_values)
     values = np.zeros_like(tracks["/markers"].values)
     values[:, 0, 0] = np.cumsum(step)
