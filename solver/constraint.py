@@ -16,9 +16,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class PointConstraint:
-    """A point of one body held on a point of another."""
-
+class _BetweenBodies:
     name: str
     body_1: int
     body_2: int
@@ -30,49 +28,38 @@ class PointConstraint:
 
 
 @dataclass(frozen=True, eq=False)
-class WeldConstraint:
+class PointConstraint(_BetweenBodies):
+    """A point of one body held on a point of another."""
+
+
+@dataclass(frozen=True, eq=False)
+class WeldConstraint(_BetweenBodies):
     """A frame of one body held on a frame of another."""
 
-    name: str
-    body_1: int
-    body_2: int
-    location_1: Array
-    location_2: Array
     rotation_1: Array
     rotation_2: Array
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, location_1=(3,), location_2=(3,), rotation_1=(3, 3), rotation_2=(3, 3))
+        super().__post_init__()
+        freeze_arrays(self, rotation_1=(3, 3), rotation_2=(3, 3))
 
 
 @dataclass(frozen=True, eq=False)
-class ConstantDistanceConstraint:
+class ConstantDistanceConstraint(_BetweenBodies):
     """A point of one body held at a distance [m] from a point of another."""
 
-    name: str
-    body_1: int
-    body_2: int
-    location_1: Array
-    location_2: Array
     distance: float
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self, location_1=(3,), location_2=(3,))
 
 
 @dataclass(frozen=True, eq=False)
-class PointOnLineConstraint:
+class PointOnLineConstraint(_BetweenBodies):
     """A point of body 2 held on the line through location_1 of body 1 along direction (3,), a unit vector in it."""
 
-    name: str
-    body_1: int
-    body_2: int
-    location_1: Array
-    location_2: Array
     direction: Array
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, location_1=(3,), location_2=(3,), direction=(3,))
+        super().__post_init__()
+        freeze_arrays(self, direction=(3,))
 
 
 @dataclass(frozen=True)
