@@ -210,9 +210,8 @@ def _point(element: Element, names: Names) -> PointConstraint:
 
 
 def _distance(element: Element, names: Names) -> ConstantDistanceConstraint:
-    one = _point(element, names)
-    distance = element.positive("constant_distance")
-    return ConstantDistanceConstraint(one.name, one.body_1, one.body_2, one.location_1, one.location_2, distance)
+    points = vars(_point(element, names))
+    return ConstantDistanceConstraint(**points, distance=element.positive("constant_distance"))
 
 
 def _line(element: Element, names: Names) -> PointOnLineConstraint:

@@ -175,9 +175,7 @@ class _Body:
         """(scenarios, 3) compression, shear towards the edge marker and across it."""
         if self._glenoid is None:
             return np.full_like(reaction, np.nan)
-        axis, edge = self._glenoid.axis, self._glenoid.edge
-        axes = np.vstack([axis, edge, np.cross(axis, edge)])
-        found: Array = reaction @ mechanics.state.rotation_to_ground[0, self._glenoid.body] @ axes.T
+        found: Array = reaction @ mechanics.state.rotation_to_ground[0, self._glenoid.body] @ self._glenoid.frame.T
         return found
 
     def _without(self, outcome: StreamSuitOutcome) -> StreamSuitFrame:
