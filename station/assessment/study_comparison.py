@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverError
-from solver.model import Model
-from solver.motion import Kinematics
 from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit
@@ -73,9 +71,9 @@ def compare_with_study(
         return None
     arms, waists = by_site(worn)
     pair = [*waists, *(arm for arm in arms if arm.name == cuff)]
-    own = _Setting(case.model, case.kinematics, _shortened(case.suit))
-    model = inputs.read_model()
-    study = _Setting(model, resolve_kinematics(None, model), inputs.read_suit(len(own.suit.rest_lengths)))
+    own, model = replace(case, suit=_shortened(case.suit)), inputs.read_model()
+    bundled, suit = resolve_kinematics(None, model), inputs.read_suit(len(own.suit.rest_lengths))
+    study = replace(case, model=model, kinematics=bundled, suit=suit)
     settings = [("nothing", own, cuff), ("cuffs", own, None)]
     if case.subject is not None:
         settings.append(("body", replace(own, model=model), cuff))
@@ -104,15 +102,6 @@ def _interaction(answers: Sequence[float | None]) -> NumberEntry:
     return _number(all_exchanged - own - sum(answer - own for answer in single))
 
 
-@dataclass(frozen=True, eq=False)
-class _Setting:
-    """Body, motion and suit."""
-
-    model: Model
-    kinematics: Kinematics
-    suit: Suit
-
-
 def _best_arm(assessment: Assessment) -> str | None:
     """The arm cuff with the least effort at its best rest length."""
     known = arm_efforts(assessment, "lowest_cost")
@@ -124,7 +113,7 @@ def _shortened(suit: Suit) -> Suit:
     return replace(suit, rest_lengths=np.linspace(first, last, min(REST_LENGTHS, len(suit.rest_lengths))))
 
 
-def _answer(part: str, setting: _Setting, worn: Sequence[CuffParameters], cuff: str | None) -> AnswerEntry:
+def _answer(part: str, setting: AssessedCase, worn: Sequence[CuffParameters], cuff: str | None) -> AnswerEntry:
     """With this arm cuff, migration and compliance, or with rigid cuffs; unknown where the exchanged part is refused,
     as a motion beyond the range of the other body's joints.
     """
