@@ -179,7 +179,11 @@ def bench() -> Iterator[FaultBench]:
             yield bench
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, marks=[pytest.mark.slow] * (case.wall_s > 1.0)) for case in CASES],
+    ids=lambda case: case.name,
+)
 def test_a_fault_is_reported_and_counted_and_ends_and_affects_nothing_else(bench: FaultBench, case: Case) -> None:
     aftermath = bench.suffer(case)
     causes = {item.cause for item in aftermath.items(case.device) if isinstance(item, Loss)}

@@ -135,7 +135,7 @@ def test_a_cuff_that_stays_out_farther_than_friction_holds_it_has_slipped(cuff: 
     assert NoteCode.SLIP_OR_FRICTION not in [note.code for note in fit.notes]
 
 
-@pytest.mark.parametrize(("unloads_at_once", "seed"), [(False, 0), (True, 1)])
+@pytest.mark.parametrize(("unloads_at_once", "seed"), [pytest.param(False, 0, marks=pytest.mark.slow), (True, 1)])
 def test_the_note_names_only_the_law_of_the_held_loads(unloads_at_once: bool, seed: int) -> None:
     assert _codes(Law(), seed, unloads_at_once) == []
     rubbing = _codes(Law(friction=4.0), seed, unloads_at_once)

@@ -90,7 +90,7 @@ def test_a_wrong_gain_of_the_load_cell_scales_stiffness_and_damping_alike() -> N
     assert not fit.covariance[2, :2].any()
 
 
-@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("ratio", [0.5, pytest.param(1.0, marks=pytest.mark.slow), 2.0])
 def test_without_rope_markers_the_intervals_contain_the_figures_along_an_oblique_rope(ratio: float) -> None:
     angle = np.radians(35.0)
     along = 1 / (np.cos(angle) ** 2 + np.sin(angle) ** 2 / ratio)

@@ -35,8 +35,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("session")
     plain = demo_config().model_dump()
     plain["cuffs"] = {name: plain["cuffs"][name] for name in TRUTH}
-    plain["protocol"] = {"repeats": 1, "pause_s": 0}
-    plain["simulation"] = {"cuffs": TRUTH, "protocol": {"static": {"hold_s": 5.0}}}
+    plain["protocol"] = {"repeats": 1, "pause_s": 0, "hold_s": 4.0, "step_masses_kg": [2.5] * 3}
+    plain["simulation"] = {"cuffs": TRUTH, "protocol": {"dynamic": {"swing_s": 15.0}}}
     trials, _ = record_session(folder, parse_config(plain, "test"), None, 7, silent)
     results = [trial.result for trial in trials]
     assert [result.sentence for result in results if not result.accepted or result.lost_samples] == []

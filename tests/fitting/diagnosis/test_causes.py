@@ -70,7 +70,7 @@ def test_the_law_is_called_by_the_way_it_bends() -> None:
         assert fit.classes.name == name
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_where_nothing_is_wrong_no_cause_is_named(seed: int) -> None:
     assert _diagnosed(None, seed)[1].causes == ()
 
@@ -122,7 +122,7 @@ def test_an_offset_leaves_stiffness_and_damping_alone(code: CauseCode) -> None:
         assert abs(one.value - other.value) < 2 * np.hypot(one.standard_error, other.standard_error)
 
 
-@pytest.mark.parametrize("gain", [0.95, 1.0, 1.05])
+@pytest.mark.parametrize("gain", [0.95, 1.0, pytest.param(1.05, marks=pytest.mark.slow)])
 def test_a_gain_error_is_reported_with_its_figure_where_the_weights_are_known(gain: float) -> None:
     session = OddSession(Law(), Rig(), 1, Truth(friction=1e9, migration=0.0, duration=12.0, hold=5.0))
     trials = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]

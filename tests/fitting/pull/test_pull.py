@@ -36,7 +36,9 @@ def _static(cuff: str, hold: float, force_rate: float) -> Trial:
 
 
 @pytest.mark.parametrize("cuff", PUBLISHED)
-@pytest.mark.parametrize(("hold", "force_rate"), [(8.0, 1000.0), (4.0, 1000.0), (8.0, 20.0)])
+@pytest.mark.parametrize(
+    ("hold", "force_rate"), [pytest.param(8.0, 1000.0, marks=pytest.mark.slow), (4.0, 1000.0), (8.0, 20.0)]
+)
 def test_loads_that_step_apart_are_rejected_with_their_distance(cuff: str, hold: float, force_rate: float) -> None:
     trial = _static(cuff, hold, force_rate)
     ((pull,), _) = make_pulls([trial])

@@ -107,6 +107,7 @@ def test_two_pairs_have_no_limits_of_agreement() -> None:
 # Intervals hold the true value as often as they say, over studies that are drawn without the code of the fit.
 
 
+@pytest.mark.slow
 def test_twelve_studies_are_mostly_in_their_intervals() -> None:
     """Of 12 intervals of 95 %, fewer than 9 hold the true value in 0.02 % of cases."""
     assert min(coverage(12, seed=4).values()) >= 0.75

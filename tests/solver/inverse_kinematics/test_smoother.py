@@ -71,7 +71,9 @@ def rms(errors: Array) -> float:
     return float(np.sqrt(np.mean(errors[INNER] ** 2)))
 
 
-@pytest.mark.parametrize(("motion", "seed"), MOTIONS)
+@pytest.mark.parametrize(
+    ("motion", "seed"), [pytest.param(*motion, marks=[pytest.mark.slow] * (motion[1] != 3)) for motion in MOTIONS]
+)
 def test_accelerations_beat_filter_and_differences_at_any_cutoff(motion: Draw, seed: int) -> None:
     found = compared(motion, seed)
     assert found.rms < min(found.rms_filtered)

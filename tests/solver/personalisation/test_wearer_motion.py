@@ -52,7 +52,7 @@ def test_a_person_who_was_measured_is_never_known_worse_than_one_without_markers
     assert (motion.prior_deviation[:, girdle] < np.radians(20.0)).all(), "anatomy says something without any marker"
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_truth_lies_within_the_spread_of_the_draws(seed: int) -> None:
     """Person 2 begins with an elevation of 10 degrees, where the elbow's axis reversed fits the markers as well."""
     person, _, motion = smoothed(seed)

@@ -61,6 +61,7 @@ def covered(draws: int, **options: float) -> Array:
     return np.asarray(np.mean(hits, axis=(0, 2)))
 
 
+@pytest.mark.slow
 def test_a_posture_over_moving_skin_is_covered_at_the_stated_size() -> None:
     position, speed = covered(12, soft_tissue_m=SIZE)
     assert 0.9 < position < 0.99

@@ -228,7 +228,7 @@ def test_an_effort_file_changes_weights_and_reserves(infeasible: SolvedMotion) -
     assert np.nanmax(np.abs(own)) <= 0.1 + 1e-9
 
 
-@pytest.mark.parametrize("which", ["solved", "infeasible"])
+@pytest.mark.parametrize("which", [pytest.param("solved", marks=pytest.mark.slow), "infeasible"])
 def test_a_page_and_its_parts_are_drawn(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     drawn = request.getfixturevalue(which)
     draw_solved(tmp_path / "page.png", drawn)

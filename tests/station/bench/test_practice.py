@@ -16,7 +16,7 @@ import pytest
 
 from drivers.errors import DeviceCode
 from drivers.qualisys import Qualisys
-from drivers.simulators.settings import Settings
+from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from drivers.simulators.world import World
 from recordings.reader import open_recording
@@ -179,8 +179,9 @@ def test_the_simulation_section_overrides_the_other_sections_key_by_key() -> Non
 
 def test_the_simulated_qtm_requires_the_password_of_the_configuration() -> None:
     config = parse_config({"mocap": {"password": "secret"}}, "t")
-    with SimulatedBench({**simulator_settings(config), "operator": {"capture": "remote"}}, 30.0, 1) as bench:
-        port = bench.ready["ports"]["qtm"]
+    settings = settings_from_dict({**simulator_settings(config), "operator": {"capture": "remote"}})
+    with Bench(settings, 30.0, 1) as bench:
+        port = bench.ports["qtm"]
         for password, is_wrong in (("guess", True), ("secret", False)):
             qtm = Qualisys(host="127.0.0.1", port=port, host_clock=time.time_ns, control="start", password=password)
             with raises_device_refusal(DeviceCode.REFUSED, "Wrong or missing password") if is_wrong else nullcontext():

@@ -380,10 +380,10 @@ def _record(folder: Path, before_frame_end_s: float, ppm: float, sync: dict[str,
     ("before_frame_end_s", "ppm", "sync", "is_identified"),
     [
         (0.003, 0, {}, True),
-        (0.0, 50, {}, True),
+        pytest.param(0.0, 50, {}, True, marks=pytest.mark.slow),
         (0.0096, -300, {}, False),
         (0.0096, 50, {"stop_edge": "end_of_exposure", "exposure_s": 0.0004}, True),
-        (0.0, -300, {"stop_edge": "end_of_frame"}, True),
+        pytest.param(0.0, -300, {"stop_edge": "end_of_frame"}, True, marks=pytest.mark.slow),
     ],
 )
 def test_the_interval_of_info_contains_the_clock_ratio(

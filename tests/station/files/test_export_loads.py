@@ -145,8 +145,15 @@ def test_a_cuff_that_is_never_seen_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("fills_gaps", [False, True])
-@pytest.mark.parametrize("to", ["mot", "sto"])
+@pytest.mark.parametrize(
+    ("to", "fills_gaps"),
+    [
+        ("mot", False),
+        ("sto", True),
+        pytest.param("mot", True, marks=pytest.mark.slow),
+        pytest.param("sto", False, marks=pytest.mark.slow),
+    ],
+)
 def test_opensims_storage_reads_every_row(
     static: Path, tmp_path: Path, trial: Trial, to: str, fills_gaps: bool
 ) -> None:

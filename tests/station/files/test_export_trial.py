@@ -83,7 +83,15 @@ def assert_same_trial(found: Trial, expected: Trial, newtons: float, metres: flo
     assert_allclose(found.markers, expected.markers[:frames], rtol=0, atol=metres)
 
 
-@pytest.mark.parametrize(("force", "markers"), [("csv", "tsv"), ("tsv", "tsv"), ("csv", "trc"), ("tsv", "c3d")])
+@pytest.mark.parametrize(
+    ("force", "markers"),
+    [
+        ("csv", "tsv"),
+        ("tsv", "c3d"),
+        pytest.param("tsv", "tsv", marks=pytest.mark.slow),
+        pytest.param("csv", "trc", marks=pytest.mark.slow),
+    ],
+)
 def test_two_exported_files_are_imported_as_the_same_trial(
     static: Path, trial: Trial, tmp_path: Path, force: str, markers: str
 ) -> None:

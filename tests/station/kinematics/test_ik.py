@@ -249,7 +249,7 @@ def test_another_tool_in_the_document_is_named(tmp_path: Path) -> None:
     assert found.startswith("<AnalyzeTool> second")
 
 
-@pytest.mark.parametrize("spec", [POSE, TIGHT], ids=["pose", "motion"])
+@pytest.mark.parametrize("spec", [pytest.param(POSE, marks=pytest.mark.slow), TIGHT], ids=["pose", "motion"])
 def test_known_joint_angles_come_back_within_the_soft_tissue_noise(
     station: Callable[..., Ran], wearer: WearerSession, spec: object, tmp_path: Path
 ) -> None:
