@@ -86,10 +86,12 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> subprocess.CompletedProcess
     )
 
 
+@pytest.mark.slow
 def test_after_it_an_assessment_compiles_nothing(ran: subprocess.CompletedProcess[str]) -> None:
     assert ran.returncode == 0, ran.stderr
 
 
+@pytest.mark.slow
 def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str]) -> None:
     counts = [json.loads(line) for line in ran.stdout.splitlines()]
     assert counts[-1] == {"ready": 12, "kernels": 12}
@@ -119,6 +121,13 @@ def test_a_share_compiles_its_kernels_and_none_that_another_process_compiles_mea
 
 def _name(kernel: Any) -> str:
     return f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
+
+
+def test_every_kernel_is_called_and_counted() -> None:
+    counts: list[tuple[int, int]] = []
+    compile_ahead.compile_ahead(lambda *count: counts.append(count))
+    assert counts == sorted(counts)
+    assert counts[-1] == (12, 12)
 
 
 @pytest.mark.parametrize(

@@ -193,6 +193,7 @@ def _errors(fits: int) -> np.ndarray:
     return z
 
 
+@pytest.mark.slow
 def test_the_standard_error_of_damping_is_honest() -> None:
     z = _errors(60)
     low, high = stats.chi2.ppf([0.0005, 0.9995], 60)

@@ -405,7 +405,7 @@ def simulate(model: Any, time: Array) -> Simulation:
     return Simulation(time, *np.array(rows).T)
 
 
-@pytest.mark.parametrize("fiber", TENDON_FIBERS)
+@pytest.mark.parametrize("fiber", ["short tendon", pytest.param("long tendon", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_forces_are_those_of_a_forward_simulation(kind: str, fiber: str, tmp_path: Path) -> None:
     """The error falls with the square of the interval; extrapolated to an interval of zero, hardly any remains."""

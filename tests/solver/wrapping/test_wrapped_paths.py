@@ -69,7 +69,9 @@ def test_sphere(quadrant: str) -> None:
     _assert_same([sphere(0.06, quadrant)], _random_lines(ends=3))
 
 
-@pytest.mark.parametrize("quadrant", QUADRANTS[:5])
+@pytest.mark.parametrize(
+    "quadrant", [*QUADRANTS[:2], *(pytest.param(quadrant, marks=pytest.mark.slow) for quadrant in QUADRANTS[2:5])]
+)
 @pytest.mark.parametrize("others", [[], [SMALL], [ROUND], [cylinder(0.03, 0.3, centre=(0.04, 0.03, 0.02))]])
 def test_cylinder_alone_and_with_others(quadrant: str, others: list[WrapSurface]) -> None:
     _assert_same([cylinder(0.04, 0.2, quadrant), *others], _random_lines(ends=3))

@@ -61,6 +61,7 @@ def test_a_compilation_that_fails_is_not_complete_and_no_error() -> None:
         assert not ahead.wait()
 
 
+@pytest.mark.slow
 def test_the_process_that_compiles_ends_with_its_parent(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # nothing is compiled, so that it would take long
     child = Child("station.assessment.compiling_process", env=environment)

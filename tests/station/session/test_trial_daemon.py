@@ -166,6 +166,7 @@ def test_a_killed_console_does_not_affect_the_recording(
     assert_whole(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_file_of_a_killed_recorder_is_recovered_and_waits_for_a_decision(tmp_path: Path) -> None:
     with (
         simulated_bench(tmp_path / "bench") as (bench, config),
