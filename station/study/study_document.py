@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import Field
 
@@ -22,7 +21,6 @@ from documents.interval import between, bracketed, shown
 from documents.message import Message
 from documents.plain_data import read_json
 from documents.validation import FiniteSection, refused_as
-from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.cuff_study import (
     Agreement,
     CuffComparison,
@@ -136,6 +134,9 @@ class LeftOutEntry(FiniteSection):
     code: StudyCode
     figures: dict[str, float | str] = Field(default_factory=dict)
 
+    def __str__(self) -> str:
+        return str(Message(self.code, self.figures))
+
 
 class StudyDocument(FiniteSection):
     """study.json: variance components, reliability and comparison of cuffs over volunteers, in SI."""
@@ -171,11 +172,27 @@ def shown_range(ends: tuple[float, float], quantity: str) -> str:
     return between(ends, SHOWN[quantity].scale)
 
 
-def study_document(study: Study) -> StudyDocument:
-    """All of a study as a document."""
+def make_study(sessions: StudySessions, progress: Progress = silent) -> StudyDocument:
+    """Analyse every quantity of every cuff, and compare every two cuffs."""
+    left_out = list(sessions.left_out)
+    by_quantity: dict[QuantityName, dict[str, list[Observation]]] = {}
+    for quantity in get_args(QuantityName):
+        by_cuff = by_quantity.setdefault(quantity, {})
+        for session in sessions.sessions:
+            found, missing = select_measurements(session, quantity)
+            left_out += missing
+            for cuff, measurements in found.items():
+                by_cuff.setdefault(cuff, []).extend(measurements)
+    cuffs: dict[str, dict[QuantityName, QuantityEntry]] = {}
+    total = sum(map(len, by_quantity.values()))
+    for quantity, by_cuff in by_quantity.items():
+        for cuff, measurements in by_cuff.items():
+            progress("analysing cuffs", sum(map(len, cuffs.values())), total)
+            cuffs.setdefault(cuff, {})[quantity] = _quantity(analyse(measurements))
+    progress("analysing cuffs", total, total)
     return StudyDocument(
         format=FORMAT,
-        origin=study.sessions.origin,
+        origin=sessions.origin,
         sessions=[
             StudySessionEntry(
                 folder=session.folder.name,
@@ -184,17 +201,14 @@ def study_document(study: Study) -> StudyDocument:
                 begun=session.begun,
                 cuffs_sha256=session.sha256,
             )
-            for session in study.sessions.sessions
+            for session in sessions.sessions
         ],
-        left_out=[LeftOutEntry(code=message.code, figures=dict(message.figures)) for message in study.left_out],
-        cuffs={
-            cuff: {quantity: _quantity(found) for quantity, found in quantities.items()}  # type: ignore[misc]
-            for cuff, quantities in study.cuffs.items()
-        },
+        left_out=[LeftOutEntry(code=message.code, figures=dict(message.figures)) for message in left_out],
+        cuffs=cuffs,
         comparisons=[
-            ComparisonEntry(**vars(found), quantity=quantity)  # type: ignore[arg-type]
-            for quantity, comparisons in study.comparisons.items()
-            for found in comparisons
+            ComparisonEntry(**vars(compare([*by_cuff[one], *by_cuff[other]], one, other)), quantity=quantity)
+            for quantity, by_cuff in by_quantity.items()
+            for one, other in combinations(by_cuff, 2)
         ],
         versions=solving_versions(),
     )
@@ -263,44 +277,6 @@ def _figure(value: float, ci95: tuple[float, float]) -> StudyFigure:
 
 def _known(number: float) -> float | None:
     return float(number) if math.isfinite(number) else None
-
-
-@dataclass(frozen=True)
-class Study:
-    """Statistics by cuff and quantity, comparisons by quantity, in SI; left_out: sessions and donnings."""
-
-    sessions: StudySessions
-    cuffs: Mapping[str, Mapping[str, CuffStudy]]
-    comparisons: Mapping[str, tuple[CuffComparison, ...]]
-    left_out: tuple[Message[StudyCode], ...]
-
-
-def make_study(sessions: StudySessions, progress: Progress = silent) -> Study:
-    """Analyse every quantity of every cuff, and compare every two cuffs."""
-    left_out = list(sessions.left_out)
-    by_quantity: dict[str, dict[str, list[Observation]]] = {}
-    for quantity in QUANTITIES:
-        by_cuff = by_quantity.setdefault(quantity, {})
-        for session in sessions.sessions:
-            found, missing = select_measurements(session, quantity)
-            left_out += missing
-            for cuff, measurements in found.items():
-                by_cuff.setdefault(cuff, []).extend(measurements)
-    cuffs: dict[str, dict[str, CuffStudy]] = {}
-    total = sum(map(len, by_quantity.values()))
-    for quantity, by_cuff in by_quantity.items():
-        for cuff, measurements in by_cuff.items():
-            progress("analysing cuffs", sum(map(len, cuffs.values())), total)
-            cuffs.setdefault(cuff, {})[quantity] = analyse(measurements)
-    progress("analysing cuffs", total, total)
-    comparisons = {quantity: _compare_all(by_cuff) for quantity, by_cuff in by_quantity.items()}
-    return Study(sessions, cuffs, comparisons, tuple(left_out))
-
-
-def _compare_all(by_cuff: Mapping[str, list[Observation]]) -> tuple[CuffComparison, ...]:
-    return tuple(
-        compare([*by_cuff[first], *by_cuff[second]], first, second) for first, second in combinations(by_cuff, 2)
-    )
 
 
 class NormativePlace(StrEnum):

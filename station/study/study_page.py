@@ -13,7 +13,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from rich.console import Console
 
 from documents.interval import counted
-from documents.message import Message
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.study.variance_components import ComponentOutcome
 from recordings.manifest import DataOrigin
@@ -57,7 +56,7 @@ def write_study_page(folder: Path, document: StudyDocument) -> Path:
                 for quantity in QUANTITIES
             },
             components=COMPONENTS,
-            left_out=[str(Message(entry.code, entry.figures)) for entry in document.left_out],
+            left_out=list(map(str, document.left_out)),
             unit=lambda quantity: SHOWN[quantity].unit,
             scale=lambda quantity: SHOWN[quantity].scale,
             effect=shown_effect,

@@ -108,22 +108,21 @@ def study(
 
     from station.progress import progress_bars
     from station.study.sessions import read_sessions
-    from station.study.study_document import make_study, study_document, write_normative, write_study
+    from station.study.study_document import make_study, write_normative, write_study
     from station.study.study_page import print_study, write_study_page
 
     with progress_bars(Console(stderr=True)) as progress:
-        made = make_study(read_sessions(folders, progress), progress)
-    document = study_document(made)
+        document = make_study(read_sessions(folders, progress), progress)
     written = write_study(output, document)
     paths = [written, write_normative(written, document), write_study_page(output, document)]
-    for message in made.left_out:
-        print_message(str(message))
+    for entry in document.left_out:
+        print_message(str(entry))
     if format == "json":
         print(document.model_dump_json(indent=1))
     else:
         print_study(document, Console(markup=False))
         print("\n".join(map(str, paths)))
-    raise typer.Exit(LOSSY if made.left_out else DONE)
+    raise typer.Exit(LOSSY if document.left_out else DONE)
 
 
 def _print_rows(rows: pd.DataFrame, format: TableFormat) -> None:  # noqa: A002

@@ -25,7 +25,6 @@ from station.study.study_document import (
     StudyDocument,
     make_study,
     read_normative,
-    study_document,
 )
 from station.study.study_page import forest_chart
 from tests.refusals import raises_refusal
@@ -46,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def document(folder: Path) -> StudyDocument:
-    return study_document(make_study(read_sessions([folder])))
+    return make_study(read_sessions([folder]))
 
 
 def test_the_spreads_that_the_sessions_were_drawn_with_are_in_the_intervals(document: StudyDocument) -> None:
@@ -92,7 +91,7 @@ def test_the_verb_writes_study_normative_table_and_page(
 
 def test_one_volunteer_one_operator_and_one_repeat_have_outcomes(tmp_path: Path) -> None:
     write_sessions(tmp_path, 1, operators=1, donnings=3, repeats=1)
-    found = study_document(make_study(read_sessions([tmp_path]))).cuffs["hand"]["stiffness"]
+    found = make_study(read_sessions([tmp_path])).cuffs["hand"]["stiffness"]
     assert found.outcome is StudyOutcome.ONE_VOLUNTEER
     assert found.reliability.outcome is ReliabilityOutcome.ONE_VOLUNTEER
     assert found.components["operator"].outcome is ComponentOutcome.ONE_LEVEL
@@ -104,7 +103,7 @@ def test_a_single_donning_is_too_little_and_cuffs_of_one_volunteer_are_not_compa
     tmp_path: Path, station: Callable[..., Ran]
 ) -> None:
     write_sessions(tmp_path, 1, operators=1, donnings=1, repeats=1)
-    found = study_document(make_study(read_sessions([tmp_path])))
+    found = make_study(read_sessions([tmp_path]))
     assert found.cuffs["hand"]["stiffness"].outcome is StudyOutcome.TOO_FEW
     assert {one.outcome for one in found.comparisons} == {ComparisonOutcome.FEW_COMMON}
     station("study", tmp_path, "--output", tmp_path / "study")
@@ -124,13 +123,13 @@ def test_sessions_and_donnings_that_cannot_be_used_are_listed_by_code(folder: Pa
     donning["damping_n_s_per_m"]["value"], donning["verdict_codes"] = None, ["damping_not_identified.lag"]
     (fourth / "cuffs.json").write_text(json.dumps(cuffs), encoding="utf-8")
     made = make_study(read_sessions([copied]))
-    assert [message.code.value for message in made.left_out] == [
+    assert [entry.code.value for entry in made.left_out] == [
         "study.session_not_fitted",
         "study.no_journal",
         "study.session_unreadable",
         "study.not_identified",
     ]
-    assert len(made.sessions.sessions) == 13
+    assert len(made.sessions) == 13
 
 
 def test_measured_and_simulated_sessions_are_not_mixed(tmp_path: Path) -> None:
@@ -198,7 +197,7 @@ def test_another_file_is_no_study_and_no_normative_table(tmp_path: Path) -> None
 def test_two_volunteers_have_an_interval_with_one_degree_of_freedom(tmp_path: Path) -> None:
     """Also where the variance between them is estimated as zero."""
     write_sessions(tmp_path, 2, operators=1)
-    for found in study_document(make_study(read_sessions([tmp_path]))).cuffs["tube"].values():
+    for found in make_study(read_sessions([tmp_path])).cuffs["tube"].values():
         assert found.mean is not None and found.prediction is not None
         assert (found.mean.dof, found.prediction.dof) == (1.0, 1.0)
 
