@@ -88,13 +88,13 @@ def parse_toml(content: str | bytes) -> dict[str, Any]:
     return found
 
 
-def finite(value: Any) -> Any:
+def finite_or_none(value: Any) -> Any:
     """The value with None in place of numbers that are not finite, which JSON does not have."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {key: finite(one) for key, one in value.items()}
-    return [finite(one) for one in value] if isinstance(value, list | tuple) else value
+        return {key: finite_or_none(one) for key, one in value.items()}
+    return [finite_or_none(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def shortened(found: object) -> str:

@@ -65,7 +65,7 @@ def invalid_because(error: Exception) -> Figures:
 def refused_as(
     refusal: Callable[[Message[Any]], Exception], path: Path, unreadable: Code, invalid: Code | None = None
 ) -> Iterator[None]:
-    """Raise a refusal for a document at `path` that cannot be read or parsed, or is invalid, with its path and reason.
+    """Convert errors of reading, parsing and validating the document at `path` to a refusal with its path and reason.
 
     The code is `unreadable`, and for a document that was parsed `invalid` where it is given.
     """

@@ -485,14 +485,14 @@ class QtmDiscovery:
         self._is_stopped.set()
         if self._thread.is_alive():
             self._sockets[0].sendto(b"", (LOCAL, self.port))  # ends the wait for a request
-            self._thread.join()
+            self._thread.join(timeout=5.0)
         for bound in self._sockets:
             bound.close()
 
     def _run(self) -> None:
         head = REQUEST.pack(REQUEST.size + PORT.size, DISCOVER)
         while not self._is_stopped.is_set():
-            for bound in select.select(self._sockets, [], [])[0]:
+            for bound in select.select(self._sockets, [], [], 1.0)[0]:
                 with suppress(OSError):  # the port of an answer is closed already
                     packet, (host, _) = bound.recvfrom(LONGEST_COMMAND_BYTES)
                     is_request = packet.startswith(head) and len(packet) == len(head) + PORT.size

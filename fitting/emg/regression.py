@@ -51,6 +51,7 @@ Array = NDArray[np.float64]
 WHITE_PARTS = (0.02, 0.1, 0.3, 0.6, 0.9)
 """λ: part of the variance that is the envelope's own."""
 ORDERS = (0.5, 2.5)
+"""ν of Matérn's correlation: exponential, and smooth."""
 CORRELATION_TIMES_S = (0.06, 0.12, 0.24, 0.5, 1.0, 2.0, 4.0)
 """ℓ: from that of the smoothing to the duration of a movement."""
 PROPORTIONAL_PARTS = (0.0, 0.5, 0.95)
@@ -68,6 +69,8 @@ IS_SLOW = np.array([time >= SLOW_S for *_, time, _ in NOISES])
 SIZE_FREEDOM = 8.0
 """Degrees of freedom of a size that varies: a coefficient of variation of 50 % of σ²."""
 IS_GAIN_DRIFT = IS_SLOW & np.array([proportional == PROPORTIONAL_PARTS[-1] for *_, proportional in NOISES])
+ROUGH_COVARIANCE: Array = np.diag([1.0, 0.0, 0.0])
+"""Of the state of noise with an exponential correlation, which has no derivatives."""
 DRIFT_FREEDOM = 10.0
 """Chosen on 300 simulated pairs under gain drift, and judged on others (docs/emg.md)."""
 
@@ -210,8 +213,8 @@ def _restricted_likelihood(measured: Array, design: Array, variances: Array, int
 def _whitened(columns: Array, variances: Array, interval: float) -> tuple[Array, Array]:
     """Innovations (n, noises, columns) of columns (n, columns) over their standard deviation, and log |V| (noises,).
 
-    A Kalman filter whose state is the process with the correlation R and, of order 5/2, its first two derivatives times
-    ℓ/√5 and its square (J. Hartikainen and S. Särkkä, IEEE MLSP, 379-384, 2010).
+    A Kalman filter whose state is the process with the correlation R and, of order 5/2, its first derivative times ℓ/√5
+    and its second times (ℓ/√5)² (J. Hartikainen and S. Särkkä, IEEE MLSP, 379-384, 2010).
     """
     white, *_, proportional = np.array(NOISES).T
     sizes = np.sqrt((1 - white) * ((1 - proportional) + proportional * variances[:, None]))
@@ -241,15 +244,12 @@ def _state_steps(interval: float) -> tuple[Array, Array]:
         (x**2 / 2 - x, x**2 - 3 * x, 1 - 2 * x + x**2 / 2),
     )
     smooth = np.moveaxis(np.exp(-x) * np.array(rows), 2, 0)
-    rough = np.exp(-x / np.sqrt(5))[:, None, None] * FIRST
+    rough = np.exp(-x / np.sqrt(5))[:, None, None] * ROUGH_COVARIANCE
     smooth_covariance = np.array([[1, 0, -1 / 3], [0, 1 / 3, 0], [-1 / 3, 0, 1]])
-    covariances = np.repeat((FIRST, smooth_covariance), len(x), axis=0)
+    covariances = np.repeat((ROUGH_COVARIANCE, smooth_covariance), len(x), axis=0)
     shape = (len(WHITE_PARTS), 2 * len(x), len(PROPORTIONAL_PARTS), 3, 3)
     change, covariance = (
         np.broadcast_to(part[:, None], shape).reshape(-1, 3, 3)
         for part in (np.concatenate((rough, smooth)), covariances)
     )
     return change, covariance
-
-
-FIRST: Array = np.diag([1.0, 0.0, 0.0])

@@ -34,7 +34,8 @@ from fitting.uncertainty import NORMAL_95, Estimate, chi_square_limit, normal_es
 BIN = 0.5
 MIN_BINS = 20
 LEAST_DETERMINANT = 1e-12
-"""Of the normal matrix of C and C φ over the weighted squares of the loads, from which the two are identified."""
+"""Of the normal matrix of C and C φ over the squared sum of weighted squares of the loads, from which the two are
+identified: below it is rounding. The loads include the zero of the load cell."""
 STEP = 0.05
 LOG_STEP = 1e-6
 """Of the logarithm of the time constant, for the derivative with respect to it."""
@@ -155,7 +156,7 @@ class _Problem:
         """C and C φ [m/N] for the logarithm of a time constant, and χ²: NaN and infinite if they are not identified."""
         columns = np.column_stack((self.load, self._lagged(log)))
         normal = (columns.T * self.weight) @ columns
-        if np.linalg.det(normal / self.square) < LEAST_DETERMINANT:
+        if not np.linalg.det(normal) > LEAST_DETERMINANT * self.square**2:
             return (math.nan, math.nan), math.inf
         compliance, extra = np.linalg.solve(normal, columns.T @ (self.weight * self.x))
         residual = self.x - compliance * self.load - extra * columns[:, 1]

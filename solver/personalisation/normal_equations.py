@@ -63,6 +63,7 @@ def normal_equations(
     targets = _target_derivatives(skeleton, tasks, len(parameters))
     forces = np.swapaxes(jacobian, 1, 2) @ points - stiffness[..., None] * targets
     bounds = build_problem(skeleton, tasks).bounds
+    # A coordinate that is locked, or clamped at an end of its range, does not move.
     is_held = bounds.is_locked | (coordinates <= bounds.lowest) | (coordinates >= bounds.highest)
     moved = _posture_derivatives(is_held, found, jacobian, forces, gaps, stiffness)
     share = np.sqrt(frame_weights)[:, None]

@@ -86,7 +86,7 @@ class KnownNumberEntry(NumberEntry):
 
 
 class CountEntry(KnownNumberEntry):
-    """A count."""
+    """A whole number, at least 0."""
 
     value: Annotated[int, Field(ge=0)]
 

@@ -31,7 +31,7 @@
     notice.hidden = !due.length;
     notice.querySelector(".lack").textContent = due.some(({ sent }) => sent) ? "confirmed" : "executed";
     notice.querySelector(".names").textContent = due.map(({ name }) => name).join(", ");
-    if (pressed().length > due.length) setTimeout(showUnconfirmed, CONFIRM_MS);
+    if (pressed().length > due.length) setTimeout(showUnconfirmed, CONFIRM_MS + 50); // a timer may be early by 1 ms
   }
 
   function build() {
@@ -40,7 +40,7 @@
     notice.setAttribute("role", "alert");
     notice.innerHTML = "<div>Pressed while the console did not answer, and not <span class=lack></span>: <b class=names></b>. " +
       "Press it again if it is still wanted.</div><button>Close</button>";
-    notice.querySelector("button").addEventListener("click", () => station.confirmPress());
+    notice.querySelector("button").addEventListener("click", () => keepPressed([]));
     document.body.append(notice);
     showUnconfirmed();
   }
@@ -48,10 +48,10 @@
   Object.assign(window.station, {
     // Called by a button that is pressed; returns the time of the press [Unix ms, clock of the console].
     press(name) {
-      keepPressed([{ name, sent: Date.now() }]);
+      keepPressed([...pressed().filter((press) => press.name !== name), { name, sent: Date.now() }]);
       return station.now();
     },
-    confirmPress() { keepPressed([]); },
+    confirmPress() { keepPressed(pressed().filter(({ sent }) => !sent)); }, // a key that was never sent stays on the notice
     // A key was pressed while the console did not answer.
     missKey(event) {
       const name = isTyping() || event.key.length > 1 ? null : buttonOf(event)?.innerText.replace(/ \(.\)$/, "") ?? null;

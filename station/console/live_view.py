@@ -15,7 +15,7 @@ from typing import Any
 from nicegui import ui
 
 from documents.interval import counted
-from documents.plain_data import finite
+from documents.plain_data import finite_or_none
 from recordings.manifest import DataOrigin
 from station.console.charts import DISPLACEMENT, FORCE, FORCE_AXIS, INK, axis, axis_below, line
 from station.console.live_feed import SHOWN_S, SLACK, WORN, LiveFeed, LivePoint
@@ -180,7 +180,7 @@ class LiveMuscles:
             "curves": [(chart.id, _curves(points, name)) for name, chart in self._charts.items()],
             "seconds": SHOWN_S,
         }
-        drawn = f"return station.drawLive({json.dumps(finite(picture))})"
+        drawn = f"return station.drawLive({json.dumps(finite_or_none(picture))})"
         await self._client.run_javascript(drawn, timeout=DRAW_TIMEOUT_S)
 
     def _body(self, values: LiveValues, activations: Sequence[float]) -> dict[str, Any] | None:

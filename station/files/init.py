@@ -12,7 +12,7 @@ from station.errors import StationError
 from station.messages.setup_messages import ConfigCode
 
 SHARED = "share/cuffstation/"
-"""Folder in an installation; a checkout has them in its own folder."""
+"""Folder of the example files in an installation."""
 
 
 class InitError(StationError):

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import counted
 from documents.message import Figures, Message
-from documents.plain_data import finite
+from documents.plain_data import finite_or_none
 from recordings.exchange.sample_tables import MarkerTable
 from solver.errors import CoverageCode, MotionError, SolverCode
 from solver.inverse_kinematics.marker_fit import Vertical, rotation_laboratory_to_ground
@@ -363,15 +363,15 @@ def ik_document(solved: SolvedPostures) -> IkDocument:
     markers = {
         marker.name: IkMarker(
             frames=int(np.isfinite(residuals).sum()),
-            residual_rms_m=finite(_rms(residuals)),
-            residual_max_m=finite(float(np.nanmax(residuals, initial=-math.inf))),
+            residual_rms_m=finite_or_none(_rms(residuals)),
+            residual_max_m=finite_or_none(float(np.nanmax(residuals, initial=-math.inf))),
             noise_m=float(noise),
         )
         for marker, residuals, noise in zip(solved.tasks.markers, solution.residuals.T, solved.noise, strict=True)
     }
     coordinates = {
         name: IkCoordinate(
-            standard_deviation=finite(float(np.median(deviations[held]))) if held.any() else None,
+            standard_deviation=finite_or_none(float(np.median(deviations[held]))) if held.any() else None,
             frames_not_held=int((~held & known).sum()),
         )
         for name, deviations, held in zip(
@@ -382,8 +382,8 @@ def ik_document(solved: SolvedPostures) -> IkDocument:
         sources={role: name if name == BUNDLED else named_hash(Path(name)) for role, name in solved.sources.items()},
         frames=len(solved.time),
         outcomes=dict(Counter(solution.outcomes)),
-        residual_rms_m=finite(_rms(solution.residuals)),
-        largest_gap=finite(float(np.nanmax(solution.gap, initial=-math.inf))),
+        residual_rms_m=finite_or_none(_rms(solution.residuals)),
+        largest_gap=finite_or_none(float(np.nanmax(solution.gap, initial=-math.inf))),
         markers=markers,
         coordinates=coordinates,
         findings=[

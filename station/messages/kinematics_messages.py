@@ -103,8 +103,8 @@ class SubjectCode(Code):
     )
     UNUSABLE_CUFF = (
         "subject.unusable_cuff",
-        "subject.toml names the cuff {cuff} in the cord, whose measured tension is compared, but {reason}; or remove "
-        "rest_length_m of the cord, which leaves the comparison out",
+        "the cuff {cuff} was worn when the tension of the cord was measured, and cannot be used: {reason}. To leave "
+        "the comparison out, remove rest_length_m of [cord] in subject.toml",
     )
 
 

@@ -137,7 +137,7 @@ def read_study_plan(path: Path) -> StudyPlan:
         return StudyPlan.model_validate(read_toml(path))
 
 
-ERRORS = {
+ERROR_KEYS = {
     "stiffness": "stiffness_error_n_per_m",
     "damping": "damping_error_n_s_per_m",
     "migration": "migration_error_m",
@@ -165,7 +165,7 @@ class DesignEntry(FiniteSection):
     damping_error_n_s_per_m: float
     migration_error_m: float
     difference_error: float = Field(description="standard error of the mean difference of the cuffs")
-    power: float
+    power: float = Field(description="with this number of volunteers")
     session_minutes: Annotated[float, Field(description="of one volunteer with both cuffs")]
     total_hours: Annotated[float, Field(description="of all sessions")]
 
@@ -219,7 +219,7 @@ def design_table(plan: StudyPlan, designs: Sequence[DesignEntry]) -> FoldedTable
             str(design.repeats),
             " + ".join(f"{mass:g}" for mass in design.step_masses_kg),
             f"{design.swing_frequency_hz:g}",
-            f"{scale * getattr(design, ERRORS[detect.quantity]):.2g}",
+            f"{scale * getattr(design, ERROR_KEYS[detect.quantity]):.2g}",
             f"{100 * design.power:.0f} %",
             f"{design.session_minutes:.0f}",
             f"{design.total_hours:.0f}",
@@ -270,7 +270,7 @@ def _design(plan: StudyPlan, donnings: int, repeats: int, masses: tuple[float, .
         repeats=repeats,
         step_masses_kg=list(masses),
         swing_frequency_hz=frequency,
-        **{key: errors[quantity] for quantity, key in ERRORS.items()},
+        **{key: errors[quantity] for quantity, key in ERROR_KEYS.items()},
         difference_error=error,
         power=power,
         session_minutes=minutes,

@@ -109,7 +109,7 @@ class WarningRaised:
     not_ready        a device or the disk is not ready; tried again in retry_s, None if that is of no use
     not_recorded     a trial ended before its sync edge; armed again
     not_armed        the recorder could not be started
-    telemetry_unread  values of the running trial cannot be read, and are not shown; it is recorded to its end
+    telemetry_unread  values or the result of a trial cannot be read, and are not shown; it is recorded to its end
     not_summed_up    fit, assessment or report of the session failed
 
     cause is the code of the alarm, the refusal or the end of the trial, "" if there is none.

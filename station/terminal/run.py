@@ -23,7 +23,7 @@ from rich.text import Text
 
 from documents.interval import counted
 from documents.message import Message
-from documents.plain_data import finite
+from documents.plain_data import finite_or_none
 from recordings.samples import DeviceIdentity
 from station.bench.session_folder import SIMULATED_FOLDER, check_folder, is_for_simulated
 from station.bench.simulation import SimulatedBench, clock_port, is_served_by_simulator, simulator_settings
@@ -384,7 +384,7 @@ class JsonOutput:
         self._out = out
 
     def show_event(self, event: Event) -> None:
-        line = json.dumps({"event": event.event, **finite(asdict(event))}, ensure_ascii=False, allow_nan=False)
+        line = json.dumps({"event": event.event, **finite_or_none(asdict(event))}, ensure_ascii=False, allow_nan=False)
         with suppress(OSError, ValueError):  # the reader has ended; the session continues and its journal has it
             print(line, file=self._out, flush=True)
 

@@ -265,6 +265,8 @@ class SessionSequencer:
                 self._handle_between(command)
             else:
                 self._commands.refuse_with(CommandCode.TOO_LATE, action=command.action.value)
+        elif trial.refusal_code == RefusalCode.UNREADABLE_MESSAGE:  # the trial was recorded: nothing is tried again
+            self._show_once(WarningRaised("telemetry_unread", str(trial.refusal), cause=trial.refusal_code))
         elif trial.refusal is not None:
             await self._retry("not_ready", trial.refusal, trial.refusal_code)
         elif recorded is not None and not recorded.file:

@@ -22,7 +22,6 @@ def _python(code: str) -> list[str]:
     return [sys.executable, "-c", code]
 
 
-@pytest.mark.slow
 def test_a_command_keeps_its_exit_code_and_is_measured(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["--loops", "2", "--", *_python(f"{WORK}; raise SystemExit(3)")]) == 3
     line = r"(\S+) s, (\S+) s of processor, \d+% of the cores, load average \S+, 2 busy loops, exit code 3"

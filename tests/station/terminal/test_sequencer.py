@@ -285,6 +285,22 @@ def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
     assert not output.of(SessionClosed)[0].is_complete
 
 
+def test_a_recorded_trial_whose_result_cannot_be_read_is_not_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def start(*_: object) -> _RefusedTrial:
+        trial = _RefusedTrial()
+        trial.refusal_code = RefusalCode.UNREADABLE_MESSAGE
+        return trial
+
+    monkeypatch.setattr(TrialProcess, "start", start)
+    monkeypatch.setattr(SessionSequencer, "_wait", None)  # another attempt fails the test
+    script = answers((warned("telemetry_unread"), "end"))
+    output = lead(None, load_config(write_config(tmp_path)), tmp_path / "monday", script)
+    (warning,) = output.of(WarningRaised)
+    assert (warning.code, warning.cause) == ("telemetry_unread", RefusalCode.UNREADABLE_MESSAGE)
+
+
 @pytest.mark.slow
 def test_a_missed_edge_is_reported_and_the_trial_is_armed_again(tmp_path: Path) -> None:
     """No capture starts in time; the vendor's own client starts one once the trial is armed for the second time.
