@@ -74,7 +74,7 @@ def plain(folder: Path, person: AssessedSubject) -> dict[str, Any]:
     cuffs = read_cuffs_to_wear(inputs.cuffs)
     with pytest.MonkeyPatch.context() as patch:  # the person takes seconds to estimate
         patch.setattr(case, "build_subject", lambda *_: person)
-        assessed = assess_cuffs(cuffs, inputs, most_frames=20, most_rest_lengths=7, people=few_people(24, frames=20))
+        assessed = assess_cuffs(cuffs, inputs, most_frames=20, most_rest_lengths=7, people=few_people(16, frames=12))
     write_assessment(assessed, folder)
     read_assessment(folder / "assessment.json")
     plain: dict[str, Any] = json.loads((folder / "assessment.json").read_text(encoding="utf-8"))
