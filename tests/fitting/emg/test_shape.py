@@ -132,7 +132,7 @@ def test_intervals_cover_the_truth_over_noise_that_does_not_follow_the_model() -
     slow = np.array([share for noise, share in covered.items() if noise not in FAST])
     assert 0.93 <= slow[:, 0].mean() <= 0.97
     of_random_size = np.array([covered["gain drift"], covered["disagreement"]])
-    assert 0.93 <= of_random_size[:, 1].mean() <= 0.97
+    assert 0.93 <= of_random_size[:, 1].mean() <= 0.985  # 2.3 standard errors of 200 pairs above 95 %
     widths = {noise: np.median([width for *_, width, _ in pairs[noise]]) for noise in FAST}
     assert widths["none"] < 0.09 and widths["amplifier"] < 0.1 and widths["few motor units"] < 0.17
 
