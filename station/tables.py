@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 
 from documents.interval import between, bracketed, plus_minus, rounded, significant_decimals
@@ -16,11 +16,13 @@ from fitting.results.trial_codes import TrialNoteCode
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin
 from solver.suit.assessment import Assessment
-from solver.suit.optimise import OptimisedSuit
 from solver.suit.quantity import Quantity
 from station.cuff_text import SHOWN, of_cuff
 from station.folded_table import FoldedTable
 from station.messages.assessment_messages import sources_text
+
+if TYPE_CHECKING:
+    from station.assessment.optimum import OptimumDocument
 
 EFFORT_AND_ERROR = (
     "effort: of the muscles, relative to that with a slack cord; permissible error: full width of rest lengths that "
@@ -131,18 +133,17 @@ def assessment_table(assessment: Assessment) -> FoldedTable:
     return table
 
 
-def optimum_table(optimised: OptimisedSuit) -> FoldedTable:
+def optimum_table(found: OptimumDocument) -> FoldedTable:
     """The given suit, the best one for the fitted cuffs, and the best on average over the drawn cuffs."""
     table = FoldedTable("suit", "rest length [m]", "stiffness [N/m]", "effort", "mean effort of draws", "95 % of draws")
-    rows = {"as given": optimised.start, "best as fitted": optimised.fitted, "robust": optimised.robust}
-    for name, result in rows.items():
-        drawn = ["-", "-"]
-        if result.drawn.size:
-            low, high = np.quantile(result.drawn, [0.025, 0.975])
-            digits = significant_decimals((low, high), otherwise=4)
-            drawn = [rounded(float(result.drawn.mean()), digits), between((low, high), digits=4)]
-        lengths = f"{result.suit.reference_rest_length:.4f}", f"{result.suit.stiffness:.0f}"
-        table.add_row(name, *lengths, f"{result.cost:.4f}", *drawn)
+    rows = {"as given": found.start, "best as fitted": found.optimum, "robust": found.robust_optimum}
+    for name, suit in rows.items():
+        drawn, of_draws = ["-", "-"], suit.normalised_cost_of_draws
+        if of_draws is not None and of_draws.ci95 is not None:
+            digits = significant_decimals(of_draws.ci95, otherwise=4)
+            drawn = [rounded(of_draws.value, digits), between(of_draws.ci95, digits=4)]
+        lengths = f"{suit.rest_length_m.value:.4f}", f"{suit.stiffness_n_per_m.value:.0f}"
+        table.add_row(name, *lengths, f"{suit.normalised_cost.value:.4f}", *drawn)
     return table
 
 

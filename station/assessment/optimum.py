@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from documents.message import Message
 from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
 from solver.suit.cord import Condition
-from solver.suit.optimise import Freedom, OptimisedSuit, Pair, SuitCandidate, optimise_suit
+from solver.suit.optimise import Freedom, Pair, SuitCandidate, optimise_suit
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import PARTS, Suit, suit_toml
 from solver.uncertainty.varied_model import drawn_cuffs
@@ -62,14 +61,6 @@ class OptimumDocument(StrictEntry):
     versions: dict[str, str]
 
 
-@dataclass(frozen=True, eq=False)
-class WrittenOptimum:
-    """The suits, and remarks on the cuffs and findings on the motion that are in optimum.json with them."""
-
-    optimised: OptimisedSuit
-    remarks: tuple[str, ...]
-
-
 def optimise_file(
     inputs: AssessmentInputs,
     output: Path,
@@ -77,7 +68,7 @@ def optimise_file(
     free: tuple[Freedom, ...] = (),
     draws: int = 50,
     progress: Progress = silent,
-) -> WrittenOptimum:
+) -> OptimumDocument:
     """Optimise for one arm cuff in one condition; write optimum.json, and the suits as files for `assess --suit`.
 
     suit.toml is the best with the fitted cuffs, robust_suit.toml the best on average over the draws, if there are any.
@@ -119,13 +110,12 @@ def optimise_file(
     plain = document.model_dump(mode="json", exclude_unset=True)
     write_whole(output / "optimum.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     _write_suit(output / "suit.toml", optimised.fitted, f"the best of {optimised.tried} suits tried with {arm.name}")
+    written = ["optimum.json", "suit.toml"]
     if draws := optimised.robust.drawn.size:
-        _write_suit(
-            output / "robust_suit.toml", optimised.robust, f"the best on average over {draws} draws of the cuffs"
-        )
-    written = ("optimum.json", "suit.toml", *(("robust_suit.toml",) if optimised.robust.drawn.size else ()))
+        written.append("robust_suit.toml")
+        _write_suit(output / written[-1], optimised.robust, f"the best on average over {draws} draws of the cuffs")
     write_checksums(*(output / name for name in written))
-    return WrittenOptimum(optimised, tuple(remarks))
+    return document
 
 
 def _drawn_pairs(waist: CuffParameters | None, arm: CuffParameters, draws: int) -> list[Pair]:

@@ -217,10 +217,8 @@ def with_marker_set(model: Model, marker_set: str) -> tuple[Model, list[str], tu
     on_model = unattached_findings(f"the file of {model.name}", model.unattached)
     if not marker_set:
         return model, [marker.name for marker in model.markers], on_model
-    placed = place_marker_set(model, marker_set)
-    found = {KinematicsCode.WITHOUT_PLACE: placed.without_place, KinematicsCode.ELSEWHERE: placed.elsewhere}
-    findings = tuple(Message(code, {"markers": ", ".join(markers)}) for code, markers in found.items() if markers)
-    return placed.model, list(placed.names), on_model + unattached_findings(marker_set, placed.unattached) + findings
+    model, names, findings = place_marker_set(model, marker_set)
+    return model, names, on_model + findings
 
 
 def ensure_common(file: str, labels: Sequence[str], followed: Sequence[str], known: Sequence[str]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from documents.validation import Section, Vector, refused_as
 from solver.model import Marker, Model
 from solver.osim.model_writer import with_markers
 from station.errors import StationError
+from station.kinematics.marker_checks import Finding, unattached_findings
 from station.messages.kinematics_messages import KinematicsCode
 
 
@@ -39,22 +39,6 @@ class LabelledMarkers(Section):
     markers: dict[str, MarkerSite] = Field(min_length=1)
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedMarkers:
-    """A model with the markers of a set.
-
-    names          of those that have a place in it;  without_place of the others
-    unattached     of those on bodies that the model lacks
-    elsewhere      of those that the model has on another body than the set; they stay there
-    """
-
-    model: Model
-    names: tuple[str, ...]
-    without_place: tuple[str, ...]
-    unattached: tuple[str, ...]
-    elsewhere: tuple[str, ...]
-
-
 def published_sets() -> tuple[str, ...]:
     """Names of the sets of marker_sets.toml."""
     return tuple(_published())
@@ -72,9 +56,11 @@ def read_marker_set(name: str) -> LabelledMarkers:
         return LabelledMarkers.model_validate(read_toml(Path(name)))
 
 
-def place_marker_set(model: Model, name: str) -> PlacedMarkers:
-    """Give a model the markers of a set. Raises MarkerSetError for an unknown set, and if the model has none of its
-    bodies.
+def place_marker_set(model: Model, name: str) -> tuple[Model, list[str], tuple[Finding, ...]]:
+    """The model with the markers of a set, the names of those with a place in it, and findings on the others.
+
+    A marker that the model has on another body than the set stays there. Raises MarkerSetError for an unknown set, and
+    if the model has none of its bodies.
     """
     marker_set = read_marker_set(name)
     bodies = {body.name: index for index, body in enumerate(model.bodies)}
@@ -85,7 +71,7 @@ def place_marker_set(model: Model, name: str) -> PlacedMarkers:
         figures = {"set": name, **first, "model": model.name, "known": ", ".join(bodies)}
         raise MarkerSetError(Message(KinematicsCode.NO_BODY, figures))
     placed: list[Marker] = []
-    elsewhere = []
+    elsewhere: list[str] = []
     for label, site in marker_set.markers.items():
         if label in unattached:
             continue
@@ -98,9 +84,11 @@ def place_marker_set(model: Model, name: str) -> PlacedMarkers:
             placed.append(Marker(label, twin.body, twin.location))
         elif site.location_m is not None:
             placed.append(Marker(label, bodies[site.body], np.array(site.location_m)))
-    names = tuple(marker.name for marker in placed)
-    without_place = tuple(label for label in marker_set.markers if label not in (*names, *unattached))
-    return PlacedMarkers(with_markers(model, placed), names, without_place, unattached, tuple(elsewhere))
+    names = [marker.name for marker in placed]
+    without_place = [label for label in marker_set.markers if label not in (*names, *unattached)]
+    found = {KinematicsCode.WITHOUT_PLACE: without_place, KinematicsCode.ELSEWHERE: elsewhere}
+    findings = tuple(Message(code, {"markers": ", ".join(markers)}) for code, markers in found.items() if markers)
+    return with_markers(model, placed), names, unattached_findings(name, unattached) + findings
 
 
 @cache

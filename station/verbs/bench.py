@@ -33,7 +33,7 @@ from station.verbs.options import (
 
 if TYPE_CHECKING:
     from station.bench.live import LiveView
-    from station.bench.trial_recorder import TrialResult
+    from station.bench.trial_recorder import TrialRecorder, TrialResult
     from station.child import Child
     from station.clock import Clock
     from station.config import LiveSection, StationConfig
@@ -196,8 +196,7 @@ def _record_trial(
             views += open_rerun(stack, rrd, rope, has_viewer=rerun)
         views += [stack.enter_context(tap) for tap in live_views(config, session, spec, clock)]
         recorder = TrialRecorder(config, clock, views, check_folder=check_folder)
-        for number in end_signals():
-            signal.signal(number, lambda *_: recorder.stop())
+        _stop_on_signals(recorder)
         result = recorder.record(session, spec, duration)
     print_result(result, format)
     code = _exit_code(result)
@@ -221,6 +220,11 @@ def _live_view(config: StationConfig, clock: Clock, spec: TrialSpec) -> LiveView
 
     site = config.cuff_site(spec.cuff) if spec.cuff in config.cuffs else None
     return LiveView(clock, spec.title, load_cell=config.calibration(), cuff=site)
+
+
+def _stop_on_signals(recorder: TrialRecorder) -> None:
+    for number in end_signals():
+        signal.signal(number, lambda *_: recorder.stop())
 
 
 def _exit_at_once(code: int, abandoned: list[str]) -> NoReturn:

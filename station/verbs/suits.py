@@ -260,14 +260,13 @@ def optimise(
     inputs = replace(inputs, effort=effort, cutoff_hz=cutoff_hz or None)
     freedoms: Any = tuple(freedom.value for freedom in free or ())
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress, compilation):
-        written = optimise_file(inputs, output, condition, freedoms, draws, progress)
-    optimised = written.optimised
-    Console(markup=False).print(optimum_table(optimised))
-    for sentence in written.remarks:
+        found = optimise_file(inputs, output, condition, freedoms, draws, progress)
+    Console(markup=False).print(optimum_table(found))
+    for sentence in found.remarks:
         print_message(sentence)
-    for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
+    for name in dict.fromkeys(found.optimum.at_limit + found.robust_optimum.at_limit):
         print_message(f"the search stopped at the limit of {name}; a better suit may exist beyond it")
-    if SearchOutcome.NOT_CONVERGED in (optimised.fitted.outcome, optimised.robust.outcome):
+    if SearchOutcome.NOT_CONVERGED in (found.optimum.outcome, found.robust_optimum.outcome):
         print_message("the search did not converge within its limit of iterations; free fewer parameters of the suit")
 
 

@@ -23,29 +23,29 @@ from tests.station.reported import few_people
 
 def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
-    found = optimise_file(inputs, tmp_path / "out", "both", draws=2).optimised
+    found = optimise_file(inputs, tmp_path / "out", "both", draws=2)
     plain = json.loads((tmp_path / "out" / "optimum.json").read_text(encoding="utf-8"))
     assert (plain["cuff"], plain["condition"], plain["free"]) == ("hand", "both", ["rest_length"])
     assert plain["start"]["rest_length_m"] == {"value": 0.74, "ci95": None}
-    assert plain["optimum"]["rest_length_m"]["value"] == found.fitted.suit.reference_rest_length
+    assert plain["optimum"]["rest_length_m"]["value"] == found.optimum.rest_length_m.value
     assert plain["optimum"]["normalised_cost"]["value"] < plain["start"]["normalised_cost"]["value"]
     low, high = plain["robust_optimum"]["normalised_cost_of_draws"]["ci95"]
     assert low <= plain["robust_optimum"]["normalised_cost_of_draws"]["value"] <= high
-    assert plain["suits_tried"] == {"value": found.tried, "ci95": None}
+    assert plain["suits_tried"] == {"value": found.suits_tried.value, "ci95": None}
     assert plain["inputs"]["cuffs"].startswith("cuffs.json ")
 
 
 def test_the_suits_found_are_worn_by_the_next_assessment_at_the_cost_that_was_found(tmp_path: Path) -> None:
     cuffs = write_cuffs(tmp_path / "cuffs.json")
     inputs = AssessmentInputs(cuffs, chosen=("elbow",))
-    found = optimise_file(inputs, tmp_path, "both", ("stiffness",), draws=2).optimised
-    for name, tried in (("suit.toml", found.fitted), ("robust_suit.toml", found.robust)):
+    found = optimise_file(inputs, tmp_path, "both", ("stiffness",), draws=2)
+    for name, tried in (("suit.toml", found.optimum), ("robust_suit.toml", found.robust_optimum)):
         worn = replace(inputs, suit=tmp_path / name)
         assessment = assess_cuffs(read_cuffs_to_wear(cuffs), worn, most_rest_lengths=5).assessment
         (curve,) = [curve for curve in assessment.curves if curve.condition == "both"]
-        assert assessment.reference_rest_length == tried.suit.reference_rest_length
-        assert worn.read_suit().stiffness == tried.suit.stiffness
-        assert curve.figures["at_reference"].value == pytest.approx(tried.cost, rel=1e-9)
+        assert assessment.reference_rest_length == tried.rest_length_m.value
+        assert worn.read_suit().stiffness == tried.stiffness_n_per_m.value
+        assert curve.figures["at_reference"].value == pytest.approx(tried.normalised_cost.value, rel=1e-9)
 
 
 def test_without_draws_there_is_no_robust_suit(tmp_path: Path) -> None:

@@ -50,16 +50,16 @@ def test_every_published_set_names_its_source_and_bodies_of_the_model(name: str)
     marker_set = read_marker_set(name)
     assert marker_set.source
     assert all(site.landmark for site in marker_set.markers.values())
-    placed = place_marker_set(MODEL, name)
-    assert placed.elsewhere == ()
-    assert len(placed.names) >= 9
-    for label in placed.names:
-        body = MODEL.bodies[placed.model.marker(label).body].name
+    model, names, findings = place_marker_set(MODEL, name)
+    assert KinematicsCode.ELSEWHERE not in [finding.code for finding in findings]
+    assert len(names) >= 9
+    for label in names:
+        body = MODEL.bodies[model.marker(label).body].name
         assert body == marker_set.markers[label].body
 
 
 def test_labels_of_isb_are_at_the_landmarks_of_the_model() -> None:
-    model = place_marker_set(MODEL, "isb").model
+    model, _, _ = place_marker_set(MODEL, "isb")
     for label, name in (("IJ", "ij"), ("AA", "aa"), ("EL", "EpL")):
         np.testing.assert_array_equal(model.marker(label).location, MODEL.marker(name).location)
 
@@ -69,9 +69,9 @@ def test_a_wrist_marker_that_a_published_model_has_on_the_ulna_stays_there_and_i
     own = tmp_path / "own.toml"
     own.write_text('[markers]\nRS2 = { body = "radius" }\nEL = { body = "humerus" }', encoding="utf-8")
     patient = read_osim(SHARED / "subject" / "S8R_side_as_solved.osim")
-    placed = place_marker_set(patient, str(own))
-    assert placed.elsewhere == ("RS2",)
-    assert patient.bodies[placed.model.marker("RS2").body].name == "ulna"
+    model, _, findings = place_marker_set(patient, str(own))
+    assert {finding.code: finding.figures["markers"] for finding in findings}[KinematicsCode.ELSEWHERE] == "RS2"
+    assert patient.bodies[model.marker("RS2").body].name == "ulna"
 
 
 def test_a_labs_own_set_is_followed_and_markers_without_a_place_or_a_body_are_findings(tmp_path: Path) -> None:
