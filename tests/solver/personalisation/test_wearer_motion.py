@@ -40,6 +40,7 @@ def places(person: MeasuredPerson) -> list[int]:
     return [MODEL.coordinate_index(name) for name in person.shoulder.coordinate_names]
 
 
+@pytest.mark.slow
 def test_a_person_who_was_measured_is_never_known_worse_than_one_without_markers() -> None:
     person, _, motion = smoothed(0)
     assert motion.is_converged

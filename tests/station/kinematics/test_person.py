@@ -153,7 +153,7 @@ def test_a_models_mass_and_a_load_in_a_models_hand_are_refused(
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize(("held", "is_large"), [(2.4, False), (24.0, True)])
+@pytest.mark.parametrize(("held", "is_large"), [pytest.param(2.4, False, marks=pytest.mark.slow), (24.0, True)])
 def test_a_load_that_no_arm_holds_is_a_finding_on_the_joint_force(held: float, is_large: bool) -> None:
     """In this joint, 202 % of body weight were measured."""
     person = measure_person(PersonInputs(str(SUBJECT / "generic.osim"), (SUBJECT / "S8R_side.trc",), 84.6, held))

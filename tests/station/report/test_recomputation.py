@@ -91,7 +91,7 @@ def test_numbers_of_a_report_without_a_cuffs_file_follow_from_the_samples(sessio
     assert link.what.startswith("report.json ← fit of the recordings") and link.standing == Standing.AS_RECORDED
 
 
-@pytest.mark.parametrize("cutoff_hz", [None, 1.0])
+@pytest.mark.parametrize("cutoff_hz", [pytest.param(None, marks=pytest.mark.slow), 1.0])
 def test_an_assessment_is_computed_again_with_its_own_filter(session: Path, cutoff_hz: float | None) -> None:
     inputs = AssessmentInputs(session / "cuffs.json", cutoff_hz=cutoff_hz)
     assessed = assess_cuffs(read_cuffs(inputs.cuffs), inputs, most_frames=4, most_rest_lengths=5)

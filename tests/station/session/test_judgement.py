@@ -227,6 +227,7 @@ class Work:
         monkeypatch.setattr("fitting.session.fit_donning", count_fit)
 
 
+@pytest.mark.slow
 def test_the_cost_of_a_verdict_does_not_grow_with_the_session(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

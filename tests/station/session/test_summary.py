@@ -80,7 +80,10 @@ def test_a_session_is_assessed_on_the_wearer_who_was_recorded_with_emg(tmp_path:
     [
         ("mass_kg = 75.0\n", (POSE,), AssessmentCode.WEARER_NOT_RECORDED, None),
         ("", (POSE, FREE), AssessmentCode.WEARER_NOT_ASSESSED, "subject.unreadable"),
-        ("mass = 75.0\n", (POSE, FREE), AssessmentCode.WEARER_NOT_ASSESSED, "subject.invalid_key"),
+        pytest.param(
+            *("mass = 75.0\n", (POSE, FREE), AssessmentCode.WEARER_NOT_ASSESSED, "subject.invalid_key"),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_wearer_who_cannot_be_assessed_is_named_with_the_reason(
