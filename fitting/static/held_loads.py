@@ -156,7 +156,7 @@ class _Problem:
         """C and C φ [m/N] for the logarithm of a time constant, and χ²: NaN and infinite if they are not identified."""
         columns = np.column_stack((self.load, self._lagged(log)))
         normal = (columns.T * self.weight) @ columns
-        if not np.linalg.det(normal) > LEAST_DETERMINANT * self.square**2:
+        if np.linalg.det(normal) <= LEAST_DETERMINANT * self.square**2:
             return (math.nan, math.nan), math.inf
         compliance, extra = np.linalg.solve(normal, columns.T @ (self.weight * self.x))
         residual = self.x - compliance * self.load - extra * columns[:, 1]

@@ -806,6 +806,12 @@ def _least_squares(columns: np.ndarray, x: np.ndarray, sd: np.ndarray) -> tuple[
     return factors, float(np.sum(((x - columns @ factors) / sd) ** 2))
 
 
+@pytest.mark.parametrize("load", [0.0, 30.0])
+def test_a_load_that_never_changes_identifies_no_creep(load: float) -> None:
+    pull = _stepped([load] * 5, [8] * 5, np.arange(40) / K, [1e-5] * 5)
+    assert fit_creep([pull], [_fit_in(pull, [0] * 5)]) is None
+
+
 @pytest.mark.parametrize(("gain", "is_removed"), [(0.424, False), (0.425, True), (-0.425, True)])
 def test_a_drift_of_the_zero_is_removed_if_it_exceeds_three_standard_errors(gain: float, *, is_removed: bool) -> None:
     """Of two forces with errors of 0.1 N: 0.4243 N, in 16 s between the middles of the first and the last hold."""
