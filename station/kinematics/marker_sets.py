@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
@@ -14,8 +15,10 @@ from documents.validation import Section, Vector, refused_as
 from solver.model import Marker, Model
 from solver.osim.model_writer import with_markers
 from station.errors import StationError
-from station.kinematics.marker_checks import Finding, unattached_findings
 from station.messages.kinematics_messages import KinematicsCode
+
+if TYPE_CHECKING:
+    from station.kinematics.marker_checks import Finding
 
 
 class MarkerSetError(StationError):
@@ -62,6 +65,8 @@ def place_marker_set(model: Model, name: str) -> tuple[Model, list[str], tuple[F
     A marker that the model has on another body than the set stays there. Raises MarkerSetError for an unknown set, and
     if the model has none of its bodies.
     """
+    from station.kinematics.marker_checks import unattached_findings
+
     marker_set = read_marker_set(name)
     bodies = {body.name: index for index, body in enumerate(model.bodies)}
     known = {marker.name: marker for marker in model.markers}
