@@ -469,9 +469,7 @@ def validation_table(solved: Sequence[SolvedVariant]) -> Table:
 
 
 def write_validation(path: Path, solved: Sequence[SolvedVariant]) -> None:
-    """A row per lift and variant (at least one), whose figures are of the `compared` frames; empty without a published
-    solution.
-    """
+    """A row per lift and variant, at least one; figures are of the `compared` frames, empty without a published one."""
     rows = [_row(found) for found in solved]
     write_whole(path, "\n".join([",".join(rows[0]), *(",".join(row.values()) for row in rows)]) + "\n")
 

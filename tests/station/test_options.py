@@ -243,6 +243,7 @@ def test_options_of_a_set_up_need_one(station: Station, tmp_path: Path, given: t
 
 
 def test_a_subject_has_an_arm_and_a_filter_of_its_own(station: Station, tmp_path: Path) -> None:
+    (tmp_path / "subject.toml").write_text("mass_kg = 70.0\n")
     files = ("--suit", LEG / "shank_suit.toml", "--cuffs", LEG / "shank.json", "--output", tmp_path / "out")
     subject = ("assess", "--subject", tmp_path, "--model", LEG / "leg.osim", *files)
     ran = station(*subject)
