@@ -46,7 +46,7 @@ class TestScenario:
     def test_samples_arrive_as_they_were_sent_with_the_sender_s_stamps(self, sender: LslSender) -> None:
         device = driver(channels={"upper_trapezius": "trapezius"})
         device.open()
-        assert sender.ask(consumer=CONSUMER_S) == {"consumer": True}
+        assert sender.ask(consumer=CONSUMER_S)["consumer"] is True
         sent = sender.ask(push=300)["sent"]
         items = read_until(device, lambda items: received(items) >= 300 and bool(blocks(items, "/emg_clock")))
         device.close()
@@ -165,7 +165,7 @@ class _Fed:
 
     def open(self) -> None:
         self._device.open()
-        assert self._sender.ask(consumer=CONSUMER_S) == {"consumer": True}
+        assert self._sender.ask(consumer=CONSUMER_S)["consumer"] is True
 
     def read(self, timeout_s: float) -> object:
         if self._sender.process.poll() is None:

@@ -2,7 +2,7 @@
 
 The first line on standard input describes the outlet, each further line is a command; each is answered by one line:
 
-    {"consumer": 5}    waits 5 s for a consumer
+    {"consumer": 5}    waits 5 s for a consumer; base, if nothing is sent yet, is the time at which it is there
     {"push": 100}      sends so many samples; sample n holds n + k / 10 in channel k and is stamped base + n / rate
     {"rows": [[0, 0, 1]], "stamps_s": [0.5]}    sends these samples, stamped in seconds after base
     {"skip": 50}       so many samples are never sent
@@ -26,12 +26,13 @@ class LslSender:
     """A context manager over such a process."""
 
     def __init__(self, name: str, source_id: str = "amplifier-7", rate_hz: float = RATE_HZ) -> None:
+        self.base_s = 0.0
         self.request = {"name": name, "source_id": source_id, "rate_hz": rate_hz}
 
     def __enter__(self) -> LslSender:
         command = [sys.executable, "-m", "tests.drivers.lsl_sender"]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
-        self.base_s = float(self.ask(**self.request)["base_s"])
+        self.ask(**self.request)
         return self
 
     def __exit__(
@@ -48,6 +49,7 @@ class LslSender:
         self.process.stdin.write(json.dumps(request) + "\n")
         self.process.stdin.flush()
         answer: dict[str, Any] = json.loads(self.process.stdout.readline())
+        self.base_s = float(answer.get("base_s", self.base_s))
         return answer
 
 
@@ -67,7 +69,9 @@ def main() -> None:
     for line in sys.stdin:
         match json.loads(line):
             case {"consumer": timeout_s}:
-                answer: dict[str, Any] = {"consumer": outlet.wait_for_consumers(timeout_s)}
+                is_there = outlet.wait_for_consumers(timeout_s)
+                base_s = base_s if sent else pylsl.local_clock()
+                answer: dict[str, Any] = {"consumer": is_there, "base_s": base_s}
             case {"push": count}:
                 for n in range(sent, sent + count):
                     outlet.push_sample([n + k / 10 for k in range(len(LABELS))], base_s + n / rate_hz)

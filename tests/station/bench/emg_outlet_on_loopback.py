@@ -49,7 +49,7 @@ class Amplifier(Device):
 
     def open(self) -> None:
         self._device.open()
-        assert self._sender.ask(consumer=20.0) == {"consumer": True}
+        assert self._sender.ask(consumer=20.0)["consumer"] is True
 
     def close(self) -> None:
         self._device.close()
