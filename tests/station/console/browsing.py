@@ -66,6 +66,7 @@ def patience_ms(seconds: float = PATIENCE_S) -> float:
 
 @contextmanager
 def chromium(path: Path | str | None) -> Iterator[Browser]:
+    expect.set_options(timeout=patience_ms())
     with sync_playwright() as playwright:
         launched = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield launched
@@ -104,10 +105,10 @@ def begin(page: Page, subject: str = "P01") -> None:
     page.get_by_label("Operator").fill("ab")
     page.get_by_role("button", name="Begin").click()
     begun, anyway = page.get_by_text("next: hand"), page.get_by_role("button", name="Begin anyway")
-    expect(begun.or_(anyway)).to_be_visible(timeout=patience_ms())
+    expect(begun.or_(anyway)).to_be_visible()
     if anyway.is_visible():  # on a busy machine, the simulated devices may answer the check too late
         anyway.click()
-    expect(begun).to_be_visible(timeout=patience_ms())
+    expect(begun).to_be_visible()
 
 
 def stop(page: Page) -> None:
@@ -144,11 +145,11 @@ def drawn(page: Page) -> str:
 
 
 def says_simulated(page: Page) -> None:
-    expect(page.get_by_text("SIMULATED DATA", exact=True)).to_be_visible(timeout=patience_ms())
+    expect(page.get_by_text("SIMULATED DATA", exact=True)).to_be_visible()
 
 
 def seen(page: Page, words: str | re.Pattern[str]) -> None:
-    expect(page.get_by_text(words).first).to_be_visible(timeout=patience_ms())
+    expect(page.get_by_text(words).first).to_be_visible()
 
 
 def runs(page: Page) -> None:

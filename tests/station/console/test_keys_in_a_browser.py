@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, expect
 
 from station.journal import Recorded, Setup, write_recorded, write_setup
 from station.subject.subject_file import Cord, Subject, read_subject
-from tests.station.console.browsing import open_page, patience_ms, seen
+from tests.station.console.browsing import open_page, seen
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.console.test_wearer_in_a_browser import WEARER
 
@@ -47,7 +47,7 @@ def test_a_form_survives_a_new_console_and_describes_the_wearer_of_its_session(
         page.wait_for_function("station.keptForm('setup').rest === '0,73'")
     with ServedConsole(config, port=console.port):
         for label, value in (("Subject code", "P01"), (NUMBER, "4"), (MASS, "615")):
-            expect(page.get_by_label(label, exact=True)).to_have_value(value, timeout=patience_ms())
+            expect(page.get_by_label(label, exact=True)).to_have_value(value)
         page.get_by_role("button", name="Begin").click()
         seen(page, "the body mass is '615', expected 20 to 300 kg")
         page.get_by_label(MASS).fill("61.5")
@@ -101,6 +101,6 @@ def test_a_redrawn_view_keeps_the_focus_and_the_rest_of_a_word_is_no_command(bro
         for repeat in (2, 3):
             one.keyboard.press("Enter")
             seen(one, f"next: hand, static, repeat {repeat}" if repeat == 2 else "next: hand, dynamic, repeat 2")
-            expect(skip).to_be_focused(timeout=patience_ms())
+            expect(skip).to_be_focused()
         one.keyboard.press("n")
         seen(one, "next: hand, static, repeat 3")

@@ -16,7 +16,6 @@ from tests.station.console.browsing import (
     buttons_are_in_view,
     fits_on_the_screen,
     open_page,
-    patience_ms,
     runs,
     seen,
     until,
@@ -63,11 +62,11 @@ def test_the_set_up_asks_for_a_code_and_offers_no_file_name_without_one(browser:
         seen(page, "no subject is given; enter a code")
         for subject, offered in (("P01", 1), ("M\u00fcller / x", 0)):
             page.get_by_label("Subject code").fill(subject)
-            expect(page.get_by_text("files such as")).to_have_count(offered, timeout=patience_ms())
+            expect(page.get_by_text("files such as")).to_have_count(offered)
         card = page.locator(".q-card", has=page.get_by_text("Bench", exact=True))
-        expect(card.get_by_text("NI Dev1: ")).to_be_visible(timeout=patience_ms())
+        expect(card.get_by_text("NI Dev1: ")).to_be_visible()
         card.get_by_text("1 check passed").click()
-        expect(card.get_by_text("disk:")).to_be_visible(timeout=patience_ms())
+        expect(card.get_by_text("disk:")).to_be_visible()
         expect(card.get_by_text("Resume a session")).to_have_count(0)
 
 
@@ -136,7 +135,7 @@ def test_a_trial_with_every_warning_is_one_screen_and_no_line_is_cut(browser: Br
         page.keyboard.press("y")
         seen(page, "the shown trial ends")
         age = page.locator(".age")
-        expect(age).to_be_empty(timeout=patience_ms())
+        expect(age).to_be_empty()
         late = f"station.draw({{at: 0, charts: [[{(chart or '').removeprefix('c')}, []]], markers: ['', []]}})"
         assert page.evaluate(late), "an update that arrives after the end of the trial"
         assert age.inner_text() == ""

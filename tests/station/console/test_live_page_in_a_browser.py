@@ -19,7 +19,7 @@ from recordings.topics import MARKERS
 from station.child import Child
 from station.live.process import warm_up
 from station.live.published import LiveFinding, LiveSubject
-from tests.station.console.browsing import open_page, patience_ms, runs, seen, stop, unreadable, until
+from tests.station.console.browsing import open_page, runs, seen, stop, unreadable, until
 from tests.station.console.live_source import LiveSource, live_setup
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.console.test_wearer_in_a_browser import WEARER
@@ -75,8 +75,8 @@ def test_body_effort_age_and_findings_are_shown_and_readable(browser: Browser, t
                 seen(page, finding.sentence)
             seen(page, re.compile(r"^best for this motion so far: 0\.71 m ± 0\.01, 9 % less effort"))
             page.wait_for_function(IS_DRAWN)
-            expect(page.get_by_text("91 %").first).to_be_visible(timeout=patience_ms())
-            expect(page.get_by_text("88 %").first).to_be_visible(timeout=patience_ms())
+            expect(page.get_by_text("91 %").first).to_be_visible()
+            expect(page.get_by_text("88 %").first).to_be_visible()
             assert unreadable(page) == []
             page.screenshot(path=pictures / "live.png")
             for width, height in ((1024, 768), (390, 844)):

@@ -177,7 +177,7 @@ def test_the_trial_of_a_killed_console_with_simulated_devices_is_not_lost(browse
         page = open_page(browser, console.address)
         offered, kept = page.get_by_role("button", name="P01, session 1: hand"), page.get_by_role("button", name="Keep")
         returned = page.get_by_text("A trial of this session is being recorded")
-        expect(offered.or_(kept).or_(returned)).to_be_visible(timeout=patience_ms())
+        expect(offered.or_(kept).or_(returned)).to_be_visible()
         if offered.is_visible():
             offered.click()
         says_simulated(page)
