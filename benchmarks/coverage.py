@@ -13,7 +13,6 @@ load; of migration the displacement that remains after the last static trial.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import parse_options
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.session import fit_session
 from fitting.trial.trial import Trial, build_trial
@@ -92,12 +92,7 @@ class Session:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sessions", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0, help="seed of the first session")
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--only", default="")
-    options = parser.parse_args()
+    options = parse_options(__doc__, sessions=200, first=0, repeats=3, only="")
     wanted = options.only.split(",") if options.only else list(CONDITIONS)
     print("| condition | quantity | identified % | bias % | coverage % | findings: % of sessions |")
     print("|---|---|---:|---:|---:|---|")

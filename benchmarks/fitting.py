@@ -1,12 +1,12 @@
 """Bias, error against the Cramér-Rao bound and coverage of the fit, on cuffs and rigs whose truth is known.
 
-    python -m benchmarks.fitting [--runs 500] [--only T1,T8] [--processes 2]
+    python -m benchmarks.fitting [--runs 500] [--only T1,T9] [--processes 2]
 
 prints the tables of docs/fitting.md. Every run is a record or donning of the simulated experiments of the tests,
 which are independent of the fitted law. T1: force at 20 Hz, lag known. T2: 1 kHz, the true lag drawn from its prior.
 T3: 20 Hz without a sync line, half a sample off. T9b: markers with correlated noise. T10, T11: hidden markers,
-and ghost markers. T8: one defect in every donning. T9: one law in every donning. T12: five pulls, 30° apart. T17:
-repeats with true differences. Runs are divided for donnings: T3, T10 and T11 by 10, T8 and T9 by 50, T12 by 12.
+and ghost markers. T9: one law in every donning. T17: repeats with true differences. Runs are divided for donnings: T3,
+T10 and T11 by 10, T9 by 50.
 """
 
 from __future__ import annotations
@@ -27,19 +27,14 @@ from fitting.dynamic.cross_checks import check, output_error
 from fitting.dynamic.damping import fit_damping
 from fitting.dynamic.errors_in_variables import C, K, Swing, estimate
 from fitting.pull.pull import make_pulls
-from fitting.results.codes import CauseCode
-from fitting.results.sentences import NAMES
 from fitting.session import fit_session
-from fitting.spatial.tensors import held_tensor, swung_tensor, tensor_entries
 from fitting.trial.clocks import DRIFT_PRIOR_SD, LagUncertainty
 from fitting.trial.trial import Trial, build_trial
 from fitting.uncertainty import Repeat, combine
 from recordings.manifest import Timing
 from tests.fitting.defects import Law, OddSession
-from tests.fitting.diagnosis.test_causes import DEFECTS
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
 from tests.fitting.laws.test_model_class import STRONG, WEAK, Rig
-from tests.fitting.pulled_in_space import directions, elbow, pulled
 from tests.fitting.pulls import swing
 
 LAG_SD = 0.5e-3
@@ -204,23 +199,6 @@ def _moments(values: np.ndarray, a_minute: float, random: np.random.Generator) -
 SIGHTS = {"whole": lambda values, _: values, "hidden (T10)": _hidden, "ghosts (T11)": _ghosts}
 
 
-def _causes(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
-    def row(cause: CauseCode | None) -> list[str]:
-        found = list(pool.map(partial(_is_named, cause), range(max(1, runs // 50))))
-        return [NAMES[cause] if cause else "no defect: no cause reported", f"{100 * np.mean(found):.0f}"]
-
-    yield from _table("T8 defect | ranked first or second %", map(row, (*DEFECTS, None)))
-
-
-def _is_named(cause: CauseCode | None, seed: int) -> bool:
-    """Whether the cause is named first or second; None: whether no cause is named."""
-    law, rig = DEFECTS[cause] if cause else (Law(), Rig())
-    fitted = fit_session(_donning(law, rig, 1000 + seed, 1))
-    (fit,) = fitted.cuffs.values()
-    named = [found.code for found in fit.diagnosis.causes[:2]] if fit.diagnosis else []
-    return cause in named if cause else not named
-
-
 def _laws(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
     def share(name: str, law: Law | None) -> str:
         chosen = pool.map(partial(_is_chosen, name, law), range(max(1, runs // 50))) if law else ()
@@ -247,31 +225,6 @@ def session_trials(session: Session, repeats: int, cuff: str = "") -> list[Trial
         trials.append(build_trial(*session.static(repeat), f"{cuff}s{repeat}", "s"))
         trials.append(build_trial(*session.dynamic(repeat), f"{cuff}d{repeat}", "d"))
     return trials
-
-
-def _space(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
-    found = np.array(list(pool.map(_in_space, range(max(1, 2 * runs // 25))))).transpose(1, 2, 0)
-    shares = zip("KC", np.sqrt(found[:, 0].mean(axis=1)), found[:, 1].mean(axis=1), strict=True)
-    rows = ([name, f"{100 * error:.2f}", f"{100 * cover:.0f}"] for name, error, cover in shares)
-    yield from _table("T12 tensor | rms error of an entry over the largest % | cover %", rows)
-
-
-def _in_space(seed: int) -> list[Row]:
-    """Of K and C: mean square error of an entry over the largest, and the part of the entries in their intervals."""
-    random = np.random.default_rng(seed)
-    space = elbow(random)
-    space = replace(space, lag=space.lag_sd * random.standard_normal())
-    pulls = enumerate(directions(30), 1)
-    trials = [pulled(space, u, test, i, random) for i, u in pulls for test in ("static", "dynamic")]
-    reduced, _ = make_pulls(trials)
-    stiffness = held_tensor([pull for pull in reduced if pull.trial.test == "static"], 0.0)
-    damping = swung_tensor([pull for pull in reduced if pull.trial.test == "dynamic"], {}, 0.0)
-    rows: list[tuple[float, ...]] = []
-    for tensor, true in ((stiffness, space.stiffness), (damping, space.damping)):
-        off = tensor.value - true
-        inside = tensor_entries(np.abs(off)) < tensor.factor * tensor_entries(tensor.standard_error)
-        rows.append((float(np.mean(off**2)) / np.abs(true).max() ** 2, float(np.mean(inside))))
-    return rows
 
 
 def _repeats(runs: int, _pool: ProcessPoolExecutor) -> Iterator[str]:
@@ -302,9 +255,7 @@ REPORTS = {
     "T3": _half_a_sample,
     "T9b": _coloured,
     "T10": _seen,
-    "T8": _causes,
     "T9": _laws,
-    "T12": _space,
     "T17": _repeats,
     "speed": _speed,
 }

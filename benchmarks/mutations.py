@@ -323,16 +323,13 @@ def _path(name: str) -> Path | None:
 
 def _imports(path: Path) -> set[str]:
     """Names of modules, and of what may be one, that a file imports anywhere."""
-    return set(_imported(ast.parse(path.read_text())))
-
-
-def _imported(tree: ast.Module) -> Iterator[str]:
-    for node in ast.walk(tree):
+    found = set[str]()
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
 
 
 if __name__ == "__main__":

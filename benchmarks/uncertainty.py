@@ -1,10 +1,12 @@
 """The uncertainty budget of the published cuffs on the bundled body: table, indices, processor time and memory.
 
     python -m benchmarks.uncertainty [--motion FLX01.mot] [--people 1000] [--indices 128] [--picture uncertainty.svg]
+    python -m benchmarks.uncertainty --people 0 [--motion FLX01.mot]
     python -m benchmarks.uncertainty --persons 200 [--first SEED] [--live]
 
 Prints the figures of docs/uncertainty.md: Tables 3 and 4 of the paper with intervals of total uncertainty, the
-probabilities of the statements on the cuffs, Sobol indices, and time and memory.
+probabilities of the statements on the cuffs, Sobol indices, and time and memory. With `--people 0`, the tables without
+intervals beside the published ones, as in docs/assessment.md.
 
 With `--persons`, the part of simulated persons (tests/solver/personalisation/measured_person.py) whose true angles,
 effort and best rest length lie in their 95 % intervals, from body, motion and points of the cord alone: rigid cuffs,
@@ -26,8 +28,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.assessment import print_cells
 from benchmarks.command_line import parse_options
+from documents.interval import plus_minus
 from fitting.uncertainty import NORMAL_95
 from solver.bundled import bundled_model
 from solver.inverse_kinematics.solve import assemble, solve_inverse_kinematics
@@ -38,7 +40,8 @@ from solver.personalisation.segment_masses import set_arm_masses
 from solver.personalisation.wearer_motion import WearerMotion, smooth_wearer
 from solver.scaling import Scaling, scale_model
 from solver.stream.stream_solver import StreamSolver
-from solver.suit.assessment import assess
+from solver.suit.assessment import Assessment, assess
+from solver.suit.cord import Condition
 from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit, read_suit
@@ -54,14 +57,16 @@ from station.assessment.people_run import PeopleRun, assess_people
 from station.assessment.uncertainty_json import decision_entry
 from station.defaults import LEAST_DRAWS
 from station.sources import resolve_motion
+from tests.fitting.experiment import PUBLISHED
 from tests.solver.personalisation.measured_person import MARKERS, RATE, MeasuredPerson, measure_person
-from tests.solver.published import study_cuffs
+from tests.solver.published import STUDY, study_cuffs
 
 Array = NDArray[np.float64]
 BEGAN = time.perf_counter()
 
 RELATIVE_ERRORS = (0.01, 0.05, 0.02)
 """Of stiffness, damping and migration: the fit of one donning; the publication has none."""
+READINGS = (("at_reference", 1), ("rest_length", 1), ("lowest_cost", 1), ("permissible_error", 100))
 
 
 def main() -> None:
@@ -73,6 +78,11 @@ def main() -> None:
     kinematics = differentiate(resolve_motion(chosen.motion, model))
     motion, cuffs = LoadedMotion(model, kinematics), study_cuffs(RELATIVE_ERRORS)
     assessment = assess(motion, suit, cuffs)
+    if not chosen.people:
+        print_cells(assessment)
+        print_reductions(assessment)
+        print(f"\n{len(kinematics.time)} frames, {assessment.unsolved} unsolved: {spent()}")
+        return
     case = AssessedCase(model, kinematics, suit)
     run = PeopleRun(read_budget(people=chosen.people), index_blocks=chosen.indices)
     found, people = assess_people(run, case, motion, cuffs, assessment, report)
@@ -92,6 +102,27 @@ def main() -> None:
     unit = 1e6 if sys.platform == "darwin" else 1e3
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
     print(f"\ntogether: {end}, {memory:.0f} MB")
+
+
+def print_cells(found: Assessment) -> None:
+    print("| condition | arm cuff | cost at 0.74 m | best rest length [m] | cost there | width [cm] |")
+    print("|---|---|---|---|---|---|")
+    for curve in found.curves:
+        published = zip(READINGS, STUDY[curve.condition, curve.cuff], strict=True)
+        figures = [(curve.figures[name], scale, known) for (name, scale), known in published]
+        cells = [f"{plus_minus(one.value or np.nan, one.ci95, scale, 3)} ({known:g})" for one, scale, known in figures]
+        print(f"| {curve.condition} | {curve.cuff or ''} | {' | '.join(cells)} |")
+
+
+def print_reductions(found: Assessment) -> None:
+    """Reduction of mean activation by group of muscles at the reference rest length, as the study's Fig. 10 has it."""
+    arm = [cuff for cuff in PUBLISHED if cuff != "waist"]
+    shown: list[tuple[Condition, str | None]] = [("rigid", None), *(("both", cuff) for cuff in arm)]
+    curves = {(curve.condition, curve.cuff): curve for curve in found.curves}
+    print("\nreduction of mean activation at 0.74 m [%]:  " + "  ".join(" ".join(filter(None, pair)) for pair in shown))
+    for group in read_suit().groups:
+        values = [curves[pair].reduction[group].value for pair in shown]
+        print(f"{group:20}" + "".join("     –" if value is None else f"{100 * value:6.0f}" for value in values))
 
 
 def spent() -> str:
