@@ -15,8 +15,6 @@ Reliability of one measurement: intraclass correlation, standard error of measur
 σ²_error is the sum of all other components and of the known noise: absolute agreement of single measurements.
 
 Agreement of pairs of measurements (Bland and Altman 1999, Stat. Methods Med. Res. 8:135).
-
-The spread between donnings, which an assessment draws from, is relative and common to all cuffs.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import combinations
 
@@ -34,6 +32,7 @@ import scipy
 from fitting.results.codes import FitOutcome
 from fitting.study.variance_components import (
     Array,
+    Component,
     ComponentOutcome,
     Factor,
     MixedModel,
@@ -110,16 +109,19 @@ class VolunteerMean:
 class CuffStudy:
     """Statistics of a quantity, in its unit; a field is None where the outcome does not give it.
 
-    repeats     in a donning, the median: `prediction` is that of the mean of so many in a new donning
-    agreements  "donnings": first and second donning of every volunteer; "A to B": two operators
+    measurements  their number
+    repeats       in a donning, the median: `prediction` is that of the mean of so many in a new donning
+    noise_sd      mean known standard error of one repeat
+    agreements    "donnings": first and second donning of every volunteer; "A to B": two operators
     """
 
     outcome: StudyOutcome
-    measurements: tuple[Observation, ...]
+    measurements: int
     repeats: int = 1
-    model: MixedModel | None = None
+    noise_sd: float | None = None
     mean: FixedEffect | None = None
     prediction: FixedEffect | None = None
+    components: Mapping[str, ComponentSpread] = field(default_factory=dict)
     reliability: Reliability | None = None
     volunteers: tuple[VolunteerMean, ...] = ()
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
@@ -138,22 +140,22 @@ class CuffComparison:
 
 def analyse(measurements: Sequence[Observation]) -> CuffStudy:
     """Variance components, mean, prediction, reliability and agreement of one quantity of one cuff."""
-    measurements = tuple(measurements)
     counts = Counter(one.donning_key for one in measurements)
     repeats = round(float(np.median(list(counts.values())))) if counts else 1
-    model = _fit(measurements, _study_factors(measurements))
+    model = fit_model(measurements, _study_factors(measurements))
     if model is None:
-        return CuffStudy(StudyOutcome.TOO_FEW, measurements, repeats)
+        return CuffStudy(StudyOutcome.TOO_FEW, len(measurements), repeats)
     if model.outcome is not FitOutcome.CONVERGED:
-        return CuffStudy(StudyOutcome.NOT_CONVERGED, measurements, repeats)
+        return CuffStudy(StudyOutcome.NOT_CONVERGED, len(measurements), repeats)
     has_several = model.components[VOLUNTEER].is_estimated
     return CuffStudy(
         outcome=StudyOutcome.COMPLETE if has_several else StudyOutcome.ONE_VOLUNTEER,
-        measurements=measurements,
+        measurements=len(measurements),
         repeats=repeats,
-        model=model,
+        noise_sd=math.sqrt(model.noise),
         mean=estimate_effect(model, np.ones(1), model.components[VOLUNTEER].levels - 1 if has_several else math.inf),
         prediction=_predict(model, repeats) if has_several else None,
+        components={name: _spread(component) for name, component in model.components.items()},
         reliability=estimate_reliability(model, VOLUNTEER, DONNING, OPERATOR),
         volunteers=tuple(_volunteer_means(model, measurements)),
         agreements=_agreements(measurements),
@@ -168,7 +170,9 @@ def compare(measurements: Sequence[Observation], first: str, second: str) -> Cuf
         return CuffComparison(first, second, len(common), ComparisonOutcome.FEW_COMMON)
     kept = [one for one in measurements if one.volunteer in common and one.cuff in (first, second)]
     is_second = np.array([float(one.cuff == second) for one in kept])
-    model = _fit(kept, _study_factors(kept), np.column_stack([np.ones(len(kept)), is_second]), with_intervals=False)
+    model = fit_model(
+        kept, _study_factors(kept), np.column_stack([np.ones(len(kept)), is_second]), with_intervals=False
+    )
     if model is None:
         return CuffComparison(first, second, len(common), ComparisonOutcome.FEW_COMMON)
     if model.outcome is not FitOutcome.CONVERGED:
@@ -316,10 +320,33 @@ class ReliabilityOutcome(StrEnum):
 
 @dataclass(frozen=True)
 class Measure:
-    """A number with its 95 % interval; NaN where the design does not give it."""
+    """A number with its 95 % interval; None where the design does not give it."""
 
-    value: float = math.nan
-    ci95: tuple[float, float] = (math.nan, math.nan)
+    value: float | None = None
+    ci95: tuple[float | None, float | None] | None = None
+
+
+def _measure(value: float, low: float, high: float) -> Measure:
+    """None for a number that is not finite."""
+    known, *ends = (float(number) if math.isfinite(number) else None for number in (value, low, high))
+    return Measure(known, None if ends == [None, None] else (ends[0], ends[1]))
+
+
+@dataclass(frozen=True)
+class ComponentSpread:
+    """A variance component as standard deviation; confounded_with: components whose estimates include it."""
+
+    outcome: ComponentOutcome
+    levels: int
+    sd: Measure = Measure()
+    confounded_with: tuple[str, ...] = ()
+
+
+def _spread(component: Component) -> ComponentSpread:
+    sd = Measure()
+    if component.is_estimated:
+        sd = _measure(*map(math.sqrt, (component.variance, *component.ci95)))
+    return ComponentSpread(component.outcome, component.levels, sd, component.confounded_with)
 
 
 @dataclass(frozen=True)
@@ -341,8 +368,8 @@ def estimate_reliability(model: MixedModel, subject: str, donning: str, operator
     outcome = _outcome(model, subject, donning, operator)
     if outcome is ReliabilityOutcome.NO_DONNINGS:
         return Reliability(outcome)
-    sem = _standard_error(model, subject)
-    mdc = Measure(DETECTABLE * sem.value, (DETECTABLE * sem.ci95[0], DETECTABLE * sem.ci95[1]))
+    error = _standard_error(model, subject)
+    sem, mdc = _measure(*error), _measure(*(DETECTABLE * end for end in error))
     if outcome is ReliabilityOutcome.ONE_VOLUNTEER:
         return Reliability(outcome, sem=sem, mdc=mdc)
     return Reliability(outcome, _correlation(model, subject), sem, mdc)
@@ -357,14 +384,15 @@ def _outcome(model: MixedModel, subject: str, donning: str, operator: str) -> Re
     return ReliabilityOutcome.COMPLETE if model.components[operator].is_estimated else ReliabilityOutcome.LESS_OPERATOR
 
 
-def _standard_error(model: MixedModel, subject: str) -> Measure:
+def _standard_error(model: MixedModel, subject: str) -> tuple[float, float, float]:
+    """SEM and the ends of its interval."""
     errors = [component for component in model.estimated if component.name != subject]
     estimates = np.array([component.variance for component in errors])
     ends = np.array([component.ci95 for component in errors])
     variance = float(estimates.sum()) + model.noise
     low = variance - float(np.linalg.norm(estimates - ends[:, 0]))
     high = variance + float(np.linalg.norm(ends[:, 1] - estimates))
-    return Measure(math.sqrt(variance), (math.sqrt(max(0.0, low)), math.sqrt(high)))
+    return math.sqrt(variance), math.sqrt(max(0.0, low)), math.sqrt(high)
 
 
 def _correlation(model: MixedModel, subject: str) -> Measure:
@@ -373,22 +401,21 @@ def _correlation(model: MixedModel, subject: str) -> Measure:
     total = float(model.solution.theta.sum()) + noise
     dof = min(component.levels for component in model.estimated) - 1
     ends = ratio_interval(model.contrasts, model.solution, index, noise, dof)
-    return Measure(float(model.solution.theta[index]) / total, ends)
+    return _measure(float(model.solution.theta[index]) / total, *ends)
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Bias (second − first) and 95 % limits of agreement with their 95 % intervals, in the unit of the pairs.
+    """Bland–Altman analysis in the unit of the pairs: bias (second − first) and 95 % limits of agreement.
 
-    means and differences (pairs,); the limits are NaN for fewer than three pairs.
+    means and differences of the pairs; the limits are unknown for fewer than three pairs.
     """
 
-    means: Array
-    differences: Array
-    bias: float
-    bias_ci95: tuple[float, float]
-    limits: tuple[float, float]
-    limits_ci95: tuple[tuple[float, float], tuple[float, float]]
+    means: tuple[float, ...]
+    differences: tuple[float, ...]
+    bias: Measure
+    lower_limit: Measure = Measure()
+    upper_limit: Measure = Measure()
 
 
 def agree(pairs: Array) -> Agreement:
@@ -398,23 +425,24 @@ def agree(pairs: Array) -> Agreement:
     """
     differences = pairs[:, 1] - pairs[:, 0]
     count = len(differences)
-    means, bias = pairs.mean(axis=1), float(differences.mean()) if count else math.nan
+    of_pairs = tuple(pairs.mean(axis=1).tolist()), tuple(differences.tolist())
+    bias = float(differences.mean()) if count else math.nan
     if count < FEWEST_PAIRS:
-        none = (math.nan, math.nan)
-        return Agreement(means, differences, bias, none, none, (none, none))
+        return Agreement(*of_pairs, _measure(bias, math.nan, math.nan))
     spread, t = float(differences.std(ddof=1)), quantile(count - 1)
     reach = t * spread / math.sqrt(count)
-    low, high = bias - NORMAL_95 * spread, bias + NORMAL_95 * spread
     half = t * spread * math.sqrt(1 / count + NORMAL_95**2 / (2 * (count - 1)))
-    of_limits = (low - half, low + half), (high - half, high + half)
-    return Agreement(means, differences, bias, (bias - reach, bias + reach), (low, high), of_limits)
+    limits = (
+        _measure(limit, limit - half, limit + half) for limit in (bias - NORMAL_95 * spread, bias + NORMAL_95 * spread)
+    )
+    return Agreement(*of_pairs, _measure(bias, bias - reach, bias + reach), *limits)
 
 
 # names of the variance components
 VOLUNTEER, OPERATOR, DONNING, REPEAT, INTERACTION = "volunteer", "operator", "donning", "repeat", "volunteer_by_cuff"
 
 
-def _fit(
+def fit_model(
     measurements: Sequence[Observation],
     factors: Sequence[Factor],
     fixed: Array | None = None,
@@ -450,81 +478,3 @@ def _study_factors(measurements: Sequence[Observation]) -> list[Factor]:
         Factor(REPEAT, range(len(measurements))),
         Factor(OPERATOR, [one.operator for one in measurements]),
     ]
-
-
-LEAST_FREEDOM = 3.5  # degrees of freedom below which a spread is not used: 4, less the rounding of their estimate
-
-
-class SpreadOutcome(StrEnum):
-    """How the estimate ended.
-
-    ESTIMATED      the spread can be used
-    FEW_DONNINGS   fewer than 4 donnings more than cuffs
-    UNRESOLVED     the noise of the fits hides it: fewer than 4 degrees of freedom, or zero
-    NOT_CONVERGED  the REML iteration did not converge
-    """
-
-    ESTIMATED = "estimated"
-    FEW_DONNINGS = "few_donnings"
-    UNRESOLVED = "unresolved"
-    NOT_CONVERGED = "not_converged"
-
-
-@dataclass(frozen=True)
-class DonningSpreadEstimate:
-    """Standard deviation of the logarithm between donnings with its 95 % profile interval; NaN without an estimate.
-
-    freedom   degrees of freedom of the variance: at most donnings less cuffs, fewer with noisy fits
-    donnings  of cuffs that were donned more than once;  cuffs: of a volunteer each
-    """
-
-    outcome: SpreadOutcome
-    donnings: int
-    cuffs: int
-    spread: float = math.nan
-    ci95: tuple[float, float] = (math.nan, math.nan)
-    freedom: float = math.nan
-
-
-def estimate_donning_spread(measurements: Sequence[Observation]) -> DonningSpreadEstimate:
-    """REML on logarithms, with a mean for every cuff of every volunteer, and the noise of the fits as known.
-
-    Values that are not positive are left out. Of a single repeat in each donning, the spread includes that of repeats.
-    """
-    positive = [one for one in measurements if one.value > 0]
-    donned = Counter(
-        (volunteer, cuff) for volunteer, cuff, _ in {(m.volunteer, m.cuff, m.donning_key) for m in positive}
-    )
-    kept = [
-        replace(one, value=math.log(one.value), noise=one.noise / one.value, shared=one.shared / one.value)
-        for one in positive
-        if donned[one.volunteer, one.cuff] > 1
-    ]
-    groups = Factor("cuff", [f"{one.volunteer} {one.cuff}" for one in kept])
-    donnings = Factor(DONNING, [one.donning_key for one in kept])
-    counted = DonningSpreadEstimate(SpreadOutcome.FEW_DONNINGS, donnings.levels, groups.levels)
-    if donnings.levels - groups.levels < LEAST_FREEDOM:
-        return counted
-    model = _fit(kept, [donnings, Factor(REPEAT, range(len(kept)))], groups.incidence())
-    if model is None:
-        return counted
-    if model.outcome is not FitOutcome.CONVERGED:
-        return replace(counted, outcome=SpreadOutcome.NOT_CONVERGED)
-    return _estimate(model, counted)
-
-
-def _estimate(model: MixedModel, counted: DonningSpreadEstimate) -> DonningSpreadEstimate:
-    component = model.components[DONNING]
-    freedom = 0.0
-    if component.variance > 0:
-        place = [found.name for found in model.estimated].index(DONNING)
-        variance = float(model.theta_covariance()[place, place])
-        freedom = min(2 * component.variance**2 / variance, counted.donnings - counted.cuffs)
-    low, high = np.sqrt(np.maximum(component.ci95, 0.0)).tolist()
-    return replace(
-        counted,
-        outcome=SpreadOutcome.ESTIMATED if freedom >= LEAST_FREEDOM else SpreadOutcome.UNRESOLVED,
-        spread=math.sqrt(component.variance),
-        ci95=(low, high),
-        freedom=freedom,
-    )

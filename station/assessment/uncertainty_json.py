@@ -17,7 +17,8 @@ from pydantic import Field
 from documents.message import Figures, Message
 from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
-from fitting.study.cuff_study import DonningSpreadEstimate, Observation, SpreadOutcome, estimate_donning_spread
+from fitting.study.cuff_study import Observation
+from fitting.study.donning_spread import DonningSpreadEstimate, SpreadOutcome, estimate_donning_spread
 from solver.suit.assessment import UncertaintySummary
 from solver.suit.decision import Basis, CuffDecision, DecisionOutcome, DecisionRule, PairProbability
 from solver.suit.quantity import TAIL

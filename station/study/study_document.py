@@ -8,7 +8,6 @@ normative.json: what volunteers of a study had, for comparison with the value of
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
@@ -21,21 +20,7 @@ from documents.interval import between, bracketed, shown
 from documents.message import Message
 from documents.plain_data import read_json
 from documents.validation import FiniteSection, refused_as
-from fitting.study.cuff_study import (
-    Agreement,
-    CuffComparison,
-    CuffStudy,
-    FixedEffect,
-    Measure,
-    Observation,
-    Reliability,
-    ReliabilityOutcome,
-    StudyOutcome,
-    VolunteerMean,
-    analyse,
-    compare,
-)
-from fitting.study.variance_components import Component, ComponentOutcome
+from fitting.study.cuff_study import CuffComparison, CuffStudy, FixedEffect, Measure, Observation, analyse, compare
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of, write_checksums, write_whole
 from station.cuff_text import SHOWN
@@ -52,60 +37,6 @@ OPEN = "not estimated"
 STUDY_FILE = "study.json"
 NORMATIVE_FILE = "normative.json"
 NORMATIVE_FORMAT: Literal[1] = 1
-
-
-class StudyFigure(FiniteSection):
-    """A number with its 95 % interval; null where the design does not give it."""
-
-    value: float | None
-    ci95: tuple[float | None, float | None] | None = None
-
-
-class ComponentEntry(FiniteSection):
-    """A variance component as standard deviation."""
-
-    outcome: ComponentOutcome
-    levels: int
-    sd: StudyFigure
-    confounded_with: list[str] = Field(default_factory=list)
-
-
-class ReliabilityEntry(FiniteSection):
-    """Of one repeat in one donning by any operator: ICC(2,1), SEM, minimal detectable change."""
-
-    outcome: ReliabilityOutcome
-    icc: StudyFigure
-    sem: StudyFigure
-    mdc: StudyFigure
-
-
-class AgreementEntry(FiniteSection):
-    """Bland–Altman analysis; means and differences of the pairs. limits are null for fewer than three pairs."""
-
-    means: list[float]
-    differences: list[float]
-    bias: StudyFigure
-    lower_limit: StudyFigure
-    upper_limit: StudyFigure
-
-
-class QuantityEntry(FiniteSection):
-    """One quantity of one cuff, in SI.
-
-    noise_sd is the mean known standard error of one repeat; repeats the median number in a donning, to which the
-    prediction refers.
-    """
-
-    outcome: StudyOutcome
-    measurements: int
-    repeats: int
-    noise_sd: float | None = None
-    mean: FixedEffect | None = None
-    prediction: FixedEffect | None = None
-    components: dict[str, ComponentEntry] = Field(default_factory=dict)
-    reliability: ReliabilityEntry | None = None
-    volunteers: list[VolunteerMean] = Field(default_factory=list)
-    agreements: dict[str, AgreementEntry] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +76,7 @@ class StudyDocument(FiniteSection):
     origin: DataOrigin
     sessions: list[StudySessionEntry]
     left_out: list[LeftOutEntry]
-    cuffs: dict[str, dict[QuantityName, QuantityEntry]]
+    cuffs: dict[str, dict[QuantityName, CuffStudy]]
     comparisons: list[ComparisonEntry]
     versions: dict[str, str]
 
@@ -155,7 +86,7 @@ def shown_effect(effect: FixedEffect | None, quantity: str) -> str:
     return OPEN if effect is None else bracketed(effect.value, effect.ci95, SHOWN[quantity].scale)
 
 
-def shown_figure(figure: StudyFigure, scale: float, digits: int = 0) -> str:
+def shown_figure(figure: Measure, scale: float, digits: int = 0) -> str:
     """Value and 95 % interval; an upper end that is not found is open."""
     if figure.value is None:
         return OPEN
@@ -183,12 +114,12 @@ def make_study(sessions: StudySessions, progress: Progress = silent) -> StudyDoc
             left_out += missing
             for cuff, measurements in found.items():
                 by_cuff.setdefault(cuff, []).extend(measurements)
-    cuffs: dict[str, dict[QuantityName, QuantityEntry]] = {}
+    cuffs: dict[str, dict[QuantityName, CuffStudy]] = {}
     total = sum(map(len, by_quantity.values()))
     for quantity, by_cuff in by_quantity.items():
         for cuff, measurements in by_cuff.items():
             progress("analysing cuffs", sum(map(len, cuffs.values())), total)
-            cuffs.setdefault(cuff, {})[quantity] = _quantity(analyse(measurements))
+            cuffs.setdefault(cuff, {})[quantity] = analyse(measurements)
     progress("analysing cuffs", total, total)
     return StudyDocument(
         format=FORMAT,
@@ -220,63 +151,6 @@ def write_study(folder: Path, document: StudyDocument) -> Path:
     write_whole(folder / STUDY_FILE, text + "\n")
     write_checksums(folder / STUDY_FILE)
     return folder / STUDY_FILE
-
-
-def _quantity(found: CuffStudy) -> QuantityEntry:
-    model = found.model
-    return QuantityEntry(
-        outcome=found.outcome,
-        measurements=len(found.measurements),
-        repeats=found.repeats,
-        noise_sd=math.sqrt(model.noise) if model else None,
-        mean=found.mean,
-        prediction=found.prediction,
-        components={name: _component(component) for name, component in model.components.items()} if model else {},
-        reliability=_reliability(found.reliability) if found.reliability else None,
-        volunteers=list(found.volunteers),
-        agreements={name: _agreement(agreement) for name, agreement in found.agreements.items()},
-    )
-
-
-def _component(component: Component) -> ComponentEntry:
-    sd = Measure()
-    if component.is_estimated:
-        low, high = component.ci95
-        sd = Measure(math.sqrt(component.variance), (math.sqrt(low), math.sqrt(high)))
-    return ComponentEntry(
-        outcome=component.outcome,
-        levels=component.levels,
-        sd=_figure(sd.value, sd.ci95),
-        confounded_with=list(component.confounded_with),
-    )
-
-
-def _reliability(found: Reliability) -> ReliabilityEntry:
-    return ReliabilityEntry(
-        outcome=found.outcome,
-        icc=_figure(found.icc.value, found.icc.ci95),
-        sem=_figure(found.sem.value, found.sem.ci95),
-        mdc=_figure(found.mdc.value, found.mdc.ci95),
-    )
-
-
-def _agreement(found: Agreement) -> AgreementEntry:
-    return AgreementEntry(
-        means=found.means.tolist(),
-        differences=found.differences.tolist(),
-        bias=_figure(found.bias, found.bias_ci95),
-        lower_limit=_figure(found.limits[0], found.limits_ci95[0]),
-        upper_limit=_figure(found.limits[1], found.limits_ci95[1]),
-    )
-
-
-def _figure(value: float, ci95: tuple[float, float]) -> StudyFigure:
-    ends = (_known(ci95[0]), _known(ci95[1]))
-    return StudyFigure(value=_known(value), ci95=None if ends == (None, None) else ends)
-
-
-def _known(number: float) -> float | None:
-    return float(number) if math.isfinite(number) else None
 
 
 class NormativePlace(StrEnum):

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from documents.interval import counted
 from fitting.cuffs.wearable_cuff import QUANTITIES
+from fitting.study.cuff_study import Agreement, ComponentSpread, CuffStudy, Measure
 from fitting.study.variance_components import ComponentOutcome
 from recordings.manifest import DataOrigin
 from station.charts.marks import Chart, Intervals, Mark, Panel, Points, Rule, Strip, chart, values
@@ -21,17 +22,7 @@ from station.charts.svg import draw, with_commands
 from station.checksums import write_checksums, write_whole
 from station.cuff_text import SHOWN
 from station.folded_table import FoldedTable
-from station.study.study_document import (
-    OPEN,
-    AgreementEntry,
-    ComponentEntry,
-    QuantityEntry,
-    StudyDocument,
-    StudyFigure,
-    shown_effect,
-    shown_figure,
-    shown_range,
-)
+from station.study.study_document import OPEN, StudyDocument, shown_effect, shown_figure, shown_range
 
 STUDY_PAGE = "study.html"
 _HERE = Path(__file__).parent
@@ -83,28 +74,28 @@ def _environment() -> Environment:
     return environment
 
 
-def _sections(document: StudyDocument) -> dict[str, dict[str, QuantityEntry]]:
+def _sections(document: StudyDocument) -> dict[str, dict[str, CuffStudy]]:
     """Quantity → cuff → statistics."""
-    found: dict[str, dict[str, QuantityEntry]] = {}
+    found: dict[str, dict[str, CuffStudy]] = {}
     for cuff, quantities in document.cuffs.items():
         for quantity, entry in quantities.items():
             found.setdefault(quantity, {})[cuff] = entry
     return found
 
 
-def _predicted(found: QuantityEntry, quantity: str) -> str:
+def _predicted(found: CuffStudy, quantity: str) -> str:
     return shown_range(found.prediction.ci95, quantity) if found.prediction else OPEN
 
 
-def _forest(found: QuantityEntry, quantity: str, cuff: str) -> str:
+def _forest(found: CuffStudy, quantity: str, cuff: str) -> str:
     return draw(forest_chart(found, quantity), f"{quantity} of {cuff} by volunteer")
 
 
-def _bland_altman(found: AgreementEntry, name: str, quantity: str, cuff: str) -> str:
+def _bland_altman(found: Agreement, name: str, quantity: str, cuff: str) -> str:
     return draw(agreement_chart(found, name, quantity), f"agreement of {quantity} of {cuff}, {name}")
 
 
-def forest_chart(found: QuantityEntry, quantity: str) -> Chart:
+def forest_chart(found: CuffStudy, quantity: str) -> Chart:
     """Every volunteer with a 95 % interval; the mean as a line, the prediction interval as a strip."""
     scale, unit = SHOWN[quantity].scale, SHOWN[quantity].unit
     names = tuple(mean.volunteer for mean in found.volunteers)
@@ -125,7 +116,7 @@ def forest_chart(found: QuantityEntry, quantity: str) -> Chart:
     return chart(Panel(tuple(marks), f"{quantity} [{unit}]", y_names=names, y_limits=limits, height=height))
 
 
-def agreement_chart(found: AgreementEntry, name: str, quantity: str) -> Chart:
+def agreement_chart(found: Agreement, name: str, quantity: str) -> Chart:
     """Difference over mean of the pairs, bias, limits of agreement with their 95 % intervals."""
     scale, unit = SHOWN[quantity].scale, SHOWN[quantity].unit
     marks: list[Mark] = [Rule(0.0, "quiet", dash="dotted")]
@@ -137,7 +128,7 @@ def agreement_chart(found: AgreementEntry, name: str, quantity: str) -> Chart:
     return chart(Panel(tuple(marks), f"mean of both [{unit}]", f"difference [{unit}]", name))
 
 
-def _limit(figure: StudyFigure, scale: float, label: str) -> list[Mark]:
+def _limit(figure: Measure, scale: float, label: str) -> list[Mark]:
     if figure.value is None or figure.ci95 is None:
         return []
     low, high = (scale * (end or 0.0) for end in figure.ci95)
@@ -153,7 +144,7 @@ def print_study(document: StudyDocument, console: Console) -> None:
             console.print(table)
 
 
-def shown_component(component: ComponentEntry, scale: float) -> str:
+def shown_component(component: ComponentSpread, scale: float) -> str:
     """Standard deviation with its interval, or why there is none."""
     match component.outcome:
         case ComponentOutcome.ONE_LEVEL:
@@ -163,7 +154,7 @@ def shown_component(component: ComponentEntry, scale: float) -> str:
     return shown_figure(component.sd, scale)
 
 
-def _rows(document: StudyDocument) -> Iterator[tuple[str, str, QuantityEntry]]:
+def _rows(document: StudyDocument) -> Iterator[tuple[str, str, CuffStudy]]:
     for cuff, quantities in document.cuffs.items():
         for quantity, found in quantities.items():
             yield cuff, f"{quantity} [{SHOWN[quantity].unit}]", found

@@ -9,7 +9,8 @@ from scipy import optimize, stats
 
 from fitting.results.codes import FitOutcome
 from fitting.study import variance_components
-from fitting.study.cuff_study import Observation, SpreadOutcome, estimate_donning_spread
+from fitting.study.cuff_study import Observation
+from fitting.study.donning_spread import SpreadOutcome, estimate_donning_spread
 from fitting.study.variance_components import (
     ComponentOutcome,
     ErrorContrasts,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.study.cuff_study import SpreadOutcome
+from fitting.study.donning_spread import SpreadOutcome
 from solver.uncertainty.factors import factor_columns, normal_scores, random_factors, scores_by_factor, unit_sample
 from solver.uncertainty.sources import DonningSpread, FitSpread, UncertaintySources
 from solver.uncertainty.varied_model import varied_cuff

@@ -61,7 +61,7 @@ def test_a_migration_is_one_value_of_a_donning_so_that_repeats_are_in_the_donnin
     migration = document.cuffs["tube"]["migration"]
     assert migration.repeats == 1
     assert migration.components["repeat"].outcome is ComponentOutcome.CONFOUNDED
-    assert migration.components["repeat"].confounded_with == ["donning"]
+    assert migration.components["repeat"].confounded_with == ("donning",)
 
 
 def test_the_cuffs_differ_over_volunteers_by_what_they_were_drawn_with(document: StudyDocument) -> None:
