@@ -174,15 +174,12 @@ _OUTCOME_OF_CODE = np.array([MuscleOutcome.CONVERGED, MuscleOutcome.CURVE_NOT_CO
 class MuscleForces:
     """Forces along each muscle's tendon, all (frames, muscles): tension = active · activation + passive [N].
 
-    The factors they are made of, without dimension: active = F_max · length_factor · velocity_factor · cos(pennation),
-    passive = F_max · passive_factor · cos(pennation). outcomes are of MuscleOutcome, of the curves alone.
+    active is F_max times the curves of active force-length and force-velocity times cos(pennation), passive F_max times
+    that of passive force-length times cos(pennation). outcomes are of MuscleOutcome, of the curves alone.
     """
 
     active: Array
     passive: Array
-    length_factor: Array
-    velocity_factor: Array
-    passive_factor: Array
     cos_pennation: Array
     outcomes: NDArray[np.object_]
 
@@ -246,16 +243,12 @@ def _forces(group: _Group, lengths: Array, lengthening_speeds: Array) -> MuscleF
     is_shortest = fiber <= shortest
     is_held = is_shortest & (fiber_speed <= 0.0)
     codes = np.zeros(fiber.shape, np.int8)
-    velocity_factor = np.where(is_slack | is_held, 1.0, curves.force_velocity(fiber_speed / (fastest * optimal), codes))
+    at_speed = np.where(is_slack | is_held, 1.0, curves.force_velocity(fiber_speed / (fastest * optimal), codes))
     is_idle = is_shortest & curves.is_idle_when_shortest
-    length_factor = np.where(is_idle, 0.0, curves.active_force_length(fiber / optimal, codes))
-    passive_factor = curves.passive_force_length(fiber / optimal, codes)
+    at_length = np.where(is_idle, 0.0, curves.active_force_length(fiber / optimal, codes))
     return MuscleForces(
-        active=strength * length_factor * velocity_factor * cos_pennation,
-        passive=strength * passive_factor * cos_pennation,
-        length_factor=length_factor,
-        velocity_factor=velocity_factor,
-        passive_factor=passive_factor,
+        active=strength * at_length * at_speed * cos_pennation,
+        passive=strength * curves.passive_force_length(fiber / optimal, codes) * cos_pennation,
         cos_pennation=cos_pennation,
         outcomes=_OUTCOME_OF_CODE[codes],
     )

@@ -69,8 +69,6 @@ class EquationsOfMotion:
 
     mass_matrix           M (frames, coordinates, coordinates)
     bias_force            c (frames, coordinates), of velocities, gravity and passive forces
-    constraint_jacobian   G (frames, rows, coordinates), see solver/multibody/constraints.py
-    constraint_bias       b (frames, rows)
     mobility              P (frames, coordinates, coordinates)
     multiplier_per_force  Kᵀ (frames, rows, coordinates)
     tables, screws        how loads reach the coordinates, as in tables.Tables and postures.Postures
@@ -85,8 +83,6 @@ class EquationsOfMotion:
 
     mass_matrix: Array
     bias_force: Array
-    constraint_jacobian: Array
-    constraint_bias: Array
     mobility: Array
     multiplier_per_force: Array
     tables: Tables
@@ -120,8 +116,6 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     return EquationsOfMotion(
         mass_matrix=terms.mass_matrix,
         bias_force=bias_force,
-        constraint_jacobian=jacobian,
-        constraint_bias=bias,
         mobility=mobility,
         multiplier_per_force=np.swapaxes(gain, 1, 2),
         tables=pack_bodies(model),

@@ -85,8 +85,7 @@ class WearerMotion:
     scaling       the body of its mode, as scaling of the estimated one that keeps its masses;  skeleton  of that body
     factors       (factors,) scale factors of that body in the order of the priors;  factor_errors  standard errors
     coordinates   (frames, coordinates) [rad or m] of its mode, closed on that body
-    standard_deviation, prior_deviation   (frames, coordinates) with the markers, and of a person without any; 0 of a
-                                          coordinate that no marker moves
+    standard_deviation   (frames, coordinates); 0 of a coordinate that no marker moves
     covariance    of (θ, w);  mode  w (coordinates, modes);  parameters  θ of its mode
     is_converged  whether the mode was found
     """
@@ -97,7 +96,6 @@ class WearerMotion:
     factor_errors: Array
     coordinates: Array
     standard_deviation: Array
-    prior_deviation: Array
     covariance: Array
     mode: Array
     is_converged: bool
@@ -171,7 +169,7 @@ def smooth_wearer(
     at = np.concatenate([estimate.parameters, np.zeros(body.count * knots.modes.shape[1])])
     is_converged = False
     for _ in range(MOST_STEPS):
-        matrix, gradient, prior = _normal_equations(body, knots, at)
+        matrix, gradient = _normal_equations(body, knots, at)
         covariance = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
         step = -covariance @ gradient
         at = at + step
@@ -186,7 +184,6 @@ def smooth_wearer(
         factor_errors=factors * np.sqrt(np.diag(covariance)[: len(factors)]),
         coordinates=knots.closed(skeleton, mode),
         standard_deviation=knots.deviations(covariance),
-        prior_deviation=knots.deviations(np.asarray(np.linalg.inv(prior), dtype=np.float64)),
         covariance=covariance,
         mode=mode,
         is_converged=is_converged,
@@ -367,8 +364,8 @@ def _alike(one: Array, other: Array, angle: float) -> Array:
     return np.asarray(np.exp(-0.5 * square / angle**2))
 
 
-def _normal_equations(body: _Body, knots: _Knots, at: Array) -> tuple[Array, Array, Array]:
-    """Matrix, gradient, and the matrix without the markers, at (θ, w)."""
+def _normal_equations(body: _Body, knots: _Knots, at: Array) -> tuple[Array, Array]:
+    """Matrix and gradient at (θ, w)."""
     parameters = at[: body.parameters]
     coordinates = knots.coordinates + knots.modes @ at[body.parameters :].reshape(body.count, -1).T
     found = linearise_postures(*body.of(parameters), coordinates)
@@ -379,7 +376,7 @@ def _normal_equations(body: _Body, knots: _Knots, at: Array) -> tuple[Array, Arr
     own[body.parameters :, body.parameters :] = np.diag(deviation**-2.0)
     anatomy, slope = _squared(_anatomy_rows(body, knots, found, gaps, coordinates, parameters))
     of_markers, pull = _squared(_marker_rows(body, knots, found, points))
-    return own + anatomy + of_markers, own @ at + slope + pull, own + anatomy
+    return own + anatomy + of_markers, own @ at + slope + pull
 
 
 def _squared(rows: Iterator[Array]) -> tuple[Array, Array]:

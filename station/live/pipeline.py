@@ -93,17 +93,13 @@ class LivePipeline:
     def __post_init__(self) -> None:
         self._force, self._emg = AlignedSignal(), AlignedSignal()
         self._columns: list[int] = []
-        self._rest_lengths = {name: scenario.rest_length for name, scenario in self.plan.scenarios.items()}
+        self.rest_lengths = {name: scenario.rest_length for name, scenario in self.plan.scenarios.items()}
         self.restart()
 
     @property
     def solver(self) -> StreamSolver | None:
         """None before the first frame whose markers fit the body."""
         return self._solver
-
-    @property
-    def rest_lengths(self) -> Mapping[str, float]:
-        return self._rest_lengths
 
     def seconds(self, device_ns: int) -> float:
         """Time from the first frame [s]."""
@@ -139,7 +135,7 @@ class LivePipeline:
             raise ValueError(scenario)
         if self._solver is not None:
             self._solver.set_rest_length(scenario, rest_length_m)
-        self._rest_lengths[scenario] = rest_length_m
+        self.rest_lengths[scenario] = rest_length_m
         self._cycles.restart()
         self._recent = self._best = None
 
@@ -204,7 +200,7 @@ class LivePipeline:
         self.refusal, self._columns, self._rotation, self._first_ns = None, columns, rotation, device_ns
         suit, lag_s = self.plan.body.suit, self.plan.lag_s
         self._solver = StreamSolver(model, tasks, self.plan.scenarios, suit=suit, lag_s=lag_s, errors=errors)
-        for name, length in self._rest_lengths.items():
+        for name, length in self.rest_lengths.items():
             if length != self.plan.scenarios[name].rest_length:
                 self._solver.set_rest_length(name, length)
         return True
@@ -247,7 +243,7 @@ class LivePipeline:
         """The scenarios that differ from the worn one in their rest length only."""
         worn = self.plan.scenarios.get("worn", self.plan.scenarios["rigid"])
         return {
-            name: self._rest_lengths[name]
+            name: self.rest_lengths[name]
             for name, scenario in self.plan.scenarios.items()
             if scenario.rest_length != float("inf")
             and (scenario.condition, scenario.waist, scenario.arm) == (worn.condition, worn.waist, worn.arm)

@@ -40,14 +40,14 @@ def test_a_pennate_muscle_pulls_along_its_tendon() -> None:
 def test_a_muscle_shorter_than_its_tendon_is_slack_and_keeps_its_shortest_fibre() -> None:
     for pennation in (0.0, 0.3):
         forces = muscle_forces(_with_pennation(pennation), np.array([[0.1]]), np.array([[-0.5]]))
-        assert forces.velocity_factor[0, 0] == 1.0
-        assert forces.length_factor[0, 0] == pytest.approx(0.0, abs=1e-14)
+        at_rest = muscle_forces(_with_pennation(pennation), np.array([[0.1]]), np.zeros((1, 1)))
+        assert forces.active[0, 0] == at_rest.active[0, 0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_lengthening_muscle_pulls_harder_than_a_shortening_one() -> None:
     length = np.full((3, 1), 0.3)
     forces = muscle_forces(_with_pennation(0.0), length, np.array([[-0.2], [0.0], [0.2]]))
-    assert forces.velocity_factor[0] < forces.velocity_factor[1] == 1.0 < forces.velocity_factor[2]
+    assert forces.active[0] < forces.active[1] < forces.active[2]
 
 
 def test_a_muscle_of_thelen_below_its_shortest_fibre_is_idle() -> None:

@@ -61,7 +61,7 @@ def test_a_millard_muscle(name: str, tmp_path: Path) -> None:
         bend(muscle, **MILLARD[name])
         span(model, muscle)
     ours, forces, theirs = both(model, tmp_path, rigid_factors)
-    assert np.abs(factors(forces)[:, 1:] - theirs[:, 1:]).max() < 1e-12
+    assert np.abs(per_strength(ours, forces)[:, 1:] - theirs[:, 1:]).max() < 1e-12
     assert len(ours.muscles) == 1 + len(FIBERS)
 
 
@@ -80,7 +80,8 @@ def test_a_thelen_muscle(tmp_path: Path) -> None:
     _, forces, theirs = both(model, tmp_path, thelen_forces)
     strength = 300.0
     assert np.abs(forces.active[:, 1:] - theirs[:, 1:, 0]).max() / strength < 1e-10
-    assert np.allclose(forces.passive_factor[:, 1:], theirs[:, 1:, 1], rtol=1e-12, atol=1e-12)
+    passive = theirs[:, 1:, 1] * forces.cos_pennation[:, 1:]
+    assert np.allclose(forces.passive[:, 1:] / strength, passive, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("is_changed", [False, True])
@@ -104,7 +105,7 @@ def test_a_de_groote_fregly_muscle(is_changed: bool, tmp_path: Path) -> None:
     is_stretched = lengths_of(ours, 1)[0] > [slack for _, slack, _ in FIBERS]  # OpenSim's fibres push if they are not
     assert is_stretched.sum() > 100
     np.testing.assert_allclose(
-        factors(forces)[:, 1:][is_stretched], theirs[:, 1:][is_stretched], rtol=1e-12, atol=1e-12
+        per_strength(ours, forces)[:, 1:][is_stretched], theirs[:, 1:][is_stretched], rtol=1e-12, atol=1e-12
     )
 
 
@@ -214,18 +215,17 @@ def lengths_of(model: Model, muscle: int) -> tuple[Array, Array]:
     return paths.lengths[:, [muscle]], paths.speeds[:, [muscle]]
 
 
-def factors(forces: MuscleForces) -> Array:
-    values = (forces.length_factor, forces.velocity_factor, forces.passive_factor, forces.cos_pennation)
-    return np.stack(values, axis=-1)
+def per_strength(model: Model, forces: MuscleForces) -> Array:
+    """(frames, muscles, 3) active and passive force over the greatest isometric one, and cos(pennation)."""
+    strength = [muscle.max_isometric_force for muscle in model.muscles]
+    return np.stack((forces.active / strength, forces.passive / strength, forces.cos_pennation), axis=-1)
 
 
 def rigid_factors(muscle: Any, state: Any, _model: Model) -> list[float]:
-    return [
-        muscle.getActiveForceLengthMultiplier(state),
-        muscle.getForceVelocityMultiplier(state),
-        muscle.getPassiveForceMultiplier(state),
-        muscle.getCosPennationAngle(state),
-    ]
+    """The same of OpenSim, from its multipliers."""
+    cosine = muscle.getCosPennationAngle(state)
+    active = muscle.getActiveForceLengthMultiplier(state) * muscle.getForceVelocityMultiplier(state)
+    return [active * cosine, muscle.getPassiveForceMultiplier(state) * cosine, cosine]
 
 
 def thelen_forces(muscle: Any, state: Any, _model: Model) -> list[float]:

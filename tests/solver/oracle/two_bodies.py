@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.model import Model
-from solver.multibody.constraints import constraint_gaps
+from solver.multibody.constraints import constraint_gaps, constraint_rows
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import jacobians, postures, rates_of_coordinates
 from solver.muscle import evaluate_paths
@@ -185,7 +185,7 @@ def solvers_values(model: Model, q: Array, u: Array) -> dict[str, Array]:
         "rates": np.einsum("fij,fj->fi", to_rates, u),
         "mass_matrix": equations.mass_matrix,
         "acceleration": equations.acceleration_unloaded,
-        "constraint": equations.constraint_jacobian,
+        "constraint": constraint_rows(model, state)[0],
         "gap": constraint_gaps(model, state),
         "length": paths.lengths,
         "speed": paths.speeds,
