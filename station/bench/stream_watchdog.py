@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from documents.message import Message
-from recordings.samples import Event, Item, Loss, Samples, Stream
+from recordings.samples import ArrivalClock, Event, Item, Loss, Samples, Stream
 from station.clock import Clock
 from station.messages.bench_messages import TrialCode
 
@@ -107,23 +107,24 @@ class Shortfall:
 
     def __init__(self, streams: Sequence[Stream], watchdog: StreamWatchdog) -> None:
         self._streams, self._watchdog = tuple(streams), watchdog
-        self._clocks = {name: StreamClock() for name in ("/force", "/sync")}
+        self._clocks = {name: ArrivalClock() for name in ("/force", "/sync")}
+        self._reached_ns = dict.fromkeys(self._clocks, 0)
         self._last: dict[str, tuple[int, int]] = {}  # number and device time of the last sample
 
     def update(self, samples: Samples) -> None:
         """Take a block with at least one sample."""
         self._last[samples.stream] = int(samples.sample_numbers[-1]), int(samples.device_time_ns[-1])
         if samples.stream in self._clocks:
-            self._clocks[samples.stream].update(samples)
+            self._reached_ns[samples.stream] = int(self._clocks[samples.stream].update(samples)[-1])
 
     def last_sample_ns(self, stream: str) -> int:
         """UTC [ns] of the last sample of a stream of the DAQ or the load cell; 0 before the first."""
-        return self._clocks[stream].host_ns
+        return self._reached_ns[stream]
 
     def find_short_streams(self, end_ns: int, tolerance_s: float) -> list[tuple[Stream, float]]:
         """Streams of the DAQ and the load cell whose last sample precedes end_ns by more than tolerance_s [s]."""
         gaps = [
-            (stream, (end_ns - self._clocks[stream.name].host_ns) * 1e-9)
+            (stream, (end_ns - self._reached_ns[stream.name]) * 1e-9)
             for stream in self._streams
             if stream.name in self._clocks
         ]
@@ -145,29 +146,6 @@ class Shortfall:
                 number, last_ns = self._last.get(stream.name, (-1, 0))
                 losses.append(Loss(stream.name, cause or "silent", number + 1, count, last_ns, end_ns))
         return losses
-
-
-class StreamClock:
-    """Time of the last sample of one stream on the host's clock.
-
-    The offset between the two clocks is that of the block with the least delay. With a backlog, the last sample
-    therefore lies in the past although blocks keep arriving.
-    """
-
-    def __init__(self) -> None:
-        self._least_delay_ns: int | None = None
-        self._last_device_ns = 0
-
-    def update(self, samples: Samples) -> None:
-        """Add a block of at least one sample."""
-        self._last_device_ns = int(samples.device_time_ns[-1])
-        delay_ns = samples.host_time_ns - self._last_device_ns
-        self._least_delay_ns = delay_ns if self._least_delay_ns is None else min(self._least_delay_ns, delay_ns)
-
-    @property
-    def host_ns(self) -> int:
-        """UTC [ns] of the last sample; 0 before the first."""
-        return 0 if self._least_delay_ns is None else self._last_device_ns + self._least_delay_ns
 
 
 class OverloadMonitor:

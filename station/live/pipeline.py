@@ -22,7 +22,7 @@ from documents.message import Figures, Message, because
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.wearer_trial import CycleDetector, elevation_from_markers
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell
-from recordings.samples import Samples, Stream
+from recordings.samples import ArrivalClock, Samples, Stream
 from recordings.topics import EMG, FORCE, MARKERS
 from solver.inverse_kinematics.marker_fit import rotation_laboratory_to_ground
 from solver.stream.frame_muscles import StreamScenario
@@ -150,7 +150,7 @@ class LivePipeline:
         """(number, device time [ns], host time [s], places (labels, 3) [mm]) of the frames of a block to be solved."""
         if samples.values.shape[1] != len(self._labels):
             return
-        times = self._clock.times(samples) if len(samples.device_time_ns) else np.zeros(0)
+        times = 1e-9 * self._clock.update(samples) if len(samples.device_time_ns) else np.zeros(0)
         for k, number in enumerate(samples.sample_numbers.tolist()):
             if number % self.every == 0:
                 yield number, int(samples.device_time_ns[k]), float(times[k]), samples.values[k, :, :3].astype(float)
@@ -276,22 +276,6 @@ KEPT_S = 1.0
 RMS_WINDOW_S = 0.1
 
 
-class ArrivalClock:
-    """Device time → host time [s] by the block with the least delay so far: the clocks of a trial in progress.
-
-    The offline fit uses the sync edges instead; here the delays of the devices remain, some milliseconds.
-    """
-
-    def __init__(self) -> None:
-        self._offset_ns: int | None = None
-
-    def times(self, samples: Samples) -> Array:
-        """(samples,) host time [s] since 1970."""
-        offset_ns = samples.host_time_ns - int(samples.device_time_ns[-1])
-        self._offset_ns = offset_ns if self._offset_ns is None else min(self._offset_ns, offset_ns)
-        return np.asarray((samples.device_time_ns + self._offset_ns) * 1e-9)
-
-
 class AlignedSignal:
     """The last KEPT_S seconds of a signal."""
 
@@ -303,7 +287,7 @@ class AlignedSignal:
     def add(self, samples: Samples) -> None:
         if not len(samples.device_time_ns):
             return
-        times, values = self._clock.times(samples), samples.values.astype(np.float64)
+        times, values = 1e-9 * self._clock.update(samples), samples.values.astype(np.float64)
         if values.shape[1] != self._values.shape[1]:
             self._times, self._values = np.zeros(0), np.zeros((0, values.shape[1]))
         times = np.concatenate([self._times, times])

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
@@ -33,7 +34,7 @@ from drivers.errors import DeviceError
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.wearer_trial import elevation_from_markers
 from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell
-from recordings.samples import Event, Item, Loss, Samples
+from recordings.samples import ArrivalClock, Event, Item, Loss, Samples
 from recordings.topics import EMG
 from station.bench.bench_clock import BenchClock
 from station.bench.live_displacement import LiveDisplacement
@@ -149,7 +150,7 @@ class Telemetry(BackgroundView):
         self._tallies: dict[str, StreamTally] = {}
         self._new = TrialTelemetry()  # curves and events since the last message
         self._first_host_ns: int | None = None
-        self._offset_ns: dict[str, int] = {}  # by stream
+        self._clocks: defaultdict[str, ArrivalClock] = defaultdict(ArrivalClock)  # by stream
         self._now_s = 0.0
         self._displacement: LiveDisplacement | None = None
         self._seen: dict[str, bool] = {}
@@ -202,10 +203,10 @@ class Telemetry(BackgroundView):
 
     def _edge_s(self) -> float | None:
         """Time of the sync edge; None before it."""
-        edge_ns, offset_ns = self._snapshot.edge_device_ns, self._offset_ns.get("/sync")
-        if edge_ns is None or offset_ns is None or self._first_host_ns is None:
+        edge_ns = self._snapshot.edge_device_ns
+        if edge_ns is None or "/sync" not in self._clocks or self._first_host_ns is None:
             return None
-        return (edge_ns + offset_ns - self._first_host_ns) * 1e-9
+        return (edge_ns + self._clocks["/sync"].offset_ns - self._first_host_ns) * 1e-9
 
     def _handle(self, item: Item) -> None:
         if isinstance(item, Event):
@@ -256,12 +257,10 @@ class Telemetry(BackgroundView):
             self._new.elevation += [] if angle is None else _decimated(times, np.degrees(angle))
 
     def _times(self, samples: Samples) -> NDArray[np.float64]:
-        """Device time in seconds, mapped to the host's clock by the block with the least delay so far."""
-        last_ns, host_ns = int(samples.device_time_ns[-1]), samples.host_time_ns
-        self._first_host_ns = host_ns if self._first_host_ns is None else self._first_host_ns
-        offset_ns = min(self._offset_ns.get(samples.stream, host_ns - last_ns), host_ns - last_ns)
-        self._offset_ns[samples.stream] = offset_ns
-        return np.asarray((samples.device_time_ns + (offset_ns - self._first_host_ns)) * 1e-9)
+        """Seconds on the host's clock since the first block arrived."""
+        if self._first_host_ns is None:
+            self._first_host_ns = samples.host_time_ns
+        return np.asarray((self._clocks[samples.stream].update(samples) - self._first_host_ns) * 1e-9)
 
 
 class _DiskTime:

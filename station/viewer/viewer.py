@@ -15,6 +15,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from documents.message import Message
-from recordings.samples import Event, Item, Samples
+from recordings.samples import ArrivalClock, Event, Item, Samples
 from solver.drawing import bone_lines, path_lines, skeleton
 from solver.model import Model
 from solver.multibody.postures import points_in_ground, postures
@@ -320,37 +321,35 @@ class RerunLog(BackgroundView):
 
 
 class DeviceTimes:
-    """One clock offset per stream, from the block with the smallest delay so far.
-
-    At the sync edge, the offset of the DAQ is fixed, and the first frame of the capture is aligned with the edge.
+    """Clocks of the streams by arrival until the sync edge, which fixes that of the DAQ; the first frame of the capture
+    is aligned with the edge.
     """
 
     def __init__(self) -> None:
         self.edge_ns: int | None = None  # UTC
         self._edge_device_ns: int | None = None
         self._frame_ns = 0.0
-        self._offsets: dict[str, int] = {}
+        self._clocks: defaultdict[str, ArrivalClock] = defaultdict(ArrivalClock)
         self._settled: set[str] = set()
 
     def set_edge(self, device_ns: int | None, frame_rate_hz: float) -> None:
         """Set the sync edge on the clock of /sync (None before it) and the nominal frame rate."""
         self._edge_device_ns = device_ns
         self._frame_ns = 1e9 / frame_rate_hz if frame_rate_hz > 0 else 0.0
-        if device_ns is not None and self.edge_ns is None and "/sync" in self._offsets:
-            self.edge_ns = device_ns + self._offsets["/sync"]
-            self._settled |= self._offsets.keys() - {"/markers"}
+        if device_ns is not None and self.edge_ns is None and "/sync" in self._clocks:
+            self.edge_ns = device_ns + self._clocks["/sync"].offset_ns
+            self._settled |= self._clocks.keys() - {"/markers"}
 
     def of(self, samples: Samples) -> NDArray[np.int64]:
         """UTC [ns] (n,) of a block with at least one sample."""
-        stream, last_ns = samples.stream, int(samples.device_time_ns[-1])
+        stream = samples.stream
         if stream not in self._settled:
-            offset = samples.host_time_ns - last_ns
-            self._offsets[stream] = min(self._offsets.get(stream, offset), offset)
+            self._clocks[stream].update(samples)
             if stream == "/markers":
                 self._settle_frames(samples)
             if stream == "/sync":
                 self.set_edge(self._edge_device_ns, 1e9 / self._frame_ns if self._frame_ns else 0.0)
-        return np.asarray(samples.device_time_ns + self._offsets[stream], dtype=np.int64)
+        return samples.device_time_ns + self._clocks[stream].offset_ns
 
     def _settle_frames(self, frames: Samples) -> None:
         """Align frame 1 with the edge; a preview that has not ended has another frame number at that time."""
@@ -358,6 +357,6 @@ class DeviceTimes:
         if self.edge_ns is None or not self._frame_ns:
             return
         at_edge_ns = int(self.edge_ns - first_ns)
-        if abs(at_edge_ns - self._offsets["/markers"]) < LATEST_NS:
-            self._offsets["/markers"] = at_edge_ns
+        if abs(at_edge_ns - self._clocks["/markers"].offset_ns) < LATEST_NS:
+            self._clocks["/markers"].offset_ns = at_edge_ns
             self._settled.add("/markers")

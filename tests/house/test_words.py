@@ -26,7 +26,7 @@ GIVEN_UP = {
     "Daemon": "TrialRecorder",
     "Doorkeeper": "AccessMiddleware",
     "Hearing": "StreamWatchdog",
-    "Reach": "StreamClock",
+    "Reach": "ArrivalClock",
     "ReducedTrial": "Pull",
     "Room": "Workspace",
     "Sureness": "UncertaintySummary",
