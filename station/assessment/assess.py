@@ -57,9 +57,9 @@ from station.assessment.uncertainty_json import (
     without_decision,
 )
 from station.checksums import write_checksums, write_whole
+from station.folders import ensure_folder
 from station.messages.assessment_messages import AssessmentCode
 from station.messages.kinematics_messages import SubjectCode
-from station.output_folder import ensure_folder
 from station.progress import Progress, part_of, silent
 from station.subject.assessed_subject import compare_cord, cuff_on_cord, subject_document, subject_inputs
 from station.subject.subject_document import SubjectDocument

@@ -25,8 +25,8 @@ from station.assessment.assessment_inputs import (
 from station.assessment.assessment_json import CountEntry, KnownNumberEntry, StrictEntry, count, known
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.checksums import write_checksums, write_whole
+from station.folders import ensure_folder
 from station.messages.assessment_messages import AssessmentCode
-from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.versions import solving_versions
 

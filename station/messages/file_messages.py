@@ -228,7 +228,6 @@ class ChainCode(Code):
         "chain.not_added",
         "{file} was not added to {folder}: it is in the list of hashes, or not a file of a folder that has such a list",
     )
-    NOT_A_FOLDER = "chain.not_a_folder", "{folder} is not a folder; give a session folder"
     NOTHING_TO_VERIFY = (
         "chain.nothing_to_verify",
         "{folder} contains no recording, no {cuffs} and no {report} to verify",

@@ -8,7 +8,6 @@ from documents.message import Code
 class StudyCode(Code):
     """Reason why a study is not made, or why a session or a value is left out of it."""
 
-    NOT_A_FOLDER = "study.not_a_folder", "{folder} is not a folder; give session folders, or a folder that holds them"
     NO_SESSION = (
         "study.no_session",
         "{folders} holds no session: no folder has a cuffs.json; fit sessions with `station fit`",
@@ -40,7 +39,6 @@ class StudyCode(Code):
 class CatalogueCode(Code):
     """Reason why the catalogue is not built or queried, or why a session in it has no values."""
 
-    NOT_A_FOLDER = "catalogue.not_a_folder", "{folder} is not a folder; give the folder that holds the sessions"
     NOT_CREATED = (
         "catalogue.not_created",
         "the catalogue {path} cannot be created: {reason}; give a file in a folder that you can write to, with "
@@ -123,7 +121,6 @@ class SweepCode(Code):
 class ValidationCode(Code):
     """Reason why a folder is not validated, and the verdict."""
 
-    NOT_A_FOLDER = "validation.not_a_folder", "{path} is not a folder, expected one with lifts (NAME_as_solved.osim, …)"
     NO_LIFT = (
         "validation.no_lift",
         "{path} contains no NAME_as_solved.osim; docs/validation.md lists the files of a lift",

@@ -46,8 +46,8 @@ from station.assessment.assessment_inputs import cuff_findings, cuff_remarks, re
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.checksums import drafted, write_whole
 from station.dask_cluster import completed_tasks
+from station.folders import ensure_folder
 from station.messages.study_messages import SweepCode
-from station.output_folder import ensure_folder
 from station.progress import Progress, silent
 from station.sources import BUNDLED, resolve_kinematics, resolve_loads, resolve_model
 from station.sweep.sweep_plan import AXES, NONE, PlanError, Point, SweepPlan, Value

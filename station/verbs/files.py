@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.output_folder import ensure_folder
+from station.folders import ensure_folder
 from station.verbs.options import (
     Condition,
     ConfigPath,

@@ -287,7 +287,7 @@ def emg(
     """Compute EMG envelopes, normalised to a known MVC, and compare shape and change with the model's activations."""
     from station.emg.comparison import ConditionFiles, compare_emg
     from station.emg.emg_json import result_files, write_change, write_emg, write_envelopes
-    from station.output_folder import ensure_folder
+    from station.folders import ensure_folder
 
     condition = ConditionFiles(tuple(trials), tuple(activations or ()))
     compared_with = ConditionFiles(tuple(reference or ()), tuple(reference_activations or ()))

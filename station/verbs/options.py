@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from station.defaults import CUTOFF_HZ, OPENSIM_CUTOFF_HZ
-from station.output_folder import ensure_folder
+from station.folders import ensure_folder
 
 if TYPE_CHECKING:
     from station.bench.trial_recorder import TrialResult

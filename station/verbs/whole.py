@@ -193,16 +193,14 @@ def report(
 
     from rich.console import Console
 
-    from documents.message import Message
     from fitting.results.codes import Standing
     from station.files.chain import trace_chain
-    from station.messages.setup_messages import FolderCode
+    from station.folders import ensure_is_folder
     from station.progress import progress_bars
     from station.report.cuff_section import adopt_normative
     from station.report.page import ReportError, ensure_pdf, write_pdf, write_report
 
-    if not folder.is_dir():
-        raise ReportError(Message(FolderCode.NOT_A_FOLDER, {"folder": str(folder)}))
+    ensure_is_folder(folder, ReportError)
     if format == "pdf":
         ensure_pdf()
     if normative is not None:

@@ -18,6 +18,7 @@ from station.assessment.people_run import PeopleOptions, people_run
 from station.assessment.uncertainty_json import donning_sources
 from station.errors import UnusedOption
 from station.messages.assessment_messages import InputCode
+from station.messages.setup_messages import FolderCode
 from station.messages.study_messages import StudyCode
 from station.study.sessions import StudyError
 from tests.refusals import raises_refusal
@@ -110,7 +111,7 @@ def test_cuffs_written_by_hand_keep_the_declared_spread_and_sessions_may_bring_d
 
 
 def test_what_is_no_session_and_mixed_origins_are_refused(session: Path, tmp_path: Path) -> None:
-    with raises_refusal(StudyCode.NOT_A_FOLDER, kind=StudyError):
+    with raises_refusal(FolderCode.NOT_A_FOLDER, kind=StudyError):
         donning_sources(DECLARED, session / "cuffs.json", [tmp_path / "none"])
     simulated = write_sessions(tmp_path, 1, operators=1, origin="simulated")
     with raises_refusal(StudyCode.MIXED_ORIGIN, kind=StudyError):

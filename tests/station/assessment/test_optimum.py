@@ -13,8 +13,8 @@ from station.assessment.assess import assess_cuffs, assess_file, decision_senten
 from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear
 from station.assessment.optimum import optimise_file
 from station.exit_code import WRONG_USAGE
+from station.folders import NotAFolder
 from station.messages.assessment_messages import AssessmentCode, DecisionCode, InputCode
-from station.output_folder import NotAFolder
 from station.report.page import write_report
 from tests.refusals import raises_refusal
 from tests.station.assessment.test_assess import write_cuffs

@@ -23,6 +23,7 @@ from station.catalogue.index import (
 from station.catalogue.query import SessionFilter, known_participants, list_cuffs, run_sql
 from station.checksums import JOURNAL_FILE
 from station.journal import Recorded, Setup, write_recorded, write_setup
+from station.messages.setup_messages import FolderCode
 from station.messages.study_messages import CatalogueCode
 from station.session.open_session import list_sessions
 from tests.refusals import raises_refusal
@@ -303,7 +304,7 @@ def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Cal
     assert [row["donning"] for row in json.loads(ran.out)] == ["1", "2"]
     listed = station("catalogue", folder, "--sql", "SELECT count(*) AS sessions FROM sessions")
     assert listed.out.split() == ["sessions", "4"]
-    assert_refused(station("catalogue", folder / "missing"), 1, CatalogueCode.NOT_A_FOLDER)
+    assert_refused(station("catalogue", folder / "missing"), 1, FolderCode.NOT_A_FOLDER)
 
 
 def test_the_table_has_a_dash_for_what_is_not_known_and_no_frame_of_pandas_without_rows(

@@ -24,6 +24,7 @@ from station.files.chain import verify_folder
 from station.fit import fit_session_folder
 from station.journal import Setup, write_mark, write_setup, write_verdict
 from station.messages.file_messages import ChainCode
+from station.messages.setup_messages import FolderCode
 from station.recordings_of_session import originals_in, recordings_in, useless_copies_in
 from tests.made_once import made_once
 from tests.station.bench.test_session_folder import record
@@ -241,7 +242,7 @@ def test_a_decision_after_the_fit_breaks_nothing(session: Path, station: Station
 
 def test_a_folder_with_nothing_to_verify_is_refused(tmp_path: Path, station: Station) -> None:
     assert_refused(station("verify", tmp_path), 1, ChainCode.NOTHING_TO_VERIFY)
-    assert_refused(station("verify", tmp_path / "nowhere"), 1, ChainCode.NOT_A_FOLDER)
+    assert_refused(station("verify", tmp_path / "nowhere"), 1, FolderCode.NOT_A_FOLDER)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows keeps its named pipes in no folder")

@@ -17,6 +17,7 @@ from fitting.study.variance_components import ComponentOutcome
 from station.charts.marks import Strip
 from station.checksums import sha256_of
 from station.config import load_config
+from station.messages.setup_messages import FolderCode
 from station.messages.study_messages import PlanCode, StudyCode
 from station.study.designs import DesignOutcome, find_designs, planned_config, read_study_plan, session_minutes
 from station.study.sessions import StudyError, read_session, read_sessions
@@ -143,7 +144,7 @@ def test_measured_and_simulated_sessions_are_not_mixed(tmp_path: Path) -> None:
 def test_a_folder_without_sessions_is_refused_and_nothing_is_written(
     tmp_path: Path, station: Callable[..., Ran]
 ) -> None:
-    for given, code in ((tmp_path, StudyCode.NO_SESSION), (tmp_path / "missing", StudyCode.NOT_A_FOLDER)):
+    for given, code in ((tmp_path, StudyCode.NO_SESSION), (tmp_path / "missing", FolderCode.NOT_A_FOLDER)):
         assert_refused(station("study", given, "--output", tmp_path / "out"), 1, code)
     assert not (tmp_path / "out").exists()
 

@@ -19,6 +19,7 @@ from recordings.errors import RecordingCode
 from solver.redundancy.mechanics import force_agreement
 from station.exit_code import DONE, FAILED, LOSSY, WRONG_USAGE
 from station.messages.assessment_messages import AssessmentCode
+from station.messages.setup_messages import FolderCode
 from station.messages.study_messages import ValidationCode
 from station.validation.lifts import (
     GLENOID,
@@ -319,7 +320,7 @@ def test_a_lift_with_wrong_files_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_a_whole_lift_is_refused(station: Callable[..., Ran], tmp_path: Path) -> None:
-    assert_refused(station("validate", tmp_path / "none"), FAILED, ValidationCode.NOT_A_FOLDER)
+    assert_refused(station("validate", tmp_path / "none"), FAILED, FolderCode.NOT_A_FOLDER)
     assert_refused(station("validate", tmp_path), FAILED, ValidationCode.NO_LIFT)
     (tmp_path / "P1_side_as_solved.osim").touch()
     assert find_lifts(tmp_path) == ["P1_side"]

@@ -1,13 +1,22 @@
-"""The folder that a command writes its results to."""
+"""The folders of a command line: those that it reads, and the one that it writes its results to."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from documents.message import Message
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.assessment_messages import InputCode
+from station.messages.setup_messages import FolderCode
+
+
+def ensure_is_folder(folder: Path, refusal: Callable[[Message[Any]], Exception]) -> None:
+    """Raise the refusal for a path that is no folder."""
+    if not folder.is_dir():
+        raise refusal(Message(FolderCode.NOT_A_FOLDER, {"folder": str(folder)}))
 
 
 class NotAFolder(StationError):
