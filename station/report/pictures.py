@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from station.charts.marks import Chart
@@ -15,27 +15,19 @@ Section = TypeVar("Section")
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of the page: HTML with SVG inside, its caption, whether it is as wide as the page, and printed."""
+    """A figure of the page: its caption, whether it is as wide as the page, and printed.
 
-    drawing: str
-    caption: str
-    is_wide: bool = False
-    is_printed: bool = False
-
-
-@dataclass(frozen=True)
-class PlannedFigure:
-    """A figure that is still to be drawn."""
+    drawing  HTML with SVG inside, of the plan; empty before it is drawn
+    """
 
     plan: Callable[[], Chart]
     caption: str
     is_wide: bool = False
     is_printed: bool = False
+    drawing: str = ""
 
 
-def draw_all(
-    planned: Mapping[Section, Sequence[PlannedFigure]], progress: Progress
-) -> dict[Section, tuple[Picture, ...]]:
+def draw_all(planned: Mapping[Section, Sequence[Picture]], progress: Progress) -> dict[Section, tuple[Picture, ...]]:
     """Draw the figures of every section; progress counts figures."""
     total, done = sum(map(len, planned.values())), 0
     drawn: dict[Section, tuple[Picture, ...]] = {}
@@ -43,8 +35,7 @@ def draw_all(
         pictures = []
         for figure in figures:
             progress("drawing figures", done, total)
-            drawing = draw(figure.plan(), figure.caption)
-            pictures.append(Picture(drawing, figure.caption, figure.is_wide, figure.is_printed))
+            pictures.append(replace(figure, drawing=draw(figure.plan(), figure.caption)))
             done += 1
         drawn[section] = tuple(pictures)
     if total:
