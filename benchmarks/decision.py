@@ -30,12 +30,12 @@ from benchmarks.command_line import parse_options
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.motion import differentiate
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.cord import SuitScenario
 from solver.suit.decision import BASES, Basis, CuffDecision, DecisionOutcome, DecisionRule, decide
 from solver.suit.quantity import interval_of_draws
 from solver.suit.scenarios import (
     LARGE_RESERVES,
-    LoadedMotion,
     SuitedMotion,
     prepare_suited_motion,
     solve_scenarios,

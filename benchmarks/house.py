@@ -119,8 +119,8 @@ def _flows(session: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
     import cuffstation as cs
     from solver.bundled import bundled_model, simulate_arm_raise
     from solver.motion import differentiate
+    from solver.redundancy.motion_solution import LoadedMotion
     from solver.suit.assessment import assess
-    from solver.suit.scenarios import LoadedMotion
     from tests.solver.stream.streams import ARM, INTERVAL, SUIT, WORN, seen, solver
 
     pulls = [session / f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic")]

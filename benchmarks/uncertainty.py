@@ -38,12 +38,12 @@ from solver.motion import Kinematics, Motion, differentiate
 from solver.personalisation.estimate import BodyEstimate, estimate_body, within_ranges
 from solver.personalisation.segment_masses import set_arm_masses
 from solver.personalisation.wearer_motion import WearerMotion, smooth_wearer
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.scaling import Scaling, scale_model
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import Assessment, assess
 from solver.suit.cord import Condition
 from solver.suit.digitised_points import fitted_to, suit_from_markers
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit, read_suit
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.indices import SobolIndices

@@ -15,9 +15,9 @@ from solver.model import Marker, Model
 from solver.motion import differentiate
 from solver.multibody.postures import points_in_ground, postures
 from solver.personalisation.estimate import estimate_body
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import assess
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 
 SKIN_MARKERS = ("ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "EpL", "EpM")

@@ -24,14 +24,14 @@ from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate
 from solver.multibody.loads import ExternalForce
 from solver.redundancy.effort import RedundancyOptions, options_for
-from solver.redundancy.motion_solution import MotionSolution
+from solver.redundancy.motion_solution import LoadedMotion, MotionSolution
 from solver.redundancy.motion_solution import solve_motion as solve
 from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
 from solver.suit.assessment import assess as assess_suit
 from solver.suit.cord import Condition
-from solver.suit.scenarios import LoadedMotion, ensure_all_frames
+from solver.suit.scenarios import ensure_all_frames
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.assessment_inputs import cuff_findings, worn_cuffs
 from station.assessment.budget_file import read_budget

@@ -16,7 +16,7 @@ muscles and actuators. A coordinate is unbalanced if an actuator on it would enl
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -68,18 +68,18 @@ def solve_motion(
     MotionError where the model cannot be evaluated in any frame.
     """
     options = options or RedundancyOptions()
-    motion = _Motion(model, kinematics, options, tuple(loads))
+    motion = LoadedMotion(model, kinematics, loads, options)
     return _solve_in_blocks(motion, progress) or _solve(motion, _evaluate(motion), progress)
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
-    """Arguments of solve_motion."""
+class LoadedMotion:
+    """A model and its motion under external loads, sampled at all frames, and how its muscles are solved."""
 
     model: Model
     kinematics: Kinematics
-    options: RedundancyOptions
-    loads: tuple[ExternalForce, ...]
+    loads: Sequence[ExternalForce] = ()
+    options: RedundancyOptions = field(default_factory=RedundancyOptions)
 
     @property
     def is_divisible(self) -> bool:
@@ -95,12 +95,12 @@ class _Motion:
             and has_actuators(self.model, tracked_coordinates(self.model, options))
         )
 
-    def cut(self, frames: slice) -> _Motion:
+    def cut(self, frames: slice) -> LoadedMotion:
         loads = tuple(load.cut(frames) for load in self.loads)
         return replace(self, kinematics=self.kinematics.cut(frames), loads=loads)
 
 
-def _solve_in_blocks(motion: _Motion, progress: Callable[[int, int], None]) -> MotionSolution | None:
+def _solve_in_blocks(motion: LoadedMotion, progress: Callable[[int, int], None]) -> MotionSolution | None:
     """None where the motion has to be solved as a whole, as the docstring of this file says."""
     frames, solver, parts = len(motion.kinematics.time), BlockSolver(), []
     blocks = divide_into_blocks(frames, FRAMES_AT_ONCE)
@@ -127,7 +127,7 @@ def _solve_in_blocks(motion: _Motion, progress: Callable[[int, int], None]) -> M
     return joined(parts)
 
 
-def _evaluate(motion: _Motion) -> Mechanics:
+def _evaluate(motion: LoadedMotion) -> Mechanics:
     options = motion.options
     return evaluate_motion(
         motion.model,
@@ -140,7 +140,7 @@ def _evaluate(motion: _Motion) -> Mechanics:
 
 
 def _solve(
-    motion: _Motion,
+    motion: LoadedMotion,
     mechanics: Mechanics,
     progress: Callable[[int, int], None] = lambda *_: None,
     solve_run: RunSolver | None = None,
@@ -309,7 +309,7 @@ def joined(parts: Sequence[MotionSolution]) -> MotionSolution:
 
 def _joined_arrays(parts: Sequence[MotionSolution] | Sequence[JointReactions]) -> dict[str, Any]:
     """By the name of a field; frames are the first axis of all of them."""
-    names = [field.name for field in fields(parts[0]) if isinstance(getattr(parts[0], field.name), np.ndarray)]
+    names = [one.name for one in fields(parts[0]) if isinstance(getattr(parts[0], one.name), np.ndarray)]
     return {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
 
 

@@ -20,6 +20,7 @@ from documents.results import EqualByFields, curves_svg, labelled_dataset, resul
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverCode, describe_codes
 from solver.muscle import MuscleOutcome
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.cord import CUFF_CONDITIONS, Condition, SuitScenario
 from solver.suit.decision import Basis, CuffDecision, DecisionRule
@@ -27,7 +28,6 @@ from solver.suit.quantity import Quantity
 from solver.suit.scenarios import (
     FIGURES,
     CurveReadouts,
-    LoadedMotion,
     Place,
     ScenarioEffort,
     SuitedMotion,

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.cord import Condition, SuitScenario
-from solver.suit.scenarios import LoadedMotion, SuitedMotion, prepare_suited_motion, solve_scenarios
+from solver.suit.scenarios import SuitedMotion, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import Suit, SuitError
 
 Array = NDArray[np.float64]

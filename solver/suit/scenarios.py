@@ -22,10 +22,10 @@ from solver.errors import MotionError, SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate
 from solver.multibody.dynamics import Response
-from solver.multibody.loads import ExternalForce
 from solver.multibody.postures import Postures, postures, wrench_about_origin
 from solver.redundancy.effort import RedundancyOptions, options_for
 from solver.redundancy.mechanics import Mechanics, evaluate_motion
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy
 from solver.suit.cord import (
@@ -45,16 +45,6 @@ from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
 
 Array = NDArray[np.float64]
 RANGE_TOLERANCE = 1e-6  # rad or m
-
-
-@dataclass(frozen=True, eq=False)
-class LoadedMotion:
-    """A model and its motion under external loads, sampled at all frames, and how its muscles are solved."""
-
-    model: Model
-    kinematics: Kinematics
-    loads: Sequence[ExternalForce] = ()
-    options: RedundancyOptions = field(default_factory=RedundancyOptions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.scaling import scale_model
 from solver.suit.cord import CUFF_CONDITIONS, Condition, SuitScenario
 from solver.suit.scenarios import (
     UNMIGRATED,
     CurveReadouts,
-    LoadedMotion,
     Place,
     Solved,
     SuitedMotion,

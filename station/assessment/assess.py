@@ -18,8 +18,8 @@ from solver.cuff import CuffParameters, by_site
 from solver.model import Model
 from solver.personalisation.anthropometry import has_arm_segments
 from solver.redundancy.effort import RedundancyOptions
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.assessment import Assessment, assess
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import SuitError
 from solver.uncertainty.total import DrawnPeople
 from station.assessment.assessment_file import FORMAT, AssessmentDocument

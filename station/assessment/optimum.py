@@ -10,9 +10,9 @@ import numpy as np
 from documents.message import Message
 from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.cord import Condition
 from solver.suit.optimise import Freedom, Pair, SuitCandidate, optimise_suit
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import PARTS, Suit, suit_toml
 from solver.uncertainty.varied_model import drawn_cuffs
 from station.assessment.assessment_inputs import (

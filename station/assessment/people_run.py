@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from documents.message import Message
 from solver.cuff import CuffParameters, by_site
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.assessment import Assessment
-from solver.suit.scenarios import CurveReadouts, LoadedMotion, Place, stacked
+from solver.suit.scenarios import CurveReadouts, Place, stacked
 from solver.suit.suit import suit_toml
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.indices import group_names, group_sample, sobol_indices

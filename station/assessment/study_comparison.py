@@ -15,8 +15,8 @@ import numpy as np
 
 from solver.cuff import CuffParameters, by_site
 from solver.errors import SolverError
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.assessment import Assessment, assess
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import Suit
 from station.assessment.assessment_inputs import AssessmentInputs
 from station.assessment.assessment_json import KnownNumberEntry, NumberEntry, StrictEntry

@@ -31,10 +31,10 @@ from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics
 from solver.multibody.loads import ExternalForce
 from solver.osim.loads_document import data_file
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.cord import SuitScenario
 from solver.suit.optimise import LEAST_FRAMES
 from solver.suit.scenarios import (
-    LoadedMotion,
     SuitedMotion,
     find_minimum,
     prepare_suited_motion,

@@ -8,10 +8,10 @@ import pytest
 from solver.motion import decimate
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.redundancy.problem import FrameOutcome, build_redundancy
 from solver.redundancy.sequence import solve_redundancy
 from solver.suit.assessment import assess
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from tests.solver.published import (
     FREE_IN_SHRUGS,

@@ -18,8 +18,8 @@ from solver.muscle import evaluate_paths, muscle_forces
 from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
-from solver.redundancy.motion_solution import solve_motion
-from solver.suit.scenarios import LoadedMotion, prepare_suited_motion
+from solver.redundancy.motion_solution import LoadedMotion, solve_motion
+from solver.suit.scenarios import prepare_suited_motion
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT
 from tests.solver.wrapping.laid import cylinder, ellipsoid, lengths_over, lines_through, point, sphere, straight_lengths

@@ -25,12 +25,12 @@ from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_ik_setup
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, JOINT
-from solver.redundancy.motion_solution import MotionSolution, solve_motion
+from solver.redundancy.motion_solution import LoadedMotion, MotionSolution, solve_motion
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome, StreamSuitOutcome
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.cord import SuitScenario
-from solver.suit.scenarios import LoadedMotion, prepare_suited_motion, solve_scenarios, solve_without_suit
+from solver.suit.scenarios import prepare_suited_motion, solve_scenarios, solve_without_suit
 from solver.suit.suit import Rate, SuitError
 from station.kinematics.marker_checks import read_body_markers
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT

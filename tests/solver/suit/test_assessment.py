@@ -14,6 +14,7 @@ from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.muscle import MuscleOutcome
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.cord import CUFF_CONDITIONS
@@ -26,7 +27,7 @@ from solver.suit.quantity import (
     interval_of_draws,
     quantity_of_draws,
 )
-from solver.suit.scenarios import LoadedMotion, find_minimum
+from solver.suit.scenarios import find_minimum
 from solver.suit.suit import read_suit
 from tests.refusals import raises_refusal
 from tests.solver.redundancy.test_problem import with_a_singular_elbow

@@ -13,10 +13,9 @@ from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.osim.suited import SuitedModel
 from solver.redundancy.effort import RedundancyOptions
-from solver.redundancy.motion_solution import MotionSolution, solve_motion
+from solver.redundancy.motion_solution import LoadedMotion, MotionSolution, solve_motion
 from solver.suit.assessment import assess
 from solver.suit.optimise import optimise_suit
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from tests.refusals import raises_refusal
 

@@ -8,9 +8,9 @@ import pytest
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.motion import decimate, differentiate
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.assessment import assess
 from solver.suit.optimise import SearchOutcome, optimise_suit
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from solver.uncertainty.varied_model import drawn_cuffs
 

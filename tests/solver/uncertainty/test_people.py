@@ -12,10 +12,11 @@ from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.redundancy.problem import FrameOutcome
 from solver.scaling import Scaling, scale_model
 from solver.suit.assessment import assess
-from solver.suit.scenarios import LoadedMotion, prepare_suited_motion, solve_scenarios
+from solver.suit.scenarios import prepare_suited_motion, solve_scenarios
 from solver.suit.suit import read_suit
 from solver.uncertainty.factors import factor_columns, normal_scores, unit_sample
 from solver.uncertainty.people import PeopleCase, solve_people

@@ -15,8 +15,9 @@ from solver.motion import differentiate
 from solver.osim.document import read_document
 from solver.osim.model_writer import osim_document
 from solver.osim.suited import add_suit, read_suited
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.cord import Condition, SuitScenario
-from solver.suit.scenarios import LoadedMotion, prepare_suited_motion, solve_scenarios
+from solver.suit.scenarios import prepare_suited_motion, solve_scenarios
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.export_model import SuitToExport, write_suited_model

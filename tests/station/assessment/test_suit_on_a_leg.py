@@ -22,9 +22,10 @@ from solver.multibody.postures import Postures, jacobians, postures, wrench_abou
 from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions, options_for
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.cord import SuitScenario, cord_line, suit_forces
 from solver.suit.optimise import optimise_suit
-from solver.suit.scenarios import LoadedMotion, prepare_suited_motion, solve_scenarios
+from solver.suit.scenarios import prepare_suited_motion, solve_scenarios
 from solver.suit.suit import Suit, SuitError, read_suit, suit_toml
 from solver.time_series_table import read_table, write_table
 from station.exit_code import FAILED

@@ -16,8 +16,8 @@ from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode, SolverError
 from solver.model import ModelError
 from solver.motion import differentiate, read_motion
+from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.optimise import LEAST_FRAMES
-from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import SuitError, read_suit
 from solver.time_series_table import write_table
 from station import sources
