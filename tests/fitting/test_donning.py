@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from fitting.cuffs.cuff_fit import CuffFit
 from fitting.diagnosis.identification import identify, interval_notes, migration_interval_notes
 from fitting.dynamic.damping import fit_swings
 from fitting.pull.pull import make_pulls
@@ -96,11 +98,19 @@ def test_a_migration_whose_interval_is_wider_than_its_value_is_said_unless_there
     assert [note.code for note in notes] == [NoteCode.MIGRATION_INTERVAL] * is_said
 
 
-def _codes(law: Law, seed: int, unloads_at_once: bool = False) -> list[NoteCode]:
-    """Of the notes on the law of two static trials of a donning."""
+@cache
+def _fitted(law: Law, seed: int, *, unloads_at_once: bool = True, repeats: int = 2) -> CuffFit:
+    """A donning of static trials."""
     truth = Truth(friction=1e9, migration=0.0, hold=6.0, unloads_at_once=unloads_at_once)
     session = OddSession(law, Rig(), seed, truth)
-    (fit,) = fit_session([build_trial(*session.static(i), f"s{i}", "s") for i in (1, 2)]).cuffs.values()
+    trials = [build_trial(*session.static(i), f"s{i}", "s") for i in range(1, repeats + 1)]
+    (fit,) = fit_session(trials).cuffs.values()
+    return fit
+
+
+def _codes(law: Law, seed: int, unloads_at_once: bool) -> list[NoteCode]:
+    """Of the notes on the law of the held loads."""
+    fit = _fitted(law, seed, unloads_at_once=unloads_at_once)
     assert fit.stiffness
     return [note.code for note in fit.notes if note.code not in USUAL]
 
@@ -114,10 +124,7 @@ def test_weights_that_come_off_at_once_leave_friction_and_slip_open(
     law: Law, is_too_wide: bool, repeats: int, seed: int
 ) -> None:
     """4 N of friction make unloading 10 % steeper; loading is bent for a cuff that slips from 45 N."""
-    truth = Truth(friction=1e9, migration=0.0, hold=6.0, unloads_at_once=True)
-    session = OddSession(law, Rig(), seed, truth)
-    trials = [build_trial(*session.static(i), f"s{i}", "s") for i in range(1, repeats + 1)]
-    fit = fit_donning(trials)
+    fit = _fitted(law, seed, repeats=repeats)
     assert fit.stiffness.ci95[0] < 8520 < fit.stiffness.ci95[1]
     assert (NoteCode.SLIP_OR_FRICTION in [note.code for note in fit.notes]) == is_too_wide
     assert ("friction" in fit.stiffness.parts) == is_too_wide

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -11,11 +10,11 @@ import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.diagnosis.causes import Diagnosis, Finding, find_causes
-from fitting.laws.model_class import ClassScore, ModelComparison
+from fitting.laws.model_class import KELVIN_VOIGT, ClassScore, ModelComparison
 from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
 from fitting.results.trial_codes import TrialNoteCode
 from fitting.session import fit_session
-from fitting.trial.trial import build_trial
+from fitting.trial.trial import Trial, build_trial
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import Session, Truth, published
 
@@ -32,15 +31,24 @@ DEFECTS = {
     CauseCode.PULL_DIRECTION: (Law(), Rig(dynamic_angle=np.radians(40))),
     CauseCode.SKIN: (Law(), Rig(skin=0.05e-3)),
 }
+LAWS = {
+    CauseCode.STIFFENING: "stiffening",
+    CauseCode.SOFTENING: "softening",
+    CauseCode.FRICTION: "friction",
+    CauseCode.STANDARD_LINEAR_SOLID: "standard linear solid",
+    CauseCode.CREEP: "creep",
+    CauseCode.SLIP: "slip",
+}
+WEIGHED = Truth(friction=1e9, migration=0.0, duration=12.0, hold=5.0)
 
 
-def _fitted(session: Session, repeats: Sequence[int] = (1,)) -> CuffFit:
-    trials = []
-    for repeat in repeats:
-        trials.append(build_trial(*session.static(repeat), f"s{repeat}", "s"))
-        trials.append(build_trial(*session.dynamic(repeat), f"d{repeat}", "d"))
-    (fit,) = fit_session(trials).cuffs.values()
+def _fitted(session: Session) -> CuffFit:
+    (fit,) = fit_session(_trials(session)).cuffs.values()
     return fit
+
+
+def _trials(session: Session) -> list[Trial]:
+    return [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
 
 
 @cache
@@ -62,17 +70,18 @@ def test_no_cause_is_named_beside_one_that_explains_more(code: CauseCode) -> Non
     assert [cause.code for cause in diagnosis.causes] == [code]
     assert not _finding(diagnosis, FindingCode.MARKER_CORRELATION).is_alarm
     assert TrialNoteCode.COLOURED not in [note.code for trial in fit.trials for note in trial.notes]
+    if code is CauseCode.PULL_DIRECTION:
+        return
+    assert fit.classes.chosen == ((LAWS[code],) if code in LAWS else ())
+    assert code not in LAWS or fit.classes.ranking[0].gain > 0.5, "of one repeat, which is judged by its stretches"
 
 
-def test_the_law_is_called_by_the_way_it_bends() -> None:
-    for code, name in ((CauseCode.STIFFENING, "stiffening"), (CauseCode.SOFTENING, "softening")):
-        fit, _ = _diagnosed(code)
-        assert fit.classes.name == name
-
-
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2, 3))])
 def test_where_nothing_is_wrong_no_cause_is_named(seed: int) -> None:
-    assert _diagnosed(None, seed)[1].causes == ()
+    fit, diagnosis = _diagnosed(None, seed)
+    assert diagnosis.causes == () and fit.classes.name == KELVIN_VOIGT
+    correlation = _finding(diagnosis, FindingCode.MARKER_CORRELATION)
+    assert not correlation.is_alarm and correlation.value < 0.1
 
 
 @pytest.mark.parametrize("hold", [0.6, 1.5, 3.0])
@@ -124,25 +133,24 @@ def test_an_offset_leaves_stiffness_and_damping_alone(code: CauseCode) -> None:
 
 @pytest.mark.parametrize("gain", [0.95, 1.0, pytest.param(1.05, marks=pytest.mark.slow)])
 def test_a_gain_error_is_reported_with_its_figure_where_the_weights_are_known(gain: float) -> None:
-    session = OddSession(Law(), Rig(), 1, Truth(friction=1e9, migration=0.0, duration=12.0, hold=5.0))
-    trials = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
+    trials = _trials(OddSession(Law(), Rig(), 1, WEIGHED))
     masses = (15 / 9.80665,) * 5
     read = [replace(each, force=gain * each.force, force_step=gain * each.force_step) for each in trials]
     (fit,) = fit_session([replace(each, step_masses=masses) for each in read]).cuffs.values()
     figures = {cause.code: cause.figures for cause in fit.diagnosis.causes}
     assert (CauseCode.GAIN in figures) == (gain != 1)
     assert fit.verdicts == ((Verdict.IDENTIFIED,) if gain == 1 else (Verdict.SCALE,))
-    if figures:
-        found, error = figures[CauseCode.GAIN]["gain"], figures[CauseCode.GAIN]["standard_error"]
-        assert abs(found - gain) < 4 * error < 0.02
+    if gain == 1:
+        return
+    found, error = figures[CauseCode.GAIN]["gain"], figures[CauseCode.GAIN]["standard_error"]
+    assert abs(found - gain) < 4 * error < 0.02
     (blind,) = fit_session(read).cuffs.values()
     assert blind.diagnosis.causes == ()
     assert blind.verdicts == (Verdict.IDENTIFIED,), "without the weights it cannot be known"
 
 
 def test_a_load_cell_that_reads_a_known_mass_correctly_is_not_blamed_for_loads_that_are_not_the_protocol_s() -> None:
-    session = OddSession(Law(), Rig(), 1, Truth(friction=1e9, migration=0.0, duration=12.0, hold=5.0))
-    trials = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
+    trials = _trials(OddSession(Law(), Rig(), 1, WEIGHED))
     checked = [replace(each, step_masses=(10 / 9.80665,) * 5, is_gain_checked=True) for each in trials]
     (fit,) = fit_session(checked).cuffs.values()
     assert fit.diagnosis.causes[0].code is CauseCode.LOADS
@@ -184,9 +192,3 @@ def test_every_check_has_its_number() -> None:
     assert stiffening.value > 0 > softening.value
     assert _finding(_diagnosed(CauseCode.PULL_DIRECTION)[1], FindingCode.ANGLE).is_alarm
     assert _finding(_diagnosed(CauseCode.FRICTION)[1], FindingCode.STIFFNESS_RATIO).value > 1.1
-
-
-def test_coloured_marker_noise_raises_the_eighth_check() -> None:
-    clean = _finding(_diagnosed(None)[1], FindingCode.MARKER_CORRELATION)
-    assert not clean.is_alarm
-    assert clean.value < 0.1

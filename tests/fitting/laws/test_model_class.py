@@ -49,18 +49,25 @@ def test_a_spring_and_a_damper_are_not_called_anything_richer(seed: int) -> None
 
 
 @pytest.mark.parametrize(
-    "rig",
-    [{"lag": 5e-3}, {"lag": 25e-3}, {"lag": -5e-3}, {"zero_drift": 2 / 60}, {"zero_drift": -2 / 60, "lag": 5e-3}],
-    ids=["lag", "long lag", "early", "drift", "drift and lag"],
+    ("rig", "repeats"),
+    [
+        ({"lag": 25e-3}, 1),
+        ({"zero_drift": -2 / 60, "lag": -5e-3}, 1),
+        *(
+            pytest.param(rig, 2, marks=pytest.mark.slow)
+            for rig in ({"lag": 5e-3}, {"lag": 25e-3}, {"zero_drift": 2 / 60}, {"zero_drift": -2 / 60, "lag": -5e-3})
+        ),
+    ],
 )
-@pytest.mark.parametrize("repeats", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_an_uncalibrated_lag_and_a_drift_of_the_zero_are_no_law(repeats: int, rig: dict[str, float]) -> None:
+def test_an_uncalibrated_lag_and_a_drift_of_the_zero_are_no_law(rig: dict[str, float], repeats: int) -> None:
     """The waist's damper is so strong that a lag makes the swing look stiffer than the held loads."""
     assert _donning(Law(stiffness=2140.0, damping=124.0), 1, repeats, **rig).name == KELVIN_VOIGT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STRONG)
 def test_a_law_that_is_richer_is_recognised(name: str) -> None:
+    """From two repeats; tests/fitting/diagnosis/test_causes.py expects the same from one."""
     found = _donning(STRONG[name])
     assert found.chosen[0] == name
     assert found.ranking[0].gain > 0.25
@@ -75,11 +82,6 @@ def test_a_fifth_of_the_effect_is_enough(name: str) -> None:
     gains = {score.name: score.gain for score in found.ranking}
     assert found.chosen
     assert gains[name] > found.ranking[0].gain - 0.01
-
-
-def test_one_repeat_alone_is_judged_by_its_stretches() -> None:
-    assert _donning(Law(), repeats=1).name == KELVIN_VOIGT
-    assert _donning(STRONG["creep"], repeats=1).chosen == ("creep",)
 
 
 def test_slip_in_the_first_repeat_only_is_slip() -> None:
