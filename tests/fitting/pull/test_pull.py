@@ -35,9 +35,13 @@ def _static(cuff: str, hold: float, force_rate: float) -> Trial:
     return build_trial(*Session(published(cuff, hold=hold, force_rate=force_rate), 1).static(1), "s", "s")
 
 
-@pytest.mark.parametrize("cuff", PUBLISHED)
 @pytest.mark.parametrize(
-    ("hold", "force_rate"), [pytest.param(8.0, 1000.0, marks=pytest.mark.slow), (4.0, 1000.0), (8.0, 20.0)]
+    ("cuff", "hold", "force_rate"),
+    [
+        ("hand", 4.0, 1000.0),
+        ("waist", 8.0, 20.0),
+        *(pytest.param(cuff, *r, marks=pytest.mark.slow) for cuff in PUBLISHED for r in ((8.0, 1000.0), (4.0, 20.0))),
+    ],
 )
 def test_loads_that_step_apart_are_rejected_with_their_distance(cuff: str, hold: float, force_rate: float) -> None:
     trial = _static(cuff, hold, force_rate)
@@ -108,8 +112,7 @@ def test_force_and_cuff_must_be_known_together_in_half_of_the_frames(hidden_from
         assert reasons["s"].figures["share"] == pytest.approx(0.2, abs=0.01)
 
 
-@pytest.mark.parametrize("own", ["anchor_1", "anchor_3"])
-@pytest.mark.parametrize("cuff", PUBLISHED)
+@pytest.mark.parametrize(("cuff", "own"), [("hand", "anchor_1"), ("waist", "anchor_3")])
 def test_labels_of_anchor_and_cuff_that_are_exchanged_from_the_first_trial_on_are_named(cuff: str, own: str) -> None:
     trial = _static(cuff, 4.0, 1000.0)
     other = trial.cuff.cuff_markers[0]

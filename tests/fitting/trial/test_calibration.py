@@ -11,14 +11,7 @@ from scipy import stats
 
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.bounce import BounceFit, BounceTrial, calibrate, fit_bounce
-from fitting.trial.calibration import (
-    Calibration,
-    GainMistake,
-    code_width,
-    find_mistake,
-    full_scale,
-    level_bias,
-)
+from fitting.trial.calibration import Calibration, GainMistake, code_width, find_mistake, full_scale, level_bias
 from fitting.trial.trial import build_bounce
 from fitting.uncertainty import normal_estimate
 from recordings.manifest import LoadCell, Timing
@@ -28,6 +21,7 @@ from tests.refusals import raises_refusal
 CODE = 20 / 4096
 COUNT = 30
 ODD = Bounce(lag=0.004, gain=1.01)
+SLOW = Bounce(force_rate=20.0, frequency=3.0, amplitude=0.01)
 
 
 @pytest.mark.parametrize(
@@ -182,30 +176,16 @@ def test_a_lag_that_the_configuration_knew_is_not_counted_twice() -> None:
 @pytest.mark.parametrize(
     ("truth", "code", "figures"),
     [
-        (
-            Bounce(polarity=-1, zero=0.0),
-            RejectionCode.BOUNCE_POLARITY,
-            {"force_n": pytest.approx(-24.5, abs=0.5), "mass_kg": 2.5},
-        ),
-        (Bounce(duration=8.0), RejectionCode.BOUNCE_FEW_CYCLES, {"expected": 10}),
-        (
-            Bounce(force_rate=20.0, frequency=3.0, amplitude=0.01),
-            RejectionCode.BOUNCE_FEW_SAMPLES,
-            {"samples": pytest.approx(6.7, abs=0.05)},
-        ),
-        (
-            Bounce(occlusion=0.5),
-            RejectionCode.BOUNCE_HIDDEN,
-            {"marker": "weight", "seen": pytest.approx(0.55, abs=0.05)},
-        ),
-        (Bounce(marker_noise=0.02), RejectionCode.BOUNCE_STILL, {}),
-        (Bounce(down=(0.0, 0.0, 0.0), marker_noise=0.0), RejectionCode.BOUNCE_STILL, {}),
+        (Bounce(polarity=-1, zero=0.0), "POLARITY", {"force_n": pytest.approx(-24.5, abs=0.5), "mass_kg": 2.5}),
+        (Bounce(duration=8.0), "FEW_CYCLES", {"expected": 10}),
+        (SLOW, "FEW_SAMPLES", {"samples": pytest.approx(6.7, abs=0.05)}),
+        (Bounce(occlusion=0.5), "HIDDEN", {"marker": "weight", "seen": pytest.approx(0.55, abs=0.05)}),
+        (Bounce(marker_noise=0.02), "STILL", {}),
+        (Bounce(down=(0.0, 0.0, 0.0), marker_noise=0.0), "STILL", {}),
     ],
 )
-def test_a_bounce_that_cannot_calibrate_is_refused(
-    truth: Bounce, code: RejectionCode, figures: dict[str, object]
-) -> None:
-    with raises_refusal(code, **figures):
+def test_a_bounce_that_cannot_calibrate_is_refused(truth: Bounce, code: str, figures: dict[str, object]) -> None:
+    with raises_refusal(RejectionCode[f"BOUNCE_{code}"], **figures):
         fit_bounce(_trial(truth))
 
 

@@ -47,40 +47,38 @@ def line(*pulses: tuple[int, int], low: tuple[tuple[int, int], ...] = (), start:
     return number / 1000, np.where(is_high, 2.5, 0.1), 2.5
 
 
+DIPS = (3000, 3003), (4000, 4001), (5000, 5001)
+
+
 @pytest.mark.parametrize(
     ("recorded", "notes"),
     [
         (line(CAPTURE), []),
-        (line(CAPTURE, (1000, 1002)), [(TrialNoteCode.SYNC_SPIKES, 1, "1.000 s")]),
-        (line(CAPTURE, (1000, 1002), (7000, 7001)), [(TrialNoteCode.SYNC_SPIKES, 2, "1.000 s, 7.000 s")]),
-        (
-            line(CAPTURE, low=((3000, 3003), (4000, 4001), (5000, 5001))),
-            [(TrialNoteCode.SYNC_DIPS, 3, "3.000 s, 4.000 s, 5.000 s")],
-        ),
-        (
-            line(CAPTURE, low=((3000, 3003), (4000, 4001), (5000, 5001), (5500, 5519))),
-            [(TrialNoteCode.SYNC_DIPS, 4, "3.000 s, 4.000 s, 5.000 s, …")],
-        ),
-        (line(CAPTURE, low=((2502, 2505), (2507, 2508))), [(TrialNoteCode.SYNC_BOUNCES, 2, "2.502 s, 2.507 s")]),
-        (line(CAPTURE, (6003, 6005), (6007, 6010)), [(TrialNoteCode.SYNC_BOUNCES, 2, "6.000 s, 6.005 s")]),
+        (line(CAPTURE, (1000, 1002)), [("spikes", 1, "1.000 s")]),
+        (line(CAPTURE, (1000, 1002), (7000, 7001)), [("spikes", 2, "1.000 s, 7.000 s")]),
+        (line(CAPTURE, low=DIPS), [("dips", 3, "3.000 s, 4.000 s, 5.000 s")]),
+        (line(CAPTURE, low=(*DIPS, (5500, 5519))), [("dips", 4, "3.000 s, 4.000 s, 5.000 s, …")]),
+        (line(CAPTURE, low=((2502, 2505), (2507, 2508))), [("bounces", 2, "2.502 s, 2.507 s")]),
+        (line(CAPTURE, (6003, 6005), (6007, 6010)), [("bounces", 2, "6.000 s, 6.005 s")]),
         (
             line(CAPTURE, (1000, 1002), low=((2502, 2505), (4000, 4001))),
-            [
-                (TrialNoteCode.SYNC_BOUNCES, 1, "2.502 s"),
-                (TrialNoteCode.SYNC_DIPS, 1, "4.000 s"),
-                (TrialNoteCode.SYNC_SPIKES, 1, "1.000 s"),
-            ],
+            [("bounces", 1, "2.502 s"), ("dips", 1, "4.000 s"), ("spikes", 1, "1.000 s")],
         ),
     ],
     ids=["clean", "spike", "two spikes", "three dips", "four dips", "bouncing start", "bouncing stop", "all"],
 )
 def test_glitches_and_bounces_are_named_and_leave_the_edges_where_they_are(
-    recorded: Line, notes: list[tuple[TrialNoteCode, int, str]]
+    recorded: Line, notes: list[tuple[str, int, str]]
 ) -> None:
     edges = find_edges(*recorded)
     times = edges.rising, edges.rising_sd, edges.falling, edges.falling_sd
     assert times == pytest.approx((2.4995, STEP_SD, 5.9995, STEP_SD))
-    assert edges.findings == tuple(Note(code, {"count": count, "at": at}) for code, count, at in notes)
+    codes = {
+        "spikes": TrialNoteCode.SYNC_SPIKES,
+        "dips": TrialNoteCode.SYNC_DIPS,
+        "bounces": TrialNoteCode.SYNC_BOUNCES,
+    }
+    assert edges.findings == tuple(Note(codes[name], {"count": count, "at": at}) for name, count, at in notes)
 
 
 def test_crossings_20_ms_apart_are_two_edges_and_not_a_bounce() -> None:
@@ -118,76 +116,47 @@ def test_a_trigger_pulse_gives_a_start_and_no_stop() -> None:
     assert edges.findings[0].figures["duration_s"] == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize(
-    ("recorded", "code", "figures"),
-    [
-        (line(CAPTURE, (7000, 7500)), RejectionCode.SYNC_RISES_AGAIN, {"count": 2, "at": "2.50 s, 7.00 s"}),
-        (line((1000, 1002), (2000, 2002)), RejectionCode.SYNC_RISES_AGAIN, {"count": 2}),
-        (
-            line(*((i * 1000, i * 1000 + 100) for i in range(1, 7))),
-            RejectionCode.SYNC_RISES_AGAIN,
-            {"count": 6, "at": "1.00 s, 2.00 s, 3.00 s, 4.00 s, 5.00 s"},
-        ),
-        (
-            line((0, 2500), (6000, 8000)),
-            RejectionCode.SYNC_INVERTED,
-            {"gap_s": pytest.approx(3.5), "fell_s": pytest.approx(2.5), "level_v": 2.5, "threshold_v": 2.5},
-        ),
-        ((TIME, np.array([5.0, 4.8, 4.9]), 2.5), RejectionCode.SYNC_STARTS_HIGH, {"level_v": 5.0, "threshold_v": 2.5}),
-        (line((0, 2500), (6000, 7000)), RejectionCode.SYNC_STARTS_HIGH, {}),
-        (line((0, 2500), (3000, 4000), (6000, 8000)), RejectionCode.SYNC_STARTS_HIGH, {}),
-        (
-            (TIME, np.array([0.1, 1.2, 0.3]), 2.5),
-            RejectionCode.SYNC_NEVER_RISES,
-            {"highest_v": 1.2, "threshold_v": 2.5},
-        ),
-        ((TIME, np.array([0.1, np.nan, 5.0]), 2.5), RejectionCode.SYNC_NOT_FINITE, {}),
-        ((TIME[:0], TIME[:0], 2.5), RejectionCode.SYNC_NOT_FINITE, {}),
-    ],
-    ids=[
-        "double edge",
-        "spikes alone",
-        "six pulses",
-        "inverted",
-        "begun before arming",
-        "begun before arming, and rises once more",
-        "begun before arming, and rises twice",
-        "silent",
-        "NaN",
-        "empty",
-    ],
-)
-def test_a_line_without_a_single_start_is_refused(
-    recorded: Line, code: RejectionCode, figures: dict[str, object]
-) -> None:
-    with raises_refusal(code, **figures):
+SIX = line(*((i * 1000, i * 1000 + 100) for i in range(1, 7)))
+INVERTED = {"gap_s": pytest.approx(3.5), "fell_s": pytest.approx(2.5), "level_v": 2.5, "threshold_v": 2.5}
+STARTLESS = {
+    "double edge": (line(CAPTURE, (7000, 7500)), "RISES_AGAIN", {"count": 2, "at": "2.50 s, 7.00 s"}),
+    "spikes alone": (line((1000, 1002), (2000, 2002)), "RISES_AGAIN", {"count": 2}),
+    "six pulses": (SIX, "RISES_AGAIN", {"count": 6, "at": "1.00 s, 2.00 s, 3.00 s, 4.00 s, 5.00 s"}),
+    "inverted": (line((0, 2500), (6000, 8000)), "INVERTED", INVERTED),
+    "begun before arming": (
+        (TIME, np.array([5.0, 4.8, 4.9]), 2.5),
+        "STARTS_HIGH",
+        {"level_v": 5.0, "threshold_v": 2.5},
+    ),
+    "begun before arming, and rises once more": (line((0, 2500), (6000, 7000)), "STARTS_HIGH", {}),
+    "begun before arming, and rises twice": (line((0, 2500), (3000, 4000), (6000, 8000)), "STARTS_HIGH", {}),
+    "silent": ((TIME, np.array([0.1, 1.2, 0.3]), 2.5), "NEVER_RISES", {"highest_v": 1.2, "threshold_v": 2.5}),
+    "NaN": ((TIME, np.array([0.1, np.nan, 5.0]), 2.5), "NOT_FINITE", {}),
+    "empty": ((TIME[:0], TIME[:0], 2.5), "NOT_FINITE", {}),
+}
+
+
+@pytest.mark.parametrize(("recorded", "code", "figures"), STARTLESS.values(), ids=STARTLESS)
+def test_a_line_without_a_single_start_is_refused(recorded: Line, code: str, figures: dict[str, object]) -> None:
+    with raises_refusal(RejectionCode[f"SYNC_{code}"], **figures):
         find_edges(*recorded)
 
 
-@pytest.mark.parametrize(
-    ("recorded", "falling", "codes"),
-    [
-        (
-            line((0, 6000), (7000, 7002), low=((3000, 3002),)),
-            5.9995,
-            [TrialNoteCode.SYNC_DIPS, TrialNoteCode.SYNC_SPIKES],
-        ),
-        (
-            line((-20, 6000), (7000, 7002), low=((0, 3),), start=-20),
-            5.9995,
-            [TrialNoteCode.SYNC_BOUNCES, TrialNoteCode.SYNC_SPIKES],
-        ),
-        (line((-6000, -3000), (0, 20), start=-6000), -3.0005, []),
-        (line((0, 20)), 0.0195, []),
-        (line((0, 19)), None, [TrialNoteCode.SYNC_SHORT]),
-        (line((0, 8000)), None, [TrialNoteCode.SYNC_NO_STOP]),
-        (line((1, 6000)), None, [TrialNoteCode.SYNC_LOW]),
-        (line(), None, [TrialNoteCode.SYNC_LOW]),
-    ],
-    ids=["glitches", "bounce", "20 ms more", "20 ms", "19 ms", "stays high", "low at sample 0", "low"],
-)
+STARTED = {
+    "glitches": (line((0, 6000), (7000, 7002), low=((3000, 3002),)), 5.9995, ["DIPS", "SPIKES"]),
+    "bounce": (line((-20, 6000), (7000, 7002), low=((0, 3),), start=-20), 5.9995, ["BOUNCES", "SPIKES"]),
+    "20 ms more": (line((-6000, -3000), (0, 20), start=-6000), -3.0005, []),
+    "20 ms": (line((0, 20)), 0.0195, []),
+    "19 ms": (line((0, 19)), None, ["SHORT"]),
+    "stays high": (line((0, 8000)), None, ["NO_STOP"]),
+    "low at sample 0": (line((1, 6000)), None, ["LOW"]),
+    "low": (line(), None, ["LOW"]),
+}
+
+
+@pytest.mark.parametrize(("recorded", "falling", "codes"), STARTED.values(), ids=STARTED)
 def test_a_line_that_started_the_acquisition_has_its_rise_at_time_0(
-    recorded: Line, falling: float | None, codes: list[TrialNoteCode]
+    recorded: Line, falling: float | None, codes: list[str]
 ) -> None:
     edges = find_fall(*recorded)
     assert (edges.rising, edges.rising_sd) == (0.0, 0.0)
@@ -196,7 +165,7 @@ def test_a_line_that_started_the_acquisition_has_its_rise_at_time_0(
         if falling is None
         else (pytest.approx(falling), pytest.approx(STEP_SD))
     )
-    assert [note.code for note in edges.findings] == codes
+    assert [note.code for note in edges.findings] == [TrialNoteCode[f"SYNC_{code}"] for code in codes]
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 60)), max_size=12), st.booleans())
@@ -235,26 +204,6 @@ def _certificate(trial: Trial) -> SyncCertificate:
     return trial.sync
 
 
-def test_the_clock_ratio_is_within_its_stated_uncertainty() -> None:
-    found = _certificate(_trial())
-    assert found.has_both_edges
-    assert found.drift == pytest.approx(80e-6, abs=3 * found.drift_sd)
-    assert 5e-6 < found.drift_sd < 25e-6
-    assert 2.0 < found.offset < 2.002
-    assert found.findings == ()
-    assert {"offset_of_both_edges_s", "drift", "low", "high"} < found.summary.figures.keys()
-
-
-def test_the_error_is_that_of_time_times_the_trial_s_peak_rates() -> None:
-    found = _certificate(_trial())
-    assert 50 < found.force_rate < 200, "12 N at 1 Hz change by 75 N/s; the load is put on faster"
-    assert 0.005 < found.speed < 0.1
-    assert found.errors.time < 0.5e-3
-    assert found.errors.force == pytest.approx(found.errors.time * found.force_rate)
-    assert found.errors.displacement == pytest.approx(found.errors.time * found.speed)
-    assert found.to_plain()["force_standard_error_n"] == found.errors.force  # type: ignore[index]
-
-
 def test_a_fall_before_the_last_frame_makes_the_lag_that_uncertain_and_damping_is_open() -> None:
     trial = _trial(-0.06)
     found = _certificate(trial)
@@ -266,17 +215,6 @@ def test_a_fall_before_the_last_frame_makes_the_lag_that_uncertain_and_damping_i
     fit = fit_session([trial]).cuffs["hand"]
     assert fit.damping and fit.damping.standard_error > 8000 * 0.06
     assert Verdict.LAG in fit.verdicts
-
-
-@pytest.mark.parametrize("late", [0.8, -0.8])
-def test_markers_that_start_with_another_edge_are_named_by_how_far_they_are_off(late: float) -> None:
-    manifest, tracks = _dynamic()
-    frames = tracks["/markers"]
-    moved = replace(frames, host_time_ns=frames.host_time_ns + round(1e9 * late))
-    found = _certificate(build_trial(manifest, {**tracks, "/markers": moved}, "a.mcap", "hash"))
-    figures = figures_by_code(found.findings)[TrialNoteCode.SYNC_ARRIVAL]
-    assert figures["late_s"] == pytest.approx(late, abs=5e-3)
-    assert found.errors.time == pytest.approx(0.05, rel=0.01)
 
 
 def test_whole_frames_missing_at_the_end_contradict_nothing() -> None:
@@ -300,7 +238,7 @@ def test_a_line_that_falls_within_the_last_frame_is_covered_where_its_place_is_n
     assert "drift" in found.summary.figures
 
 
-@pytest.mark.parametrize("ppm", [-300, -50, 50, 300, 400])
+@pytest.mark.parametrize("ppm", [-300, 50, 400])
 def test_clocks_far_apart_are_covered_and_named_where_a_missing_frame_explains_them(ppm: float) -> None:
     """300 ppm of 30 s are 9 ms, as good as a frame."""
     session = Session(published("hand", friction=1e9, migration=0.0, clock_ppm=1e-6 * ppm), 3)
@@ -314,19 +252,7 @@ def test_clocks_far_apart_are_covered_and_named_where_a_missing_frame_explains_t
     assert found.to_plain()["clock_ratio_is_identified"] == (ppm < 100)  # type: ignore[index]
 
 
-def test_a_trial_without_its_stop_edge_is_certified_by_the_start_and_the_prior() -> None:
-    found = _certificate(_trial(9.0))
-    assert not found.has_both_edges
-    assert found.drift_sd == pytest.approx(50e-6)
-    assert (found.drift_ci95, found.is_identified) == (None, False)
-    assert found.summary.figures["assumed_drift"] == 0.0
-    assert found.errors.time > 1e-3
-    assert "offset_of_start_edge_s" in found.summary.figures
-    assert list(figures_by_code(found.findings)) == [TrialNoteCode.SYNC_NO_STOP]
-
-
-@pytest.mark.parametrize("ppm", [-200, -120, 0, 60, 140])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("ppm", "seed"), [(-200, 1), (-120, 2), (0, 1), (140, 2)])
 def test_clocks_up_to_200_ppm_apart_leave_less_than_a_millisecond_whatever_the_arrival(ppm: float, seed: int) -> None:
     both, start = (residual(ppm, seed, duration=30.0, stops=stops) for stops in (True, False))
     assert both.worst < 1e-3
