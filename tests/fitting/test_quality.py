@@ -13,7 +13,6 @@ from fitting.pull.pull import require_live_force, require_plausible_displacement
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import find_rejection
-from fitting.trial.timeline import require_steady_zero, zero_drift, zero_notes
 from fitting.trial.trial import RejectedTrial, Trial, TrialReading, build_bounce, build_trial
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounce
@@ -107,11 +106,11 @@ def _hangs(time: np.ndarray, read: np.ndarray, way: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize("rate", [20.0, 1000.0])
-@pytest.mark.parametrize("noise", [0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 4.0])
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.2, 0.5, 4.0])
 def test_codes_that_repeat_because_the_force_is_quiet_are_no_hanging_converter(rate: float, noise: float) -> None:
     """Noise in codes of a 14-bit converter; a swing has rests at both ends."""
     code = 0.12
-    for seed in range(8):
+    for seed in range(4):
         time, load, read = _steps(seed, rate, noise * code, code)
         assert not _hangs(time, read, np.interp(TIME * 1.4, time, load) / 8000)
         swing = load[0] + 23.0 * (np.abs(time - 21) < 17) + 12.0 * np.sin(6.3 * time) * (np.abs(time - 21) < 15)
@@ -125,50 +124,6 @@ def test_a_displacement_in_the_wrong_unit_is_refused(scale: float) -> None:
     require_plausible_displacement(FORCE / 8000)
     with raises_refusal(RejectionCode.DISPLACEMENT_UNIT):
         require_plausible_displacement(scale * FORCE / 8000)
-
-
-def _pull(drift: float, rest: float = 2.0) -> np.ndarray:
-    """60 N between a rest at 3 N and one that reads `drift` more; the zero drifts all the time."""
-    pulled = np.abs(TIME - TIME[-1] / 2) < TIME[-1] / 2 - rest
-    noise = 0.2 * np.random.default_rng(2).standard_normal(len(TIME))
-    return 3.0 + 60.0 * pulled + drift * TIME / TIME[-1] + noise
-
-
-@pytest.mark.parametrize("drift", [0.0, 0.9, 2.4, -2.4])
-def test_the_zero_s_drift_between_both_rests_is_measured_and_reported_beyond_its_limit(drift: float) -> None:
-    found = zero_drift(TIME, _pull(drift))
-    assert found == pytest.approx(drift, abs=0.15)
-    notes = zero_notes(found, 60.0)
-    assert len(notes) == (abs(drift) > 1.2)
-    assert all(note.figures["limit_n"] == pytest.approx(1.2) for note in notes)
-
-
-def test_a_zero_that_drifts_further_than_a_sound_cell_s_is_refused() -> None:
-    require_steady_zero(zero_drift(TIME, _pull(-4.5)), 4.9)
-    require_steady_zero(None, 4.9)
-    with raises_refusal(RejectionCode.ZERO_DRIFT, drift_n=pytest.approx(-5.3, abs=0.2), limit_n=4.9):
-        require_steady_zero(zero_drift(TIME, _pull(-5.5)), 4.9)
-
-
-@pytest.mark.parametrize(
-    "force",
-    [_pull(0.0, rest=0.5), np.where(TIME > 15, 63.0, 3.0), 25 + 12 * np.sin(2 * np.pi * 0.1 * TIME), np.zeros(1)],
-    ids=["short rest", "load left on", "never at rest", "one sample"],
-)
-def test_without_a_rest_at_both_ends_no_drift_is_reported(force: np.ndarray) -> None:
-    found = zero_drift(TIME[: len(force)], force)
-    assert found is None
-    assert zero_notes(found, 60.0) == ()
-
-
-@pytest.fixture(scope="module")
-def session() -> Session:
-    return Session(published("hand", hold=4.0, duration=12.0), 3)
-
-
-@pytest.fixture(scope="module")
-def static(session: Session) -> Trial:
-    return build_trial(*session.static(), "static", "s")
 
 
 def _until(trial: Trial, end: float) -> Trial:
@@ -187,21 +142,13 @@ def _code(reading: TrialReading) -> object:
     return reason and reason.code
 
 
-def test_a_whole_static_trial_can_be_used(static: Trial) -> None:
-    assert find_rejection(static) is None
-
-
-def test_a_static_trial_that_ends_under_load_leaves_migration_unknown(static: Trial) -> None:
-    assert _code(_until(static, 0.6 * static.end)) is RejectionCode.NOT_UNLOADED
-
-
-def test_a_static_trial_of_two_loads_has_too_few(static: Trial) -> None:
-    assert _code(_until(static, 9.0)) is RejectionCode.FEW_LOADS
-
-
-def test_a_dynamic_trial_can_be_used_unless_its_force_does_not_swing(session: Session) -> None:
+def test_trials_can_be_used_unless_they_end_under_load_or_early_or_their_force_does_not_swing() -> None:
+    session = Session(published("hand", hold=4.0, duration=12.0), 3)
+    static = build_trial(*session.static(), "static", "s")
     dynamic = build_trial(*session.dynamic(), "dynamic", "s")
-    assert find_rejection(dynamic) is None
+    assert find_rejection(static) is None and find_rejection(dynamic) is None
+    assert _code(_until(static, 0.6 * static.end)) is RejectionCode.NOT_UNLOADED, "migration is unknown"
+    assert _code(_until(static, 9.0)) is RejectionCode.FEW_LOADS
     assert _code(replace(dynamic, force=np.full(len(dynamic.force), 20.0))) is RejectionCode.NO_MOTION
 
 

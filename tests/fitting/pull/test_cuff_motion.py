@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import (
+    CuffMotion,
     along,
     cuff_motion,
     loose_marker,
@@ -78,9 +79,14 @@ def _trial(noise: float = 0.0, anchor: np.ndarray = ANCHOR, rope: bool = False) 
     )
 
 
-def _displacement(trial: Trial) -> np.ndarray:
+def _motion(trial: Trial) -> tuple[CuffMotion, np.ndarray]:
+    """The motion, and the displacement along the pull."""
     motion = cuff_motion(trial, reference_posture(trial))
-    return along(motion, pull_direction([trial], [motion]))
+    return motion, along(motion, pull_direction([trial], [motion]))
+
+
+def _displacement(trial: Trial) -> np.ndarray:
+    return _motion(trial)[1]
 
 
 def _without(trial: Trial, label: str, frames: slice) -> Trial:
@@ -90,9 +96,8 @@ def _without(trial: Trial, label: str, frames: slice) -> Trial:
 
 
 def test_sway_of_the_body_is_gone() -> None:
-    trial = _trial()
-    motion = cuff_motion(trial, reference_posture(trial))
-    np.testing.assert_allclose(_displacement(trial), WAY, atol=1e-9)
+    motion, x = _motion(_trial())
+    np.testing.assert_allclose(x, WAY, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(motion.displacement, axis=1), np.abs(WAY), atol=1e-9)
     assert motion.ghosts == {}
 
@@ -174,9 +179,8 @@ def test_labels_that_are_exchanged_or_rotated_in_some_frames_are_corrected_and_c
     trial = _trial(noise=0.1e-3)
     markers = trial.markers.copy()
     markers[frames, : len(order)] = trial.markers[frames][:, order]
-    relabelled = replace(trial, markers=markers)
-    motion = cuff_motion(relabelled, reference_posture(relabelled))
-    np.testing.assert_allclose(_displacement(relabelled), WAY, atol=1e-3)
+    motion, x = _motion(replace(trial, markers=markers))
+    np.testing.assert_allclose(x, WAY, atol=1e-3)
     count = len(TIME[frames])
     assert motion.ghosts == {trial.labels[i]: count for i, place in enumerate(order) if i != place}
 
@@ -211,10 +215,9 @@ def test_every_ghost_is_counted_by_its_marker() -> None:
     for first in range(250, 950, 100):
         markers[first : first + 4, trial.labels.index("anchor_3")] += 0.015
         markers[first + 50 : first + 52, trial.labels.index("cuff_1")] += 0.015
-    jumping = replace(trial, markers=markers)
-    motion = cuff_motion(jumping, reference_posture(jumping))
+    motion, x = _motion(replace(trial, markers=markers))
     assert motion.ghosts == {"anchor_3": 28, "cuff_1": 14}
-    assert np.nanmax(np.abs(_displacement(jumping) - WAY)) < 1e-3
+    assert np.nanmax(np.abs(x - WAY)) < 1e-3
 
 
 def test_the_order_of_the_markers_does_not_matter() -> None:
@@ -309,7 +312,7 @@ def test_a_marker_that_moves_by_a_millimetre_is_named_with_its_way(count: int, l
     assert way == pytest.approx(1e-3, rel=0.35)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_noise_of_the_cameras_names_no_marker(seed: int) -> None:
     assert loose_marker(NAMES[:4], PLACES[:4], _seen(seed, 4, None, 0.0)) is None
     assert loose_marker(NAMES[:4], PLACES[:4], _seen(seed, 4, 1, 0.2e-3)) is None
