@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +25,8 @@ from tests.refusals import raises_refusal
 HAND = Cuff("hand", stiffness=8520, damping=210, migration=0.012)
 FIGURES = {"stiffness": 8520, "damping": 210, "migration": 0.012}
 SUFFIXED = {"stiffness_n_per_m": 8520.0, "damping_n_s_per_m": 210.0, "migration_m": 0.012}
-FIT = CuffFit(
-    "hand",
-    "arm",
-    "1",
-    normal_estimate(8520, 30),
-    normal_estimate(210, 10),
-    normal_estimate(0.012, 1e-4),
-    (Verdict.IDENTIFIED,),
-    np.diag([900.0, 100.0, 1e-8]),
-)
+ESTIMATES = normal_estimate(8520, 30), normal_estimate(210, 10), normal_estimate(0.012, 1e-4)
+FIT = CuffFit("hand", "arm", "1", *ESTIMATES, (Verdict.IDENTIFIED,), np.diag([900.0, 100.0, 1e-8]))
 ROWS = pd.DataFrame(
     {"name": ["hand", "waist"], "stiffness": [8520, 2140], "damping": [210, 124], "migration": [0.012] * 2}
 )
@@ -90,20 +83,17 @@ def test_the_published_cuffs_are_those_of_the_simulators() -> None:
     assert [cuff.site for cuff in found.values()] == ["waist", "arm", "arm", "arm"]
 
 
+ABOVE_ONE = np.ones((3, 3)) + np.eye(3)[[1, 0, 2]]  # correlations
+NOT_SEMI_DEFINITE = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
+COVARIANCES = np.eye(2), np.full((3, 3), np.nan), -np.eye(3), ABOVE_ONE, np.full((3, 3), np.inf), NOT_SEMI_DEFINITE
+
+
 @pytest.mark.parametrize(
     ("name", "given"),
     [
-        ("../hand", {}),
-        ("", {}),
-        (3, {}),
+        *((name, {}) for name in ("../hand", "", 3)),
         ("hand", {"site": "leg"}),
-        ("hand", {"covariance": np.eye(2)}),
-        ("hand", {"covariance": np.full((3, 3), np.nan)}),
-        ("hand", {"covariance": -np.eye(3)}),
-        ("hand", {"covariance": np.ones((3, 3)) + np.eye(3)[[1, 0, 2]]}),  # correlations above 1
-        ("hand", {"covariance": np.full((3, 3), np.inf)}),
-        ("hand", {"covariance": np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])}),  # not semi-definite
-        ("hand", {"covariance": "unknown"}),
+        *(("hand", {"covariance": covariance}) for covariance in (*COVARIANCES, "unknown")),
     ],
 )
 def test_a_name_site_or_covariance_of_no_cuff_is_refused(name: Any, given: dict[str, Any]) -> None:
@@ -114,15 +104,15 @@ def test_a_name_site_or_covariance_of_no_cuff_is_refused(name: Any, given: dict[
 @pytest.mark.parametrize(
     ("give", "code"),
     [
-        (lambda: Cuff("hand", stiffness=-1), FitErrorCode.CUFF_IMPOSSIBLE),
-        (lambda: Cuff("hand", stiffness=float("nan")), FitErrorCode.CUFF_IMPOSSIBLE),
-        (lambda: Cuff("hand", stiffness=(8520, -3)), FitErrorCode.CUFF_IMPOSSIBLE),
-        (lambda: Cuff("hand", migration=12), FitErrorCode.CUFF_IMPOSSIBLE),
-        (lambda: cuffs_by_name({"hand": {"stiffness": 8520, "migration_mm": 12}}), FitErrorCode.CUFF_KEY),
-        (lambda: cuffs_by_name({"hand": {**FIGURES, **SUFFIXED}}), FitErrorCode.CUFF_KEY),
-        (lambda: cuffs_by_name(FIGURES), FitErrorCode.CUFF_NAME),
-        (lambda: cuffs_by_name([HAND, HAND]), FitErrorCode.CUFF_TWICE),
-        (lambda: cuffs_by_name(ROWS.drop(columns="name")), FitErrorCode.CUFF_NAME),
+        *(
+            (partial(Cuff, "hand", **figures), FitErrorCode.CUFF_IMPOSSIBLE)
+            for figures in ({"stiffness": -1}, {"stiffness": np.nan}, {"stiffness": (8520, -3)}, {"migration": 12})
+        ),
+        (partial(cuffs_by_name, {"hand": {"stiffness": 8520, "migration_mm": 12}}), FitErrorCode.CUFF_KEY),
+        (partial(cuffs_by_name, {"hand": {**FIGURES, **SUFFIXED}}), FitErrorCode.CUFF_KEY),
+        (partial(cuffs_by_name, FIGURES), FitErrorCode.CUFF_NAME),
+        (partial(cuffs_by_name, [HAND, HAND]), FitErrorCode.CUFF_TWICE),
+        (partial(cuffs_by_name, ROWS.drop(columns="name")), FitErrorCode.CUFF_NAME),
     ],
 )
 def test_what_is_no_cuff_is_refused_with_a_code(give: Callable[[], object], code: FitErrorCode) -> None:

@@ -62,39 +62,24 @@ def test_a_sound_channel_has_no_finding(channel: np.ndarray) -> None:
     assert faults(channel) == ()
 
 
-@pytest.mark.parametrize(
-    ("channel", "finding"),
-    [
-        (np.full(6000, -0.8), ChannelFinding.FLAT),
-        (np.where(TIME < 0.5, 0.0, SOUND), ChannelFinding.FLAT),
-        (np.clip(SOUND, -0.7, 0.7), ChannelFinding.CLIPPED),
-        (np.clip(np.round(SOUND, 2), -5, 0.7), ChannelFinding.CLIPPED),
-        (np.clip(SOUND - 0.8, -0.5, 0.5), ChannelFinding.CLIPPED),
-        (np.abs(SOUND), ChannelFinding.RECTIFIED),
-        (envelope(), ChannelFinding.RECTIFIED),
-        (envelope(smoothing="rms", window_s=0.05), ChannelFinding.RECTIFIED),
-        (envelope() - 1.01 * envelope().min(), ChannelFinding.RECTIFIED),
-        (with_gap(11), ChannelFinding.GAP),
-        (np.full(6000, np.nan), ChannelFinding.GAP),
-        (SOUND + np.sin(2 * np.pi * 50 * TIME), ChannelFinding.HUM),
-        (SOUND + np.sin(2 * np.pi * 180 * TIME), ChannelFinding.HUM),
-    ],
-    ids=[
-        "constant",
-        "off for 8 %",
-        "clipped",
-        "clipped above",
-        "its offset is clipped",
-        "rectified",
-        "linear envelope",
-        "RMS",
-        "baseline subtracted",
-        "11 ms lost",
-        "nothing",
-        "50 Hz",
-        "third of 60 Hz",
-    ],
-)
+FAULTS = {
+    "constant": (np.full(6000, -0.8), ChannelFinding.FLAT),
+    "off for 8 %": (np.where(TIME < 0.5, 0.0, SOUND), ChannelFinding.FLAT),
+    "clipped": (np.clip(SOUND, -0.7, 0.7), ChannelFinding.CLIPPED),
+    "clipped above": (np.clip(np.round(SOUND, 2), -5, 0.7), ChannelFinding.CLIPPED),
+    "its offset is clipped": (np.clip(SOUND - 0.8, -0.5, 0.5), ChannelFinding.CLIPPED),
+    "rectified": (np.abs(SOUND), ChannelFinding.RECTIFIED),
+    "linear envelope": (envelope(), ChannelFinding.RECTIFIED),
+    "RMS": (envelope(smoothing="rms", window_s=0.05), ChannelFinding.RECTIFIED),
+    "baseline subtracted": (envelope() - 1.01 * envelope().min(), ChannelFinding.RECTIFIED),
+    "11 ms lost": (with_gap(11), ChannelFinding.GAP),
+    "nothing": (np.full(6000, np.nan), ChannelFinding.GAP),
+    "50 Hz": (SOUND + np.sin(2 * np.pi * 50 * TIME), ChannelFinding.HUM),
+    "third of 60 Hz": (SOUND + np.sin(2 * np.pi * 180 * TIME), ChannelFinding.HUM),
+}
+
+
+@pytest.mark.parametrize(("channel", "finding"), FAULTS.values(), ids=FAULTS)
 def test_a_fault_is_named_by_its_code(channel: np.ndarray, finding: ChannelFinding) -> None:
     assert faults(channel) == (finding,)
 
@@ -114,22 +99,14 @@ def test_lost_samples_are_bridged_by_a_straight_line() -> None:
 
 
 @pytest.mark.shared
-def test_the_public_trial_has_hum_on_the_infraspinatus_alone(tmp_path: Path) -> None:
-    path = tmp_path / "flx01.exp"
-    path.write_bytes(gzip.decompress((SHARED / "markers" / "FLX01_emg.exp.gz").read_bytes()))
-    read = read_exp(path)
-    found = find_faults(np.column_stack(list(read.signals.values())), 1000.0)
-    assert {name: codes for name, codes in zip(read.names, found, strict=True) if codes} == {
-        "Infra": (ChannelFinding.HUM,)
-    }
-
-
-@pytest.mark.shared
-def test_the_public_channels_have_no_finding_with_an_offset_and_one_when_they_are_rectified(tmp_path: Path) -> None:
+def test_the_public_trial_has_hum_on_the_infraspinatus_alone_and_is_rectified_where_it_was(tmp_path: Path) -> None:
     """Rectified behind a band-pass, as programs of amplifiers export it."""
     path = tmp_path / "flx01.exp"
     path.write_bytes(gzip.decompress((SHARED / "markers" / "FLX01_emg.exp.gz").read_bytes()))
-    raw = np.column_stack(list(read_exp(path).signals.values()))
+    read = read_exp(path)
+    raw = np.column_stack(list(read.signals.values()))
+    found = zip(read.names, find_faults(raw, 1000.0), strict=True)
+    assert {name: codes for name, codes in found if codes} == {"Infra": (ChannelFinding.HUM,)}
     band = signal.butter(2, (20.0, 450.0), "bandpass", fs=1000.0, output="sos")
     rectified = np.abs(signal.sosfiltfilt(band, raw, axis=0))
     with_offset = find_faults(raw + 2 * np.abs(raw).max(), 1000.0)
