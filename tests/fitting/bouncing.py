@@ -70,19 +70,9 @@ def recorded(truth: Bounce, seed: int, run: int = 1) -> tuple[Manifest, dict[str
         "/force": track("/force", "V", ("ai0",), rate, numbers, numbers / rate, start_ns, volts[:, None]),
         "/markers": track("/markers", "mm", ("weight",), truth.marker_rate, frames + 1, frame_time, start_ns, values),
     }
-    manifest = Manifest(
-        cuff=None,
-        test="bounce",
-        repeat=1,
-        run=run,
-        donning="1",
-        start="pfi0",
-        sync_threshold_v=2.5,
-        load_cell=LoadCell("daq", truth.newtons_per_volt, 1),
-        start_utc_ns=start_ns,
-        bounce=BounceRig(truth.mass, "weight", truth.spring_mass),
-        timing=Timing(lag_sd_s=0.0, stop_edge="end_of_frame"),
-    )
+    cell, rig = LoadCell("daq", truth.newtons_per_volt, 1), BounceRig(truth.mass, "weight", truth.spring_mass)
+    timing = Timing(lag_sd_s=0.0, stop_edge="end_of_frame")
+    manifest = Manifest(None, "bounce", 1, run, "1", "pfi0", 2.5, cell, start_ns, rig, timing=timing)
     return manifest, tracks
 
 

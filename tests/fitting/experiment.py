@@ -153,18 +153,10 @@ class Session:
             shifts = np.concatenate((shifts, shifts[:, [-1, -1]]), axis=1)
         tracks = self._daq(time, load, start_ns)
         tracks["/markers"] = self._mocap(body + shifts, (*labels, "cuff_1", *rope), start_ns)
-        manifest = Manifest(
-            cuff=CuffSite(truth.cuff, "waist" if truth.cuff == "waist" else "arm", labels, ("cuff_1",), rope),
-            test=test,  # type: ignore[arg-type]
-            repeat=repeat,
-            run=repeat,
-            donning=self.donning,
-            start="sync_edge",
-            sync_threshold_v=2.5,
-            load_cell=LoadCell("daq", truth.newtons_per_volt, 1),
-            start_utc_ns=start_ns,
-            timing=Timing(stop_edge="end_of_frame"),
-        )
+        site = CuffSite(truth.cuff, "waist" if truth.cuff == "waist" else "arm", labels, ("cuff_1",), rope)
+        cell, timing = LoadCell("daq", truth.newtons_per_volt, 1), Timing(stop_edge="end_of_frame")
+        trial = site, test, repeat, repeat, self.donning
+        manifest = Manifest(*trial, "sync_edge", 2.5, cell, start_ns, timing=timing)  # type: ignore[arg-type]
         return manifest, tracks
 
     def _daq(self, time: NDArray[np.float64], load: NDArray[np.float64], start_ns: int) -> dict[str, Track]:

@@ -18,7 +18,7 @@ from fitting.trial.clocks import LagUncertainty
 from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import ANCHOR, CUFF
-from tests.fitting.pulls import wander
+from tests.fitting.pulls import trial_of, wander
 
 LABELS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4", "cuff_1", "rope_1", "rope_2")
 ROPE = (0.1, 0.6)
@@ -96,24 +96,11 @@ def pulled(
     lab += space.marker_noise * random.standard_normal(lab.shape)
     force_time = np.arange(0.0, time[-1], 1 / space.force_rate)
     force = np.interp(force_time + space.lag, time, load) + space.zero
-    return Trial(
-        cuff=CuffSite("elbow", "arm", LABELS[:4], LABELS[4:5], LABELS[5:]),
-        test=test,  # type: ignore[arg-type]
-        repeat=repeat,
-        run=repeat,
-        donning="1",
-        start_utc_ns=(2 * repeat + (test == "dynamic")) * 10**12,
-        file=file or f"{test}-{repeat}",
-        sha256=f"{test}{repeat}",
-        force_time=force_time,
-        force=force + space.force_noise * random.standard_normal(len(force)),
-        force_step=0.0,
-        marker_time=frames,
-        labels=LABELS,
-        markers=lab,
-        lag=LagUncertainty(0.0, space.lag_sd, 0.0),
-        cuff_mass=space.mass,
-    )
+    of = {"test": test, "repeat": repeat, "start_utc_ns": (2 * repeat + (test == "dynamic")) * 10**12}
+    of |= {"file": file or f"{test}-{repeat}", "sha256": f"{test}{repeat}", "cuff_mass": space.mass}
+    measured = force_time, force + space.force_noise * random.standard_normal(len(force))
+    site = CuffSite("elbow", "arm", LABELS[:4], LABELS[4:5], LABELS[5:])
+    return trial_of(site, measured, (frames, LABELS, lab), LagUncertainty(0.0, space.lag_sd, 0.0), **of)
 
 
 def _held(space: Space, random: np.random.Generator) -> NDArray[np.float64]:

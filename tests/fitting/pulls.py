@@ -21,6 +21,25 @@ LABELS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4")
 STEP = 0.01
 
 
+def trial_of(
+    cuff: CuffSite,
+    force: tuple[NDArray[np.float64], NDArray[np.float64]],
+    markers: tuple[NDArray[np.float64], tuple[str, ...], NDArray[np.float64]],
+    lag: LagUncertainty | None = None,
+    **more: object,
+) -> Trial:
+    """A trial, the first static one of a donning if nothing else is given.
+
+    force is time [s] and force [N], markers are time [s], labels and positions (frames, markers, 3) [m].
+    """
+    usual = {"test": "static", "repeat": 1, "donning": "1", "start_utc_ns": 0, "file": "a.mcap", "sha256": ""}
+    given = usual | {"run": more.get("repeat", 1), "force_step": 0.0} | more
+    time, values = force
+    frames, labels, positions = markers
+    record = {"force_time": time, "force": values, "marker_time": frames, "labels": labels, "markers": positions}
+    return Trial(cuff=cuff, lag=lag or LagUncertainty(0.0, 0.0, 0.0), **record, **given)  # type: ignore[arg-type]
+
+
 def pull_of(trial: Trial, displacement: NDArray[np.float64]) -> Pull:
     """displacement (frames,) [m] along x."""
     frames = len(displacement)
@@ -145,23 +164,9 @@ def static_trial(truth: Held, seed: int, repeat: int = 1, slipped: float = 0.0) 
     lab = body + truth.sway * np.column_stack([wander(frames, random) for _ in range(3)])[:, None]
     lab += truth.marker_noise * random.standard_normal(lab.shape)
     _spoil(lab, truth, random)
-    trial = Trial(
-        cuff=CuffSite("hand", "arm", LABELS, ("cuff_1",)),
-        test="static",
-        repeat=repeat,
-        run=repeat,
-        donning="1",
-        start_utc_ns=repeat * 10**12,
-        file=f"static-{repeat}",
-        sha256=f"s{repeat}",
-        force_time=force_time,
-        force=force,
-        force_step=0.0,
-        marker_time=frames,
-        labels=(*LABELS, "cuff_1"),
-        markers=lab,
-        lag=LagUncertainty(0.0, 0.5e-3, 0.0),
-    )
+    site, lag = CuffSite("hand", "arm", LABELS, ("cuff_1",)), LagUncertainty(0.0, 0.5e-3, 0.0)
+    of = {"repeat": repeat, "start_utc_ns": repeat * 10**12, "file": f"static-{repeat}", "sha256": f"s{repeat}"}
+    trial = trial_of(site, (force_time, force), (frames, (*LABELS, "cuff_1"), lab), lag, **of)
     return trial, slip
 
 

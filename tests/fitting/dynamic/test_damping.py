@@ -17,11 +17,11 @@ from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
 from fitting.trial.bounce import Oscillation, find_oscillation
 from fitting.trial.clocks import LagUncertainty
-from fitting.trial.trial import Trial, build_trial
+from fitting.trial.trial import build_trial
 from fitting.uncertainty import normal_estimate
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import Session, published
-from tests.fitting.pulls import MASS, pull_of, swing
+from tests.fitting.pulls import MASS, pull_of, swing, trial_of
 from tests.refusals import figures_by_code, raises_refusal
 
 K, C = 2140.0, 124.0
@@ -51,22 +51,10 @@ def _pull(
         return np.where(swinging, way * w**order * np.sin(w * (t - 3) + order * np.pi / 2), 0.0)
 
     force = 25 + K * motion(force_time, 0) + C * motion(force_time, 1) + 0.2 * motion(force_time, 2)
-    trial = Trial(
-        cuff=CuffSite("waist", "waist", (), ()),
-        test="dynamic",
-        repeat=1,
-        run=1,
-        donning="1",
-        start_utc_ns=0,
-        file="a.mcap",
-        sha256="",
-        force_time=force_time,
-        force=force + 0.3 * random.standard_normal(len(force)),
-        force_step=0.0,
-        marker_time=marker_time,
-        labels=(),
-        markers=np.zeros((len(marker_time), 0, 3)),
-        lag=LagUncertainty(0.3e-3, lag, 0.0),
+    measured = force_time, force + 0.3 * random.standard_normal(len(force))
+    markers = marker_time, (), np.zeros((len(marker_time), 0, 3))
+    trial = trial_of(
+        CuffSite("waist", "waist", (), ()), measured, markers, LagUncertainty(0.3e-3, lag, 0.0), test="dynamic"
     )
     memory = math.exp(-0.01 / colour) if colour else 0.0
     noise = lfilter([math.sqrt(1 - memory**2)], [1, -memory], random.standard_normal(len(marker_time)))

@@ -24,10 +24,10 @@ from fitting.pull.pull import require_live_markers, turn_notes
 from fitting.results.codes import CauseCode
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
-from fitting.trial.clocks import LagUncertainty
 from fitting.trial.trial import Trial, build_trial
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import Session, published
+from tests.fitting.pulls import trial_of
 from tests.refusals import figures_by_code, raises_refusal
 
 ANCHOR = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22]])
@@ -60,23 +60,8 @@ def _trial(noise: float = 0.0, anchor: np.ndarray = ANCHOR, rope: bool = False) 
     lab += noise * np.random.default_rng(8).standard_normal(lab.shape)
     labels = tuple(f"anchor_{i + 1}" for i in range(len(anchor)))
     ropes = ("rope_1", "rope_2")
-    return Trial(
-        cuff=CuffSite("hand", "arm", labels, ("cuff_1", "cuff_2"), ropes if rope else ()),
-        test="static",
-        repeat=1,
-        run=1,
-        donning="1",
-        start_utc_ns=0,
-        file="a.mcap",
-        sha256="",
-        force_time=TIME.copy(),
-        force=5000 * WAY,
-        force_step=0.0,
-        marker_time=TIME.copy(),
-        labels=(*labels, "cuff_1", "cuff_2", *ropes),
-        markers=lab,
-        lag=LagUncertainty(0.0, 0.0, 0.0),
-    )
+    site = CuffSite("hand", "arm", labels, ("cuff_1", "cuff_2"), ropes if rope else ())
+    return trial_of(site, (TIME.copy(), 5000 * WAY), (TIME.copy(), (*labels, "cuff_1", "cuff_2", *ropes), lab))
 
 
 def _motion(trial: Trial) -> tuple[CuffMotion, np.ndarray]:

@@ -20,19 +20,10 @@ EDGE_S, FALL_S, END_S = 2.0, 12.0, 12.5  # by the station's clock, from START_NS
 AHEAD_S, FAST = 4321.25, 1 + 80e-6  # the amplifier's clock against the station's
 EMG_HZ = 2000.0
 LABELS = ("c7", "t8", "ac", "el")
+CELL, TIMING = LoadCell("daq", 100.0, 1), Timing(stop_edge="end_of_frame")
+EMG = EmgAmplifier("lsl", {"a": 1.0, "b": 2.0}, sync_threshold=0.5)
 MANIFEST = Manifest(
-    cuff=None,
-    body=BodyMarkers(LABELS),
-    test="motion",
-    repeat=1,
-    run=1,
-    donning="1",
-    start="sync_edge",
-    sync_threshold_v=2.5,
-    load_cell=LoadCell("daq", 100.0, 1),
-    start_utc_ns=START_NS,
-    timing=Timing(stop_edge="end_of_frame"),
-    emg=EmgAmplifier("lsl", {"a": 1.0, "b": 2.0}, sync_threshold=0.5),
+    None, "motion", 1, 1, "1", "sync_edge", 2.5, CELL, START_NS, timing=TIMING, body=BodyMarkers(LABELS), emg=EMG
 )
 
 

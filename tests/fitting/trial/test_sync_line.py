@@ -297,15 +297,6 @@ def _late(arrived: Track, random: np.random.Generator) -> Track:
 
 def _drifting() -> Manifest:
     """Newtons are seconds."""
-    return Manifest(
-        cuff=CuffSite("hand", "arm", LABELS[:3], LABELS[3:]),
-        test="dynamic",
-        repeat=1,
-        run=1,
-        donning="1",
-        start="sync_edge",
-        sync_threshold_v=2.5,
-        load_cell=LoadCell("daq", SECONDS_PER_VOLT, 1),
-        start_utc_ns=0,
-        timing=Timing(stop_edge="end_of_frame"),
-    )
+    site, cell = CuffSite("hand", "arm", LABELS[:3], LABELS[3:]), LoadCell("daq", SECONDS_PER_VOLT, 1)
+    timing = Timing(stop_edge="end_of_frame")
+    return Manifest(site, "dynamic", 1, 1, "1", "sync_edge", 2.5, cell, 0, timing=timing)
