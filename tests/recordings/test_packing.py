@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from mcap.reader import make_reader
@@ -24,6 +24,7 @@ from recordings.topics import wire_classes
 from tests.recordings.trials import ACCEPTED, FORCE, MANIFEST, START_NS, frames, record, scalars, skipped, trial
 from tests.refusals import raises_refusal
 
+TEXT = st.text()
 INT64 = st.integers(-(2**63), 2**63 - 1)
 UINT64 = st.integers(0, 2**64 - 1)
 FIELD = re.compile(r"((?:repeated )?\w+ \w+ = \d+);")
@@ -70,19 +71,12 @@ def test_a_block_comes_back_bit_for_bit(block: Samples) -> None:
         assert not found.flags.writeable
 
 
+@settings(max_examples=40)
 @given(
     st.one_of(
-        st.builds(Event, st.text(), st.text(), UINT64, st.text()),
-        st.builds(Loss, st.text(), st.text(), UINT64, UINT64, INT64, UINT64),
-        st.builds(
-            Stream,
-            st.text(),
-            st.text(),
-            st.lists(st.text()).map(tuple),
-            st.floats(allow_nan=False),
-            st.text(),
-            st.text(),
-        ),
+        st.builds(Event, TEXT, TEXT, UINT64, TEXT),
+        st.builds(Loss, TEXT, TEXT, UINT64, UINT64, INT64, UINT64),
+        st.builds(Stream, TEXT, TEXT, st.lists(TEXT).map(tuple), st.floats(allow_nan=False), TEXT, TEXT),
         st.just(MANIFEST),
         st.just(ACCEPTED),
     )

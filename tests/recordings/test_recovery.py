@@ -55,7 +55,7 @@ def test_a_file_cut_in_its_index_loses_nothing(whole: Path, tmp_path: Path) -> N
 
 def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Path, tmp_path: Path) -> None:
     size, ends = whole.stat().st_size, chunk_ends(whole)
-    random = np.random.default_rng(3).integers(ends[0], size, 20).tolist()
+    random = np.random.default_rng(3).integers(ends[0], size, 5).tolist()
     for cut_at in {*random, *(end + step for end in ends for step in (-1, 0, 1) if end + step >= ends[0])}:
         cut = _cut(whole, tmp_path, cut_at)
         before = cut.read_bytes()
@@ -73,7 +73,7 @@ def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Pat
             assert len(list(StreamReader(file, validate_crcs=True).records)) > len(messages)
 
 
-@pytest.mark.parametrize(("seconds", "cuts"), [(3.7, 60), pytest.param(60.0, 8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("seconds", "cuts"), [(3.7, 20), pytest.param(60.0, 8, marks=pytest.mark.slow)])
 def test_every_cut_keeps_exactly_the_whole_chunks(tmp_path: Path, seconds: float, cuts: int) -> None:
     victim = Victim(whole_file(tmp_path, seconds), tmp_path)
     for size in np.random.default_rng(4).integers(0, len(victim.data) + 1, cuts).tolist():
@@ -123,7 +123,7 @@ def test_recovering_again_changes_nothing(whole: Path, tmp_path: Path) -> None:
     cut = _cut(whole, tmp_path, whole.stat().st_size // 2)
     first = recover(cut)
     data = first.output.read_bytes()
-    assert recover(cut) == first
+    assert recover(cut) == first and not open_recording(first.output).complete
     assert first.output.read_bytes() == data
     assert recover(first.output, tmp_path / "twice.mcap").output.read_bytes() == data
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap", "twice.mcap"]
@@ -142,11 +142,6 @@ def test_two_that_recover_one_file_at_once_do_not_spoil_it(whole: Path, tmp_path
     assert others == [0]
     assert report.lossless and report.output.read_bytes() == whole.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap"]
-
-
-def test_a_recovered_file_states_that_it_was_cut(whole: Path, tmp_path: Path) -> None:
-    report = recover(_cut(whole, tmp_path, whole.stat().st_size // 2))
-    assert not open_recording(report.output).complete
 
 
 def test_a_damaged_first_chunk_costs_neither_manifest_nor_samples(whole: Path, tmp_path: Path) -> None:

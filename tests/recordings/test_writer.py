@@ -8,7 +8,7 @@ import io
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -158,37 +158,34 @@ def test_no_message_waits_longer_than_a_second_for_the_disk(tmp_path: Path) -> N
     writer.discard()
 
 
-@pytest.mark.parametrize("room", [*range(0, 6000, 122), *range(6000, 30_000, 1997)])
-@pytest.mark.parametrize(("error", "words"), [(errno.ENOSPC, "no more room"), (errno.EIO, "volume gone")])
-def test_wherever_the_disk_takes_no_more_nothing_stored_is_missing(
-    tmp_path: Path, room: int, error: int, words: str
-) -> None:
-    claim = write_trial(tmp_path / "a.mcap", 4.0, disk_with_room(room, error))
-    assert claim is not None and words in claim.sentence
-    assert (claim.returned, claim.missing) == (0, 0)
+def test_wherever_the_disk_takes_no_more_nothing_stored_is_missing(tmp_path: Path) -> None:
+    errors = (errno.ENOSPC, "no more room"), (errno.EIO, "volume gone")
+    for number, room in enumerate([*range(0, 6000, 122), *range(6000, 30_000, 1997)]):
+        error, words = errors[number % 2]
+        claim = write_trial(tmp_path / f"{room}.mcap", 4.0, disk_with_room(room, error))
+        assert claim is not None and words in claim.sentence
+        assert (claim.returned, claim.missing) == (0, 0), f"room for {room} bytes"
 
 
-@pytest.mark.parametrize("good", range(6))
-def test_a_disk_that_fails_to_sync_takes_back_what_it_was_given_since(tmp_path: Path, good: int) -> None:
-    left = iter(range(good))
+def test_a_disk_that_fails_to_sync_takes_back_what_it_was_given_since(tmp_path: Path) -> None:
+    for good in range(6):
+        left = iter(range(good))
 
-    def sync(_: int) -> None:
-        if next(left, None) is None:
-            raise OSError(errno.EIO, "Input/output error")
+        def sync(_: int, left: Iterator[int] = left) -> None:
+            if next(left, None) is None:
+                raise OSError(errno.EIO, "Input/output error")
 
-    claim = write_trial(tmp_path / "a.mcap", 4.0, sync=sync)
-    assert claim is not None and "Input/output error" in claim.sentence
-    assert (claim.returned, claim.missing) == (0, 0)
+        claim = write_trial(tmp_path / f"{good}.mcap", 4.0, sync=sync)
+        assert claim is not None and "Input/output error" in claim.sentence
+        assert (claim.returned, claim.missing) == (0, 0), f"after {good} syncs"
 
 
-@pytest.mark.parametrize("room", range(2000, 40_000, 733))
-@pytest.mark.parametrize("error", [errno.EROFS, errno.EIO])
-def test_a_disk_that_goes_with_its_cache_takes_back_what_it_was_given_since_the_last_sync(
-    tmp_path: Path, room: int, error: int
-) -> None:
-    claim = write_trial_on_disk_that_goes(tmp_path / "a.mcap", 4.0, room, error)
-    assert claim is not None and claim.sentence
-    assert (claim.returned, claim.missing) == (0, 0)
+def test_a_disk_that_goes_with_its_cache_takes_back_what_it_was_given_since_the_last_sync(tmp_path: Path) -> None:
+    for number, room in enumerate(range(2000, 40_000, 733)):
+        error = (errno.EROFS, errno.EIO)[number % 2]
+        claim = write_trial_on_disk_that_goes(tmp_path / f"{room}.mcap", 4.0, room, error)
+        assert claim is not None and claim.sentence
+        assert (claim.returned, claim.missing) == (0, 0), f"room for {room} bytes"
 
 
 def test_what_was_synced_before_a_failed_write_is_still_claimed(tmp_path: Path) -> None:

@@ -124,6 +124,21 @@ def rewritten(path: Path, change) -> Path:
     return path
 
 
+def relabelled(path: Path, group: str, labels: list[str]) -> Path:
+    def change(file: ezc3d.c3d) -> None:
+        file["parameters"][group]["LABELS"]["value"] = labels
+
+    return rewritten(path, change)
+
+
+def patched(path: Path, place: int, data: bytes) -> Path:
+    """With other bytes from a place on."""
+    content = bytearray(path.read_bytes())
+    content[place : place + len(data)] = data
+    path.write_bytes(content)
+    return path
+
+
 def test_markers_come_back_within_single_precision(file: Path) -> None:
     assert same(read_c3d_markers(file), walk(), tolerance_mm=1e-4)
 
@@ -155,11 +170,10 @@ def test_metres_and_a_capture_that_was_cut_are_understood(file: Path) -> None:
     assert read_c3d_signals(file, ["force_n"]).time_s[0] == pytest.approx(0.5)
 
 
-def test_unlabelled_trajectories_are_passed_over(file: Path) -> None:
-    def change(file: ezc3d.c3d) -> None:
-        file["parameters"]["POINT"]["LABELS"]["value"] = ["LShoulderTop", "*17", ""]
-
-    assert read_c3d_markers(rewritten(file, change)).labels == ("LShoulderTop",)
+def test_unlabelled_trajectories_are_passed_over_and_alone_are_no_markers(file: Path) -> None:
+    assert read_c3d_markers(relabelled(file, "POINT", ["LShoulderTop", "*17", ""])).labels == ("LShoulderTop",)
+    with raises_refusal(RecordingCode.FOREIGN_NO_MARKERS):
+        read_c3d_markers(relabelled(file, "POINT", ["*1", "*2", "*3"]))
 
 
 def test_files_that_are_none_are_refused_in_a_sentence(tmp_path: Path) -> None:
@@ -179,14 +193,6 @@ def test_a_file_of_one_frame_has_no_rate(tmp_path: Path) -> None:
     write_c3d(tmp_path / "one.c3d", first, {}, {})
     with raises_refusal(RecordingCode.FOREIGN_TOO_SHORT, "one.c3d"):
         read_c3d_markers(tmp_path / "one.c3d")
-
-
-def test_a_file_without_labels_holds_no_markers(file: Path) -> None:
-    def change(file: ezc3d.c3d) -> None:
-        file["parameters"]["POINT"]["LABELS"]["value"] = ["*1", "*2", "*3"]
-
-    with raises_refusal(RecordingCode.FOREIGN_NO_MARKERS):
-        read_c3d_markers(rewritten(file, change))
 
 
 def test_every_cut_of_a_file_is_a_sentence_or_what_was_in_it(file: Path, tmp_path: Path) -> None:
@@ -210,10 +216,7 @@ def test_labels_beyond_the_points_are_of_nothing(tmp_path: Path) -> None:
 
 
 def test_a_wanted_channel_that_occurs_twice_is_refused(file: Path) -> None:
-    def repeat_the_name(file) -> None:
-        file["parameters"]["ANALOG"]["LABELS"]["value"] = ["force_n", "force_n"]
-
-    rewritten(file, repeat_the_name)
+    relabelled(file, "ANALOG", ["force_n", "force_n"])
     with raises_refusal(RecordingCode.FOREIGN_REPEATED_NAME, "'force_n' twice"):
         read_c3d_signals(file, ["force_n"])
     assert read_c3d_signals(file, ["sync_v"]).signals == {}
@@ -288,16 +291,14 @@ def test_a_quotient_of_rates_that_is_not_whole_in_single_precision_is_rounded(tm
 
 def test_an_analog_rate_that_the_frames_do_not_hold_is_refused(tmp_path: Path) -> None:
     file = write_raw_c3d(tmp_path / "rates.c3d")
-    analog_rate = struct.pack("<f", 400.0)
-    file.write_bytes(file.read_bytes().replace(analog_rate, struct.pack("<f", 150.0)))
+    file.write_bytes(file.read_bytes().replace(struct.pack("<f", 400.0), struct.pack("<f", 150.0)))
     assert read_c3d_markers(file).positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
     with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "150 analog samples"):
         read_c3d_signals(file, ["f1"])
 
 
 def test_a_header_of_fewer_frames_than_the_parameters_and_the_size_is_refused(tmp_path: Path) -> None:
-    file = write_raw_c3d(tmp_path / "frames.c3d")
-    file.write_bytes(file.read_bytes()[:8] + struct.pack("<H", 10) + file.read_bytes()[10:])
+    file = patched(write_raw_c3d(tmp_path / "frames.c3d"), 8, struct.pack("<H", 10))
     with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "10 frames"):
         read_c3d_markers(file)
 
@@ -305,8 +306,7 @@ def test_a_header_of_fewer_frames_than_the_parameters_and_the_size_is_refused(tm
 def test_a_frame_rate_that_the_header_contradicts_is_a_note(tmp_path: Path) -> None:
     file = write_raw_c3d(tmp_path / "rates.c3d")
     assert not read_c3d_markers(file).notes
-    file.write_bytes(file.read_bytes()[:20] + struct.pack("<f", 60.0) + file.read_bytes()[24:])
-    read = read_c3d_markers(file)
+    read = read_c3d_markers(patched(file, 20, struct.pack("<f", 60.0)))
     assert read.rate_hz == 100
     assert "60 Hz in its header" in read.notes[0]
 
@@ -326,10 +326,9 @@ def test_a_rate_or_scale_that_is_no_usable_number_is_refused(
 ) -> None:
     """The header's rate, or 1, was read in its place."""
     file = write_raw_c3d(tmp_path / "number.c3d", offset_kind=REAL)
-    content, record = bytearray(file.read_bytes()), bytes([len(name), group]) + name.encode()
-    at = content.index(record) + len(record) + (5 if name in ("SCALE", "OFFSET") and group == 2 else 4)
-    content[at : at + 4] = struct.pack("<f", value)
-    file.write_bytes(content)
+    record = bytes([len(name), group]) + name.encode()
+    behind = 5 if name in ("SCALE", "OFFSET") and group == 2 else 4
+    patched(file, file.read_bytes().index(record) + len(record) + behind, struct.pack("<f", value))
     with raises_refusal(RecordingCode.FOREIGN_DAMAGED, f" {value:g}"):
         read_c3d_signals(file, ["f1"])
 
@@ -337,11 +336,9 @@ def test_a_rate_or_scale_that_is_no_usable_number_is_refused(
 def test_a_scale_of_zero_for_integer_positions_is_refused(tmp_path: Path) -> None:
     """The header's scale was read in its place."""
     file = write_raw_c3d(tmp_path / "scale.c3d")
-    content = bytearray(file.read_bytes())
-    at = content.index(b"\x05\x01SCALE") + 11
-    assert struct.unpack_from("<f", content, at) == (pytest.approx(SCALE),)
-    content[at : at + 4] = struct.pack("<f", 0.0)
-    file.write_bytes(content)
+    at = file.read_bytes().index(b"\x05\x01SCALE") + 11
+    assert struct.unpack_from("<f", file.read_bytes(), at) == (pytest.approx(SCALE),)
+    patched(file, at, struct.pack("<f", 0.0))
     with raises_refusal(RecordingCode.FOREIGN_DAMAGED, " 0 "):
         read_c3d_markers(file)
 
@@ -401,7 +398,5 @@ def test_a_second_reader_finds_markers_and_a_single_channel(tmp_path: Path, fram
 
 def test_a_signalling_nan_is_a_missing_position(tmp_path: Path) -> None:
     path = write_raw_c3d(tmp_path / "damaged.c3d", is_real=True)
-    content = bytearray(path.read_bytes())
-    content[3 * 512 : 3 * 512 + 4] = (0x7FA00000).to_bytes(4, "little")  # the first number of the data, in block 4
-    path.write_bytes(content)
+    patched(path, 3 * 512, (0x7FA00000).to_bytes(4, "little"))  # the first number of the data, in block 4
     assert read_c3d_markers(path).missing[0].tolist() == [True, False, False]
