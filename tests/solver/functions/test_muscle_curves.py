@@ -20,14 +20,8 @@ AS_INTEGRATED = ("minimum", "concentric_slope", "eccentric_slope")  # which Open
 
 def test_the_curves_go_through_the_values_of_opensim() -> None:
     lengths = np.array([0.6, 0.8, 0.95, 1.05, 1.3, 1.6])
-    active = [
-        0.45110187832558,
-        0.87067661327986,
-        0.99508542776153,
-        0.99644099957849,
-        0.68403195736869,
-        0.26302688371190,
-    ]
+    active = [0.45110187832558, 0.87067661327986, 0.99508542776153]
+    active += [0.99644099957849, 0.68403195736869, 0.26302688371190]
     assert np.allclose(CURVES.active_force_length(lengths), active, atol=1e-13)
     speeds = np.array([-0.5, -0.1, 0.1, 0.5])
     factors = [0.15808560444170, 0.62521428431297, 1.22515383775386, 1.33113156931448]

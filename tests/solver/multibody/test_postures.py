@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
-from solver.model import GROUND, NO_COORDINATE, AxisMotion, Model, with_point_mass
+from solver.model import NO_COORDINATE, AxisMotion, Model, with_point_mass
 from solver.motion import decimate, differentiate
 from solver.multibody.loads import ExternalForce, LoadWrenches, load_wrenches, on_all_bodies
 from solver.multibody.postures import (
     Postures,
     angular_rates_matrix,
     jacobians,
-    points_in_ground,
     postures,
     rates_of_coordinates,
     rotate,
@@ -28,7 +27,6 @@ from solver.multibody.postures import (
     speeds_from_rates,
     wrench_about_origin,
 )
-from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.motion_solution import solve_motion
 from tests.refusals import raises_refusal
 from tests.solver.linkage import linkage
@@ -98,23 +96,6 @@ def test_rates_and_speeds_belong_to_each_other(motion: Motion) -> None:
     assert np.allclose(rotate(to_rates, speed_change) + drift, motion.acceleration, atol=1e-7)
 
 
-def test_the_ground_stays() -> None:
-    state = BUNDLED.at(0.0)
-    assert np.array_equal(state.rotation_to_ground[:, GROUND], np.broadcast_to(np.eye(3), (len(Q), 3, 3)))
-    assert not jacobians(MODEL, state)[:, GROUND].any()
-
-
-def test_a_shoulder_coordinate_moves_the_arm_and_nothing_before_it() -> None:
-    elevation = MODEL.coordinate_index("shoulder_elv")
-    moved = jacobians(MODEL, BUNDLED.at(0.0))[..., elevation].any(axis=(0, 2))
-    assert [body.name for body, does in zip(MODEL.bodies, moved, strict=True) if does] == [
-        "humerus",
-        "ulna",
-        "radius",
-        "hand",
-    ]
-
-
 def test_a_welded_body_stays_where_it_is() -> None:
     still = AxisMotion(np.vstack([np.eye(3)] * 2), np.full(6, NO_COORDINATE), (polynomial([0.0]),) * 6)
     joint = replace(MODEL.joints[0], motion=still)
@@ -123,19 +104,6 @@ def test_a_welded_body_stays_where_it_is() -> None:
     rotation = joint.frame_in_parent.rotation @ joint.frame_in_child.rotation.T
     assert np.allclose(state.rotation_to_ground[:, 1], rotation)
     assert not state.angular_velocity.any()
-
-
-def test_the_scapula_keeps_to_its_ellipsoid() -> None:
-    joint = MODEL.joint("scapulothoracic")
-    state = BUNDLED.at(0.0)
-    contact = points_in_ground(state, joint.child, joint.frame_in_child.translation)
-    thorax, placement = joint.parent, joint.frame_in_parent
-    in_thorax = rotate(
-        np.swapaxes(state.rotation_to_ground[:, thorax], 1, 2), contact - state.origin_in_ground[:, thorax]
-    )
-    in_joint = (in_thorax - placement.translation) @ placement.rotation
-    radii = np.array([0.0829975, 0.199991, 0.083001])
-    assert np.allclose(((in_joint / radii) ** 2).sum(axis=1), 1.0, atol=1e-12)
 
 
 def test_coordinates_of_the_wrong_number_are_refused() -> None:
@@ -213,15 +181,6 @@ def test_a_weight_hung_on_the_hand_is_as_dear_as_one_that_the_model_carries() ->
     assert np.abs(found.activations - carried.activations).mean() < 0.01
     assert carried.effort.sum() > 1.5 * bare.effort.sum()
     assert found.effort.sum() == pytest.approx(carried.effort.sum(), rel=0.1)
-
-
-def test_loads_that_cancel_change_nothing() -> None:
-    motion = decimate(differentiate(simulate_arm_raise(MODEL)), 100)
-    pull = np.tile([30.0, -20.0, 10.0], (len(motion.time), 1))
-    pair = [ExternalForce(name, THORAX, 0, sign * pull, 0 * pull, 0, 0 * pull) for name, sign in (("a", 1), ("b", -1))]
-    options = RedundancyOptions()
-    loaded, bare = solve_motion(MODEL, motion, options, loads=pair), solve_motion(MODEL, motion, options)
-    np.testing.assert_allclose(loaded.activations, bare.activations, atol=1e-9)
 
 
 def test_a_dense_array_has_each_wrench_in_its_place_and_zeros_elsewhere() -> None:

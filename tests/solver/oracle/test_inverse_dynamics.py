@@ -30,7 +30,7 @@ from tests.solver.oracle.two_bodies import along_path, model_with, opensim, rand
 from tests.solver.references import relative_difference
 
 Array = NDArray[np.float64]
-START, END, EVERY = 0.1, 0.7, 5  # OpenSim counts the steps from the first row of the motion
+START, END, EVERY = 0.1, 0.4, 5  # OpenSim counts the steps from the first row of the motion
 OPTIONS = static_optimisation(RedundancyOptions(joint="thigh_joint"))
 certify: Any = pytest.importorskip("tests.solver.certify")
 COLUMNS = [f"{part}_{axis}" for part in ("pull", "grip", "twist") for axis in "xyz"]
@@ -235,8 +235,9 @@ def optimised_by_opensim(step: Step, solved: SolvedMotion) -> Controls:
 # of what: force, point and torque columns, body, axes, origin
 
 
-@pytest.mark.parametrize("rows", [2, 3, 4, 50])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "rows"), [*zip(KINDS, (2, 3, 4, 50, 2), strict=True), *zip(KINDS, (50, 4, 2, 3, 50), strict=True)]
+)
 def test_a_load_accelerates_two_bodies_as_in_opensim(kind: str, rows: int, tmp_path: Path) -> None:
     osim = model_with(opensim.FreeJoint)
     ours = read_back(osim, tmp_path)

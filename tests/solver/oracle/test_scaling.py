@@ -35,10 +35,9 @@ from solver.scaling import Scaling, scale_model, scale_skeleton
 from solver.time_series_table import read_table
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from
-from tests.solver.oracle.test_actuators import ADDED
-from tests.solver.oracle.test_force_elements import between_tilted_frames
 from tests.solver.oracle.test_joints import coupler
-from tests.solver.oracle.two_bodies import along_path, frame_of, given, model_with, opensim, read_back, vec3
+from tests.solver.oracle.test_written_models import KINDS, again_parts
+from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, read_back, vec3
 
 MODEL = bundled_model()
 NAMES = [marker.name for marker in MODEL.markers]
@@ -49,9 +48,9 @@ FACTORS = {
 }
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("mass", [None, 35.0])
-@pytest.mark.parametrize("keeps_masses", [False, True])
+@pytest.mark.parametrize(
+    ("seed", "mass", "keeps_masses"), [(1, None, False), (2, 35.0, False), (1, 35.0, True), (2, None, True)]
+)
 def test_a_scaled_model_is_opensims(seed: int, mass: float | None, keeps_masses: bool, tmp_path: Path) -> None:
     Xml.ElementTree(osim_document(bundled_model())).write(tmp_path / "generic.osim")
     generic = read_osim(tmp_path / "generic.osim")
@@ -295,75 +294,21 @@ def test_opensim_reads_a_marker_set_as_we_do(files: Path) -> None:
         ]
 
 
-def blankevoort() -> Any:
-    ligament = opensim.Blankevoort1991Ligament()
-    ligament.set_slack_length(0.4)
-    return ligament
-
-
-def ligament() -> Any:
-    made = opensim.Ligament()
-    made.setRestingLength(0.5)
-    made.setMaxIsometricForce(120.0)
-    return made
-
-
-ALONG_PATHS = {
-    "PathSpring": lambda: opensim.PathSpring("spring", 0.5, 800.0, 0.3),
-    "ExpressionBasedPathForce": lambda: opensim.ExpressionBasedPathForce("band", 0.5, "300*s", True),
-    "Ligament": ligament,
-    "Blankevoort1991Ligament": blankevoort,
-}
-
-
-@pytest.mark.parametrize("kind", ALONG_PATHS)
-def test_a_resting_length_grows_with_the_path(kind: str, tmp_path: Path) -> None:
-    model = model_with(opensim.UniversalJoint)
-    along_path(model, ALONG_PATHS[kind]()).setName("scaled")
+@pytest.mark.parametrize("kind", KINDS)
+def test_forces_are_scaled_as_by_opensim(kind: str, tmp_path: Path) -> None:
+    model = model_with(opensim.PlanarJoint if "coordinates" in kind else opensim.UniversalJoint)
+    KINDS[kind](model)
     before, ours, theirs = scaled_by_both(model, tmp_path)
-    assert abs(ours.forces[0].resting_length / before.forces[0].resting_length - 1.0) > 0.01
-    assert_alike(ours.forces, theirs.forces)
-
-
-@pytest.mark.parametrize("kind", ["BushingForce", "FunctionBasedBushingForce", "ExpressionBasedBushingForce"])
-def test_frames_of_a_bushing_move(kind: str, tmp_path: Path) -> None:
-    model = model_with(opensim.UniversalJoint)
-    bushing = getattr(opensim, kind)()
-    bushing.setName("scaled")
-    bushing.set_rotational_damping(vec3(2, 3, 4))
-    between_tilted_frames(model, bushing)
-    before, ours, theirs = scaled_by_both(model, tmp_path)
-    assert not np.allclose(ours.forces[0].frame_1.translation, before.forces[0].frame_1.translation)
-    assert_alike(ours.forces, theirs.forces)
-
-
-def test_points_springs_of_coordinates_and_contact_stay_in_opensim(tmp_path: Path) -> None:
-    model = model_with(opensim.UniversalJoint)
-    ends = (frame_of(model, "upper"), vec3(0.2, 0.1, 0), frame_of(model, "lower"), vec3(0, -0.1, 0.3))
-    spring = opensim.PointToPointSpring(*ends, 200.0, 0.5)
-    weight = opensim.PrescribedForce("weight", frame_of(model, "lower"))
-    weight.setForceFunctions(opensim.Constant(1.0), opensim.Constant(2.0), opensim.Constant(3.0))
-    for force in (spring, weight, opensim.CoordinateLimitForce("second_coord_0", 20.0, 0.2, -15.0, 0.3, 0.01, 30.0)):
-        model.addForce(given(force))
-    floor = opensim.ContactHalfSpace(vec3(0.1, -0.3, 0), vec3(0.1, 0.2, -1.4), model.getGround(), "floor")
-    heel = opensim.ContactSphere(0.1, vec3(0.02, -0.15, 0.01), frame_of(model, "lower"), "heel")
-    for shape in (floor, heel):
-        model.addContactGeometry(given(shape))
-    model.addForce(given(opensim.SmoothSphereHalfSpaceForce("smooth", heel, floor)))
-    _, ours, theirs = scaled_by_both(model, tmp_path)
-    assert len(ours.forces) == 3
-    assert_alike(ours.forces, theirs.forces)
-    assert_alike(ours.coordinate_forces, theirs.coordinate_forces)
-
-
-def test_actuators_keep_their_forces_and_points_and_stretch_their_paths(tmp_path: Path) -> None:
-    model = model_with(opensim.UniversalJoint)
-    for index, (kind, add) in enumerate(ADDED.items()):
-        if "offset" not in kind:
-            add(model).setName(f"added_{index}")
-    before, ours, theirs = scaled_by_both(model, tmp_path)
-    assert not np.allclose(ours.actuators[0].path.points[1].location, before.actuators[0].path.points[1].location)
-    assert_alike(ours.actuators, theirs.actuators)
+    assert_alike(again_parts(ours), again_parts(theirs))
+    if kind == "along paths":
+        lengths = [
+            (one.resting_length, other.resting_length) for one, other in zip(ours.forces, before.forces, strict=True)
+        ]
+        assert all(abs(length / unscaled - 1.0) > 0.01 for length, unscaled in lengths)
+    elif kind == "bushings":
+        assert not np.allclose(ours.forces[0].frame_1.translation, before.forces[0].frame_1.translation)
+    elif kind == "actuators":
+        assert not np.allclose(ours.actuators[0].path.points[1].location, before.actuators[0].path.points[1].location)
 
 
 def scaled_by_both(model: Any, folder: Path) -> tuple[Any, Any, Any]:

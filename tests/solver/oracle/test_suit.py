@@ -241,15 +241,8 @@ def test_the_written_model_is_in_opensim_what_its_own_interface_builds(
     Xml.ElementTree(osim_document(MODEL)).write(path, encoding="utf-8")
     q, u = certify.chosen_states(MODEL)
     written, built = (certify.Oracle(MODEL, *file).evaluate(q[-1], u[-1]) for file in ((path,), ()))
-    for quantity in (
-        "origin",
-        "mass_matrix",
-        "length",
-        "speed",
-        "factors",
-        "acceleration_at_rest",
-        "reaction_per_control",
-    ):
+    at_rest = ("origin", "mass_matrix", "length", "speed", "factors", "acceleration_at_rest")
+    for quantity in (*at_rest, "reaction_per_control"):
         expected = np.array(built[quantity])
         np.testing.assert_allclose(written[quantity], expected, atol=1e-10 * np.abs(expected).max(), err_msg=quantity)
 

@@ -20,11 +20,9 @@ from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
 from tests.refusals import raises_refusal
 from tests.solver.oracle.test_actuators import ADDED
-from tests.solver.oracle.test_force_elements import between_tilted_frames, constants
+from tests.solver.oracle.test_force_elements import FORCES, between_tilted_frames, constants
 from tests.solver.oracle.test_muscles import span
-from tests.solver.oracle.test_scaling import ALONG_PATHS
 from tests.solver.oracle.two_bodies import (
-    along_path,
     difference_to,
     frame_of,
     given,
@@ -77,13 +75,8 @@ CASES = {
     ),
     "no fibre damping, a rigid tendon": (MUSCLE.format(UNDAMPED + RIGID), ""),
 }
-LEFT = (
-    "optimal_fiber_length",
-    "tendon_slack_length",
-    "pennation_angle_at_optimal",
-    "GeometryPath",
-    "maximum_pennation_angle",
-)
+LEFT = ("optimal_fiber_length", "tendon_slack_length", "GeometryPath")
+LEFT += ("pennation_angle_at_optimal", "maximum_pennation_angle")
 """Elements of the muscle that stay in its file."""
 
 
@@ -98,8 +91,9 @@ def springs_of_coordinates(model: Any) -> None:
 
 
 def along_paths(model: Any) -> None:
-    for kind, make in ALONG_PATHS.items():
-        along_path(model, make()).setName(kind)
+    kinds = "spring along a path", "formula along a path, clamped: True", "ligament", "Blankevoort's ligament of 0.4 m"
+    for index, kind in enumerate(kinds):
+        FORCES[kind](model).setName(f"force_{index}")
 
 
 def bushings(model: Any) -> None:
@@ -140,13 +134,7 @@ def at_points(model: Any) -> None:
 
 
 def contacts(model: Any) -> None:
-    floor = opensim.ContactHalfSpace(vec3(0.1, -0.3, 0), vec3(0.1, 0.2, -1.4), model.getGround(), "floor")
-    heel = opensim.ContactSphere(0.1, vec3(0.02, -0.15, 0.01), frame_of(model, "lower"), "heel")
-    for shape in (floor, heel):
-        model.addContactGeometry(given(shape))
-    smooth = opensim.SmoothSphereHalfSpaceForce("smooth", heel, floor)
-    smooth.set_dissipation(1.2)
-    model.addForce(given(smooth))
+    FORCES["smooth contact with dissipation"](model)
     hard = opensim.HuntCrossleyForce()
     hard.setName("hard")
     hard.addGeometry("floor")
@@ -218,15 +206,8 @@ def assert_opensim_opens(model: Any, folder: Path) -> None:
 def _pristine() -> Iterator[None]:
     """OpenSim keeps the defaults of a file for every model that the process reads after it."""
     yield
-    for kind in (
-        "ActiveForceLengthCurve",
-        "ForceVelocityCurve",
-        "FiberForceLengthCurve",
-        "Millard2012EquilibriumMuscle",
-        "Thelen2003Muscle",
-        "CoordinateActuator",
-        "Body",
-    ):
+    kinds = ["ActiveForceLengthCurve", "ForceVelocityCurve", "FiberForceLengthCurve", "CoordinateActuator", "Body"]
+    for kind in (*kinds, "Millard2012EquilibriumMuscle", "Thelen2003Muscle"):
         opensim.OpenSimObject.registerType(getattr(opensim, kind)())
 
 

@@ -83,31 +83,39 @@ def moved_by(function: Any) -> Any:
     return replace(motion, functions=tuple(function if driver >= 0 else still for driver, still in pairs))
 
 
-def test_limits_and_higher_polynomials_come_back_too(tmp_path: Path) -> None:
-    limited = (replace(MODEL.actuators[0], min_control=-2.0, max_control=3.0), *MODEL.actuators[1:])
-    changed = replace(with_shoulder(moved_by(polynomial([0.1, 2.0, 3.0]))), actuators=limited)
-    back = read_back(changed, tmp_path)
-    assert_same((changed.joints, changed.actuators), (back.joints, back.actuators))
+def with_first(model: Model, parts: str, place: int = 0, **changes: Any) -> Model:
+    """With changes of one of its parts, the first if no place is given."""
+    kept = getattr(model, parts)
+    return replace(model, **{parts: (*kept[:place], replace(kept[place], **changes), *kept[place + 1 :])})
 
 
-def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path: Path) -> None:
-    clamped = (*MODEL.coordinates[:3], replace(MODEL.coordinates[3], is_clamped=True), *MODEL.coordinates[4:])
-    fixed = (replace(MODEL.markers[0], is_fixed=True), *MODEL.markers[1:])
+BALL = with_shoulder(BallMotion((12, 13, 14), ()))
+CHANGED = {
+    "limits": with_first(MODEL, "actuators", min_control=-2.0, max_control=3.0),
+    "a higher polynomial": with_shoulder(moved_by(polynomial([0.1, 2.0, 3.0]))),
+    "a clamped coordinate": with_first(MODEL, "coordinates", 3, is_clamped=True),
+    "a coordinate that is neither angle nor distance": with_first(MODEL, "coordinates", 14, motion="coupled"),
+    "a fixed marker": with_first(MODEL, "markers", is_fixed=True),
+    "a ball": BALL,
+    "a free joint": with_first(BALL, "joints", motion=BallMotion((0, 1, 2), (3, 4, 5))),
+    "a torus": with_first(MODEL, "surfaces", kind="torus", dimensions=np.array([0.01, 0.06, 0.0])),
+}
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_what_is_changed_comes_back_too(name: str, tmp_path: Path) -> None:
+    back = read_back(CHANGED[name], tmp_path)
+    for part in ("joints", "surfaces", "actuators", "markers"):
+        assert_same(getattr(CHANGED[name], part), getattr(back, part), part)
+    if "polynomial" not in name:  # what it drives is neither angle nor distance
+        assert_same(CHANGED[name].coordinates, back.coordinates)
+
+
+def test_a_locked_coordinate_comes_back_with_its_value_as_default(tmp_path: Path) -> None:
     lock = CoordinateLock(MODEL.coordinate_names[5], 5, 0.25)
-    back = read_back(
-        replace(MODEL, coordinates=clamped, markers=fixed, constraints=(*MODEL.constraints, lock)), tmp_path
-    )
-    assert [each.is_clamped for each in back.coordinates] == [each.is_clamped for each in clamped]
-    assert [each.is_fixed for each in back.markers] == [each.is_fixed for each in fixed]
+    back = read_back(replace(MODEL, constraints=(*MODEL.constraints, lock)), tmp_path)
     assert [each.value for each in back.constraints if isinstance(each, CoordinateLock)] == [0.25]
     assert back.coordinates[5].default == 0.25
-
-
-def test_ball_and_free_joints_come_back_too(tmp_path: Path) -> None:
-    ball = with_shoulder(BallMotion((12, 13, 14), ()))
-    root = MODEL.joints[0]
-    free = replace(ball, joints=(replace(root, motion=BallMotion((0, 1, 2), (3, 4, 5))), *ball.joints[1:]))
-    assert_same(free.joints, read_back(free, tmp_path).joints)
 
 
 MUSCLE = replace(MODEL.muscles[0], fiber_damping=0.0)
@@ -162,20 +170,6 @@ def test_constraints_come_back_too(tmp_path: Path) -> None:
     prescribed = CoordinatePrescription(MODEL.coordinate_names[15], 15, Sine(0.3, 2.0, 0.1, 0.2))
     back = read_back(replace(MODEL, constraints=(*constraints, prescribed)), tmp_path).constraints
     assert_same((prescribed, *constraints), back)
-
-
-def test_a_torus_comes_back_too(tmp_path: Path) -> None:
-    torus = replace(MODEL.surfaces[0], kind="torus", dimensions=np.array([0.01, 0.06, 0.0]))
-    assert_same(
-        (torus, *MODEL.surfaces[1:]),
-        read_back(replace(MODEL, surfaces=(torus, *MODEL.surfaces[1:])), tmp_path).surfaces,
-    )
-
-
-def test_a_coordinate_that_is_neither_angle_nor_distance_stays_so(tmp_path: Path) -> None:
-    odd = replace(MODEL.coordinates[14], motion="coupled")
-    model = replace(MODEL, coordinates=(*MODEL.coordinates[:14], odd, *MODEL.coordinates[15:]))
-    assert_same(model.coordinates, read_back(model, tmp_path).coordinates)
 
 
 FLUTTER = PiecewisePolynomial(np.array([0.5]), np.zeros(2), np.array([[1.0, 2.0, 3.0], [0.0, -1.0, 0.0]]))

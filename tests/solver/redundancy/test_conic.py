@@ -40,12 +40,6 @@ def problem(target, upper=(1.0, 1.0, 1.0), cone_matrix=None, cone_offset=None):
     )
 
 
-def test_equal_weights_share_the_sum_equally():
-    x, outcomes = solve_conic(problem([0.3, 1.5]))
-    assert outcomes.tolist() == [FrameOutcome.SOLVED] * 2
-    np.testing.assert_allclose(x, [[0.1] * 3, [0.5] * 3], atol=1e-7)
-
-
 def test_a_bound_that_is_reached_passes_the_rest_on():
     x, _ = solve_conic(problem([1.0], upper=(0.1, 1.0, 1.0)))
     np.testing.assert_allclose(x, [[0.1, 0.45, 0.45]], atol=1e-7)

@@ -170,10 +170,16 @@ def test_a_raised_arm_keeps_its_head_in_the_socket_and_its_equations():
     assert 0.001 < result.equality_residual.max() < 0.3  # what the acromioclavicular joint forbids of u := dq/dt
 
 
-def test_without_the_cone_the_effort_is_smaller_and_the_head_leaves():
+def test_without_the_cone_the_effort_is_smaller_and_the_head_leaves_the_rim_of_the_glenoid():
     held, loose = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, RedundancyOptions(has_glenoid_cone=False))
     assert (loose.activations**2).sum() < (held.activations**2).sum()
     assert np.isinf(loose.cone_slack).all()
+    rim = np.array(glenoid_cone(MODEL).rim)
+    assert np.hypot(*(held.contact / rim).T).max() <= 1 + 1e-6
+    assert np.hypot(*(loose.contact / rim).T).max() > 1.1
+    forces = np.array([actuator.optimal_force for actuator in MODEL.actuators[8:]])
+    expected = (held.activations**2).sum(axis=1) + 10 * ((held.reserves[:, 8:] / forces) ** 2).sum(axis=1)
+    np.testing.assert_allclose(held.effort, expected, rtol=1e-9)
 
 
 def test_a_free_coordinate_is_not_tracked_and_saves_effort():
@@ -182,15 +188,6 @@ def test_a_free_coordinate_is_not_tracked_and_saves_effort():
     assert problem.matrix.shape[1] == 15
     tracked, free = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, options)
     assert (free.activations**2).sum() < (tracked.activations**2).sum()
-
-
-def test_clarabel_as_the_reference_shares_the_work_alike():
-    problem = build_redundancy(MODEL, evaluate_motion(MODEL, SLOW), RedundancyOptions(solver="clarabel"))
-    reference, found = solve_redundancy(problem), solve_redundancy(replace(problem, solver="interior_point"))
-    assert (reference.outcomes == FrameOutcome.SOLVED).all()
-    np.testing.assert_allclose(found.controls, reference.controls, atol=1e-4)
-    effort, known = ((problem.weights * s.controls**2).sum(axis=-1) for s in (found, reference))
-    np.testing.assert_allclose(effort, known, rtol=1e-5)
 
 
 def test_a_weight_by_name_is_that_of_the_muscle_or_of_the_coordinates_actuator():
@@ -282,32 +279,11 @@ def test_a_control_keeps_its_limits_and_muscles_do_the_rest():
     np.testing.assert_allclose(held.controls[0, 0] @ [3, 1, 1], 4.0, atol=1e-6)
 
 
-def test_limits_that_do_not_bind_change_nothing():
-    problem = build_redundancy(MODEL, evaluate_motion(MODEL, decimate(SLOW, 2)), RedundancyOptions())
-    wide = replace(problem, control_limits=np.tile([[-1e3], [1e3]], len(MODEL.actuators)))
-    found, expected = solve_redundancy(wide), solve_redundancy(problem)
-    np.testing.assert_allclose(found.controls, expected.controls, atol=1e-4)
-
-
 def test_a_problem_without_a_cone_that_limits_make_infeasible_misses_as_little_as_can_be():
     limits = np.array([[-0.5], [0.5]])
     solution = solve_redundancy(replace(two_muscles([[6.0, 6.0]]), control_limits=limits))
     assert solution.outcomes[0, 0] is FrameOutcome.INFEASIBLE
     assert solution.equality_residual[0, 0] == pytest.approx(6.0 - 4.5, abs=1e-3)
-
-
-def test_the_reaction_meets_the_glenoid_within_its_rim_just_where_it_is_in_the_cone():
-    rim = np.array(glenoid_cone(MODEL).rim)
-    held, loose = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, RedundancyOptions(has_glenoid_cone=False))
-    assert np.hypot(*(held.contact / rim).T).max() <= 1 + 1e-6
-    assert np.hypot(*(loose.contact / rim).T).max() > 1.1
-
-
-def test_effort_is_the_weighted_sum_of_squares():
-    found = solve_motion(MODEL, SLOW)
-    forces = np.array([actuator.optimal_force for actuator in MODEL.actuators[8:]])
-    expected = (found.activations**2).sum(axis=1) + 10 * ((found.reserves[:, 8:] / forces) ** 2).sum(axis=1)
-    np.testing.assert_allclose(found.effort, expected, rtol=1e-9)
 
 
 def _solved(monkeypatch: pytest.MonkeyPatch, frames_at_once: int, solve: Solve) -> tuple[MotionSolution, int]:
