@@ -27,6 +27,10 @@ STREAMS = {"ni": ("/force", "/sync"), "qtm": ("/markers",), "serial": ("/force",
 LOST_AND_FOUND = ("connection_lost", "connection_restored")
 
 
+Aftermath = dict[str, list[Item]]
+"""What was heard from each device since a fault began."""
+
+
 @dataclass(frozen=True)
 class Case:
     """A fault while all devices stream, its duration [wall s] at the wall's own pace, and what must be seen of it."""
@@ -77,10 +81,10 @@ CASES = (
 
 @dataclass
 class Listener:
-    """Reads one device in a thread of its own; heard are the items with the wall second at which they were read."""
+    """Reads one device in a thread of its own; heard are its items."""
 
     device: Device
-    heard: list[tuple[float, Item]] = field(default_factory=list)
+    heard: list[Item] = field(default_factory=list)
     error: DeviceError | None = None
     is_ending: threading.Event = field(default_factory=threading.Event)
 
@@ -94,15 +98,10 @@ class Listener:
         self._thread.join()
         self.device.close()
 
-    def items(self, since: int = 0) -> list[Item]:
-        return [item for _, item in self.heard[since:]]
-
     def _listen(self) -> None:
         try:
             while not self.is_ending.is_set():
-                items = self.device.read(0.05)
-                now = time.perf_counter()
-                self.heard += [(now, item) for item in items]
+                self.heard += self.device.read(0.05)
         except DeviceError as error:
             self.error = error
 
@@ -110,23 +109,18 @@ class Listener:
 class FaultBench:
     """A context manager: within it a long capture runs, and all devices stream.
 
-    speed None: the world moves in steps of STEP_S, only while the bench waits for something, so a busy machine makes no
-    difference to what the drivers see. With a speed it keeps that pace on the wall.
+    The world moves in steps of STEP_S, only while the bench waits for something, so a busy machine makes no difference
+    to what the drivers see.
     """
 
-    def __init__(self, speed: float | None = None, seed: int = 0) -> None:
-        self._speed = speed
-        self._pace = PACE if speed is None else speed
-        protocol = {"repeats": 1, "static": {"hold_s": 600.0}}
-        settings = settings_from_dict(
-            {
-                "protocol": protocol,
-                "operator": {"capture": "remote"},
-                "mocap": {"occlusions_per_minute": 0},
-                "daq_clock": {"offset_ppm": 0.0, "drift_ppm_per_hour": 0.0},
-            }
-        )
-        self._bench = Bench(settings, speed, seed)
+    def __init__(self) -> None:
+        settings = {
+            "protocol": {"repeats": 1, "static": {"hold_s": 600.0}},
+            "operator": {"capture": "remote"},
+            "mocap": {"occlusions_per_minute": 0},
+            "daq_clock": {"offset_ppm": 0.0, "drift_ppm_per_hour": 0.0},
+        }
+        self._bench = Bench(settings_from_dict(settings), None, 0)
         self.world = self._bench.world
         self.listeners: dict[str, Listener] = {}
 
@@ -138,7 +132,7 @@ class FaultBench:
             return start_utc_ns + int(now() * 1e9)
 
         for name, options in device_options(self._bench.ports).items():
-            self.listeners[name] = Listener(make_device(host_clock=clock, seconds=self._wall_s, **options))
+            self.listeners[name] = Listener(make_device(host_clock=clock, seconds=lambda: now() / PACE, **options))
             self.listeners[name].start()
         mocap = self.listeners["qtm"].device
         assert isinstance(mocap, CaptureControl)
@@ -153,25 +147,24 @@ class FaultBench:
 
     def flows(self, device: str, since: int) -> bool:
         """Whether every stream of the device delivered since so many items were heard."""
-        items = self.listeners[device].items(since)
+        items = self.listeners[device].heard[since:]
         return {item.stream for item in items if isinstance(item, Samples)} >= set(STREAMS[device])
 
     def suffer(self, case: Case) -> Aftermath:
-        """Lets the fault happen, and waits until it was seen and the device streams as before."""
+        """Lets the fault happen, and waits until it was seen and the device streams as before; what was heard since."""
         before = {name: len(listener.heard) for name, listener in self.listeners.items()}
         listener = self.listeners[case.device]
-        began_s = time.perf_counter()
-        for_s = case.wall_s * self._pace
+        for_s = case.wall_s * PACE
         self.world.faults.inject(fault_from_dict({"device": case.device, "fault": case.fault, "for_s": for_s}))
         over = self.world.now() + for_s
 
         def is_seen() -> bool:
-            items = listener.items(before[case.device])
+            items = listener.heard[before[case.device] :]
             return _causes(items) >= case.causes and _kinds(items) >= set(case.events)
 
         if for_s and "connection_lost" in case.events:
             self.wait_for(
-                lambda: "connection_lost" in _kinds(listener.items(before[case.device])),
+                lambda: "connection_lost" in _kinds(listener.heard[before[case.device] :]),
                 f"the connection is lost by {case.name}",
                 until=over - STEP_S,
             )
@@ -179,8 +172,7 @@ class FaultBench:
         self.wait_for(is_seen, f"{case.name} is seen")
         since = len(listener.heard)
         self.wait_for(lambda: self.flows(case.device, since), f"the device streams after {case.name}; {listener.error}")
-        heard = {name: one.heard[before[name] :] for name, one in self.listeners.items()}
-        return Aftermath(case, began_s, heard)
+        return {name: one.heard[before[name] :] for name, one in self.listeners.items()}
 
     def suffer_all(self, faults: Sequence[dict[str, Any]]) -> None:
         """Lets them happen as they come, at_s and for_s from now, and waits until every device streams as before."""
@@ -193,17 +185,13 @@ class FaultBench:
         self.wait_for(lambda: all(self.flows(name, since[name]) for name in STREAMS), "every device streams again")
 
     def wait_for(self, claim: Callable[[], bool], what: str, until: float = math.inf) -> None:
-        """Returns once the claim holds; meanwhile a world without a pace moves, up to until [world s] at the most."""
+        """Returns once the claim holds; meanwhile the world moves, up to until [world s] at the most."""
         give_up_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
         while not claim():
             assert time.perf_counter() < give_up_s, f"waited in vain: {what}"
-            if self._speed is None and self.world.now() + STEP_S <= until:
+            if self.world.now() + STEP_S <= until:
                 self._bench.clock.advance(STEP_S)
             time.sleep(STEP_S / PACE)
-
-    def _wall_s(self) -> float:
-        """Seconds by which a lost device is tried again: the wall's, or those of a world of PACE times the wall's."""
-        return time.perf_counter() if self._speed is not None else self.world.now() / PACE
 
 
 def device_options(ports: Mapping[str, int]) -> dict[str, dict[str, Any]]:
@@ -228,30 +216,6 @@ def random_faults(seed: int, count: int) -> list[dict[str, Any]]:
         for case in chance.choices(CASES, k=count)
     ]
     return sorted(faults, key=lambda fault: fault["at_s"])
-
-
-@dataclass(frozen=True)
-class Aftermath:
-    """What was heard from each device since the fault began."""
-
-    case: Case
-    began_s: float
-    heard: dict[str, list[tuple[float, Item]]]
-
-    def items(self, device: str) -> list[Item]:
-        return [item for _, item in self.heard[device]]
-
-    @property
-    def seen_after_s(self) -> float | None:
-        """Wall seconds from the fault to the first word of it; None where there is none to say."""
-        words = [at for at, item in self.heard[self.case.device] if isinstance(item, Loss | Event)]
-        return words[0] - self.began_s if words else None
-
-    @property
-    def lost(self) -> dict[str, int]:
-        """Samples counted as lost, by stream."""
-        losses = [item for item in self.items(self.case.device) if isinstance(item, Loss)]
-        return {stream: sum(loss.count for loss in losses if loss.stream == stream) for stream in _streams(losses)}
 
 
 def unaccounted(items: list[Item], stream: str) -> list[tuple[int, int]]:
@@ -281,7 +245,3 @@ def _causes(items: list[Item]) -> set[str]:
 
 def _kinds(items: list[Item]) -> set[str]:
     return {item.kind for item in items if isinstance(item, Event)}
-
-
-def _streams(losses: list[Loss]) -> list[str]:
-    return sorted({loss.stream for loss in losses})

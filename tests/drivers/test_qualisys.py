@@ -323,20 +323,16 @@ def test_a_connection_that_breaks_delivers_first_what_had_come() -> None:
             device.read(5.0)
 
 
-def frames_taken(*numbers_and_times_us: tuple[int, int]) -> list[Item]:
+def marker_blocks() -> MarkerBlocks:
     blocks = MarkerBlocks(("a",), 100.0, "QTM")
     blocks.labels = ("a",)
+    return blocks
+
+
+def frames_taken(*numbers_and_times_us: tuple[int, int], blocks: MarkerBlocks | None = None) -> list[Item]:
+    blocks = blocks or marker_blocks()
     for number, timestamp_us in numbers_and_times_us:
-        blocks.add(
-            MarkerFrame(
-                timestamp_us=timestamp_us,
-                number=number,
-                points=np.zeros(4, "<f4").tobytes(),
-                drop_rate=0,
-                out_of_sync_rate=0,
-            ),
-            0,
-        )
+        blocks.add(MarkerFrame(number, timestamp_us, bytes(16), drop_rate=0, out_of_sync_rate=0), 0)
     return blocks.take()
 
 
@@ -381,17 +377,12 @@ def test_time_stamps_that_never_agree_with_the_numbers_do_not_jump(microseconds_
 
 
 def test_what_follows_a_capture_is_counted_anew_even_where_time_jumps_too() -> None:
-    blocks = MarkerBlocks(("a",), 100.0, "QTM")
-    blocks.labels = ("a",)
-    points = np.zeros(4, "<f4").tobytes()
-    reported = []
-    for number in (1800, 16878, 16880):
-        frame = MarkerFrame(timestamp_us=10_000 * number, number=number, points=points, drop_rate=0, out_of_sync_rate=0)
-        blocks.add(frame, 0)
-        reported += [type(item) for item in blocks.take() if not isinstance(item, Samples)]
-        if number == 1800:
-            blocks.capture_ended()
-    assert reported == [Event, Loss], "the jump behind the capture is none, the next one is"
+    blocks = marker_blocks()
+    frames_taken((1800, 18_000_000), blocks=blocks)
+    blocks.capture_ended()
+    assert [type(item) for item in frames_taken((16878, 168_780_000), blocks=blocks)] == [Event, Samples]
+    later = frames_taken((16880, 168_800_000), blocks=blocks)
+    assert [type(item) for item in later] == [Loss, Samples], "the jump behind the capture is none, this one is"
 
 
 # Which capture is the station's own: it ends the one that it left itself, and no other.

@@ -14,7 +14,7 @@ from drivers.reconnecting import CATALOGUE, Reconnecting, make_device
 from drivers.simulators.faults import FAULTS
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from tests.drivers.contract import raises_refusal
-from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, random_faults, unaccounted
+from tests.drivers.fault_bench import CASES, STREAMS, Case, FaultBench, random_faults, unaccounted
 from tests.timeout import scaled_timeout
 
 Step = Sequence[Item] | Exception
@@ -186,17 +186,17 @@ def bench() -> Iterator[FaultBench]:
 )
 def test_a_fault_is_reported_and_counted_and_ends_and_affects_nothing_else(bench: FaultBench, case: Case) -> None:
     aftermath = bench.suffer(case)
-    causes = {item.cause for item in aftermath.items(case.device) if isinstance(item, Loss)}
+    causes = {item.cause for item in aftermath[case.device] if isinstance(item, Loss)}
     assert causes == case.causes
     for device, streams in STREAMS.items():
-        items = aftermath.items(device)
+        items = aftermath[device]
         for stream in streams:
             assert unaccounted(items, stream) == []
-            assert_device_time_goes_forward(aftermath, device, stream)
+            assert_device_time_goes_forward(items, stream)
         if device != case.device:
             assert [item for item in items if isinstance(item, Loss | Event)] == [], f"{device} suffered, too"
     if case.device == "qtm":
-        assert_markers_are_where_they_belong(aftermath, bench)
+        assert_markers_are_where_they_belong(aftermath["qtm"], bench)
 
 
 @pytest.mark.slow
@@ -207,7 +207,7 @@ def test_under_random_faults_every_numbered_sample_was_received_or_counted_as_lo
     before = {name: len(listener.heard) for name, listener in bench.listeners.items()}
     bench.suffer_all(random_faults(seed, 20))
     for device, streams in STREAMS.items():
-        items = bench.listeners[device].items(before[device])
+        items = bench.listeners[device].heard[before[device] :]
         for stream in streams:
             assert unaccounted(items, stream) == []
             assert any(isinstance(item, Loss) and item.stream == stream for item in items)
@@ -219,9 +219,9 @@ def test_every_fault_of_a_device_has_its_case() -> None:
     }
 
 
-def assert_device_time_goes_forward(aftermath: Aftermath, device: str, stream: str) -> None:
+def assert_device_time_goes_forward(items: list[Item], stream: str) -> None:
     latest = -1
-    for item in aftermath.items(device):
+    for item in items:
         if isinstance(item, Event) and item.kind in ("numbering_restarted", "capture_replaced"):
             latest = -1
         if isinstance(item, Samples) and item.stream == stream:
@@ -229,11 +229,11 @@ def assert_device_time_goes_forward(aftermath: Aftermath, device: str, stream: s
             latest = int(item.device_time_ns[-1])
 
 
-def assert_markers_are_where_they_belong(aftermath: Aftermath, bench: FaultBench) -> None:
+def assert_markers_are_where_they_belong(items: list[Item], bench: FaultBench) -> None:
     """A marker is missing or at its own place: whatever was on the wire, nothing else is delivered as one."""
     now = np.array([bench.world.now()])
     places = bench.world.markers(now)[0]
-    for item in aftermath.items("qtm"):
+    for item in items:
         if isinstance(item, Samples):
             away = np.linalg.norm(item.values[:, :, :3] - places, axis=2)
             assert np.all((away < 30.0) | np.isnan(away))

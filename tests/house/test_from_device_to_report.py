@@ -56,10 +56,7 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
 
     inputs = AssessmentInputs(session / "cuffs.json")
     assessed = assess_cuffs(
-        {name: fit.wearable() for name, fit in fitted.cuffs.items()},
-        inputs,
-        most_frames=12,
-        most_rest_lengths=16,
+        {name: fit.wearable() for name, fit in fitted.cuffs.items()}, inputs, most_frames=12, most_rest_lengths=16
     )
     write_assessment(assessed, session)
     plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))

@@ -30,42 +30,15 @@ from tests.timeout import scaled_timeout
 ROOT = Path(__file__).parents[2]
 PLUGIN = "cuffstation.pytest_plugin"
 
-FUNCTIONS = {
-    "assess",
-    "fit_donning",
-    "fit_session",
-    "load_model",
-    "load_motion",
-    "open_stream",
-    "plot",
-    "published_cuffs",
-    "read_cuffs",
-    "read_recording",
-    "sample_session",
-    "solve_motion",
-    "with_reserves",
-    "write_cuffs",
-}
-TYPES = {
-    "ActivationCost",
-    "Assessment",
-    "CuffFit",
-    "Estimate",
-    "Kinematics",
-    "Model",
-    "MotionSolution",
-    "ReactionRequest",
-    "Recording",
-    "RedundancyOptions",
-    "Reserve",
-    "SessionFit",
-    "StreamFrame",
-    "StreamSolver",
-    "StreamSuitFrame",
-    "Track",
-    "Cuff",
-}
-ERRORS = {"DeviceError", "FitError", "RecordingError", "SolverError", "StationError"}
+FUNCTIONS = (
+    "assess fit_donning fit_session load_model load_motion open_stream plot published_cuffs read_cuffs read_recording "
+    "sample_session solve_motion with_reserves write_cuffs"
+)
+TYPES = (
+    "ActivationCost Assessment Cuff CuffFit Estimate Kinematics Model MotionSolution ReactionRequest Recording "
+    "RedundancyOptions Reserve SessionFit StreamFrame StreamSolver StreamSuitFrame Track"
+)
+ERRORS = "DeviceError FitError RecordingError SolverError StationError"
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +46,13 @@ def fitted(session: Path) -> cs.SessionFit:
     return cs.fit_session(session)
 
 
-def test_the_public_names_are_these_and_each_is_documented() -> None:
-    assert set(cs.__all__) == FUNCTIONS | TYPES | ERRORS
+def test_the_public_names_are_these_alone_and_documented_without_a_path_of_this_machine() -> None:
+    assert set(cs.__all__) == set(f"{FUNCTIONS} {TYPES} {ERRORS}".split())
+    assert set(dir(cs)) == {*cs.__all__, "__version__"}
     for name in cs.__all__:
         assert getattr(cs, name).__doc__, name
+    for name in FUNCTIONS.split():
+        assert "PosixPath" not in str(inspect.signature(getattr(cs, name)))
 
 
 def test_a_type_checker_finds_each_name_in_the_module_that_it_is_imported_from() -> None:
@@ -111,8 +87,10 @@ def test_a_donning_is_that_of_its_session_and_two_cuffs_are_none(session: Path, 
         assert reason in str(refused.value)
 
 
-def test_the_bounces_of_a_session_calibrate_a_donning_that_is_fitted_alone(session: Path) -> None:
-    whole = cs.fit_session(session)
+def test_the_bounces_of_a_session_calibrate_a_donning_that_is_fitted_alone(
+    session: Path, fitted: cs.SessionFit
+) -> None:
+    whole = fitted
     used = [trial.file for trial in whole.cuffs["hand"].trials if trial.state == "used"]
     calibrated = cs.fit_donning([session / file for file in (*whole.bounces, *used)])
     declared = cs.fit_donning([session / file for file in used])
@@ -161,22 +139,13 @@ def test_every_result_prints_a_few_lines_and_is_drawn(session: Path, fitted: cs.
         )
 
 
-def test_what_no_result_is_is_not_drawn() -> None:
-    for other in ("demo", {}, {"hand": 1}):
-        with pytest.raises(TypeError, match="plot draws"):
-            cs.plot(other)
-
-
-def test_cuffs_by_name_are_drawn_as_their_session(fitted: cs.SessionFit) -> None:
+def test_cuffs_by_name_are_drawn_as_their_session_and_what_is_no_result_is_not(fitted: cs.SessionFit) -> None:
     drawn, whole = ([len(axis.lines) for axis in cs.plot(each).axes] for each in (fitted.cuffs, fitted))
     assert drawn == whole
     assert min(drawn) > 2
-
-
-def test_only_the_public_names_are_listed_and_no_signature_has_a_path_of_this_machine() -> None:
-    assert set(dir(cs)) == {*cs.__all__, "__version__"}
-    for name in FUNCTIONS:
-        assert "PosixPath" not in str(inspect.signature(getattr(cs, name)))
+    for other in ("demo", {}, {"hand": 1}):
+        with pytest.raises(TypeError, match="plot draws"):
+            cs.plot(other)
 
 
 def test_arguments_that_are_exchanged_or_of_another_type_are_named(
@@ -231,10 +200,10 @@ def test_arguments_that_are_exchanged_or_of_another_type_are_named(
             ask()
 
 
-def test_the_error_of_cuffs_that_cannot_be_written_names_their_path(session: Path, tmp_path: Path) -> None:
+def test_the_error_of_cuffs_that_cannot_be_written_names_their_path(fitted: cs.SessionFit, tmp_path: Path) -> None:
     path = tmp_path / "missing" / "cuffs.json"
     with pytest.raises(FileNotFoundError) as refused:
-        cs.write_cuffs(path, cs.fit_session(session).cuffs)
+        cs.write_cuffs(path, fitted.cuffs)
     assert refused.value.filename == str(path)
 
 
@@ -339,17 +308,12 @@ def test_a_cost_of_the_users_own_is_that_of_the_assessment(fitted: cs.SessionFit
     )
 
 
-def test_equal_results_are_equal(session: Path) -> None:
-    first, second = cs.fit_session(session), cs.fit_session(session)
-    assert first == second
+def test_every_part_of_two_equal_results_is_equal(session: Path, fitted: cs.SessionFit) -> None:
+    """Arrays in a dataclass with the equality that Python writes raise ValueError."""
+    first, second = fitted, cs.fit_session(session)
     assert first.cuffs["hand"].wearable() == second.cuffs["hand"].wearable()
     assert first.cuffs["hand"].parameters() == second.cuffs["hand"].parameters()
     assert first != cs.fit_session(session, window={"cuff-hand_test-dynamic_run-1.mcap": (0.5, 9.0)})
-
-
-def test_every_part_of_two_equal_results_is_equal(session: Path) -> None:
-    """Arrays in a dataclass with the equality that Python writes raise ValueError."""
-    first, second = cs.fit_session(session), cs.fit_session(session)
     model = cs.load_model()
     motions = [cs.load_motion(model, every=100) for _ in range(2)]
     reactions = cs.RedundancyOptions(reactions=cs.ReactionRequest(("GlenoHumeral",)))
@@ -370,9 +334,9 @@ def test_every_part_of_two_equal_results_is_equal(session: Path) -> None:
     assert {"TrialFit", "Pull", "StaticFit", "DampingFit", "EffortCurve", "JointReactions"} <= kinds
 
 
-def test_a_window_limits_the_samples_of_a_trial_and_is_noted(session: Path) -> None:
+def test_a_window_limits_the_samples_of_a_trial_and_is_noted(session: Path, fitted: cs.SessionFit) -> None:
     file = "cuff-hand_test-dynamic_run-1.mcap"
-    whole, part = cs.fit_session(session), cs.fit_session(session, window={file: (0.5, 9.0)})
+    whole, part = fitted, cs.fit_session(session, window={file: (0.5, 9.0)})
     time = part.pulls[file].pull.marker_time
     assert time[0] >= 0.5 and 8.9 < time[-1] <= 9.0
     (trial,) = [trial for trial in part.cuffs["hand"].trials if trial.file == file]
@@ -387,9 +351,9 @@ def test_a_window_limits_the_samples_of_a_trial_and_is_noted(session: Path) -> N
             cs.fit_session(session, window=window)
 
 
-def test_zero_drift_losses_and_weights_are_those_of_the_window(session: Path) -> None:
+def test_zero_drift_losses_and_weights_are_those_of_the_window(session: Path, fitted: cs.SessionFit) -> None:
     file = "cuff-hand_test-static_run-1.mcap"
-    whole = cs.fit_session(session).pulls[file].pull.trial
+    whole = fitted.pulls[file].pull.trial
     lossy = replace(whole, force_gaps=((1.0, 2.0), (15.0, 16.0)), step_times=(4.2, 9.1, 14.1), step_masses=(3.5, 3.5))
     unloaded, loaded = within(lossy, 1.5, whole.end), within(lossy, 8.0, whole.end)
     assert whole.zero_drift is not None and unloaded.zero_drift == pytest.approx(whole.zero_drift, abs=0.05)

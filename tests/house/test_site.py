@@ -16,24 +16,12 @@ import pytest
 from docs.reference import pages
 from station.cli import VERBS
 from station.config import StationConfig, nested_keys
+from tests.house.sources import FOLDERS, ROOT
 from tests.station.command import help_of
 from tests.timeout import scaled_timeout
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-FOLDERS = (
-    "benchmarks",
-    "cuffstation",
-    "docs",
-    "documents",
-    "drivers",
-    "examples",
-    "fitting",
-    "recordings",
-    "solver",
-    "station",
-    "tests",
-)
+NAMED = (*FOLDERS, "benchmarks", "docs", "examples", "tests")
 LOADED = {"link": "href", "script": "src", "img": "src", "iframe": "src", "source": "src"}
 
 
@@ -93,7 +81,7 @@ def test_every_file_that_a_page_names_exists() -> None:
     named = {
         (page.relative_to(ROOT).as_posix(), path)
         for page in pages_read
-        for path in re.findall(rf"`((?:{'|'.join(FOLDERS)})/[a-z0-9_./-]*)`", page.read_text(encoding="utf-8"))
+        for path in re.findall(rf"`((?:{'|'.join(NAMED)})/[a-z0-9_./-]*)`", page.read_text(encoding="utf-8"))
     }
     assert len(named) > 100
     assert {(page, path) for page, path in named if not (ROOT / path).exists()} == set()

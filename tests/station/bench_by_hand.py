@@ -51,13 +51,15 @@ class Bench:
         self.sample, self.frame, self.level, self.capturing = 0, 1, 0.0, False
         self.daq_sends = self.mocap_sends = self.force_is_sent = True
 
-    def arm(self) -> Bench:
+    def arm(self, armed_s: float = 0.0) -> Bench:
+        """Arm, and wait for armed_s."""
         self.trial.arm(STREAMS, {"/force": self.force_device, "/sync": "NI Dev1", "/markers": "QTM"})
+        self.run(armed_s)
         return self
 
     def record(self, recorded_s: float = 2.0, *, armed_s: float = 1.0) -> Bench:
         """Arm, start the capture after armed_s, and record for recorded_s."""
-        self.arm().run(armed_s)
+        self.arm(armed_s)
         self.start_capture()
         self.run(recorded_s)
         return self
@@ -98,7 +100,9 @@ class Bench:
         self.level, self.capturing = 5.0, True
         self.event("capture_started")
 
-    def stop_capture(self, with_event: bool = True) -> None:
+    def stop_capture(self, then_s: float = 0.0, *, with_event: bool = True) -> None:
+        """Stop the capture, and go on for then_s."""
         self.level, self.capturing = 0.0, False
         if with_event:
             self.event("capture_stopped")
+        self.run(then_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -14,12 +15,19 @@ from station import cli
 from station.errors import StationError
 from tests.made_once import made_once
 from tests.station.command import Ran, command_of
+from tests.station.reported import report_session
 from tests.station.wearer import WearerSession, record_wearer
 
 
 @pytest.fixture(scope="session")
 def wearer(tmp_path_factory: pytest.TempPathFactory) -> WearerSession:
     return made_once(tmp_path_factory, "wearer", lambda folder: record_wearer(folder / "simulated" / "session"))
+
+
+@pytest.fixture(scope="session")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session with its report (tests/station/reported.py). Tests read it; who writes copies it."""
+    return made_once(tmp_path_factory, "reported", report_session)
 
 
 @pytest.fixture

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from drivers.errors import DeviceError, DeviceLost
 from recordings.samples import DeviceIdentity, Event, Item, Samples, Stream
 from station.clock import Clock
-
-Levels = Callable[[np.ndarray], np.ndarray]
 
 
 class FakeDaq:

@@ -16,6 +16,7 @@ from tests.refusals import raises_refusal
 
 HAND = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
 TABLE = Path(__file__).parents[2] / "station" / "marker_presets.toml"
+WRONG, UNKNOWN = ConfigCode.WRONG_VALUE, ConfigCode.UNKNOWN_KEY
 BODIES = ["left_arm", "right_arm", "left_forearm", "right_forearm", "torso", "pelvis"]
 
 
@@ -191,22 +192,10 @@ def test_a_preset_gives_the_labels_of_the_anchor_and_of_the_recording() -> None:
 @pytest.mark.parametrize(
     ("cuff", "code", "reason"),
     [
-        (
-            {"anchor_preset": "sports"},
-            ConfigCode.WRONG_VALUE,
-            "'sports' is not a preset, expected one of qualisys_sports.left_arm, ",
-        ),
-        ({"anchor_preset": "qualisys_sports.markers"}, ConfigCode.WRONG_VALUE, "is not a preset"),
-        (
-            {"anchor_preset": "qualisys_sports.torso", "anchor_markers": ["a", "b", "c"]},
-            ConfigCode.WRONG_VALUE,
-            "are both given",
-        ),
-        (
-            {"label_prefix": "Q_", "anchor_markers": ["a", "b", "c"]},
-            ConfigCode.UNKNOWN_KEY,
-            "unknown key cuffs.hand.label_prefix",
-        ),
+        ({"anchor_preset": "sports"}, WRONG, "'sports' is not a preset, expected one of qualisys_sports.left_arm, "),
+        ({"anchor_preset": "qualisys_sports.markers"}, WRONG, "is not a preset"),
+        ({"anchor_preset": "qualisys_sports.torso", "anchor_markers": ["a", "b", "c"]}, WRONG, "are both given"),
+        ({"label_prefix": "Q_", "anchor_markers": ["a", "b", "c"]}, UNKNOWN, "unknown key cuffs.hand.label_prefix"),
     ],
 )
 def test_an_unknown_preset_is_refused(cuff: dict[str, object], code: ConfigCode, reason: str) -> None:

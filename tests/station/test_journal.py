@@ -65,11 +65,8 @@ HOSTILE = (
 """Lines that are whole and are still no entries."""
 
 
-def test_a_folder_without_a_journal_has_an_empty_one(tmp_path: Path) -> None:
-    assert read_journal(tmp_path) == Journal()
-
-
 def test_written_entries_are_read(tmp_path: Path) -> None:
+    assert read_journal(tmp_path) == Journal()
     write_setup(tmp_path, SETUP)
     write_recorded(tmp_path, TRIAL)
     write_verdict(tmp_path, "a.mcap", "redo", " the cuff slipped ")
@@ -151,14 +148,8 @@ def test_a_session_has_its_start_time(tmp_path: Path) -> None:
     assert before - timedelta(seconds=1) <= begun <= datetime.now(UTC)
 
 
-def test_a_skipped_trial_is_that_of_its_donning(tmp_path: Path) -> None:
-    trial = TrialSpec("hand", "static", 2, donning="3")
-    write_skipped(tmp_path, trial)
-    assert read_journal(tmp_path).skipped == {trial}
-
-
 def test_the_last_choice_of_a_trial_overrules(tmp_path: Path) -> None:
-    one, other = TrialSpec("hand", "static", 1), TrialSpec(None, "motion", 1, condition="tight")
+    one, other = TrialSpec(None, "motion", 1, condition="tight"), TrialSpec("hand", "static", 2, donning="3")
     write_next(tmp_path, one)
     write_next(tmp_path, other)
     assert read_journal(tmp_path).chosen == (other, one)

@@ -105,17 +105,23 @@ def test_an_output_that_cannot_be_a_file_is_wrong_usage_before_anything_is_compu
     assert Path(output).parts[0] in ran.err
 
 
-@pytest.mark.parametrize(("given", "has_glenoid"), [((), True), (("--glenoid",), True), (("--no-glenoid",), False)])
-def test_the_glenoid_has_an_option_for_both_values(
-    station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], has_glenoid: bool
-) -> None:
-    requested = []
+@pytest.fixture
+def requested(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The options of every call of the solver, which then fails."""
+    options = []
 
-    def solve(_inputs: object, _cut: object, options: object, *_others: object) -> None:
-        requested.append(options)
+    def solve(_inputs: object, _cut: object, given: object, *_others: object) -> None:
+        options.append(given)
         raise OSError(0, "enough")
 
     monkeypatch.setattr("station.assessment.rmr.solve_muscles", solve)
+    return options
+
+
+@pytest.mark.parametrize(("given", "has_glenoid"), [((), True), (("--glenoid",), True), (("--no-glenoid",), False)])
+def test_the_glenoid_has_an_option_for_both_values(
+    station, tmp_path: Path, requested: list[Any], given: tuple[str, ...], has_glenoid: bool
+) -> None:
     station("rmr", "--output", tmp_path / "out.csv", *given)
     assert requested.pop().has_glenoid_cone == has_glenoid
 
@@ -164,19 +170,6 @@ def _help_texts(verb: str) -> list[str]:
 def _compact(text: str) -> str:
     """Without white space and the frame of a table, so that lines may break anywhere."""
     return "".join(text.replace("│", " ").split())
-
-
-@pytest.fixture
-def requested(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The options of every call of the solver, which then fails."""
-    options = []
-
-    def solve(_inputs: object, _cut: object, given: object, *_others: object) -> None:
-        options.append(given)
-        raise OSError(0, "enough")
-
-    monkeypatch.setattr("station.assessment.rmr.solve_muscles", solve)
-    return options
 
 
 @pytest.mark.parametrize(

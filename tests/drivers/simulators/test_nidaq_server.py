@@ -44,6 +44,12 @@ def options(server: NiDaqSimulator) -> Iterator[nidaqmx.GrpcSessionOptions]:
         yield nidaqmx.GrpcSessionOptions(channel, "")
 
 
+@pytest.fixture
+def task(options: nidaqmx.GrpcSessionOptions) -> Iterator[Any]:
+    with nidaqmx.Task(grpc_options=options) as task:
+        yield task
+
+
 def configure(task: Any, channels: str = "Dev1/ai0:1") -> Any:
     task.ai_channels.add_ai_voltage_chan(
         channels, terminal_config=TerminalConfiguration.DIFF, min_val=-10.0, max_val=10.0
@@ -52,21 +58,15 @@ def configure(task: Any, channels: str = "Dev1/ai0:1") -> Any:
     return task
 
 
-def test_task_read_returns_a_list_per_channel(options: nidaqmx.GrpcSessionOptions) -> None:
-    with nidaqmx.Task(grpc_options=options) as task:
-        configure(task).start()
-        values = task.read(number_of_samples_per_channel=100)
-        rest = task.read(READ_ALL_AVAILABLE)
-    assert np.shape(values) == (2, 100)
-    assert np.shape(rest)[0] == 2
-
-
-def test_a_late_read_is_a_time_out_with_the_number_of_samples(options: nidaqmx.GrpcSessionOptions) -> None:
-    with nidaqmx.Task(grpc_options=options) as task:
-        configure(task).start()
-        reader = AnalogMultiChannelReader(task.in_stream)
-        with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
-            reader.read_many_sample(np.zeros((2, 9000)), 9000, timeout=0.05)
+def test_task_read_returns_a_list_per_channel_and_a_late_read_is_a_time_out_with_the_number_of_samples(
+    task: Any,
+) -> None:
+    configure(task).start()
+    assert np.shape(task.read(number_of_samples_per_channel=100)) == (2, 100)
+    assert np.shape(task.read(READ_ALL_AVAILABLE))[0] == 2
+    reader = AnalogMultiChannelReader(task.in_stream)
+    with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
+        reader.read_many_sample(np.zeros((2, 9000)), 9000, timeout=0.05)
     assert caught.value.error_code == -200284
     assert 0 < caught.value.samps_per_chan_read < 9000
 
@@ -84,35 +84,30 @@ def test_the_system_lists_a_usb_6008(options: nidaqmx.GrpcSessionOptions) -> Non
     assert device.ai_max_multi_chan_rate == 10_000
 
 
-def test_buffer_and_clock_can_be_asked_and_set(options: nidaqmx.GrpcSessionOptions) -> None:
-    with nidaqmx.Task(grpc_options=options) as task:
-        configure(task)
-        assert task.timing.samp_clk_rate == 1000
-        assert task.in_stream.input_buf_size == 10_000
-        task.in_stream.input_buf_size = 50_000
-        assert task.in_stream.input_buf_size == 50_000
+def test_buffer_and_clock_can_be_asked_and_set(task: Any) -> None:
+    configure(task)
+    assert task.timing.samp_clk_rate == 1000
+    assert task.in_stream.input_buf_size == 10_000
+    task.in_stream.input_buf_size = 50_000
+    assert task.in_stream.input_buf_size == 50_000
 
 
-def test_every_n_samples_calls_back(options: nidaqmx.GrpcSessionOptions) -> None:
+def test_every_n_samples_calls_back(task: Any) -> None:
     called = threading.Semaphore(0)
-    with nidaqmx.Task(grpc_options=options) as task:
-        configure(task, "Dev1/ai0")
-        task.register_every_n_samples_acquired_into_buffer_event(100, lambda *_: (called.release(), 0)[1])
-        task.start()
-        assert all(called.acquire(timeout=scaled_timeout(30.0)) for _ in range(5))
-        task.register_every_n_samples_acquired_into_buffer_event(100, None)
+    configure(task, "Dev1/ai0")
+    task.register_every_n_samples_acquired_into_buffer_event(100, lambda *_: (called.release(), 0)[1])
+    task.start()
+    assert all(called.acquire(timeout=scaled_timeout(30.0)) for _ in range(5))
+    task.register_every_n_samples_acquired_into_buffer_event(100, None)
 
 
-def test_what_it_does_not_imitate_is_unimplemented(options: nidaqmx.GrpcSessionOptions) -> None:
-    with nidaqmx.Task(grpc_options=options) as task, pytest.raises(nidaqmx.errors.RpcError) as caught:
+def test_what_it_does_not_imitate_is_unimplemented_and_single_ended_acquisition_refused(task: Any) -> None:
+    with pytest.raises(nidaqmx.errors.RpcError) as caught:
         task.do_channels.add_do_chan("Dev1/port0/line0")
     assert caught.value.rpc_code == grpc.StatusCode.UNIMPLEMENTED
-
-
-def test_single_ended_acquisition_is_refused(options: nidaqmx.GrpcSessionOptions) -> None:
-    with nidaqmx.Task(grpc_options=options) as task, pytest.raises(nidaqmx.DaqError) as caught:
+    with pytest.raises(nidaqmx.DaqError) as refused:
         task.ai_channels.add_ai_voltage_chan("Dev1/ai0", terminal_config=TerminalConfiguration.RSE)
-    assert caught.value.error_code == -200077
+    assert refused.value.error_code == -200077
 
 
 def test_on_demand_a_task_samples_when_it_is_read(options: nidaqmx.GrpcSessionOptions) -> None:
@@ -129,59 +124,54 @@ def test_on_demand_a_task_samples_when_it_is_read(options: nidaqmx.GrpcSessionOp
         assert caught.value.error_code == -200022
 
 
-def test_a_finite_task_acquires_so_many_samples_and_no_more(options: nidaqmx.GrpcSessionOptions) -> None:
-    with nidaqmx.Task(grpc_options=options) as task:
-        task.ai_channels.add_ai_voltage_chan("Dev1/ai0:1")
-        task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.FINITE, samps_per_chan=50)
-        assert task.timing.samp_quant_samp_mode is AcquisitionType.FINITE
-        assert task.timing.samp_quant_samp_per_chan == 50
-        task.start()
-        assert np.shape(task.read(20)) == (2, 20)
-        task.wait_until_done(timeout=scaled_timeout(30.0))
-        assert task.is_task_done()
-        assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 30), "the rest of them"
-        with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
-            task.read(1)
-        assert caught.value.error_code == -200278
-        task.stop()
-        assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 50), "it is started for the read, and waited for"
-        assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 50), "and once more"
+def test_a_finite_task_acquires_so_many_samples_and_no_more(task: Any) -> None:
+    task.ai_channels.add_ai_voltage_chan("Dev1/ai0:1")
+    task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.FINITE, samps_per_chan=50)
+    assert task.timing.samp_quant_samp_mode is AcquisitionType.FINITE
+    assert task.timing.samp_quant_samp_per_chan == 50
+    task.start()
+    assert np.shape(task.read(20)) == (2, 20)
+    task.wait_until_done(timeout=scaled_timeout(30.0))
+    assert task.is_task_done()
+    assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 30), "the rest of them"
+    with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
+        task.read(1)
+    assert caught.value.error_code == -200278
+    task.stop()
+    assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 50), "it is started for the read, and waited for"
+    assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 50), "and once more"
 
 
-def test_a_finite_task_waits_for_its_trigger(world: StandInWorld, options: nidaqmx.GrpcSessionOptions) -> None:
-    with nidaqmx.Task(grpc_options=options) as task:
-        task.ai_channels.add_ai_voltage_chan("Dev1/ai1", min_val=-10.0, max_val=10.0)
-        task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.FINITE, samps_per_chan=50)
-        task.triggers.start_trigger.cfg_dig_edge_start_trig("/Dev1/PFI0")
-        task.start()
-        with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
-            task.read(50, timeout=0.05)
-        assert (caught.value.error_code, caught.value.samps_per_chan_read) == (-200284, 0)
-        with pytest.raises(nidaqmx.errors.DaqError) as caught_done:
-            task.wait_until_done(timeout=0.05)
-        assert caught_done.value.error_code == -200560
-        world.edge_s = world.now() + 0.1
-        assert min(task.read(50)) > 4.5, "from the edge of the sync line on"
+def test_a_finite_task_waits_for_its_trigger(world: StandInWorld, task: Any) -> None:
+    task.ai_channels.add_ai_voltage_chan("Dev1/ai1", min_val=-10.0, max_val=10.0)
+    task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.FINITE, samps_per_chan=50)
+    task.triggers.start_trigger.cfg_dig_edge_start_trig("/Dev1/PFI0")
+    task.start()
+    with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
+        task.read(50, timeout=0.05)
+    assert (caught.value.error_code, caught.value.samps_per_chan_read) == (-200284, 0)
+    with pytest.raises(nidaqmx.errors.DaqError) as caught_done:
+        task.wait_until_done(timeout=0.05)
+    assert caught_done.value.error_code == -200560
+    world.edge_s = world.now() + 0.1
+    assert min(task.read(50)) > 4.5, "from the edge of the sync line on"
 
 
-def test_the_limits_of_a_channel_can_be_asked_and_set_as_the_vendor_s_example_does(
-    options: nidaqmx.GrpcSessionOptions,
-) -> None:
-    with nidaqmx.Task(grpc_options=options) as task:
-        channel = task.ai_channels.add_ai_voltage_chan("Dev1/ai0", max_val=0.1, min_val=-0.1)
-        assert (channel.ai_max, channel.ai_min, channel.ai_rng_high) == (0.1, -0.1, 1.0)
-        channel.ai_max = 5
-        assert (channel.ai_max, channel.ai_min, channel.ai_rng_high, channel.ai_rng_low) == (5.0, -0.1, 5.0, -5.0)
-        more = task.ai_channels.add_ai_voltage_chan("Dev1/ai1:3", max_val=10, min_val=-10)
-        assert (more.ai_max, more.ai_min, channel.ai_max) == (10.0, -10.0, 5.0)
-        assert task.ai_channels["Dev1/ai2"].physical_channel.name == "Dev1/ai2"
-        assert channel.ai_term_cfg is TerminalConfiguration.DIFF
-        with pytest.raises(nidaqmx.errors.DaqError) as caught:
-            channel.ai_max = 25
-        assert caught.value.error_code == -200077
-        with pytest.raises(nidaqmx.errors.DaqError) as caught:
-            _ = task.ai_channels["Dev1/ai0"].__class__(task._handle, "Dev1/ai9", task._interpreter).ai_max
-        assert caught.value.error_code == -200486
+def test_the_limits_of_a_channel_can_be_asked_and_set_as_the_vendor_s_example_does(task: Any) -> None:
+    channel = task.ai_channels.add_ai_voltage_chan("Dev1/ai0", max_val=0.1, min_val=-0.1)
+    assert (channel.ai_max, channel.ai_min, channel.ai_rng_high) == (0.1, -0.1, 1.0)
+    channel.ai_max = 5
+    assert (channel.ai_max, channel.ai_min, channel.ai_rng_high, channel.ai_rng_low) == (5.0, -0.1, 5.0, -5.0)
+    more = task.ai_channels.add_ai_voltage_chan("Dev1/ai1:3", max_val=10, min_val=-10)
+    assert (more.ai_max, more.ai_min, channel.ai_max) == (10.0, -10.0, 5.0)
+    assert task.ai_channels["Dev1/ai2"].physical_channel.name == "Dev1/ai2"
+    assert channel.ai_term_cfg is TerminalConfiguration.DIFF
+    with pytest.raises(nidaqmx.errors.DaqError) as caught:
+        channel.ai_max = 25
+    assert caught.value.error_code == -200077
+    with pytest.raises(nidaqmx.errors.DaqError) as caught:
+        _ = task.ai_channels["Dev1/ai0"].__class__(task._handle, "Dev1/ai9", task._interpreter).ai_max
+    assert caught.value.error_code == -200486
 
 
 def test_a_task_that_does_not_exist_is_refused(options: nidaqmx.GrpcSessionOptions) -> None:

@@ -126,12 +126,7 @@ def test_faults_go_on_from_their_begin_to_their_end_and_belong_to_their_capture(
     faults.capture_started(1, 10.0)
     assert faults.of("ni", "freeze") == []
     faults.capture_started(2, 20.0)
-    assert [faults.active("ni", "freeze", at) is not None for at in (20.9, 21.0, 22.9, 23.0)] == [
-        False,
-        True,
-        True,
-        False,
-    ]
+    assert [at for at in (20.9, 21.0, 22.9, 23.0) if faults.active("ni", "freeze", at) is not None] == [21.0, 22.9]
     assert faults.active("ni", "refuse", 1.5)
     faults.inject(Fault("ni", "overrun", 0.0, 0.0))
     assert faults.has_begun("ni", "overrun", since=4.9)

@@ -10,11 +10,6 @@ from drivers.simulators.usb6008 import AcquisitionTask, DaqmxError, Usb6008, def
 from tests.drivers.stand_in_world import StandInWorld
 
 
-@pytest.fixture
-def world() -> StandInWorld:
-    return StandInWorld(is_standing=True)
-
-
 def instrument(world: StandInWorld, offset_ppm: float = 0.0, drift_ppm_per_hour: float = 0.0) -> Usb6008:
     clock = DaqClockSettings(offset_ppm=offset_ppm, drift_ppm_per_hour=drift_ppm_per_hour)
     return Usb6008(world, name="Dev1", force_channel="ai0", sync_channel="ai1", clock=clock, seed=1)
@@ -27,14 +22,20 @@ def task_on(device: Usb6008, *channels: str, reach_v: float = 10.0, buffer_size:
     return task
 
 
+def started(world: StandInWorld, *channels: str, reach_v: float = 10.0) -> AcquisitionTask:
+    """A task of an instrument in this world, a second after its start."""
+    task = task_on(instrument(world), *channels, reach_v=reach_v)
+    task.start()
+    world.advance(1)
+    return task
+
+
 def code_of(error: pytest.ExceptionInfo[DaqmxError]) -> int:
     return error.value.error_code
 
 
 def test_volts_are_whole_codes_of_12_bits(world: StandInWorld) -> None:
-    task = task_on(instrument(world), "ai0")
-    task.start()
-    world.advance(1)
+    task = started(world, "ai0")
     codes = task.read(1000, 0) / (20 / 4096)
     assert np.allclose(codes, np.rint(codes), atol=1e-9)
     assert codes.mean() == pytest.approx(1.005 / (20 / 4096), abs=0.1)
@@ -42,10 +43,8 @@ def test_volts_are_whole_codes_of_12_bits(world: StandInWorld) -> None:
 
 
 def test_the_narrowest_range_that_holds_what_was_asked_is_taken_and_clips(world: StandInWorld) -> None:
-    task = task_on(instrument(world), "ai1", reach_v=4.5)
     world.edge_s = 0
-    task.start()
-    world.advance(1)
+    task = started(world, "ai1", reach_v=4.5)
     assert task.read(100, 0).max() == pytest.approx(4.9976, abs=1e-4)
 
 
@@ -59,9 +58,7 @@ def test_a_range_beyond_20_v_and_a_fifth_input_do_not_exist(world: StandInWorld)
 
 
 def test_an_unwired_input_reads_noise_about_zero(world: StandInWorld) -> None:
-    task = task_on(instrument(world), "ai3")
-    task.start()
-    world.advance(1)
+    task = started(world, "ai3")
     assert abs(task.read(1000, 0).mean()) < 1e-3
 
 
@@ -69,10 +66,7 @@ def test_the_second_channel_is_converted_a_tenth_of_a_millisecond_later(world: S
     moments = []
     world.amplifier_voltage = lambda t: (moments.append(t), np.zeros_like(t))[1]  # type: ignore[method-assign]
     world.sync_voltage = lambda t: (moments.append(t), np.zeros_like(t))[1]  # type: ignore[method-assign]
-    task = task_on(instrument(world), "ai0", "ai1")
-    task.start()
-    world.advance(1)
-    task.read(10, 0)
+    started(world, "ai0", "ai1").read(10, 0)
     assert np.allclose(moments[1] - moments[0], 1e-4)
 
 

@@ -70,17 +70,13 @@ def test_a_capture_lasts_whole_frames_also_when_it_is_stopped() -> None:
         assert frames == pytest.approx(round(frames), abs=1e-6)
 
 
-def test_the_sync_line_is_high_exactly_during_the_capture() -> None:
-    bench = world()
+def test_the_sync_line_is_high_exactly_during_the_capture_and_low_where_it_is_inverted() -> None:
+    bench, inverted = world(), world(sync={"is_inverted": True, "low_v": 0.2, "high_v": 4.8})
     capture, t = play(bench)
     around = np.array([capture.start - 0.001, *t[[0, -1]], capture.end, capture.end + 1])
     assert bench.sync_voltage(around).tolist() == [0.0, 5.0, 5.0, 0.0, 0.0]
-
-
-def test_an_inverted_sync_line_is_low_during_the_capture() -> None:
-    bench = world(sync={"is_inverted": True, "low_v": 0.2, "high_v": 4.8})
-    capture, _ = play(bench)
-    assert bench.sync_voltage(np.array([capture.start - 1, capture.start + 1])).tolist() == [4.8, 0.2]
+    capture, _ = play(inverted)
+    assert inverted.sync_voltage(np.array([capture.start - 1, capture.start + 1])).tolist() == [4.8, 0.2]
 
 
 def test_a_capture_starts_after_all_earlier_requests_to_the_devices() -> None:
@@ -311,24 +307,13 @@ class Device:
 
 
 class Wall:
-    """A wall clock that a test moves."""
+    """A wall clock that a test moves, and that moves by look_s with every look at it."""
 
-    def __init__(self) -> None:
-        self.seconds = 100.0
-
-    def __call__(self) -> float:
-        return self.seconds
-
-
-class PassingWall(Wall):
-    """A wall clock on which time passes with every look at it."""
-
-    def __init__(self, look_s: float) -> None:
-        super().__init__()
-        self.look_s = look_s
+    def __init__(self, look_s: float = 0.0) -> None:
+        self.seconds, self._look_s = 100.0, look_s
 
     def __call__(self) -> float:
-        self.seconds += self.look_s
+        self.seconds += self._look_s
         return self.seconds
 
 
@@ -406,7 +391,7 @@ def test_a_world_that_stopped_for_long_does_not_catch_up_with_wall_time() -> Non
 
 
 def test_the_time_that_devices_take_for_a_step_does_not_slow_the_world() -> None:
-    wall = PassingWall(0.00025)
+    wall = Wall(0.00025)
 
     class Worker(Device):
         def step(self, now: float) -> None:

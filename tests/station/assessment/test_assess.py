@@ -109,12 +109,9 @@ def numbers_in(plain: Any, where: str = "") -> Iterator[tuple[str, Any]]:
         yield where, plain
 
 
-def test_every_number_is_an_entry_with_value_and_interval(plain: dict[str, Any]) -> None:
+def test_every_number_is_an_entry_with_value_and_interval_by_cuff_and_condition(plain: dict[str, Any]) -> None:
     assert list(numbers_in(plain)) == []
     assert plain["frames"]["value"] > 1
-
-
-def test_the_tables_are_by_cuff_and_condition(plain: dict[str, Any]) -> None:
     assert plain["reference_rest_length_m"] == {"value": 0.74, "ci95": None}
     for table in (plain["at_rigid_optimum"], plain["optimum"]):
         assert set(table) == {"rigid", "hand", "elbow"}
@@ -281,7 +278,9 @@ def test_a_cuff_of_a_richer_law_that_is_not_chosen_does_not_prevent_an_assessmen
     assert [cuff.name for cuff in worn_cuffs(read_cuffs_to_wear(path, ("elbow",)), ("elbow",))] == ["waist", "elbow"]
 
 
-@pytest.mark.parametrize(("chosen", "is_refused"), [((), False), (("slip",), False), (("slip", "creep"), True)])
+@pytest.mark.parametrize(
+    ("chosen", "is_refused"), [((), False), (("slip",), False), (("slip", "creep"), True), (("tensor",), True)]
+)
 def test_a_cuff_of_a_richer_law_is_refused_wherever_it_comes_from(
     tmp_path: Path, chosen: tuple[str, ...], is_refused: bool
 ) -> None:
@@ -289,14 +288,6 @@ def test_a_cuff_of_a_richer_law_is_refused_wherever_it_comes_from(
     cuffs["hand"] = replace(cuffs["hand"], law=chosen)
     with raises_refusal(InputCode.RICHER_LAW, kind=InputError) if is_refused else nullcontext():
         assert len(worn_cuffs(cuffs, ())) == 3
-
-
-def test_a_cuff_in_three_dimensions_is_refused(tmp_path: Path) -> None:
-    cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
-    for law, is_refused in (((), False), (("tensor",), True)):
-        cuffs["hand"] = replace(cuffs["hand"], law=law)
-        with raises_refusal(InputCode.RICHER_LAW, kind=InputError) if is_refused else nullcontext():
-            assert len(worn_cuffs(cuffs, ())) == 3
 
 
 def test_an_external_load_acts_in_every_scenario(tmp_path: Path) -> None:
@@ -339,20 +330,19 @@ def test_a_copy_of_the_bundled_suit_is_the_bundled_suit_and_another_has_its_name
         ("muscle,reduction_percent,sd\nbiceps,3,1\nbiceps,much,1\n", InputCode.EMG_NUMBER, 3),
         ("muscle,reduction_percent,sd\nbiceps,3,-1\n", InputCode.EMG_NUMBER, 2),
         ("muscle,reduction_percent,sd\nbiceps,3\n", InputCode.EMG_NUMBER, 2),
+        (None, InputCode.EMG_UNREADABLE, None),
     ],
 )
-def test_a_malformed_emg_file_is_refused(tmp_path: Path, text: str, code: InputCode, line: int | None) -> None:
+def test_a_malformed_or_missing_emg_file_is_refused(
+    tmp_path: Path, text: str | None, code: InputCode, line: int | None
+) -> None:
     path = tmp_path / "emg.csv"
-    path.write_text(text, encoding="utf-8")
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
     with raises_refusal(code, kind=EmgError) as caught:
         read_emg(path, ("biceps", "triceps"))
     cause = caught.value.cause
     assert isinstance(cause, Message) and cause.figures.get("line") == line
-
-
-def test_an_emg_file_that_is_not_there_gives_one_sentence(tmp_path: Path) -> None:
-    with raises_refusal(InputCode.EMG_UNREADABLE, kind=EmgError):
-        read_emg(tmp_path / "none.csv", ())
 
 
 def summary(decisions: Mapping[Basis, CuffDecision]) -> UncertaintySummary:

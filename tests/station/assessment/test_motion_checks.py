@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -262,35 +262,35 @@ def test_what_a_file_of_loads_says_and_the_model_does_not_do_is_named(tmp_path: 
     assert codes == [AssessmentCode.LOAD_ON_GROUND, AssessmentCode.LOADS_DATA_ELSEWHERE, AssessmentCode.LOADS_UNUSED]
 
 
+def by_both_verbs(station: Station, step: Step, motion: Path, *words: object) -> Iterator[tuple[str, str]]:
+    """What `station id` and `station rmr` say on stderr, and what they write."""
+    solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
+    for verb, options in (("id", ()), ("rmr", solving)):
+        output = step.motion.with_name(f"{verb}_of_{motion.stem}.sto")
+        ran = station(verb, "--model", step.model, "--motion", motion, *words, *options, "--output", output)
+        assert ran.code == 0, ran.err
+        yield ran.err, output.read_text()
+
+
 @pytest.mark.parametrize(
     ("start", "end", "missing"),
     [(0.78, 2, "to 2 s, "), (-1, 0.02, "from -1 s, "), (0.79, 0.805, ""), (-0.005, 0.01, "")],
 )
 def test_both_verbs_say_that_the_motion_does_not_cover_the_requested_time(
-    station: Station, step: Step, tmp_path: Path, start: float, end: float, missing: str
+    station: Station, step: Step, start: float, end: float, missing: str
 ) -> None:
-    common = ("--model", step.model, "--motion", step.motion, "--from", start, "--to", end)
-    solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
-    for verb, options in (("id", ()), ("rmr", solving)):
-        output = tmp_path / f"{verb}.sto"
-        ran = station(verb, *common, *options, "--output", output)
-        note = f"{missing}the motion lasts from 0 to 0.8 s"
-        assert ran.code == 0
-        assert (note in ran.err) == (f"range_not_covered={note}" in output.read_text()) == bool(missing)
-        assert bool(missing) == ("range_not_covered" in output.read_text())
+    note = f"{missing}the motion lasts from 0 to 0.8 s"
+    for err, written in by_both_verbs(station, step, step.motion, "--from", start, "--to", end):
+        assert (note in err) == (f"range_not_covered={note}" in written) == bool(missing)
+        assert bool(missing) == ("range_not_covered" in written)
 
 
 def test_both_verbs_and_the_library_say_that_a_motion_was_cut(station: Station, step: Step, tmp_path: Path) -> None:
     cut = tmp_path / "cut.sto"
     *kept, _, _ = step.motion.read_text().splitlines()
     cut.write_text("\n".join(kept) + "\n")
-    common = ("--model", step.model, "--motion", cut, "--from", 0.2, "--to", 0.22)
-    solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
-    for verb, options in (("id", ()), ("rmr", solving)):
-        output = tmp_path / f"{verb}.sto"
-        ran = station(verb, *common, *options, "--output", output)
-        assert ran.code == 0 and "nRows 81, found 79" in ran.err
-        assert "row_counts=nRows 81, found 79" in output.read_text()
+    for err, written in by_both_verbs(station, step, cut, "--from", 0.2, "--to", 0.22):
+        assert "nRows 81, found 79" in err and "row_counts=nRows 81, found 79" in written
     findings = cs.load_motion(cs.load_model(step.model), cut).findings
     assert [finding.code for finding in findings] == [AssessmentCode.WITHOUT_DATA, AssessmentCode.ROW_COUNTS]
 
@@ -303,33 +303,18 @@ def test_both_verbs_say_that_no_load_is_applied_and_that_steps_are_interpolated(
     time = table[:, 0] + np.where(np.arange(81) % 2, 2e-3, 0.0)
     write_table(step.motion, names[1:], time, table[:, 1:])
     step.loads.write_text(step.loads.read_text().replace("</ExternalForce>", f"{OFF}</ExternalForce>"))
-    common = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)
-    common += ("--from", 0.2, "--to", 0.22)
-    moments, output = tmp_path / "id.sto", tmp_path / "a.csv"
-    ran = station("id", *common, "--output", moments)
-    solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
-    solved = station("rmr", *common, *solving, "--output", output)
-    assert ran.code == 0
-    for err, written in ((ran.err, moments), (solved.err, output)):
+    words = ("--external-loads", step.loads, "--from", 0.2, "--to", 0.22)
+    for err, written in by_both_verbs(station, step, step.motion, *words):
         assert "No external load is applied: loads.xml" in err and "0.008 to 0.012 s" in err
-        assert "no_load_applied=loads.xml" in written.read_text()
-        assert "resampled_from_s=0.008 to 0.012" in written.read_text()
+        assert "no_load_applied=loads.xml" in written and "resampled_from_s=0.008 to 0.012" in written
 
 
 def test_both_verbs_warn_and_keep_the_notes(station: Station, step: Step, tmp_path: Path) -> None:
     angles = tuple(name for name in ALL if not name.startswith("pelvis"))
     motion = write_angles(tmp_path / "wrong.sto", 180 / np.pi, *angles)
-    common = ("--model", step.model, "--motion", motion, "--from", 0.2, "--to", 0.22)
-    moments, output = tmp_path / "id.sto", tmp_path / "a.csv"
-    ran = station("id", *common, "--output", moments)
-    assert ran.code == 0
-    solving = ("--joint", "thigh_joint", "--no-glenoid", "--actuators", step.actuators)
-    solved = station("rmr", *common, *solving, "--output", output)
-    for err, table in ((ran.err, moments), (solved.err, output)):
-        for name in ("patella_angle", "knee_angle", "inDegrees=yes"):
-            assert name in err
-        assert "violates_constraint=patella_angle" in table.read_text()
-        assert "beyond_range=" in table.read_text()
+    for err, written in by_both_verbs(station, step, motion, "--from", 0.2, "--to", 0.22):
+        assert all(name in err for name in ("patella_angle", "knee_angle", "inDegrees=yes"))
+        assert "violates_constraint=patella_angle" in written and "beyond_range=" in written
 
 
 def test_elastic_tendons_refuse_to_leave_out_frames(station: Station, step: Step, tmp_path: Path) -> None:

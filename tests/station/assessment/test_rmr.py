@@ -432,9 +432,12 @@ def test_with_activation_dynamics_the_leg_costs_no_less(step: Step) -> None:
     assert np.abs(bound.activations - free.activations).max() > 1e-3
 
 
-def test_other_documents_are_no_actuator_files(step: Step) -> None:
-    with raises_refusal(SolverCode.WRONG_DOCUMENT, naming="ForceSet"):
-        solve(replace(step, actuators=step.loads))
+def test_other_documents_and_files_without_actuators_are_refused(step: Step, tmp_path: Path) -> None:
+    empty = tmp_path / "empty.xml"
+    empty.write_text(actuators({}), encoding="utf-8")
+    for file, cause in ((step.loads, "ForceSet"), (empty, "ForceSet reserves has no forces")):
+        with raises_refusal(SolverCode.WRONG_DOCUMENT, naming=cause):
+            solve(replace(step, actuators=file))
 
 
 @pytest.mark.parametrize("version", ["40000", "30000"])
@@ -458,13 +461,6 @@ def test_a_force_set_that_is_the_root_of_its_file_is_read(step: Step, tmp_path: 
     (tmp_path / "root.xml").write_text(text)
     models = [read_osim(step.model, actuators=[file]) for file in (step.actuators, tmp_path / "root.xml")]
     assert models[0].actuators == models[1].actuators
-
-
-def test_a_file_without_actuators_is_refused(step: Step, tmp_path: Path) -> None:
-    empty = tmp_path / "empty.xml"
-    empty.write_text(actuators({}), encoding="utf-8")
-    with raises_refusal(SolverCode.WRONG_DOCUMENT, naming="ForceSet reserves has no forces"):
-        solve(replace(step, actuators=empty))
 
 
 def test_actuators_that_share_a_name_are_refused_by_it(step: Step, tmp_path: Path) -> None:

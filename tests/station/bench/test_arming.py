@@ -19,8 +19,7 @@ def test_two_seconds_of_daq_samples_before_the_edge_are_kept() -> None:
 
 
 def test_marker_frames_that_came_before_the_block_with_the_edge_are_kept() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
+    bench = Bench().arm(3.0)
     bench.capturing = True
     for _ in range(5):  # frames arrive at once, the DAQ's block a good deal later
         bench.send_frames(10)
@@ -51,8 +50,7 @@ def test_a_time_out_without_samples_of_the_line_has_its_own_code() -> None:
 
 @pytest.mark.parametrize("cut", [43, 41])
 def test_a_glitch_while_armed_starts_nothing_and_is_in_the_file(cut: int) -> None:
-    bench = Bench().arm()
-    bench.run(2.5)
+    bench = Bench().arm(2.5)
     spike = np.zeros(100)
     spike[40:43] = 5.0
     for part in np.split(spike, [cut]):
@@ -65,8 +63,7 @@ def test_a_glitch_while_armed_starts_nothing_and_is_in_the_file(cut: int) -> Non
 
 
 def test_an_edge_at_the_end_of_a_block_is_not_a_running_capture() -> None:
-    bench = Bench().arm()
-    bench.run(2.5)
+    bench = Bench().arm(2.5)
     bench.send_daq(np.r_[np.zeros(97), np.full(3, 5.0)])
     bench.trial.tick()
     assert bench.codes == [TrialCode.ARMED]
@@ -129,15 +126,13 @@ def _late(bench: Bench) -> list[Loss]:
 
 
 def test_frames_that_begin_late_are_counted_as_lost() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
+    bench = Bench().arm(3.0)
     bench.mocap_sends = False
     bench.start_capture()
     bench.run(1.2)
     bench.frame, bench.mocap_sends = 121, True
     bench.run(2.0)
-    bench.stop_capture()
-    bench.run(2.0)
+    bench.stop_capture(2.0)
     (loss,) = _late(bench)
     assert (loss.stream, loss.first_missing, loss.count) == ("/markers", 1, 120)
     assert bench.trial.lost_samples == 120
@@ -145,8 +140,7 @@ def test_frames_that_begin_late_are_counted_as_lost() -> None:
 
 
 def test_frames_that_arrive_before_the_edge_is_settled_are_checked_then() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
+    bench = Bench().arm(3.0)
     bench.daq_sends = False
     bench.start_capture()
     bench.frame = 4
@@ -190,8 +184,7 @@ def test_numbers_that_restart_within_a_capture_add_no_loss() -> None:
 
 
 def test_a_delayed_first_frame_is_not_a_loss() -> None:
-    bench = Bench().arm()
-    bench.run(3.0)
+    bench = Bench().arm(3.0)
     bench.mocap_sends = False
     bench.start_capture()
     bench.run(1.0)
@@ -220,16 +213,14 @@ def test_a_device_that_falls_silent_while_recording_ends_the_trial_with_a_loss_o
 
 @pytest.mark.parametrize("has_preview", [False, True])
 def test_a_short_capture_without_a_frame_is_not_accepted(has_preview: bool) -> None:
-    bench = Bench().arm()
-    bench.run(1.0)
+    bench = Bench().arm(1.0)
     if has_preview:
         bench.send_frames(10)
         bench.run(0.5)
     bench.mocap_sends = False
     bench.start_capture()
     bench.run(2.0)
-    bench.stop_capture()
-    bench.run(2.0)
+    bench.stop_capture(2.0)
     assert bench.trial.state is TrialState.FAILED
     assert bench.codes == [TrialCode.CAPTURE_ENDED, TrialCode.EMPTY_CAPTURE]
     assert bench.trial.messages[1].figures == {"source": "QTM 127.0.0.1:22223"}
@@ -241,8 +232,7 @@ def test_a_daq_that_froze_before_the_capture_ended_is_not_accepted_and_the_missi
     bench = Bench().record()
     bench.daq_sends = False
     bench.run(1.0)
-    bench.stop_capture()
-    bench.run(1.5)
+    bench.stop_capture(1.5)
     assert bench.trial.state is TrialState.CLOSING, "a busy machine may still bring them"
     bench.run(2.5)
     assert bench.trial.state is TrialState.FAILED
@@ -325,8 +315,7 @@ def test_a_slow_computer_is_reported_during_the_trial_and_in_its_result() -> Non
     bench.trial.handle(Loss("/force", "overrun", 10_000, 250, 0, bench.clock.utc_ns()))
     bench.run(1.0)
     bench.trial.handle(Loss("/sync", "queue_overflow", 10_000, 50, 0, bench.clock.utc_ns()))
-    bench.stop_capture()
-    bench.run(3.0)
+    bench.stop_capture(3.0)
     assert bench.writer.events().count("overloaded") == 1
     assert bench.codes == [TrialCode.CAPTURE_ENDED, TrialCode.OVERWRITTEN]
     assert bench.trial.messages[1].figures == {"samples": 300}

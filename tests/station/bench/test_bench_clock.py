@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import socket
 import struct
 import threading
@@ -183,16 +184,10 @@ def test_a_client_that_never_reads_is_dropped_and_the_world_continues(
                 bench.clock.advance(1.0)
                 if "is dropped" in caplog.text:
                     break
-    assert (
-        f"the client of QTM at port {client_port(caplog.text)} has read nothing for 0.1 s and is dropped" in caplog.text
-    )
+    assert re.search(r"the client of QTM at port \d+ has read nothing for 0\.1 s and is dropped", caplog.text)
     before = bench.world.now()
     bench.clock.advance(1.0)
     assert bench.world.now() == pytest.approx(before + 1.0)
-
-
-def client_port(text: str) -> str:
-    return text.split("at port ")[1].split(" ", maxsplit=1)[0]
 
 
 def test_without_a_simulated_bench_the_clock_is_refused() -> None:
@@ -219,12 +214,8 @@ def test_the_manual_clock_advances_on_request_and_by_steps() -> None:
     assert clock.utc_ns() - before == 2_500_000_000
 
 
-def test_only_a_simulated_clock_is_a_stepped_clock() -> None:
-    assert isinstance(ManualClock(), SteppedClock)
-    assert not isinstance(RealClock(), SteppedClock)
-
-
-def test_the_real_clock_never_goes_back() -> None:
+def test_the_real_clock_never_goes_back_and_is_no_stepped_clock() -> None:
     clock = RealClock()
     readings = [clock.utc_ns() for _ in range(1000)]
     assert readings == sorted(readings)
+    assert [isinstance(one, SteppedClock) for one in (clock, ManualClock())] == [False, True]

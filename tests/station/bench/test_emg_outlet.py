@@ -100,8 +100,7 @@ def test_an_amplifier_that_falls_silent_or_is_lost_is_noted_and_counted_and_the_
     stop_emg(bench)
     bench.run(4.0)
     assert bench.codes == [TrialCode.RECORDING, code]
-    bench.stop_capture()
-    bench.run(2.0)
+    bench.stop_capture(2.0)
     assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED, code])
     (loss,) = (item for item in bench.writer.items if isinstance(item, Loss))
     assert (loss.stream, loss.first_missing) == ("/emg", 500) and loss.count == pytest.approx(400, abs=20)
@@ -124,8 +123,7 @@ def test_a_clock_of_the_amplifier_that_is_measured_seldom_is_no_silent_amplifier
     bench.start_capture()
     bench.run(10.0)
     assert bench.codes == [TrialCode.RECORDING]
-    bench.stop_capture()
-    bench.run(2.0)
+    bench.stop_capture(2.0)
     assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])
     assert not [item for item in bench.writer.items if isinstance(item, Loss)]
 

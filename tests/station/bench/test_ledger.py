@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -153,81 +154,67 @@ def patience_s() -> float:
     return scaled_timeout(30.0)
 
 
-def test_the_items_of_a_device_arrive_in_order() -> None:
-    events = [Event(str(i), "", i, "x") for i in range(3)]
+@contextmanager
+def started(device: Scripted) -> Iterator[tuple[DeviceFeed, FeedQueue]]:
+    """The feed of a device, which ends at last and closes it."""
     inbox = FeedQueue()
-    feed = DeviceFeed(Scripted([[events[0]], [], events[1:]]), inbox)
+    feed = DeviceFeed(device, inbox)
     feed.start()
-    assert inbox.get(timeout=patience_s()) == DeviceOpened("scripted", (), Scripted.identity)
-    assert inbox.get(timeout=patience_s()) == ItemsReceived("scripted", [events[0]])
-    assert inbox.get(timeout=patience_s()) == ItemsReceived("scripted", events[1:])
+    yield feed, inbox
     feed.ask_to_stop()
     assert feed.has_ended(within_s=patience_s())
+    assert device.closed.is_set()
 
 
-def test_a_device_that_does_not_open_or_is_lost_is_reported_and_closed() -> None:
-    for device in (Scripted([], refuses=DeviceUnavailable("no")), Scripted([DeviceLost("gone")])):
-        inbox = FeedQueue()
-        feed = DeviceFeed(device, inbox)
-        feed.start()
+def test_the_items_of_a_device_arrive_in_order() -> None:
+    events = [Event(str(i), "", i, "x") for i in range(3)]
+    with started(Scripted([[events[0]], [], events[1:]])) as (_, inbox):
+        assert inbox.get(timeout=patience_s()) == DeviceOpened("scripted", (), Scripted.identity)
+        assert inbox.get(timeout=patience_s()) == ItemsReceived("scripted", [events[0]])
+        assert inbox.get(timeout=patience_s()) == ItemsReceived("scripted", events[1:])
+
+
+@pytest.mark.parametrize(
+    ("device", "cause"),
+    [
+        (Scripted([], refuses=DeviceUnavailable("no")), "no"),
+        (Scripted([DeviceLost("gone")]), "gone"),
+        (Scripted([ZeroDivisionError("oops")]), "ZeroDivisionError: oops"),
+    ],
+    ids=["not opened", "lost", "an error of its driver"],
+)
+def test_a_device_that_fails_is_reported_and_closed(device: Scripted, cause: str) -> None:
+    with started(device) as (feed, inbox):
         message = inbox.get(timeout=patience_s())
         if isinstance(message, DeviceOpened):
             message = inbox.get(timeout=patience_s())
-        assert isinstance(message, DeviceFailed)
-        assert feed.has_ended(within_s=patience_s())
-        assert device.closed.is_set()
-
-
-def test_an_unexpected_error_of_a_driver_is_a_lost_device() -> None:
-    inbox = FeedQueue()
-    feed = DeviceFeed(Scripted([ZeroDivisionError("oops")]), inbox)
-    feed.start()
-    inbox.get(timeout=patience_s())
-    message = inbox.get(timeout=patience_s())
-    assert isinstance(message, DeviceFailed)
-    assert "ZeroDivisionError: oops" in str(message.error)
-    assert feed.has_ended(within_s=patience_s())
+        assert isinstance(message, DeviceFailed) and cause in str(message.error)
+        assert feed.has_ended(within_s=patience_s()), "without a request"
 
 
 def test_capture_requests_are_done_by_the_device_s_own_thread_even_when_stopping() -> None:
-    inbox = FeedQueue()
     device = Scripted([])
-    feed = DeviceFeed(device, inbox)
-    assert feed.can_control_capture
-    feed.start()
-    feed.request_capture(start=True)
-    feed.request_capture(start=False)
-    feed.ask_to_stop()
-    assert feed.has_ended(within_s=patience_s())
+    with started(device) as (feed, _):
+        assert feed.can_control_capture
+        feed.request_capture(start=True)
+        feed.request_capture(start=False)
     assert device.requests == ["start", "stop"]
 
 
-def test_a_full_queue_pauses_the_device_without_a_loss(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("is_read", [True, False])
+def test_a_full_queue_pauses_the_device_without_a_loss_and_its_feed_ends(
+    monkeypatch: pytest.MonkeyPatch, is_read: bool
+) -> None:
     monkeypatch.setattr(station.bench.feed, "MOST_WAITING", 3)
     monkeypatch.setattr(station.bench.feed, "READ_TIMEOUT_S", 0.01)
     events = [Event(str(i), "", i, "x") for i in range(20)]
     device = Scripted([[event] for event in events])
-    inbox = FeedQueue()
-    feed = DeviceFeed(device, inbox)
-    feed.start()
-    while not inbox.full():
-        device.closed.wait(0.001)
-    assert len(device._script) >= 20 - 4
-    taken = [inbox.get(timeout=patience_s()) for _ in range(21)]
-    assert [message.items[0] for message in taken if isinstance(message, ItemsReceived)] == events
-    feed.ask_to_stop()
-    assert feed.has_ended(within_s=patience_s())
-
-
-def test_a_feed_with_a_full_queue_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(station.bench.feed, "MOST_WAITING", 1)
-    monkeypatch.setattr(station.bench.feed, "READ_TIMEOUT_S", 0.01)
-    device = Scripted([[Event(str(i), "", i, "x")] for i in range(5)])
-    feed = DeviceFeed(device, FeedQueue())
-    feed.start()
-    feed.ask_to_stop()
-    assert feed.has_ended(within_s=patience_s())
-    assert device.closed.is_set()
+    with started(device) as (_, inbox):
+        while not inbox.full():
+            device.closed.wait(0.001)
+        assert len(device._script) >= 20 - 4
+        taken = [inbox.get(timeout=patience_s()) for _ in range(21 * is_read)]
+    assert [message.items[0] for message in taken if isinstance(message, ItemsReceived)] == events * is_read
 
 
 def test_a_device_that_does_not_finish_a_round_no_longer_delays_later_rounds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,10 +21,17 @@ from drivers.simulators.simulated_bench import Bench
 from drivers.simulators.world import World
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
-from station.bench.simulation import SimulatedBench, SimulationError, execute_commands, parse_fault, simulator_settings
+from station.bench.simulation import (
+    SimulatedBench,
+    SimulationError,
+    execute_commands,
+    is_served_by_simulator,
+    parse_fault,
+    simulator_settings,
+)
 from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
-from station.config import StationConfig, parse_config
+from station.config import StationConfig, load_config, parse_config
 from station.messages.bench_messages import TrialCode
 from station.messages.setup_messages import SimulationCode
 from station.protocol import TrialSpec
@@ -133,9 +140,6 @@ def test_a_known_mass_on_the_simulated_cell_is_right(
 def test_record_uses_the_clock_of_the_simulated_bench_of_its_configuration_only(
     simulated_bench: Callable[..., Bench], tmp_path: Path
 ) -> None:
-    from station.bench.simulation import is_served_by_simulator
-    from station.config import load_config
-
     bench, other = simulated_bench(), simulated_bench()
     assert is_served_by_simulator(load_config(written(bench, tmp_path)))
     ports = {**bench.ports, "clock": other.ports["clock"]}
@@ -154,13 +158,7 @@ def test_the_simulated_operator_begins_the_next_capture_seconds_after_the_last(
     end = bench.world.start_capture().end
     with BenchClock(bench.ports["clock"]) as clock:
         TrialRecorder(config_for(bench), clock).record(tmp_path, TrialSpec(None, "bounce", 1))
-    assert bench.world.capture.start - end >= simulator_delay()
-
-
-def simulator_delay() -> float:
-    from drivers.simulators.settings import Settings
-
-    return Settings().operator.delay_s
+    assert bench.world.capture.start - end >= Settings().operator.delay_s
 
 
 def test_the_simulated_bench_has_the_wiring_of_the_configuration() -> None:
@@ -210,13 +208,8 @@ def test_unknown_settings_are_refused() -> None:
 
 def test_a_line_is_a_fault_at_the_present_time() -> None:
     fault = parse_fault('qtm drop_labels for_s=2 labels=["cuff_1"]\n')
-    assert (fault.device, fault.fault, fault.at_s, fault.for_s, fault.labels) == (
-        "qtm",
-        "drop_labels",
-        0.0,
-        2.0,
-        ("cuff_1",),
-    )
+    assert (fault.device, fault.fault, fault.labels) == ("qtm", "drop_labels", ("cuff_1",))
+    assert (fault.at_s, fault.for_s) == (0.0, 2.0)
     assert parse_fault("sync early_edge capture=2").capture == 2
 
 

@@ -13,11 +13,11 @@ import pytest
 
 from documents.message import Message
 from drivers.simulators.faults import FAULTS, Fault, Faults, fault_from_dict
-from drivers.simulators.settings import Settings, settings_from_dict
+from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from fitting.errors import UnusableTrial
 from fitting.trial.decimation import decimate
-from fitting.trial.timeline import SyncCertificate, certify
+from fitting.trial.timeline import certify
 from recordings.reader import open_recording
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.bench_clock import BenchClock
@@ -48,14 +48,6 @@ class Case:
     words: str
     while_armed: bool = False
 
-    @property
-    def name(self) -> str:
-        return f"{self.fault.replace('_', ' ')}{' while armed' if self.while_armed else ''}"
-
-    @property
-    def plan(self) -> Fault:
-        return fault_from_dict({"device": "sync", "fault": self.fault, **self.when})
-
 
 CASES = (
     Case("glitch", {"at_s": 0.3}, "sync_glitch", True, r"start and stop edge: offset", while_armed=True),
@@ -65,20 +57,6 @@ CASES = (
     Case("no_stop_edge", {}, "no_stop_edge", True, r"start edge alone.*has not fallen when the recording ends"),
     Case("wrong_polarity", {"capture": 0}, "", False, r"the sync line fell from 5\.\d\d V .* active high"),
 )
-
-
-@dataclass(frozen=True)
-class Suffered:
-    """What became of the trial; certificate is None where there is none, and words says why.
-
-    reported_after_s  world seconds from the fault to the station's event, None without one
-    """
-
-    result: TrialResult
-    events: tuple[Event, ...]
-    certificate: SyncCertificate | None
-    words: str
-    reported_after_s: float | None
 
 
 @dataclass
@@ -97,53 +75,42 @@ class _Meddler:
             self.faults.inject(self.fault)
 
 
-def suffer(case: Case, folder: Path, speed: float | None = None) -> Suffered:
-    """Records one short capture in which the fault happens."""
-    with Bench(_settings(), speed, seed=3, fault_plan=() if case.while_armed else [case.plan]) as bench:
-        world = bench.world
-        views = [_Meddler(case.plan, world.faults)] if case.while_armed else []
+def suffer(case: Case, folder: Path) -> tuple[TrialResult, set[str], str]:
+    """Result, kinds of events and words of one short capture in which the fault happens."""
+    plan = fault_from_dict({"device": "sync", "fault": case.fault, **case.when})
+    with Bench(settings_from_dict(SETTINGS), None, seed=3, fault_plan=() if case.while_armed else [plan]) as bench:
+        views = [_Meddler(plan, bench.world.faults)] if case.while_armed else []
         with BenchClock(bench.ports["clock"]) as clock:
-            result = TrialRecorder(_config(bench), clock, views).record(folder, TrialSpec("waist", "static", 1))
-        capture = world.capture
-        moment = capture.end if case.fault == "no_stop_edge" else world.faults.of("sync", case.fault)[0].begin
-        moment_utc_ns = bench.start_utc_ns + int(moment * 1e9)
+            config = _config(bench, {"stop_edge": "end_of_frame"})
+            result = TrialRecorder(config, clock, views).record(folder, TrialSpec("waist", "static", 1))
     if result.path is None:
-        return Suffered(result, (), None, result.sentence, None)
+        return result, set(), result.sentence
     recording = open_recording(result.path)
-    events = tuple(item for item in recording.items() if isinstance(item, Event))
-    times_ns = [event.host_time_ns for event in events if case.event and event.kind == case.event]
-    after_s = (times_ns[0] - moment_utc_ns) * 1e-9 if times_ns else None
+    kinds = {item.kind for item in recording.items() if isinstance(item, Event)}
     try:
         tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
         certificate = certify(recording.manifest, decimate(recording.manifest, tracks))
     except UnusableTrial as error:
-        return Suffered(result, events, None, str(error), after_s)
-    return Suffered(
-        result, events, certificate, "; ".join(map(str, (certificate.summary, *certificate.findings))), after_s
-    )
+        return result, kinds, str(error)
+    return result, kinds, "; ".join(map(str, (certificate.summary, *certificate.findings)))
 
 
-def _settings() -> Settings:
-    return settings_from_dict(
-        {
-            "ports": {"serial": None},
-            "operator": {"delay_s": 2 * ARMED_FOR_S},
-            "protocol": {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}},
-            "mocap": {"occlusions_per_minute": 0},
-        }
-    )
+SETTINGS = {
+    "ports": {"serial": None},
+    "operator": {"delay_s": 2 * ARMED_FOR_S},
+    "protocol": {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}},
+    "mocap": {"occlusions_per_minute": 0},
+}
 
 
-def _config(bench: Bench) -> StationConfig:
-    return parse_config(
-        {
-            "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
-            "mocap": {"port": bench.ports["qtm"]},
-            "sync": {"stop_edge": "end_of_frame"},
-            "cuffs": {"waist": {"anchor_markers": bench.world.labels[:4], "cuff_markers": ["cuff_1"]}},
-        },
-        "test",
-    )
+def _config(bench: Bench, sync: dict[str, Any]) -> StationConfig:
+    config = {
+        "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
+        "mocap": {"port": bench.ports["qtm"]},
+        "sync": sync,
+        "cuffs": {"waist": {"anchor_markers": bench.world.labels[:4], "cuff_markers": ["cuff_1"]}},
+    }
+    return parse_config(config, "test")
 
 
 MILLISECOND = 1_000_000  # ns between two samples
@@ -334,14 +301,13 @@ def test_frames_of_an_earlier_capture_are_dropped_with_their_losses() -> None:
 # Every fault of the sync line, through the real wires: its message, and the outcome of the trial.
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.fault + case.while_armed * " while armed")
 def test_a_fault_of_the_sync_line_is_reported_by_recorder_or_certificate(case: Case, tmp_path: Path) -> None:
-    suffered = suffer(case, tmp_path)
-    assert suffered.result.accepted is case.accepted, suffered.result.sentence
-    assert re.search(case.words, suffered.words), suffered.words
-    kinds = {"sync_glitch", "sync_double_edge", "no_stop_edge"} & {event.kind for event in suffered.events}
-    assert kinds == ({case.event} if case.event else set())
-    assert (suffered.result.path is None) is (case.fault == "wrong_polarity"), "nothing of an inverted line is kept"
+    result, kinds, words = suffer(case, tmp_path)
+    assert result.accepted is case.accepted, result.sentence
+    assert re.search(case.words, words), words
+    assert kinds & {"sync_glitch", "sync_double_edge", "no_stop_edge"} == ({case.event} if case.event else set())
+    assert (result.path is None) is (case.fault == "wrong_polarity"), "nothing of an inverted line is kept"
 
 
 def test_every_fault_of_the_sync_line_has_a_test_case() -> None:
@@ -354,23 +320,13 @@ def test_every_fault_of_the_sync_line_has_a_test_case() -> None:
 def _record(folder: Path, before_frame_end_s: float, ppm: float, sync: dict[str, Any], hold_s: float = 12.0) -> Path:
     """One trial of three holds, which the wire's own devices time."""
     settings = {
-        "ports": {"serial": None},
+        **{key: SETTINGS[key] for key in ("ports", "mocap")},
         "sync": {"before_frame_end_s": before_frame_end_s},
         "daq_clock": {"offset_ppm": ppm, "drift_ppm_per_hour": 0},
         "protocol": {"static": {"lead_in_s": 1.0, "hold_s": hold_s, "step_masses_kg": [3.0]}},
-        "mocap": {"occlusions_per_minute": 0},
     }
-    with Bench(settings_from_dict(settings), None, seed=3) as bench:
-        config = {
-            "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
-            "mocap": {"port": bench.ports["qtm"]},
-            "sync": sync,
-            "cuffs": {"waist": {"anchor_markers": bench.world.labels[:4], "cuff_markers": ["cuff_1"]}},
-        }
-        with BenchClock(bench.ports["clock"]) as clock:
-            result = TrialRecorder(parse_config(config, "test"), clock, []).record(
-                folder, TrialSpec("waist", "static", 1)
-            )
+    with Bench(settings_from_dict(settings), None, seed=3) as bench, BenchClock(bench.ports["clock"]) as clock:
+        result = TrialRecorder(_config(bench, sync), clock, []).record(folder, TrialSpec("waist", "static", 1))
     assert result.accepted
     assert result.path is not None
     return result.path

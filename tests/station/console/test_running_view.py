@@ -4,6 +4,7 @@ import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from functools import wraps
 from typing import Any
 
 import pytest
@@ -28,7 +29,6 @@ from station.session.trial_runner import LiveTrial, force_limits
 from tests.station.wearer import wearer_config
 
 BOUNCE = TrialSpec(None, "bounce", 1)
-Run = Callable[[Callable[[], Awaitable[None]]], None]
 
 
 @pytest.mark.parametrize(
@@ -117,70 +117,63 @@ async def turn() -> None:
         await asyncio.sleep(0)
 
 
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch) -> Run:
-    def in_a_loop(work: Callable[[], Awaitable[None]]) -> None:
+def in_a_loop(test: Callable[[], Awaitable[None]]) -> Callable[[], None]:
+    @wraps(test)
+    def run() -> None:
         async def whole() -> None:
-            monkeypatch.setattr("nicegui.core.loop", asyncio.get_running_loop())
-            await work()
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr("nicegui.core.loop", asyncio.get_running_loop())
+                await test()
 
         asyncio.run(whole())
 
-    return in_a_loop
+    return run
 
 
-def test_every_tick_with_new_data_sends_one_update_to_a_browser_that_draws(run: Run) -> None:
-    async def work() -> None:
-        browser = FakeBrowser()
-        sender = UpdateSender(browser.draw)
-        for tick in range(1, 101):
-            sender.tick(0.08 * tick)
-            await turn()
-            assert browser.sent == tick
-            await browser.has_drawn()
-
-    run(work)
-
-
-def test_a_browser_that_does_not_draw_receives_no_further_updates_until_it_does(run: Run) -> None:
-    async def work() -> None:
-        browser = FakeBrowser()
-        sender = UpdateSender(browser.draw)
-        for tick in range(50):
-            sender.tick(float(tick))  # without a turn: the count must not wait for the tasks
+@in_a_loop
+async def test_every_tick_with_new_data_sends_one_update_to_a_browser_that_draws() -> None:
+    browser = FakeBrowser()
+    sender = UpdateSender(browser.draw)
+    for tick in range(1, 101):
+        sender.tick(0.08 * tick)
         await turn()
-        assert browser.sent == UNDRAWN_UPDATES
+        assert browser.sent == tick
         await browser.has_drawn()
-        for tick in range(50, 100):
-            sender.tick(float(tick))
+
+
+@in_a_loop
+async def test_a_browser_that_does_not_draw_receives_no_further_updates_until_it_does() -> None:
+    browser = FakeBrowser()
+    sender = UpdateSender(browser.draw)
+    for tick in range(50):
+        sender.tick(float(tick))  # without a turn: the count must not wait for the tasks
+    await turn()
+    assert browser.sent == UNDRAWN_UPDATES
+    await browser.has_drawn()
+    for tick in range(50, 100):
+        sender.tick(float(tick))
+    await turn()
+    assert browser.sent == UNDRAWN_UPDATES + 1
+
+
+@in_a_loop
+async def test_a_browser_that_timed_out_receives_updates_again() -> None:
+    browser = FakeBrowser()
+    sender = UpdateSender(browser.draw)
+    sender.tick(1.0)
+    sender.tick(2.0)
+    await turn()
+    await browser.times_out()
+    sender.tick(3.0)
+    await turn()
+    assert browser.sent == 3
+
+
+@in_a_loop
+async def test_data_are_sent_once_and_no_data_not_at_all() -> None:
+    browser = FakeBrowser()
+    sender = UpdateSender(browser.draw)
+    for at in (None, 1.0, 1.0, 1.0):
+        sender.tick(at)
         await turn()
-        assert browser.sent == UNDRAWN_UPDATES + 1
-
-    run(work)
-
-
-def test_a_browser_that_timed_out_receives_updates_again(run: Run) -> None:
-    async def work() -> None:
-        browser = FakeBrowser()
-        sender = UpdateSender(browser.draw)
-        sender.tick(1.0)
-        sender.tick(2.0)
-        await turn()
-        await browser.times_out()
-        sender.tick(3.0)
-        await turn()
-        assert browser.sent == 3
-
-    run(work)
-
-
-def test_data_are_sent_once_and_no_data_not_at_all(run: Run) -> None:
-    async def work() -> None:
-        browser = FakeBrowser()
-        sender = UpdateSender(browser.draw)
-        for at in (None, 1.0, 1.0, 1.0):
-            sender.tick(at)
-            await turn()
-        assert browser.sent == 1
-
-    run(work)
+    assert browser.sent == 1

@@ -95,19 +95,27 @@ def test_shape_level_and_change_are_those_that_were_simulated(station: Station, 
     assert "suit0" in ran.out
 
 
-def test_envelopes_and_change_are_read_by_the_next_stage(station: Station, lab: Path, tmp_path: Path) -> None:
+def test_envelopes_and_change_are_read_by_the_next_stage_and_reported(
+    station: Station, lab: Path, tmp_path: Path
+) -> None:
     ran, _ = run(station, lab, tmp_path)
     names, table, _ = read_table(tmp_path / "suit1_emg.sto")
     assert names == ["time", "delt_ant", "serratus"]
     np.testing.assert_allclose(np.diff(table[:, 0]), 0.01, rtol=1e-6)
     assert 0.3 < table[:, 1].max() < 0.5
     assert "unit=fraction of the MVC" in (tmp_path / "suit1_emg.sto").read_text()
-    measured = read_emg(
-        tmp_path / "emg_change.csv", ["DeltoideusClavicle_A", "SerratusAnterior_I", "SerratusAnterior_M"]
-    )
-    assert [row.muscle for row in measured] == ["DeltoideusClavicle_A", "SerratusAnterior_I", "SerratusAnterior_M"]
+    muscles = ["DeltoideusClavicle_A", "SerratusAnterior_I", "SerratusAnterior_M"]
+    measured = read_emg(tmp_path / "emg_change.csv", muscles)
+    assert [row.muscle for row in measured] == muscles
     assert measured[0].reduction_percent.value == pytest.approx(100 / 3, abs=8)
     assert ran.out.count("_emg.sto") == 6
+    assert station("report", tmp_path).code == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count('<a id="emg">') == 1
+    assert page.count("<figcaption>") == 7  # six trials and the change
+    names = (f"{name}{i}" for name in ("suit", "bare") for i in range(3))
+    assert unmarked_numbers(tmp_path / "report.html", tmp_path.name, *names) == []
+    assert "emg.json" in json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["inputs"]
 
 
 def test_without_an_mvc_there_is_no_level_in_percent_and_one_repeat_has_no_interval(
@@ -120,21 +128,6 @@ def test_without_an_mvc_there_is_no_level_in_percent_and_one_repeat_has_no_inter
     assert (document.trials[0].channels[0].mean or 0) < 1e-3
     assert [change.emg_ratio.ci95 for change in document.changes] == [None, None]
     assert not (tmp_path / "emg_change.csv").exists()
-
-
-def test_the_report_has_a_section_on_emg_and_only_then(station: Station, lab: Path, tmp_path: Path) -> None:
-    run(station, lab, tmp_path)
-    assert station("report", tmp_path).code == 0
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count('<a id="emg">') == 1
-    assert page.count("<figcaption>") == 7  # six trials and the change
-    assert (
-        unmarked_numbers(
-            tmp_path / "report.html", tmp_path.name, *(f"{name}{i}" for name in ("suit", "bare") for i in range(3))
-        )
-        == []
-    )
-    assert "emg.json" in json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["inputs"]
 
 
 def test_a_clipped_channel_is_left_out_by_name(station: Station, lab: Path, tmp_path: Path) -> None:
@@ -232,26 +225,21 @@ def test_bad_input_is_refused_and_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "key"),
-    [
+def test_a_malformed_emg_json_is_refused_with_its_key(station: Station, lab: Path, tmp_path: Path) -> None:
+    run(station, lab, tmp_path, repeats=1)
+    path = tmp_path / "emg.json"
+    text = path.read_text().replace('"findings": []', '"findings": ["hum"]', 1)
+    for before, after, key in (
         ('"format": 1', '"format": 2', "format"),
         ('"time_s": [', '"time_s": [0.0,', "time_s"),
         ('"hum"', '"noisy"', "trials.0.channels.0.findings.0"),
         ("{", "", "JSON"),
-    ],
-)
-def test_a_malformed_emg_json_is_refused_with_its_key(
-    station: Station, lab: Path, tmp_path: Path, before: str, after: str, key: str
-) -> None:
-    run(station, lab, tmp_path, repeats=1)
-    path = tmp_path / "emg.json"
-    text = path.read_text().replace('"findings": []', '"findings": ["hum"]', 1)
-    path.write_text(text.replace(before, after, 1))
-    with raises_refusal(EmgCode.WRONG_DOCUMENT, kind=EmgFileError) as caught:
-        read_emg_document(path)
-    assert key in caught.value.cause.figures["reason"]
-    assert station("report", tmp_path).code == 1
+    ):
+        path.write_text(text.replace(before, after, 1))
+        with raises_refusal(EmgCode.WRONG_DOCUMENT, kind=EmgFileError) as caught:
+            read_emg_document(path)
+        assert key in caught.value.cause.figures["reason"]
+        assert station("report", tmp_path).code == 1
 
 
 def test_a_channel_s_name_of_any_kind_reaches_table_and_figure(station: Station, lab: Path, tmp_path: Path) -> None:

@@ -26,11 +26,10 @@ from station.journal import Setup, write_mark, write_setup, write_verdict
 from station.messages.file_messages import ChainCode
 from station.messages.setup_messages import FolderCode
 from station.recordings_of_session import originals_in, recordings_in, useless_copies_in
-from tests.made_once import made_once
 from tests.station.bench.test_session_folder import record
 from tests.station.command import Ran, assert_refused
 from tests.station.foreign import static_and_dynamic
-from tests.station.reported import DYNAMIC, STATIC, report_session
+from tests.station.reported import DYNAMIC, STATIC
 
 Station = Callable[..., Ran]
 
@@ -38,15 +37,10 @@ AS_RECORDED, CHANGED, BY_HAND, MISSING = (Standing.AS_RECORDED, Standing.CHANGED
 needs_ssh_keygen = pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="needs OpenSSH's ssh-keygen")
 
 
-@pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made_once(tmp_path_factory, "reported", report_session)
-
-
 @pytest.fixture
-def session(made: Path, tmp_path: Path) -> Path:
+def session(reported: Path, tmp_path: Path) -> Path:
     """A copy to spoil."""
-    return Path(shutil.copytree(made, tmp_path / "session"))
+    return Path(shutil.copytree(reported, tmp_path / "session"))
 
 
 @pytest.fixture
@@ -79,8 +73,8 @@ def standings(ran: Ran) -> dict[str, str]:
     return {link["what"]: link["standing"] for link in json.loads(ran.out)}
 
 
-def test_every_link_of_an_unchanged_session_is_as_recorded(made: Path, station: Station) -> None:
-    ran = station("verify", made)
+def test_every_link_of_an_unchanged_session_is_as_recorded(reported: Path, station: Station) -> None:
+    ran = station("verify", reported)
     assert ran.code == 0, ran.out
     lines = ran.out.splitlines()
     assert all(line.split(" (")[0].endswith(": as recorded") for line in lines), ran.out
@@ -89,12 +83,12 @@ def test_every_link_of_an_unchanged_session_is_as_recorded(made: Path, station: 
     assert links.index(STATIC) < links.index("assessment.json ← cuffs.json") < links.index(f"cuffs.json ← {STATIC}")
 
 
-def test_the_checksums_are_those_of_sha256sum(made: Path) -> None:
+def test_the_checksums_are_those_of_sha256sum(reported: Path) -> None:
     program = shutil.which("sha256sum")
     if program is None:
         pytest.skip("there is no sha256sum")
-    ran = subprocess.run([program, "--strict", "-c", CHECKSUMS_FILE], cwd=made, check=False, capture_output=True)  # noqa: S603
-    assert ran.returncode == 0 and ran.stdout.count(b": OK") == len(Checksums(made).sums) >= 6
+    ran = subprocess.run([program, "--strict", "-c", CHECKSUMS_FILE], cwd=reported, check=False, capture_output=True)  # noqa: S603
+    assert ran.returncode == 0 and ran.stdout.count(b": OK") == len(Checksums(reported).sums) >= 6
 
 
 def test_a_recorder_records_the_hash_of_its_trial(tmp_path: Path) -> None:
@@ -217,10 +211,10 @@ def test_one_changed_byte_breaks_the_chain_at_its_file(session: Path, station: S
     ],
 )
 def test_a_figure_without_the_fits_standard_error_is_given_by_hand(
-    made: Path, tmp_path: Path, change: Callable[[Any], None], given: tuple[str, ...]
+    reported: Path, tmp_path: Path, change: Callable[[Any], None], given: tuple[str, ...]
 ) -> None:
     copy = tmp_path / "cuffs.json"
-    copy.write_bytes((made / "cuffs.json").read_bytes())
+    copy.write_bytes((reported / "cuffs.json").read_bytes())
     edit(copy, lambda plain: change(plain["cuffs"]["hand"]))
     assert read_cuffs(copy)["hand"].given == given
 

@@ -30,13 +30,8 @@ def recorded(folder: Path, hidden: slice, lost: slice = slice(0)) -> Path:
     for name in ("/force", "/sync"):
         track = tracks[name]
         kept = np.delete(np.arange(len(track.values)), lost)
-        tracks[name] = replace(
-            track,
-            **{
-                field: getattr(track, field)[kept]
-                for field in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
-            },
-        )
+        fields = ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+        tracks[name] = replace(track, **{field: getattr(track, field)[kept] for field in fields})
     folder.mkdir(parents=True, exist_ok=True)
     return Truth(truth.manifest, tracks).record(folder / "cuff-hand_test-static_run-1.mcap")
 
@@ -76,11 +71,8 @@ def sidecar(done: Exported) -> dict[str, Any]:
 @pytest.mark.parametrize("to", ["mot", "sto"])
 def test_the_force_is_a_pull_along_the_cuff_displacement(static: Path, trial: Trial, tmp_path: Path, to: str) -> None:
     done = export(static, to, tmp_path)
-    assert [path.name.removeprefix(static.stem) for path in done.paths] == [
-        f"_force_1.{to}",
-        f"_force_2.{to}",
-        f".{to}.json",
-    ]
+    ends = [path.name.removeprefix(static.stem) for path in done.paths]
+    assert ends == [f"_force_1.{to}", f"_force_2.{to}", f".{to}.json"]
     rows = np.concatenate(tables(done))
     at = np.searchsorted(trial.force_time, rows[:, 0] - 1e-6)
     assert rows[:, 0] == pytest.approx(trial.force_time[at], rel=1e-9)

@@ -1,4 +1,4 @@
-""""""
+"""A recording through its simulated devices again: the same samples at the same times."""
 
 from __future__ import annotations
 

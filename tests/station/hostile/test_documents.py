@@ -41,12 +41,7 @@ DEEP_JSON = "[" * 100_000 + "]" * 100_000
 DEEP_TOML = f"a = {DEEP_JSON}\n"
 LONG = "7" * 400
 """An integer beyond the range of a double and of a clock."""
-JSON_READERS: tuple[Callable[[Path], object], ...] = (
-    read_assessment,
-    read_emg_document,
-    read_numbers,
-    read_normative,
-)
+JSON_READERS: tuple[Callable[[Path], object], ...] = (read_assessment, read_emg_document, read_numbers, read_normative)
 TOML_READERS: tuple[Callable[[Path], object], ...] = (
     load_config,
     read_effort,
@@ -101,6 +96,10 @@ def last_sentence(ran: Ran) -> str:
         '{"cuffs": {"../hand": {}}}',
         '{"cuffs": {"ha\\u0000nd": {}}}',
         '{"cuffs": [1]}',
+        '{"cuffs": 3}',
+        '{"cuffs": {"hand": {"stiffness_n_per_m": "soft"}}}',
+        "",
+        "[]",
     ],
 )
 @pytest.mark.parametrize("verb", ["assess", "report"])
@@ -282,7 +281,6 @@ def test_an_incomplete_assessment_is_refused(tmp_path: Path, key: str, wrong: An
     ("text", "code"),
     [
         ("[]", AssessmentFileCode.NOT_AN_OBJECT),
-        ("[1]", AssessmentFileCode.NOT_AN_OBJECT),
         ("5", AssessmentFileCode.NOT_AN_OBJECT),
         ('"x"', AssessmentFileCode.NOT_AN_OBJECT),
         ("{", AssessmentFileCode.NOT_JSON),

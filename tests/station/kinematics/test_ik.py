@@ -14,6 +14,7 @@ from recordings.exchange.sample_tables import MarkerTable
 from recordings.exchange.trc import write_trc
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
+from solver.inverse_kinematics.solve import assemble
 from solver.motion import MotionError, read_motion
 from solver.osim.tool_setups import read_ik_setup
 from solver.time_series_table import read_table
@@ -41,7 +42,7 @@ def trial(folder: Path, frames: int = 30, hidden: int | None = None) -> np.ndarr
     first, last = random_postures(MODEL, 2, 0.1, 3)
     part = np.linspace(0.0, 1.0, frames)[:, None]
     # between two postures the constraint is open by little; the closed ones are what the markers show
-    truth = random_postures_near(first + part * (last - first))
+    truth = np.array([assemble(MODEL, posture) for posture in first + part * (last - first)])
     positions = 1e3 * seen_from(MODEL, truth)
     if hidden is not None:
         positions[hidden] = np.nan
@@ -56,12 +57,6 @@ def write_setup(path: Path, range_s: str) -> None:
     """A set-up with every marker of the model at the same weight."""
     tasks = "".join(TASK.format(name=marker.name, weight=1) for marker in MODEL.markers)
     path.write_text(SETUP.format(range=range_s, tasks=tasks), encoding="utf-8")
-
-
-def random_postures_near(wanted: np.ndarray) -> np.ndarray:
-    from solver.inverse_kinematics.solve import assemble
-
-    return np.array([assemble(MODEL, posture) for posture in wanted])
 
 
 def run(
@@ -229,24 +224,16 @@ def test_an_empty_time_range_is_the_whole_trial(tmp_path: Path, given: str) -> N
     assert read_ik_setup(tmp_path / "setup.xml").time_range == (-np.inf, np.inf)
 
 
-def test_elements_that_change_nothing_here_are_named(tmp_path: Path) -> None:
+def test_elements_that_change_nothing_here_and_another_tool_in_the_document_are_named(tmp_path: Path) -> None:
     task = TASK.format(name="C7", weight=1) + "<IKOrientationTask name='imu'><weight>1</weight></IKOrientationTask>"
     off = "<IKOrientationTask name='off'><apply>false</apply><weight>1</weight></IKOrientationTask>"
-    text = SETUP.format(range="0 1", tasks=task + off)
     more = "<constraint_weight>{}</constraint_weight><accuracy>1e-5</accuracy><report_errors>true</report_errors>"
-    found = []
-    for weight in ("20", "Inf"):
+    tool = "<AnalyzeTool name='second'><start_time>0</start_time></AnalyzeTool></OpenSimDocument>"
+    text = SETUP.format(range="0 1", tasks=task + off).replace("</OpenSimDocument>", tool)
+    for weight, named in (("20", ["<constraint_weight> 20"]), ("Inf", [])):
         (tmp_path / "setup.xml").write_text(text.replace("</IKTaskSet>", "</IKTaskSet>" + more.format(weight)))
-        found.append([part.split(" (")[0] for part in read_ik_setup(tmp_path / "setup.xml").unused])
-    assert found == [["<IKOrientationTask> imu", "<constraint_weight> 20"], ["<IKOrientationTask> imu"]]
-
-
-def test_another_tool_in_the_document_is_named(tmp_path: Path) -> None:
-    text = SETUP.format(range="0 1", tasks=TASK.format(name="C7", weight=1))
-    other = "<AnalyzeTool name='second'><start_time>0</start_time></AnalyzeTool></OpenSimDocument>"
-    (tmp_path / "setup.xml").write_text(text.replace("</OpenSimDocument>", other))
-    (found,) = read_ik_setup(tmp_path / "setup.xml").unused
-    assert found.startswith("<AnalyzeTool> second")
+        found = {part.split(" (")[0] for part in read_ik_setup(tmp_path / "setup.xml").unused}
+        assert found == {"<IKOrientationTask> imu", "<AnalyzeTool> second", *named}
 
 
 @pytest.mark.parametrize("spec", [pytest.param(POSE, marks=pytest.mark.slow), TIGHT], ids=["pose", "motion"])

@@ -75,7 +75,6 @@ def test_a_wrist_marker_that_a_published_model_has_on_the_ulna_stays_there_and_i
 
 
 def test_a_labs_own_set_is_followed_and_markers_without_a_place_or_a_body_are_findings(tmp_path: Path) -> None:
-    trial(tmp_path, frames=6)
     own = tmp_path / "own.toml"
     own.write_text(OWN, encoding="utf-8")
     names = {"ij": "STRN", "EpL": "ELBL", "EpM": "KNEE"}
@@ -114,20 +113,14 @@ def test_a_set_that_is_none_is_refused_with_a_code(
 
 
 def test_one_marker_on_the_scapula_is_a_finding(tmp_path: Path) -> None:
-    trial(tmp_path, frames=6)
     names = {"ac": "RShoulderTop", "EpL": "RElbowOut", "EpM": "RElbowIn"}
-    kept = ["ij", "c7", "t8", *names]
-    table = read_trc(tmp_path / "trial.trc", tracked=["ij"])
-    columns = [table.labels.index(label) for label in kept]
-    path = written_trial(
-        tmp_path,
-        lambda whole: replace(
-            whole,
-            labels=tuple(names.get(label, label) for label in kept),
-            positions=whole.positions[:, columns],
-            residuals=whole.residuals[:, columns],
-        ),
-    )
+
+    def renamed(table: MarkerTable) -> MarkerTable:
+        kept = [table.labels.index(label) for label in ("ij", "c7", "t8", *names)]
+        labels = tuple(names.get(table.labels[index], table.labels[index]) for index in kept)
+        return replace(table, labels=labels, positions=table.positions[:, kept], residuals=table.residuals[:, kept])
+
+    path = written_trial(tmp_path, renamed)
     own = tmp_path / "own.toml"
     sites = {"ij": "thorax", "c7": "thorax", "t8": "thorax"}
     lines = [f'{label} = {{ body = "{body}" }}' for label, body in sites.items()]
@@ -202,7 +195,8 @@ BAD = {
 }
 
 
-def written_trial(folder: Path, change: Change) -> Path:
+def written_trial(folder: Path, change: Change, frames: int = 8) -> Path:
+    trial(folder, frames=frames)
     path = folder / "trial.trc"
     path.write_text(write_trc(change(read_trc(path, tracked=NAMES)), path.name), encoding="utf-8")
     return path
@@ -210,7 +204,6 @@ def written_trial(folder: Path, change: Change) -> Path:
 
 @pytest.mark.parametrize("change", BAD, ids=[change.__name__ for change in BAD])
 def test_markers_that_do_not_go_with_the_model_are_refused_with_a_code(change: Change, tmp_path: Path) -> None:
-    trial(tmp_path, frames=8)
     with pytest.raises(KinematicsError) as refused:
         solve_postures(IkInputs("bundled", written_trial(tmp_path, change), None))
     assert refused.value.code == BAD[change]
@@ -219,7 +212,6 @@ def test_markers_that_do_not_go_with_the_model_are_refused_with_a_code(change: C
 
 @pytest.mark.parametrize("change", [mirrored, of_two_persons, beside_another_person, unknown])
 def test_a_body_is_not_scaled_by_them_either(change: Change, tmp_path: Path) -> None:
-    trial(tmp_path, frames=8)
     one = on_humerus()[0]
     pairs = "".join(PAIR.format(one=one, other=name) for name in NAMES if name != one)
     setup = tmp_path / "scale.xml"
@@ -230,7 +222,6 @@ def test_a_body_is_not_scaled_by_them_either(change: Change, tmp_path: Path) -> 
 
 
 def test_a_pair_of_markers_that_is_much_too_far_apart_scales_nothing(tmp_path: Path) -> None:
-    trial(tmp_path, frames=8)
     one, other = on_humerus()[:2]
 
     def apart(table: MarkerTable) -> MarkerTable:
@@ -245,7 +236,6 @@ def test_a_pair_of_markers_that_is_much_too_far_apart_scales_nothing(tmp_path: P
 
 
 def test_the_verb_ends_with_1_in_one_line_and_writes_nothing(tmp_path: Path, capsys, monkeypatch) -> None:
-    trial(tmp_path, frames=8)
     path = written_trial(tmp_path, mirrored)
     code, printed = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
     assert code == 1
@@ -256,7 +246,6 @@ def test_the_verb_ends_with_1_in_one_line_and_writes_nothing(tmp_path: Path, cap
 def test_markers_exchanged_for_two_tenths_of_a_second_are_a_finding_and_code_3(
     tmp_path: Path, capsys, monkeypatch
 ) -> None:
-    trial(tmp_path, frames=60)
     one, other = (NAMES.index(name) for name in ("EpL", "ai"))
 
     def exchanged(table: MarkerTable) -> MarkerTable:
@@ -264,7 +253,7 @@ def test_markers_exchanged_for_two_tenths_of_a_second_are_a_finding_and_code_3(
         positions[20:40, [one, other]] = table.positions[20:40, [other, one]]
         return replace(table, positions=positions)
 
-    path = written_trial(tmp_path, exchanged)
+    path = written_trial(tmp_path, exchanged, frames=60)
     code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
     assert code == 3
     found = figures_of_one(KinematicsCode.EXCHANGED, tmp_path / "q_ik.json")
@@ -301,30 +290,25 @@ def hidden(*labels: str) -> Change:
     return change
 
 
-def test_a_marker_of_a_task_that_no_frame_shows_is_a_finding_and_does_not_cover_its_segment(tmp_path: Path) -> None:
-    trial(tmp_path, frames=8)
-    write_setup(tmp_path / "ik.xml", "-1 9")
-    complete = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
-    written_trial(tmp_path, hidden(*UNSEEN))
-    solved = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
-    found = {finding.code: finding.figures for finding in solved.findings}
-    assert found[KinematicsCode.NEVER_SEEN] == {"markers": ", ".join(sorted(UNSEEN))}
-    assert CoverageCode.FEW_SCAPULA_MARKERS in found
-    codes = {finding.code for finding in complete.findings}
-    assert not codes & {KinematicsCode.NEVER_SEEN, CoverageCode.FEW_SCAPULA_MARKERS}
+def test_a_marker_of_a_task_that_no_frame_shows_or_names_is_a_finding_and_does_not_cover_its_segment(
+    tmp_path: Path,
+) -> None:
+    def misspelt(table: MarkerTable) -> MarkerTable:
+        return replace(table, labels=tuple("AAA" if name == "aa" else name for name in table.labels))
 
-
-def test_a_misspelt_label_of_a_task_is_a_finding(tmp_path: Path) -> None:
-    trial(tmp_path, frames=8)
     write_setup(tmp_path / "ik.xml", "-1 9")
-    written_trial(tmp_path, lambda table: replace(table, labels=tuple("AAA" if n == "aa" else n for n in table.labels)))
-    solved = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", tmp_path / "ik.xml"))
-    found = {finding.code: finding.figures for finding in solved.findings}
-    assert found[KinematicsCode.NEVER_SEEN] == {"markers": "aa"}
+    for change, never_seen, is_covered in (
+        (lambda table: table, [], True),
+        (misspelt, ["aa"], True),
+        (hidden(*UNSEEN), sorted(UNSEEN), False),
+    ):
+        solved = solve_postures(IkInputs("bundled", written_trial(tmp_path, change), tmp_path / "ik.xml"))
+        found = {finding.code: finding.figures for finding in solved.findings}
+        assert found.get(KinematicsCode.NEVER_SEEN) == ({"markers": ", ".join(never_seen)} if never_seen else None)
+        assert (CoverageCode.FEW_SCAPULA_MARKERS not in found) == is_covered
 
 
 def test_a_body_is_scaled_with_a_finding_on_a_marker_that_no_frame_shows(tmp_path: Path) -> None:
-    trial(tmp_path, frames=8)
     one = on_humerus()[0]
     pairs = "".join(PAIR.format(one=one, other=name) for name in NAMES if name not in (one, *UNSEEN))
     placed = "".join(TASK.format(name=name, weight=1) for name in NAMES)
@@ -346,14 +330,12 @@ def test_a_body_is_scaled_with_a_finding_on_a_marker_that_no_frame_shows(tmp_pat
 def test_one_position_far_from_the_body_is_a_finding_with_its_time_and_code_3(
     tmp_path: Path, capsys, monkeypatch
 ) -> None:
-    trial(tmp_path, frames=60)
-
     def displaced(table: MarkerTable) -> MarkerTable:
         positions = table.positions.copy()
         positions[20, table.labels.index("aa")] = 9999.0
         return replace(table, positions=positions)
 
-    path = written_trial(tmp_path, displaced)
+    path = written_trial(tmp_path, displaced, frames=60)
     code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
     assert code == 3
     found = figures_of_one(KinematicsCode.FAR, tmp_path / "q_ik.json")
@@ -368,7 +350,6 @@ def test_a_prefix_chooses_one_of_two_persons_and_the_only_one_is_taken_off(tmp_p
     chosen = solve_postures(IkInputs("bundled", path, None, prefix="Anna_"))
     np.testing.assert_allclose(chosen.solution.coordinates, alone.solution.coordinates, atol=1e-9)
 
-    trial(tmp_path, frames=8)
     path = written_trial(
         tmp_path, lambda table: replace(table, labels=tuple(f"Anna_{label}" for label in table.labels))
     )
@@ -380,7 +361,6 @@ def test_a_prefix_chooses_one_of_two_persons_and_the_only_one_is_taken_off(tmp_p
 @pytest.mark.parametrize("change", [lambda table: table, beside_another_person])
 def test_a_prefix_that_no_label_has_is_refused(change: Change, tmp_path: Path) -> None:
     """Before, labels without it were taken, and the origin among them was lost."""
-    trial(tmp_path, frames=8)
     path = written_trial(tmp_path, change)
     with raises_refusal(KinematicsCode.NO_SUCH_PREFIX, kind=KinematicsError):
         solve_postures(IkInputs("bundled", path, None, prefix="Anne_"))

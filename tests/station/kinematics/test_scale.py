@@ -55,15 +55,8 @@ def run(folder: Path, capsys, monkeypatch, **parts: str) -> tuple[int, str]:
     names = on_humerus()
     given = {"pairs": PAIR.format(one=names[0], other=names[1]), "axes": "Y", "range": "-1 9"} | parts
     (folder / "scale.xml").write_text(SETUP.format(**given), encoding="utf-8")
-    words = (
-        "--setup",
-        folder / "scale.xml",
-        "--model",
-        given.pop("model", "bundled"),
-        "--output",
-        folder / "scaled.osim",
-    )
-    return run_verb(capsys, monkeypatch, *words, verb="scale")
+    files = ("--setup", folder / "scale.xml", "--output", folder / "scaled.osim")
+    return run_verb(capsys, monkeypatch, *files, "--model", given.pop("model", "bundled"), verb="scale")
 
 
 def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, capsys, monkeypatch) -> None:

@@ -56,17 +56,17 @@ def written(tmp_path_factory: pytest.TempPathFactory, received: list[tuple[str, 
     return write_report(tmp_path_factory.mktemp("report"), _fitted(), lambda *step: received.append(step))
 
 
-def test_a_cuff_has_its_fit_and_its_checks_in_two_figures_and_the_page_stays_small(written: Path) -> None:
+def test_a_cuff_has_its_fit_and_its_checks_in_two_figures_and_the_page_stays_small(
+    written: Path, received: list[tuple[str, int, int]]
+) -> None:
     page = written.read_text(encoding="utf-8")
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
     assert [caption.split()[0] for caption in captions] == ["Held", "Checks"]
     assert written.stat().st_size < 4 * MOST_BYTES_PER_TRIAL
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
-
-
-def test_progress_counts_as_many_figures_as_the_page_holds(written: Path, received: list[tuple[str, int, int]]) -> None:
-    count = written.read_text(encoding="utf-8").count("<figure")
-    assert received == [("drawing figures", done, count) for done in range(count + 1)]
+    assert all(rule in page for rule in ("@media (prefers-color-scheme: dark)", "@media print", "break-inside: avoid"))
+    count = page.count("<figure")
+    assert received == [("drawing figures", done, count) for done in range(count + 1)], "progress counts the figures"
 
 
 def test_recordings_that_were_fitted_are_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,12 +190,6 @@ def test_activations_of_muscles_at_rest_are_left_out() -> None:
         {"time_s": [0.0, 1.0], "condition": "slack", "cuff": "", "DeltoideusScapula_P": 0.0, "TrapeziusScapula_S": 0.5}
     )
     assert [panel.title for panel in _panels(activation_figure(table, "hand"))] == ["TrapeziusScapula_S"]
-
-
-def test_a_page_is_read_on_a_dark_screen_and_on_paper(written: Path) -> None:
-    page = written.read_text(encoding="utf-8")
-    assert "@media (prefers-color-scheme: dark)" in page
-    assert "@media print" in page and "break-inside: avoid" in page
 
 
 def test_notes_and_names_of_marks_are_shown_with_their_trial_as_they_were_typed(tmp_path: Path) -> None:

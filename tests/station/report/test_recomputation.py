@@ -21,24 +21,18 @@ from station.messages.file_messages import NumberCode
 from station.messages.setup_messages import FolderCode
 from station.report.page import ReportError, read_results, render, write_report
 from station.report.recomputation import TOLERANCE, Difference, differences, recomputed_links
-from tests.made_once import made_once
 from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused
 from tests.station.foreign import static_and_dynamic
-from tests.station.reported import DYNAMIC, STATIC, report_session
+from tests.station.reported import DYNAMIC, STATIC
 
 STIFFNESS = "cuffs.hand.stiffness_n_per_m"
 
 
-@pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made_once(tmp_path_factory, "reported", report_session)
-
-
 @pytest.fixture
-def session(made: Path, tmp_path: Path) -> Path:
+def session(reported: Path, tmp_path: Path) -> Path:
     """A copy to tamper with."""
-    return Path(shutil.copytree(made, tmp_path / "session"))
+    return Path(shutil.copytree(reported, tmp_path / "session"))
 
 
 def scale_everywhere(value: Any, factor: float) -> Any:
@@ -54,15 +48,18 @@ def by_what(links: Iterable[Link]) -> dict[str, Link]:
     return {link.what.split(",")[0]: link for link in links}
 
 
-def test_a_session_gives_the_same_numbers_again(made: Path) -> None:
-    links = list(recomputed_links(made))
-    assert [link.what.split(",")[0] for link in links] == [
+def test_verify_computes_the_same_numbers_again_on_request(reported: Path, station: Callable[..., Ran]) -> None:
+    again = [
         "cuffs.json ← fit of the recordings",
         "report.json ← fit of the recordings",
         "assessment.json ← the model",
         "report.json ← the model",
     ]
-    assert {link.standing for link in links} == {Standing.AS_RECORDED}
+    ran = station("verify", reported, "--recompute", "--format", "json")
+    links = [link for link in json.loads(ran.out) if link["what"].split(",")[0] in again]
+    assert [link["what"].split(",")[0] for link in links] == again
+    assert {link["standing"] for link in links} == {Standing.AS_RECORDED}
+    assert "fit of the recordings" not in station("verify", reported).out
 
 
 def test_a_result_whose_every_hash_was_written_again_does_not_follow_from_the_samples(session: Path) -> None:
@@ -144,15 +141,15 @@ def test_differences_are_named_by_their_json_pointer() -> None:
     assert text.size == Difference("", 1.0, None).size == float("inf")
 
 
-def test_one_number_is_followed_to_its_samples(made: Path, station: Callable[..., Ran]) -> None:
-    ran = station("verify", made, "--number", STIFFNESS, "--format", "json")
+def test_one_number_is_followed_to_its_samples(reported: Path, station: Callable[..., Ran]) -> None:
+    ran = station("verify", reported, "--number", STIFFNESS, "--format", "json")
     chain = json.loads(ran.out)
     assert ran.code == 0 and chain["faults"] == [] and chain["source_standing"] == Standing.AS_RECORDED
     assert [recording["file"] for recording in chain["recordings"]] == [STATIC, DYNAMIC]
     for recording, truth in zip(chain["recordings"], static_and_dynamic(), strict=True):
         samples = {stream["name"]: stream["samples"] for stream in recording["streams"]}
         assert samples == {name: len(track.values) for name, track in truth.tracks.items()}
-    assert STATIC in station("verify", made, "--number", STIFFNESS).out
+    assert STATIC in station("verify", reported, "--number", STIFFNESS).out
 
 
 def test_a_number_that_does_not_follow_ends_with_1_and_an_unknown_one_is_refused(
@@ -163,8 +160,3 @@ def test_a_number_that_does_not_follow_ends_with_1_and_an_unknown_one_is_refused
     ran = station("verify", session, "--number", STIFFNESS)
     assert ran.code == 1 and NumberCode.NOT_ON_PAGE in ran.out
     assert_refused(station("verify", session, "--number", "none"), 1, NumberCode.UNKNOWN)
-
-
-def test_verify_recomputes_on_request(made: Path, station: Callable[..., Ran]) -> None:
-    assert "fit of the recordings" in station("verify", made, "--recompute").out
-    assert "fit of the recordings" not in station("verify", made).out

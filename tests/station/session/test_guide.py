@@ -134,11 +134,8 @@ def test_a_moving_body_is_distinguished_from_a_settling_force() -> None:
     swaying = cues_of(StaticGuide(MASSES, 4.0), 3.0, lambda t: 20.0 + 3.0 * np.sin(2 * np.pi * 2.0 * t))
     settling = cues_of(StaticGuide(MASSES, 4.0), 3.0, lambda t: 20.0 + 4.0 * t)
     resting = cues_of(StaticGuide(MASSES, 4.0), 3.0, lambda t: 20.0)
-    assert [cues[-1].rest for cues in (swaying, settling, resting)] == [
-        RestState.MOVING,
-        RestState.SETTLING,
-        RestState.STEADY,
-    ]
+    rests = [cues[-1].rest for cues in (swaying, settling, resting)]
+    assert rests == [RestState.MOVING, RestState.SETTLING, RestState.STEADY]
     assert resting[0].rest is RestState.WAITING
 
 
@@ -186,11 +183,15 @@ def test_a_swing_that_begins_from_a_noisy_level_is_counted_at_its_own_pace() -> 
 
 @pytest.mark.parametrize(
     ("points", "code"),
-    [([(0.0, 151.0)], AlarmCode.FORCE), ([(0.0, 0.0), (0.1, 80.0)], AlarmCode.FORCE_RATE)],
+    [
+        ([(0.0, 151.0)], AlarmCode.FORCE),
+        ([(0.0, 0.0), (0.1, 80.0)], AlarmCode.FORCE_RATE),
+        ([(0.0, 0.0), (0.1, 40.0), (0.2, 80.0)], None),
+    ],
 )
-def test_a_force_beyond_the_limit_raises_an_alarm(points: list[tuple[float, float]], code: AlarmCode) -> None:
+def test_a_force_beyond_a_limit_raises_an_alarm(points: list[tuple[float, float]], code: AlarmCode | None) -> None:
     alarm = ForceLimits(150.0, 500.0).check(points)
-    assert alarm is not None and alarm.code is code and str(alarm).startswith("STOP: ")
+    assert (alarm and alarm.code) == code and (alarm is None or str(alarm).startswith("STOP: "))
 
 
 def test_beyond_the_load_cell_s_capacity_it_is_an_overload_in_either_direction() -> None:
@@ -215,10 +216,6 @@ def test_a_bounce_has_no_wearer_to_stand_still() -> None:
     assert bounce.stages == ("hang still", "bounce", "rest")
     cues = cues_of(bounce, 5.0, lambda _: 25.0)
     assert [cues[at].message.code for at in (10, -1)] == [CueCode.HANG_STILL, CueCode.BOUNCE]
-
-
-def test_below_the_limits_there_is_no_alarm() -> None:
-    assert ForceLimits(150.0, 500.0).check([(0.0, 0.0), (0.1, 40.0), (0.2, 80.0)]) is None
 
 
 def raising(time: float) -> float:

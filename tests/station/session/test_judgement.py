@@ -20,6 +20,7 @@ from fitting.results.trial_codes import RejectionCode
 from fitting.uncertainty import Estimate
 from recordings.chunks import Damage, Entry
 from recordings.samples import Event
+from station.checksums import JOURNAL_FILE
 from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
 from station.messages.bench_messages import TrialCode
@@ -48,15 +49,24 @@ def fitted(session: Path) -> SessionFit:
 
 
 @pytest.fixture
-def judged(session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Judgement]:
+def refit(fitted: SessionFit, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """The fit of the cuff is changed."""
+
+    def change(**changes: Any) -> None:
+        cuff = replace(fitted.cuffs["hand"], **changes)
+        monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings={"hand": {cuff.donning: cuff}}))
+
+    return change
+
+
+@pytest.fixture
+def judged(session: Path, fitted: SessionFit, refit: Callable[..., None]) -> Callable[..., Judgement]:
     """The judgement of the static trial where its fit is changed, and other trials of its donning are added."""
 
-    def judge(*others: TrialFit, **change: object) -> Judgement:
-        cuff = fitted.cuffs["hand"]
-        trials = [replace(trial, **change) if trial.file == STATIC else trial for trial in cuff.trials]  # type: ignore[arg-type]
-        changed = replace(cuff, trials=(*trials, *others))
-        donnings = {"hand": {cuff.donning: changed}}
-        monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings=donnings))
+    def judge(*others: TrialFit, **changes: Any) -> Judgement:
+        trials = fitted.cuffs["hand"].trials
+        changed = (replace(trial, **changes) if trial.file == STATIC else trial for trial in trials)
+        refit(trials=(*changed, *others))
         return judge_recording(session, STATIC)
 
     return judge
@@ -109,11 +119,10 @@ def test_a_repeat_that_differs_from_the_earlier_ones_has_its_distance(
 
 
 def test_a_static_trial_that_ended_under_load_says_after_how_many_weights(
-    session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
+    session: Path, refit: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its stiffness is identified, but not its migration."""
-    cuff = replace(fitted.cuffs["hand"], verdicts=(Verdict.NOT_UNLOADED,))
-    monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings={"hand": {cuff.donning: cuff}}))
+    refit(verdicts=(Verdict.NOT_UNLOADED,))
     assert judge_recording(session, STATIC).reasons == (), "a whole trial ends unloaded; another one did not"
     cause = Message(ReasonCode.WEIGHTS_MISSING, {"found": 2, "planned": 5})
     monkeypatch.setattr("station.session.fitted_judgement.find_unfinished", lambda _: cause)
@@ -123,13 +132,11 @@ def test_a_static_trial_that_ended_under_load_says_after_how_many_weights(
 
 
 def test_an_earlier_trial_that_ended_early_leads_the_doubts_of_a_later_one(
-    session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
+    session: Path, refit: Callable[..., None]
 ) -> None:
-    figures = {"file": STATIC, "repeat": 1, "count": 3, "total": 5}
-    note = Note(NoteCode.STOPPED_LOADING, figures)
+    note = Note(NoteCode.STOPPED_LOADING, {"file": STATIC, "repeat": 1, "count": 3, "total": 5})
     verdicts = (Verdict.ONLY_ROSE, Verdict.NOT_UNLOADED, Verdict.LAG)
-    cuff = replace(fitted.cuffs["hand"], verdicts=verdicts, notes=(note,))
-    monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings={"hand": {cuff.donning: cuff}}))
+    refit(verdicts=verdicts, notes=(note,))
     later = judge_recording(session, DYNAMIC)
     assert later.doubts == (str(note), Verdict.LAG.sentence()) and later.verdicts == verdicts
     itself = judge_recording(session, STATIC)
@@ -137,29 +144,24 @@ def test_an_earlier_trial_that_ended_early_leads_the_doubts_of_a_later_one(
     assert (itself.advice, itself.doubts) == ("redo", ())
 
 
-def test_only_a_checked_recording_without_a_problem_is_good(
-    session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cuff = fitted.cuffs["hand"]
-
-    def grade_of(*verdicts: Verdict) -> str:
-        donnings = {"hand": {cuff.donning: replace(cuff, verdicts=verdicts)}}
-        monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings=donnings))
-        return judge_recording(session, STATIC).grade
-
-    assert grade_of(Verdict.IDENTIFIED) == "good"
-    assert grade_of(Verdict.NO_DYNAMIC) == "good", "the dynamic trial is still to come"
-    assert grade_of(Verdict.NOT_UNLOADED) == grade_of(Verdict.NO_DYNAMIC, Verdict.MIGRATED_BEFORE) == "doubtful"
+def test_only_a_checked_recording_without_a_problem_is_good(session: Path, refit: Callable[..., None]) -> None:
+    for verdicts, grade in (
+        ((Verdict.IDENTIFIED,), "good"),
+        ((Verdict.NO_DYNAMIC,), "good"),  # the dynamic trial is still to come
+        ((Verdict.NOT_UNLOADED,), "doubtful"),
+        ((Verdict.NO_DYNAMIC, Verdict.MIGRATED_BEFORE), "doubtful"),
+    ):
+        refit(verdicts=verdicts)
+        assert judge_recording(session, STATIC).grade == grade
     assert judgement_without_fit("a.mcap").grade == "doubtful"
     assert replace(judge_recording(session, STATIC), advice="redo").grade == "bad"
 
 
-def test_repeats_that_agree_are_accepted(judged: Callable[..., Judgement], fitted: SessionFit) -> None:
-    assert judged(replace(of(fitted, STATIC), file="2.mcap", repeat=2)).advice == "accept"
-
-
-def test_a_replaced_repeat_is_not_compared(judged: Callable[..., Judgement], fitted: SessionFit) -> None:
+def test_repeats_that_agree_are_accepted_and_a_replaced_one_is_not_compared(
+    judged: Callable[..., Judgement], fitted: SessionFit
+) -> None:
     mine = of(fitted, STATIC)
+    assert judged(replace(mine, file="2.mcap", repeat=2)).advice == "accept"
     assert judged(replace(mine, file="2.mcap", state="superseded", stiffness=estimate(1.0, 0.1))).advice == "accept"
 
 
@@ -184,14 +186,12 @@ def test_the_step_at_which_a_trial_ended_leads_and_its_consequences_are_notes(
 
 
 def test_a_dynamic_trial_whose_lag_is_unknown_is_doubtful_and_not_redone(
-    session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
+    session: Path, fitted: SessionFit, refit: Callable[..., None]
 ) -> None:
     """The lag is the same in every repeat: a bounce is needed."""
-    cuff = fitted.cuffs["hand"]
-    trials = [replace(trial, damping=None) if trial.file == DYNAMIC else trial for trial in cuff.trials]
-    changed = replace(cuff, trials=tuple(trials), verdicts=(Verdict.LAG,))
-    donnings = {"hand": {cuff.donning: changed}}
-    monkeypatch.setattr(FIT, lambda *_: replace(fitted, donnings=donnings))
+    trials = fitted.cuffs["hand"].trials
+    without = tuple(replace(trial, damping=None) if trial.file == DYNAMIC else trial for trial in trials)
+    refit(trials=without, verdicts=(Verdict.LAG,))
     judgement = judge_recording(session, DYNAMIC)
     assert (judgement.advice, judgement.grade, judgement.reasons) == ("accept", "doubtful", ())
     assert judgement.verdicts == (Verdict.LAG,)
@@ -199,12 +199,8 @@ def test_a_dynamic_trial_whose_lag_is_unknown_is_doubtful_and_not_redone(
 
 def test_an_unusable_trial_has_its_reason(judged: Callable[..., Judgement]) -> None:
     judgement = judged(state="unusable", reason=Note(RejectionCode.NO_MOTION))
-    assert judgement.advice == "redo"
-    assert judgement.reasons == (
-        Message(
-            ReasonCode.UNUSABLE, {"reason": str(Note(RejectionCode.NO_MOTION)), "reason_code": "rejected.no_motion"}
-        ),
-    )
+    figures = {"reason": str(Note(RejectionCode.NO_MOTION)), "reason_code": "rejected.no_motion"}
+    assert (judgement.advice, judgement.reasons) == ("redo", (Message(ReasonCode.UNUSABLE, figures),))
 
 
 class Work:
@@ -262,17 +258,20 @@ def test_marks_are_counted_in_the_pass_that_reads_the_trial(session: Path, tmp_p
     assert judge_recording(session, STATIC).marks == 0
 
 
+@pytest.fixture
+def journal(session: Path) -> Iterator[Path]:
+    """The journal of the session, as it was before when the test ends."""
+    path = session / JOURNAL_FILE
+    content = path.read_bytes()
+    yield path
+    path.write_bytes(content)
+
+
 def test_a_trial_that_the_recorder_did_not_accept_has_the_reason_of_the_recorder(
-    session: Path, judged: Callable[..., Judgement]
+    session: Path, judged: Callable[..., Judgement], journal: Path
 ) -> None:
-    lost = Recorded(STATIC, "hand", "static", 1, "1", False, 12, "NI Dev1 is gone: unplugged")
-    journal = (session / "session.jsonl").read_bytes()
-    write_recorded(session, lost)
-    try:
-        reasons = judged().reasons
-    finally:
-        (session / "session.jsonl").write_bytes(journal)
-    assert reasons == (
+    write_recorded(session, Recorded(STATIC, "hand", "static", 1, "1", False, 12, "NI Dev1 is gone: unplugged"))
+    assert judged().reasons == (
         Message(ReasonCode.NOT_ACCEPTED, {"reason": "NI Dev1 is gone: unplugged"}),
         Message(ReasonCode.LOST_SAMPLES, {"samples": 12}),
     )
@@ -311,16 +310,12 @@ def test_a_trial_that_was_not_accepted_has_one_reason(tmp_path: Path, monkeypatc
 
 
 def test_the_fit_of_a_trial_whose_recorder_was_killed_gives_notes_and_no_reasons(
-    session: Path, judged: Callable[..., Judgement]
+    session: Path, judged: Callable[..., Judgement], journal: Path
 ) -> None:
     """It lacks its last steps because of the kill, not because the operator left them out."""
     killed = Message(TrialCode.RECORDER_KILLED, {"kept_s": 15.0, "details": "damage at byte 185500"})
-    journal = (session / "session.jsonl").read_bytes()
     write_recorded(session, Recorded(STATIC, "hand", "static", 1, "1", False, 0, str(killed), codes=(killed,)))
-    try:
-        judgement = judged(stiffness=None, damping=None)
-    finally:
-        (session / "session.jsonl").write_bytes(journal)
+    judgement = judged(stiffness=None, damping=None)
     assert judgement.reasons == (Message(ReasonCode.NOT_ACCEPTED, {"reason": str(killed)}),)
     assert (judgement.advice, judgement.doubts) == ("redo", ())
     assert judgement.notes[:2] == ("damage at byte 185500", str(Message(ReasonCode.NO_STATIC_RESULT)))
@@ -332,13 +327,9 @@ def test_a_file_that_is_not_a_recording_is_a_reason_and_not_an_error(tmp_path: P
     assert (judgement.advice, codes(judgement)) == ("redo", [ReasonCode.UNUSABLE])
 
 
-def test_a_rejected_recording_is_judged_as_rejected(session: Path) -> None:
-    journal = (session / "session.jsonl").read_bytes()
+def test_a_rejected_recording_is_judged_as_rejected(session: Path, journal: Path) -> None:
     write_verdict(session, DYNAMIC, "redo", "the wearer coughed")
-    try:
-        judgement = judge_recording(session, DYNAMIC)
-    finally:
-        (session / "session.jsonl").write_bytes(journal)
+    judgement = judge_recording(session, DYNAMIC)
     assert codes(judgement) == [ReasonCode.UNUSABLE] and "the wearer coughed" in str(judgement.reasons[0])
 
 

@@ -273,14 +273,13 @@ def test_a_cuff_is_donned_without_a_trial_from_its_redo_to_its_next_recording(
 # Names of people are recognised, so that a session is filed under a code; faults of a plan are found.
 
 
-@pytest.mark.parametrize("word", ["Maria", "smith", "Anna Lee", "de Vries"])
-def test_a_name_is_recognised(word: str) -> None:
-    assert looks_like_a_name(word)
-
-
-@pytest.mark.parametrize("word", ["P01", "S12b", "AB", "x3", ""])
-def test_a_code_is_not_a_name(word: str) -> None:
-    assert not looks_like_a_name(word)
+@pytest.mark.parametrize(
+    ("word", "is_name"),
+    [(word, True) for word in ("Maria", "smith", "Anna Lee", "de Vries")]
+    + [(word, False) for word in ("P01", "S12b", "AB", "x3", "")],
+)
+def test_a_name_is_recognised_and_a_code_is_none(word: str, is_name: bool) -> None:
+    assert looks_like_a_name(word) is is_name
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import asdict
 from itertools import pairwise
 from multiprocessing import connection
 from pathlib import Path
@@ -314,10 +315,7 @@ def test_the_step_at_which_a_trial_ended_is_its_cause(
     points = ((t / 20, force(t / 20)) for t in range(int(20 * until_s)))
     found = unfinished_step(test, PLANNED, points)
     assert found == (Message(*expected) if expected else None)
-
-
-def test_without_planned_weights_no_step_is_missing() -> None:
-    assert unfinished_step("static", MeasurementProtocol(), [(0.0, 1.0)]) is None
+    assert unfinished_step("static", MeasurementProtocol(), [(0.0, 1.0)]) is None, "no weights are planned"
 
 
 def test_a_page_is_served_while_telemetry_arrives_faster_than_it_is_shown() -> None:
@@ -349,22 +347,13 @@ def test_a_page_is_served_while_telemetry_arrives_faster_than_it_is_shown() -> N
     assert all(later > sooner for sooner, later in pairwise(shown)), "other work between two messages"
 
 
-RESULT = {
-    "file": "a.mcap",
-    "cuff": "hand",
-    "test": "static",
-    "repeat": 1,
-    "donning": "1",
-    "accepted": True,
-    "lost_samples": 0,
-    "sentence": "the capture ended",
-    "codes": [{"code": TrialCode.CAPTURE_ENDED, "figures": {}}],
-}
+RESULT = asdict(
+    Recorded("a.mcap", "hand", "static", 1, "1", True, 0, "it ended", codes=(Message(TrialCode.CAPTURE_ENDED),))
+)
 
 
 @pytest.mark.parametrize(
-    ("result", "message"),
-    [(RESULT, ""), ({**RESULT, "lost_samples": "many"}, f"[{RefusalCode.UNREADABLE_MESSAGE}]")],
+    ("result", "message"), [(RESULT, ""), ({**RESULT, "lost_samples": "many"}, f"[{RefusalCode.UNREADABLE_MESSAGE}]")]
 )
 def test_a_message_of_the_recorder_that_cannot_be_read_is_reported_and_the_trial_followed_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, result: dict[str, Any], message: str
@@ -484,13 +473,11 @@ def markers(start_s: float, values: np.ndarray) -> Samples:
 
 
 def test_a_line_has_state_force_in_newtons_and_lost_samples(tmp_path: Path) -> None:
+    before = time.time()
     telemetry = TelemetryByHand(tmp_path).line(force(0.0, 0.1, -0.25))
-    assert (telemetry["state"], telemetry["sync_v"], telemetry["lost_samples"], telemetry["marks"]) == (
-        "recording",
-        4.9,
-        2,
-        1,
-    )
+    assert before <= telemetry["at"] <= time.time()
+    values = [telemetry[key] for key in ("state", "sync_v", "lost_samples", "marks")]
+    assert values == ["recording", 4.9, 2, 1]
     assert 3 <= len(telemetry["force"]) <= 6, "a curve for the eye, not a kilohertz"
     assert {newtons for _, newtons in telemetry["force"]} == {25.0}
 
@@ -574,11 +561,6 @@ def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
     assert live.from_edge([(7.0, 1.0), (9.0, 2.0)]) == [(-2.0, 1.0), (0.0, 2.0)]
 
 
-def test_a_line_has_the_time_at_which_it_was_written(tmp_path: Path) -> None:
-    before = time.time()
-    assert before <= TelemetryByHand(tmp_path).line()["at"] <= time.time()
-
-
 def test_of_a_wearer_the_elevation_of_the_arm_and_the_level_of_the_emg_are_shown(tmp_path: Path) -> None:
     body = BodyMarkers(("ac", "el", "c7", "t8"), (), ("ac", "el"), ("c7", "t8"), False)
     streams = (
@@ -606,10 +588,7 @@ def test_of_a_wearer_the_elevation_of_the_arm_and_the_level_of_the_emg_are_shown
 def test_a_mark_has_its_time_and_a_note_and_a_tare_its_force() -> None:
     live = LiveTrial(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
     points = [(0.1 * i, 10.0 + 5.0 * (i > 15)) for i in range(30)]
-    live.update(
-        TrialTelemetry(state="recording", recorded_s=2.9, force=points),
-        ForceLimits(150.0, 5e3),
-    )
+    live.update(TrialTelemetry(state="recording", recorded_s=2.9, force=points), ForceLimits(150.0, 5e3))
     assert (live.add_mark(), live.add_mark("STOP")) == (1, 2)
     assert live.marks == {1: 2.9, 2: 2.9} and live.mark_names == {2: "STOP"}
     live.tare()

@@ -21,12 +21,7 @@ from station.messages.setup_messages import FolderCode
 from station.messages.study_messages import PlanCode, StudyCode
 from station.study.designs import DesignOutcome, find_designs, planned_config, read_study_plan, session_minutes
 from station.study.sessions import StudyError, read_session, read_sessions
-from station.study.study_document import (
-    NormativePlace,
-    StudyDocument,
-    make_study,
-    read_normative,
-)
+from station.study.study_document import NormativePlace, StudyDocument, make_study, read_normative
 from station.study.study_page import forest_chart
 from tests.refusals import raises_refusal
 from tests.station.command import Ran, assert_refused
@@ -211,17 +206,14 @@ def example(tmp_path: Path) -> Path:
 
 
 def test_the_recommended_design_reaches_the_power_in_the_least_time(example: Path) -> None:
+    """More donnings need fewer volunteers and longer sessions."""
     plan = read_study_plan(example)
     first, *others = find_designs(plan)
     assert first.outcome is DesignOutcome.REACHED
     assert first.power >= plan.detect.power
     assert len(others) == 3 * 3 * 2 * 3 - 1
     assert first.total_hours <= min(one.total_hours for one in others)
-
-
-def test_more_donnings_need_fewer_volunteers_and_longer_sessions(example: Path) -> None:
-    designs = find_designs(read_study_plan(example))
-    by_donnings = {one.donnings: one for one in designs if one.repeats == 1}
+    by_donnings = {one.donnings: one for one in (first, *others) if one.repeats == 1}
     assert by_donnings[3].volunteers < by_donnings[1].volunteers
     assert by_donnings[3].session_minutes > by_donnings[1].session_minutes
 
@@ -243,29 +235,25 @@ def test_the_console_reads_the_protocol_that_is_written(
     assert planned.model_copy(update={"protocol": before.protocol}) == before
 
 
-@pytest.mark.parametrize(
-    "protocol", ["[protocol]\nrepeats = 1\n", "[protocol]\n# repeats = 1\n\n# [body]\n# pose_s = 5.0\n"]
-)
-def test_the_protocol_is_replaced_and_what_follows_it_is_kept(protocol: str, example: Path, tmp_path: Path) -> None:
+def test_the_protocol_is_replaced_and_what_follows_it_is_kept_also_of_a_windows_editor(
+    example: Path, tmp_path: Path
+) -> None:
     text = CONFIG.read_text(encoding="utf-8")
-    start, end = text.index("[protocol]"), text.index("[bounce]")
-    config = tmp_path / "station.toml"
-    config.write_text(text[:start] + text[end:] + "\n" + protocol, encoding="utf-8")
-    plan = read_study_plan(example)
-    planned = planned_config(config, plan, find_designs(plan)[0])
-    assert planned.count("[protocol]") == 1
-    assert ("# [body]\n# pose_s = 5.0" in planned) == ("body" in protocol)
-
-
-def test_a_configuration_of_a_windows_editor_is_planned_like_another(example: Path, tmp_path: Path) -> None:
-    text = CONFIG.read_text(encoding="utf-8")
-    edited = tmp_path / "station.toml"
-    edited.write_text(text[text.index("[protocol]") :], encoding="utf-8-sig", newline="\r\n")
-    plain = tmp_path / "plain.toml"
-    plain.write_text(text[text.index("[protocol]") :], encoding="utf-8", newline="\n")
+    before, after = text[: text.index("[protocol]")], text[text.index("[bounce]") :]
     plan = read_study_plan(example)
     best = find_designs(plan)[0]
-    assert planned_config(edited, plan, best) == planned_config(plain, plan, best)
+
+    def planned(text: str, **form: str) -> str:
+        config = tmp_path / "station.toml"
+        config.write_text(text, **{"encoding": "utf-8", "newline": "\n"} | form)
+        return planned_config(config, plan, best)
+
+    for protocol in ("[protocol]\nrepeats = 1\n", "[protocol]\n# repeats = 1\n\n# [body]\n# pose_s = 5.0\n"):
+        found = planned(f"{before}{after}\n{protocol}")
+        assert found.count("[protocol]") == 1
+        assert ("# [body]\n# pose_s = 5.0" in found) == ("body" in protocol)
+    begins_with_it = text[text.index("[protocol]") :]
+    assert planned(begins_with_it, encoding="utf-8-sig", newline="\r\n") == planned(begins_with_it)
 
 
 def test_a_difference_that_is_too_small_has_an_outcome_and_an_exit_code(

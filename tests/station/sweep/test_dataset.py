@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from pyarrow import parquet
 
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode, SolverError
 from solver.model import ModelError
 from solver.motion import differentiate, read_motion
 from solver.redundancy.motion_solution import LoadedMotion
+from solver.suit.assessment import assess
 from solver.suit.optimise import LEAST_FRAMES
 from solver.suit.suit import SuitError, read_suit
 from solver.time_series_table import write_table
@@ -51,15 +53,16 @@ def swept(folder: Path, vary: str, **more: Any) -> tuple[SweepResult, pd.DataFra
     return found, pd.read_parquet(found.table)
 
 
-def test_the_cost_of_every_case_is_that_of_the_assessment(tmp_path: Path) -> None:
-    from solver.suit.assessment import assess
-
+def test_the_cost_of_every_case_is_that_of_the_assessment_and_the_plan_s_hash_is_stored(tmp_path: Path) -> None:
     found, table = swept(tmp_path, 'condition = ["rigid", "both"]')
     model = bundled_model()
     worn = worn_cuffs(read_cuffs_to_wear(tmp_path / "cuffs.json"), ())
     motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
     whole = assess(motion, read_suit(), worn, every=60)
     assert (found.cases, found.failed, found.unsolved) == (4, 0, 0)
+    digest = read_plan(tmp_path / "plan.toml").digest
+    assert json.loads((tmp_path / "out" / "sweep.json").read_text("utf-8"))["plan_sha256"] == digest
+    assert parquet.read_schema(found.table).metadata[b"plan_sha256"].decode() == digest
     for row in table.to_dict("records"):
         (curve,) = [c for c in whole.curves if (c.condition, c.cuff or row["cuff"]) == (row["condition"], row["cuff"])]
         assert row["normalised_cost"] == pytest.approx(curve.figures["at_reference"].value, rel=1e-9)
@@ -149,18 +152,13 @@ def test_rows_are_in_the_order_of_the_plan_with_the_parameters_of_the_suit(tmp_p
     assert forces.loc[600.0] == pytest.approx(2 * forces.loc[300.0])
 
 
-def test_the_suit_saves_a_smaller_share_of_the_effort_with_a_mass_in_the_hand(tmp_path: Path) -> None:
-    _, table = swept(tmp_path, 'condition = "rigid"\nrest_length_m = 0.74\nhand_mass_kg = [0, 2]')
-    light, heavy = (table[table["hand_mass_kg"] == mass]["normalised_cost"].iloc[0] for mass in (0.0, 2.0))
-    assert light < heavy
-
-
 def test_an_external_load_acts_as_the_equivalent_mass(tmp_path: Path) -> None:
     write_weight(tmp_path / "weight.xml", 2.0)
     vary = 'condition = "rigid"\ncuff = "hand"\nrest_length_m = 0.74\n'
     _, pulled = swept(tmp_path, vary + 'external_loads = ["none", "weight.xml"]')
     _, held = swept(tmp_path, vary + "hand_mass_kg = 2")
     free, loaded, mass = (*pulled["normalised_cost"], held["normalised_cost"].iloc[0])
+    assert free < mass, "with a mass in the hand, the suit saves a smaller share of the effort"
     assert abs(loaded - mass) < 0.3 * abs(free - mass)  # they differ by the inertia of a mass
     write_weight(tmp_path / "weight.xml", 1.0)  # in the data file alone
     found, _ = swept(tmp_path, vary + 'external_loads = ["none", "weight.xml"]')
@@ -180,12 +178,18 @@ def test_a_failed_case_is_a_row_with_the_reason(tmp_path: Path) -> None:
     assert found.first_error == table["error"].dropna().iloc[0]
 
 
-def test_finished_cases_are_not_solved_again_and_the_table_is_the_same(tmp_path: Path) -> None:
-    first, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]')
+def test_only_what_is_unfinished_or_damaged_is_solved_again_and_the_table_is_the_same(tmp_path: Path) -> None:
+    vary = 'condition = "both"\nrest_length_m = [0.7, 0.74]'
+    first, _ = swept(tmp_path, vary)
     once = first.table.read_bytes()
-    again, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]', solve=nowhere)
+    again, _ = swept(tmp_path, vary, solve=nowhere)
     assert (first.found_finished, again.found_finished) == (0, 4)
     assert again.table.read_bytes() == once
+    part, *_ = (tmp_path / "out" / "parts").rglob("*.json")
+    part.write_text('{"normalised', "utf-8")
+    repaired, _ = swept(tmp_path, vary)
+    assert 0 < repaired.found_finished < 4
+    assert repaired.table.read_bytes() == once
 
 
 def test_a_larger_plan_keeps_its_cases_and_a_changed_cuff_does_not(tmp_path: Path) -> None:
@@ -210,25 +214,6 @@ def test_a_changed_solver_of_the_same_version_solves_again(tmp_path: Path, monke
     again, _ = swept(tmp_path, vary)
     assert (first.found_finished, changed.found_finished, again.found_finished) == (0, 0, 0)
     assert swept(tmp_path, vary, solve=nowhere)[0].found_finished == again.cases
-
-
-def test_a_damaged_part_is_solved_again(tmp_path: Path) -> None:
-    first, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = 0.7')
-    once = first.table.read_bytes()
-    part, *_ = (tmp_path / "out" / "parts").rglob("*.json")
-    part.write_text('{"normalised', "utf-8")
-    again, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = 0.7')
-    assert again.found_finished == 1
-    assert again.table.read_bytes() == once
-
-
-def test_the_plans_hash_is_stored_with_the_table(tmp_path: Path) -> None:
-    from pyarrow import parquet
-
-    found, _ = swept(tmp_path, 'condition = "rigid"\nrest_length_m = 0.7')
-    digest = read_plan(tmp_path / "plan.toml").digest
-    assert json.loads((tmp_path / "out" / "sweep.json").read_text("utf-8"))["plan_sha256"] == digest
-    assert parquet.read_schema(found.table).metadata[b"plan_sha256"].decode() == digest
 
 
 @pytest.mark.parametrize(
@@ -264,11 +249,11 @@ def test_a_grid_has_every_combination_in_the_order_of_the_axes(tmp_path: Path) -
 
 def test_the_defaults_are_the_bundled_files(tmp_path: Path) -> None:
     first, *others = read_plan(write_plan(tmp_path)).points()
-    assert (first["model"], first["motion"], first["external_loads"], first["suit"]) == (
+    assert [first[name] for name in ("model", "motion", "external_loads", "suit")] == [
         *["bundled"] * 2,
         "none",
         "bundled",
-    )
+    ]
     assert [p["condition"] for p in (first, *others)] == ["rigid", "shift", "visco_elastic", "both"] * 2
     assert "rest_length_m" not in first
 

@@ -44,14 +44,10 @@ SETUP = Setup("P01", "ab", (), 1, has_bounce=False, conditions=("unsuited",))
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
-    return practice_folder(tmp_path)
-
-
-def practice_folder(folder: Path) -> Path:
     """With a configuration that leaves the captures to a person at the (simulated) mocap system."""
-    path = write_config(folder, swing_s=5.0)
+    path = write_config(tmp_path, swing_s=5.0)
     path.write_text(path.read_text().replace('control = "start"', 'control = "none"'))
-    return folder
+    return tmp_path
 
 
 @pytest.mark.slow

@@ -6,8 +6,9 @@ import asyncio
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
 
 import pytest
 import qtm_rt
@@ -15,7 +16,6 @@ import qtm_rt
 from drivers.errors import DeviceCode
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
-from station.bench.simulation import SimulatedBench
 from station.config import StationConfig, load_config
 from station.journal import Recorded, read_journal, write_recorded, write_verdict
 from station.messages.bench_messages import RefusalCode, TrialCode
@@ -43,31 +43,21 @@ from tests.station.terminal.practice import SETUP, Answer, lead, remote_bench
 Told = Callable[[Event], bool]
 
 
+def nth(number: int, is_such: Told) -> Told:
+    """The n-th such event."""
+    seen = count(1)
+    return lambda event: is_such(event) and next(seen) == number
+
+
 def is_decided(number: int, choice: str = "accept") -> Told:
-    """The n-th such decision."""
-    count = 0
-
-    def is_it(event: Event) -> bool:
-        nonlocal count
-        count += isinstance(event, Decided) and event.choice == choice
-        return isinstance(event, Decided) and event.choice == choice and count == number
-
-    return is_it
+    return nth(number, lambda event: isinstance(event, Decided) and event.choice == choice)
 
 
 def refused(number: int) -> Told:
-    """The n-th refusal of a command."""
-    count = 0
-
-    def is_it(event: Event) -> bool:
-        nonlocal count
-        count += isinstance(event, CommandAnswered) and event.is_refused
-        return isinstance(event, CommandAnswered) and event.is_refused and count == number
-
-    return is_it
+    return nth(number, lambda event: isinstance(event, CommandAnswered) and event.is_refused)
 
 
-def answers(*rules: tuple[Told, str | Callable[[], None]]) -> Answer:
+def answers(*rules: tuple[Told, str | Callable[[], object]]) -> Answer:
     """Each rule answers once; a function is done instead of a command given.
 
     Every trial is armed when it waits for that, and the session ends where it is summed up.
@@ -92,23 +82,7 @@ def answers(*rules: tuple[Told, str | Callable[[], None]]) -> Answer:
 
 def is_in(state: str, number: int = 1) -> Told:
     """The n-th time that a trial is in this state."""
-    count = 0
-
-    def is_it(event: Event) -> bool:
-        nonlocal count
-        count += isinstance(event, StateChanged) and event.state == state
-        return isinstance(event, StateChanged) and event.state == state and count == number
-
-    return is_it
-
-
-def request_to(bench: SimulatedBench, request: dict[str, Any]) -> Callable[[], None]:
-    """Something that happens at the bench."""
-
-    def tell() -> None:
-        bench.request(request)
-
-    return tell
+    return nth(number, lambda event: isinstance(event, StateChanged) and event.state == state)
 
 
 def warned(code: str) -> Told:
@@ -184,10 +158,7 @@ def test_a_recording_with_reasons_to_redo_waits_for_a_decision_here_or_elsewhere
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [
-        ({"device": "qtm", "fault": "restart"}, "QTM"),
-        ({"device": "ni", "fault": "refuse"}, "Dev1"),
-    ],
+    [({"device": "qtm", "fault": "restart"}, "QTM"), ({"device": "ni", "fault": "refuse"}, "Dev1")],
     ids=["QTM restarts", "the DAQ is not to be had"],
 )
 def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
@@ -196,8 +167,8 @@ def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
     """The world stands still between two trials, so the fault lasts until the test lets time pass."""
     with remote_bench(tmp_path / "bench") as (bench, config):
         script = answers(
-            (is_decided(1), request_to(bench, {"fault": {**fault, "for_s": 20.0}})),
-            (warned("not_ready"), request_to(bench, {"pause_s": 21.0})),
+            (is_decided(1), lambda: bench.request({"fault": {**fault, "for_s": 20.0}})),
+            (warned("not_ready"), lambda: bench.request({"pause_s": 21.0})),
         )
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
     (warning,) = [event for event in output.of(WarningRaised) if event.code == "not_ready"]
@@ -225,30 +196,30 @@ def test_the_plan_is_reordered_and_any_trial_skipped_or_redone_by_its_number(tmp
     assert [(one.file, one.reason) for one in output.of(Decided)] == [("dynamic.mcap", "the rope was caught")]
     (listed,) = output.of(PlanListed)
     assert [trial.state for trial in listed.trials] == ["kept", "to come", "skipped", "next"]
-    assert [refused.code for refused in output.of(CommandAnswered)] == [
-        CommandCode.NOT_LEFT,
-        CommandCode.NO_SUCH_TRIAL,
-    ]
+    assert [refused.code for refused in output.of(CommandAnswered)] == [CommandCode.NOT_LEFT, CommandCode.NO_SUCH_TRIAL]
 
 
-class _RefusedTrial:
-    """A recorder that has refused to record simulated data into a folder of another name."""
+@pytest.fixture
+def refuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Every recorder refuses its trial with this code; another attempt fails the test."""
 
-    recorded, refusal, refusal_code = None, "simulated devices cannot be recorded here", RefusalCode.SIMULATED_DEVICES
+    def refuse(code: str) -> None:
+        async def follow(_: object) -> None: ...
 
-    async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None: ...
+        async def start(*_: object) -> SimpleNamespace:
+            return SimpleNamespace(recorded=None, refusal="not recorded", refusal_code=code, follow=follow)
+
+        monkeypatch.setattr(TrialProcess, "start", start)
+        monkeypatch.setattr(SessionSequencer, "_wait", None)
+
+    return refuse
 
 
 def test_a_session_ends_if_its_folder_is_not_for_the_data_of_these_devices(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, refuse: Callable[[str], None]
 ) -> None:
     """Every further attempt would be refused, too."""
-
-    async def start(*_: object) -> _RefusedTrial:
-        return _RefusedTrial()
-
-    monkeypatch.setattr(TrialProcess, "start", start)
-    monkeypatch.setattr(SessionSequencer, "_wait", None)  # another attempt fails the test
+    refuse(RefusalCode.SIMULATED_DEVICES)
     config = load_config(write_config(tmp_path))
     output = lead(None, config, tmp_path / "monday", answers())
     (warning,) = output.of(WarningRaised)
@@ -257,21 +228,16 @@ def test_a_session_ends_if_its_folder_is_not_for_the_data_of_these_devices(
 
 
 def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuse: Callable[[str], None]
 ) -> None:
     """The reason is shown at once and about once a minute."""
     waits: list[float] = []
-
-    async def start(*_: object) -> _RefusedTrial:
-        trial = _RefusedTrial()
-        trial.refusal_code = DeviceCode.NO_ANSWER
-        return trial
 
     async def wait(sequencer: SessionSequencer, seconds: float) -> None:
         waits.append(seconds)
         await asyncio.sleep(0)
 
-    monkeypatch.setattr(TrialProcess, "start", start)
+    refuse(DeviceCode.NO_ANSWER)
     monkeypatch.setattr(SessionSequencer, "_wait", wait)
     monkeypatch.setattr("station.terminal.sequencer.POLL_S", 0.001)
     config = load_config(write_config(tmp_path))
@@ -286,15 +252,9 @@ def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
 
 
 def test_a_recorded_trial_whose_result_cannot_be_read_is_not_tried_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, refuse: Callable[[str], None]
 ) -> None:
-    async def start(*_: object) -> _RefusedTrial:
-        trial = _RefusedTrial()
-        trial.refusal_code = RefusalCode.UNREADABLE_MESSAGE
-        return trial
-
-    monkeypatch.setattr(TrialProcess, "start", start)
-    monkeypatch.setattr(SessionSequencer, "_wait", None)  # another attempt fails the test
+    refuse(RefusalCode.UNREADABLE_MESSAGE)
     script = answers((warned("telemetry_unread"), "end"))
     output = lead(None, load_config(write_config(tmp_path)), tmp_path / "monday", script)
     (warning,) = output.of(WarningRaised)
@@ -340,11 +300,7 @@ def test_an_unplanned_capture_is_reported_and_not_recorded(tmp_path: Path) -> No
             bench.request({"pause_s": 5.0})
             mocap.start()
 
-        script = answers(
-            (is_in("idle"), mocap.start),
-            (warned("capture_running"), restart),
-            (is_decided(1), "end"),
-        )
+        script = answers((is_in("idle"), mocap.start), (warned("capture_running"), restart), (is_decided(1), "end"))
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
     assert [warning.code for warning in output.of(WarningRaised)] == ["capture_running"]
     (ended,) = output.of(TrialEnded)
