@@ -13,6 +13,7 @@ import contextlib
 import re
 import time
 import uuid
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -117,13 +118,13 @@ class SessionClaim:
 class DaqSession:
     """Creates tasks on one device; target None is the local NI-DAQmx, which ends the tasks of a dead program itself.
 
-    Every call to a server ends within deadline_s wall seconds. Methods raise the errors of nidaqmx and grpc, and
-    DeviceUnavailable.
+    Every call to a server ends within deadline_s wall seconds, as they are when it begins. Methods raise the errors of
+    nidaqmx and grpc, and DeviceUnavailable.
     """
 
     def __init__(self, device: str, target: str | None, deadline_s: float, connect_timeout_s: float) -> None:
         self._device, self._target = device, target
-        self._deadline_s, self._connect_timeout_s = deadline_s, connect_timeout_s
+        self.deadline_s, self._connect_timeout_s = deadline_s, connect_timeout_s
         self._is_near = False
         self._claim = SessionClaim(target, device) if target else None
         self._channel: Any = None
@@ -140,7 +141,7 @@ class DaqSession:
             return
         import grpc
 
-        self._channel = _channel_with_deadline(self._target, self._deadline_s)
+        self._channel = _channel_with_deadline(self._target, lambda: self.deadline_s)
         try:
             grpc.channel_ready_future(self._channel).result(timeout=self._connect_timeout_s)
         except grpc.FutureTimeoutError as error:
@@ -261,13 +262,13 @@ def _round_trip_s(channel: Any) -> float:
     return time.perf_counter() - begun_s
 
 
-def _channel_with_deadline(target: str, deadline_s: float) -> Any:
-    """A gRPC channel on which every call ends within deadline_s."""
+def _channel_with_deadline(target: str, deadline_s: Callable[[], float]) -> Any:
+    """A gRPC channel on which every call ends within the seconds that deadline_s returns at its begin."""
     import grpc
 
     class Deadline(grpc.UnaryUnaryClientInterceptor):
         def intercept_unary_unary(self, continuation: Any, client_call_details: Any, request: Any) -> Any:
-            return continuation(client_call_details._replace(timeout=deadline_s), request)
+            return continuation(client_call_details._replace(timeout=deadline_s()), request)
 
     # A proxy named in the environment would be asked for the loopback address, too.
     channel = grpc.insecure_channel(target, options=[("grpc.enable_http_proxy", 0)])

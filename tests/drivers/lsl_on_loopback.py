@@ -23,7 +23,6 @@ CONSUMER_S = 20.0
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lsl, "RESOLVE_TIMEOUT_S", scaled_timeout(2.0))
     monkeypatch.setattr(lsl, "TWIN_TIMEOUT_S", 0.1)
     monkeypatch.setattr(lsl, "CLOCK_INTERVAL_S", 0.02)
 
@@ -144,12 +143,16 @@ def _kinds(items: list[Item]) -> list[str]:
 
 class TestLslKeepsTheContract(DeviceContract):
     @pytest.fixture
-    def bench(self) -> Iterator[Bench]:
+    def bench(self, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+        def unreachable() -> LslEmg:
+            monkeypatch.setattr(lsl, "RESOLVE_TIMEOUT_S", 0.2)
+            return driver("missing")
+
         with LslSender(NAME + " 2") as flowing, LslSender("quiet"):
             yield Bench(
                 device=lambda: _Fed(flowing),
                 quiet_device=lambda: driver("quiet"),
-                unreachable_device=lambda: driver("missing"),
+                unreachable_device=unreachable,
                 lose=flowing.kill,
             )
 

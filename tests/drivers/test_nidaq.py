@@ -23,7 +23,6 @@ from recordings.samples import Item, Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, raises_refusal, read_until
 from tests.drivers.simulated_qtm import EXACT_CLOCK, SYNC, WIRING, daq
 from tests.drivers.stand_in_world import StandInWorld
-from tests.timeout import scaled_timeout
 
 
 @pytest.fixture
@@ -63,11 +62,14 @@ def joined(items: list[Item], stream: str) -> tuple[np.ndarray[Any, Any], np.nda
 class TestNiDaqKeepsTheContract(DeviceContract):
     @pytest.fixture
     def bench(self, server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch) -> Bench:
-        monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
+        def unreachable() -> NiDaq:
+            monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", 0.5)
+            return driver(server, world, grpc_target="127.0.0.1:9")
+
         return Bench(
             device=lambda: driver(server, world),
             quiet_device=lambda: driver(server, world, start="pfi0"),
-            unreachable_device=lambda: driver(server, world, grpc_target="127.0.0.1:9"),
+            unreachable_device=unreachable,
             lose=server.stop,
         )
 
@@ -242,12 +244,10 @@ def test_a_device_that_cannot_be_opened_is_refused_with_its_cause(
     assert all(text in str(error) for text in naming)
 
 
-def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(
-    server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(0.5))
+def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(server: NiDaqSimulator, world: StandInWorld) -> None:
     device = driver(server, world)
     device.open()
+    device._opened.deadline_s = 0.5
     world.flows.clear()
     with pytest.raises(DeviceLost) as caught:
         read_until(device, lambda _: False)

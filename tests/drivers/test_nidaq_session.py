@@ -38,11 +38,6 @@ from tests.timeout import scaled_timeout
 DEATHS, BREAKS = 5, 5  # in a row
 
 
-@pytest.fixture(autouse=True)
-def _connects_within_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(1.0))
-
-
 @dataclass(frozen=True)
 class Link:
     """An open device behind a proxy that can break its connection."""
@@ -206,7 +201,6 @@ def test_a_network_with_a_longer_round_trip_than_allowed_is_named_as_the_reason(
 ) -> None:
     connect_s = scaled_timeout(20.0)
     monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", connect_s)
-    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(10.0))
     monkeypatch.setattr(nidaq_session, "LONGEST_ROUND_TRIP", 0.19 / connect_s)
     with TcpProxy(server.port, delay_s=0.1) as slow, raises_refusal(DeviceCode.NETWORK_TOO_SLOW):
         daq(slow.port, world.utc_ns).open()

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers import nidaq, qualisys
+from drivers import nidaq
 from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
 from drivers.reconnecting import CATALOGUE, Reconnecting, make_device
 from drivers.simulators.faults import FAULTS
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from tests.drivers.contract import raises_refusal
-from tests.drivers.fault_bench import CASES, STREAMS, Case, FaultBench, random_faults, unaccounted
+from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, random_faults, unaccounted
 from tests.timeout import scaled_timeout
 
 Step = Sequence[Item] | Exception
@@ -172,9 +173,7 @@ def test_an_unknown_source_is_refused_with_the_known_ones() -> None:
 @pytest.fixture(scope="module")
 def bench() -> Iterator[FaultBench]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(1.0))
         patch.setattr(nidaq, "LONGEST_WAIT_S", 0.3)
-        patch.setattr(qualisys, "COMMAND_TIMEOUT_S", scaled_timeout(1.0))
         with FaultBench() as bench:
             yield bench
 
@@ -184,7 +183,14 @@ def bench() -> Iterator[FaultBench]:
     [pytest.param(case, marks=[pytest.mark.slow] * (case.wall_s > 1.0)) for case in CASES],
     ids=lambda case: case.name,
 )
-def test_a_fault_is_reported_and_counted_and_ends_and_affects_nothing_else(bench: FaultBench, case: Case) -> None:
+def test_a_fault_is_reported_and_counted_and_ends_and_affects_nothing_else(
+    bench: FaultBench, case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device: Any = bench.listeners[case.device].device
+    if case.fault == "freeze":
+        monkeypatch.setattr(device.device._opened, "deadline_s", 1.0)
+    elif case.fault == "silent":
+        monkeypatch.setattr(device.device._connection._connection, "_timeout", 1.0)
     aftermath = bench.suffer(case)
     causes = {item.cause for item in aftermath[case.device] if isinstance(item, Loss)}
     assert causes == case.causes

@@ -20,7 +20,6 @@ import psutil
 import pytest
 from numpy.typing import NDArray
 
-from drivers import nidaq, qualisys
 from drivers.qualisys import Qualisys
 from drivers.reconnecting import make_device
 from drivers.simulators.errors import SimulatorCode
@@ -185,14 +184,19 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
     assert child.end() == 0
 
 
+@contextmanager
+def impatient(device: Any) -> Iterator[None]:
+    """The open device waits for an answer for half a second within this context."""
+    with pytest.MonkeyPatch.context() as patch:
+        if isinstance(device, Qualisys):
+            patch.setattr(device._connection._connection, "_timeout", 0.5)
+        else:
+            patch.setattr(device._opened, "deadline_s", 0.5)
+        yield
+
+
 @pytest.mark.slow
-def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(
-    child: Child, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(0.5))
-    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
-    monkeypatch.setattr(qualisys, "COMMAND_TIMEOUT_S", scaled_timeout(0.5))
-    monkeypatch.setattr(qualisys, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
+def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(child: Child) -> None:
     ports = child.ask({"speed": 10, "mocap": {"has_preview": True}, "operator": {"capture": "remote"}})["ports"]
     ni = make_device("nidaq", **WIRING, grpc_target=f"127.0.0.1:{ports['ni']}", host_clock=time.time_ns)
     qtm = make_device("qualisys", host="127.0.0.1", port=ports["qtm"], host_clock=time.time_ns)
@@ -200,8 +204,9 @@ def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(
     for device, stream in ((ni, "/sync"), (qtm, "/markers")):
         device.open()
         read_until(device, lambda items, stream=stream: bool(blocks(items, stream)))  # type: ignore[misc]
-        stopped.suspend()
-        items = read_until(device, lambda items: any(is_event(item, "connection_lost") for item in items))
+        with impatient(device.device):  # type: ignore[attr-defined]
+            stopped.suspend()
+            items = read_until(device, lambda items: any(is_event(item, "connection_lost") for item in items))
         stopped.resume()
         items += read_until(device, lambda items, stream=stream: bool(blocks(items, stream)))  # type: ignore[misc]
         device.close()
