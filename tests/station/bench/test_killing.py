@@ -21,7 +21,7 @@ from drivers.errors import DeviceCode
 from drivers.simulators.daq_rpcs import NiDaqSimulator
 from drivers.simulators.qtm_server import QualisysSimulator
 from drivers.simulators.settings import DaqClockSettings, settings_from_dict
-from drivers.simulators.simulated_bench import Bench
+from drivers.simulators.simulated_bench import Bench, ControlServer
 from drivers.simulators.world import World
 from recordings.reader import Recording, open_recording
 from recordings.recovery import recover
@@ -42,7 +42,7 @@ SPEED = 12.0
 LOSS_BOUND_S = 0.5
 DAEMONS = 7  # at once: QTM takes ten clients, and one that reconnects counts twice for a moment
 PATIENCE_S = 60.0  # wall; a bound on failing runs, not an expectation
-ARMED_S = 2.5  # wall, so that the whole pre-roll is there before the edge
+ARMED_S = 2.5  # world, so that the whole pre-roll is there before the edge
 RECORD = "from station.cli import main; main()"
 CONFIG = """
 [daq]
@@ -54,6 +54,8 @@ timeout_s = 600
 [cuffs.hand]
 anchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
 cuff_markers = ["cuff_1"]
+[simulation.ports]
+clock = {clock}
 """
 
 
@@ -222,18 +224,22 @@ class Killed:
 
 
 class KillBench:
-    """A context manager: the servers of one world, in this process, with a DAQ for each daemon."""
+    """A context manager: the servers of one world, in this process, with a DAQ for each daemon.
+
+    The world has the pace of the wall, and waits for a daemon that a busy machine holds up: its loss is then its own.
+    """
 
     def __init__(self, folder: Path, daemons: int = DAEMONS) -> None:
         self._folder = folder / SIMULATED_FOLDER
         self._folder.mkdir()
         settings = settings_from_dict({"operator": {"capture": "remote"}, "protocol": {"static": {"hold_s": 60.0}}})
-        self._world = World(settings)
-        self._world.select_trial("hand", "static")
-        self._qtm = QualisysSimulator(self._world)
+        self.world = World(settings)
+        self.clock, self.start_utc_ns, self.ports = self.world.clock, time.time_ns(), dict[str, int]()
+        self.world.select_trial("hand", "static")
+        self._qtm = QualisysSimulator(self.world)
         # Their crystals run true, so that device time at the kill follows from the world's.
         crystal = DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0)
-        self._daqs = [NiDaqSimulator(self._world, clock=crystal, seed=i) for i in range(daemons)]
+        self._daqs = [NiDaqSimulator(self.world, clock=crystal, seed=i) for i in range(daemons)]
         self._running = ExitStack()
         self._rounds = 0
 
@@ -242,12 +248,22 @@ class KillBench:
         for server in servers:
             server.start()
             self._running.callback(server.stop)
-            self._world.clock.follow(server)
-            self._running.callback(self._world.clock.unfollow, server)
+            self.clock.follow(server)
+            self._running.callback(self.clock.unfollow, server)
+        control = ControlServer(self)
+        control.start()
+        self._running.callback(control.stop)
+        self.ports["clock"] = control.port
         return self
 
     def __exit__(self, *_: object) -> None:
         self._running.close()
+
+    def sent(self) -> dict[str, dict[int, int | None]]:
+        return {"qtm": self._qtm.sent()}
+
+    def pending(self) -> list[str]:
+        return ["qtm"] * self._qtm.has_pending_reply
 
     def kill(self, instants_s: Sequence[float]) -> list[Killed]:
         """Starts a daemon for each instant (seconds after the edge), and kills it then."""
@@ -256,19 +272,26 @@ class KillBench:
         with ExitStack() as stack:
             daemons = []
             for folder, daq in zip(folders, self._daqs, strict=False):
-                daemon = stack.enter_context(_daemon(folder, daq.port, self._qtm.port))
+                daemon = stack.enter_context(_daemon(folder, daq.port, self._qtm.port, self.ports["clock"]))
                 stack.callback(daemon.kill)
                 _wait_until_armed(daemon, folder)  # seven that start at once would starve each other
                 daemons.append(daemon)
-            time.sleep(ARMED_S)
-            edge_s = self._world.start_capture().start
+            self._wait_until(self.world.now() + ARMED_S)
+            edge_s = self.world.start_capture().start
             killed = []
             for instant_s, daemon, folder in sorted(zip(instants_s, daemons, folders, strict=True), key=lambda x: x[0]):
-                time.sleep(max(0.0, edge_s + instant_s - self._world.now()))
-                daemon.kill()
-                killed.append(Killed(next(folder.glob("*.mcap")), self._world.now() - edge_s))
-            self._world.stop_capture()
+                self._wait_until(edge_s + instant_s)
+                with self.clock.attach("a kill"):  # the world stands still
+                    daemon.kill()
+                    killed_s = self.world.now() - edge_s
+                killed.append(Killed(next(folder.glob("*.mcap")), killed_s))
+            self.world.stop_capture()
             return killed
+
+    def _wait_until(self, world_s: float) -> None:
+        while self.world.now() < world_s:
+            assert not self.clock.has_ended
+            time.sleep(0.002)
 
 
 def ensure_contiguous(recording: Recording) -> None:
@@ -301,11 +324,12 @@ def ensure_recovered(path: Path) -> None:
         )
 
 
-def _daemon(folder: Path, ni: int, qtm: int) -> subprocess.Popen[bytes]:
+def _daemon(folder: Path, ni: int, qtm: int, clock: int) -> subprocess.Popen[bytes]:
     folder.mkdir()
     config = folder / "station.toml"
-    config.write_text(CONFIG.format(ni=ni, qtm=qtm), encoding="utf-8")
+    config.write_text(CONFIG.format(ni=ni, qtm=qtm, clock=clock), encoding="utf-8")
     arguments = ["--config", config, "--session", folder, "--cuff", "hand", "--test", "static", "--repeat", "1"]
+    arguments += ["--speed", "1"]
     with (folder / "stderr.txt").open("wb") as words:
         command = [sys.executable, "-c", RECORD, "record", *map(str, arguments)]
         home = {"HOME": str(folder.parent), "USERPROFILE": str(folder.parent)}  # of all rounds
