@@ -9,8 +9,8 @@ from tests.conftest import longest_first
 from tests.timeout import count_cores, scaled_timeout
 
 
-@pytest.mark.parametrize(("load_per_core", "seconds"), [(0.2, 60.0), (1.0, 60.0), (9.0, 540.0)])
-def test_a_timeout_scales_with_the_load_per_core_and_is_never_shorter(
+@pytest.mark.parametrize(("load_per_core", "seconds"), [(0.2, 240.0), (3.0, 240.0), (9.0, 540.0)])
+def test_a_timeout_scales_with_the_load_per_core_and_allows_for_a_machine_that_is_slower_than_its_load_says(
     monkeypatch: pytest.MonkeyPatch, load_per_core: float, seconds: float
 ) -> None:
     load = load_per_core * count_cores()
@@ -18,7 +18,7 @@ def test_a_timeout_scales_with_the_load_per_core_and_is_never_shorter(
     assert scaled_timeout(60.0) == pytest.approx(seconds)
 
 
-def test_without_performance_counters_a_busy_machine_is_assumed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_performance_counters_a_slow_machine_is_assumed(monkeypatch: pytest.MonkeyPatch) -> None:
     def getloadavg() -> None:
         raise RuntimeError("Performance counters may be disabled.")
 

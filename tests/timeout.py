@@ -6,20 +6,21 @@ import os
 
 import psutil
 
-UNKNOWN_LOAD_PER_CORE = 4.0  # assumed without a load average; a long time-out costs a passing test nothing
+SLOWEST = 4.0  # a machine may be so much slower than an idle one of ours, whatever its load average says
 
 
 def scaled_timeout(seconds: float) -> float:
     """The time-out in seconds for a test, or a wait in one, that is given `seconds` on an idle machine.
 
     The scheduler divides the cores among the processes that want to run, whose number the load average is. Ask when the
-    wait begins, not when the module is imported: the load comes and goes.
+    wait begins, not when the module is imported: the load comes and goes. A core may be slow, or shared with other
+    machines, which no load average shows; a long time-out costs a passing test nothing.
     """
     try:
         load_per_core = psutil.getloadavg()[0] / count_cores()
     except RuntimeError:  # Windows without performance counters, and Wine
-        load_per_core = UNKNOWN_LOAD_PER_CORE
-    return seconds * max(1.0, load_per_core)
+        load_per_core = 1.0
+    return seconds * max(SLOWEST, load_per_core)
 
 
 def count_cores() -> int:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from station.__main__ import SPARE, main
+from tests.timeout import scaled_timeout
 
 HEAVY = (
     *("numpy", "pydantic", "scipy.signal", "scipy.special", "scipy.optimize", "scipy.spatial", "scipy.stats", "numba"),
@@ -90,7 +91,7 @@ def test_a_limit_of_memory_below_what_a_command_needs_is_a_sentence(
         [sys.executable, "-c", program, *command.split(), *[trial] * (command != "--help")],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=scaled_timeout(60),
         check=False,
     )
     assert (ran.returncode, ran.stderr.count("\n")) == (code, 1)

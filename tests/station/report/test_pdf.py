@@ -22,7 +22,7 @@ from station.report.page import BrowserError, _launch, write_pdf, write_report
 from station.verbs.whole import report
 from tests.fitting.experiment import PUBLISHED, Session, published
 from tests.refusals import raises_refusal
-from tests.station.console.browsing import CHROMIUM, chromium
+from tests.station.console.browsing import CHROMIUM, chromium, patience_ms
 from tests.station.foreign import Truth
 from tests.station.reported import few_people
 from tests.station.wearer import WearerSession
@@ -60,6 +60,7 @@ def test_a_report_of_four_cuffs_and_a_wearer_is_short(tmp_path: Path, wearer: We
     report = report_four_cuffs(tmp_path, wearer)
     with chromium(CHROMIUM) as browser:
         shown = browser.new_page()
+        shown.set_default_timeout(patience_ms())
         shown.goto(report.as_uri())
         for (width, height), most in MOST_FOLDED.items():
             shown.set_viewport_size({"width": width, "height": height})
