@@ -15,8 +15,7 @@ from drivers.reconnecting import CATALOGUE, Reconnecting, make_device
 from drivers.simulators.faults import FAULTS
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from tests.drivers.contract import raises_refusal
-from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, random_faults, unaccounted
-from tests.timeout import scaled_timeout
+from tests.drivers.fault_bench import CASES, STREAMS, Case, FaultBench, random_faults, unaccounted
 
 Step = Sequence[Item] | Exception
 GONE = DeviceLost("the device is gone; plug it in")

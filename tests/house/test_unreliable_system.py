@@ -109,13 +109,15 @@ def test_a_drive_that_refuses_to_flush_is_refused_before_the_first_trial(
 def test_a_clock_that_is_set_back_by_an_hour_between_two_trials_is_a_note_of_the_second(
     tmp_path: Path, calls: Path
 ) -> None:
-    bench(tmp_path)
+    write_config(tmp_path, hold_s=4.0, swing_s=5.0, migration_m=0.0)  # a trial begins at our command
     signal = tmp_path / "now"
     variables = {"LD_PRELOAD": str(calls), "CLOCK_SET_BACK_WITH": str(signal)}
     with Headless(tmp_path, *PLAN, program=sys.executable, variables=variables) as terminal:
-        terminal.until("trial_ended")
-        signal.touch()
-        terminal.until("trial_ended")
+        for _ in range(2):
+            terminal.until("waiting", what="start")
+            terminal.send("arm")
+            terminal.until("trial_ended")
+            signal.touch()
     first, second = ([message.code for message in one.codes] for one in read_journal(tmp_path / SESSION).recorded)
     assert (TrialCode.CLOCK_SET_BACK in first, TrialCode.CLOCK_SET_BACK in second) == (False, True)
 

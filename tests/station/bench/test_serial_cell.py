@@ -6,7 +6,7 @@ import io
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from fitting.results.trial_codes import RejectionCode
 from fitting.trial.mass_checks import read_checks
 from fitting.trial.trial import read_trial
 from recordings.reader import open_recording
+from recordings.samples import Item
 from station.bench.bench_clock import BenchClock
 from station.bench.check import (
     DeviceSurvey,
@@ -76,6 +77,30 @@ def config(bench: Bench) -> StationConfig:
     )
 
 
+class Reporting(SerialLoadCell):
+    """Its report of a line has reached the check when it is read again."""
+
+    has_reported = is_delivered = False
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        self.is_delivered = self.has_reported
+        items = super().read(timeout_s)
+        self.has_reported |= bool(items)
+        return items
+
+
+class ClockAfterReport(RealClock):
+    """Its wall time passes with every look, once the report is delivered: a busy machine may send no line for long."""
+
+    def __init__(self, device: Reporting) -> None:
+        super().__init__()
+        self._device, self._looks = device, 0
+
+    def wall_s(self) -> float:
+        self._looks += self._device.is_delivered
+        return 0.01 * self._looks
+
+
 @pytest.mark.parametrize("line", [b"+12.345 kg", b"  12.3 lb", b"+3.2", b""])
 def test_the_line_of_an_indicator_with_another_unit_is_shown(line: bytes, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
@@ -88,8 +113,8 @@ def test_the_line_of_an_indicator_with_another_unit_is_shown(line: bytes, tmp_pa
 
         threading.Thread(target=send, daemon=True).start()
         port = f"socket://127.0.0.1:{listener.getsockname()[1]}"
-        device = SerialLoadCell(port=port, baud_rate=9600, line_format="usb220", host_clock=time.time_ns)
-        survey, (name,) = survey_devices(StationConfig(), tmp_path, RealClock(), lambda *_: [device], 0.3)
+        device = Reporting(port=port, baud_rate=9600, line_format="usb220", host_clock=time.time_ns)
+        survey, (name,) = survey_devices(StationConfig(), tmp_path, ClockAfterReport(device), lambda *_: [device], 0.3)
     assert len(survey.force()) == 0
     result = check_device(survey, name)
     assert not result.is_good and result.message.code is CheckCode.UNREADABLE

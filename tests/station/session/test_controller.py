@@ -43,7 +43,7 @@ from tests.timeout import scaled_timeout
 SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False)
 PATIENCE_S = 120.0
 SPEED = 12.0
-HOLD_S = 30.0
+HOLD_S = 600.0
 """Long, for a trial that the test ends."""
 
 
@@ -456,10 +456,21 @@ def test_devices_that_are_not_ready_are_a_message_and_no_trial(controller: Sessi
 
 
 @pytest.mark.slow
-def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(tmp_path: Path) -> None:
+def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The holds of the cues, the empty hook first, suffice for the fit."""
     config = load_config(write_config(tmp_path))
     seen: list[tuple[int, float]] = []
+    update = LiveTrial.update
+
+    def update_and_note(live: LiveTrial, *arguments: Any) -> bool:
+        is_alarm = update(live, *arguments)
+        if live.latest.state == "recording" and live.force:
+            seen.append((live.cue.step, live.force[-1][1]))
+        return is_alarm
+
+    monkeypatch.setattr(LiveTrial, "update", update_and_note)
     with SimulatedBench(practice_settings(config), SPEED, 3) as bench:
         pointed = with_folder(bench.configure(config), tmp_path / "sessions")
         controller = SessionController(pointed, SPEED, bench)
@@ -467,15 +478,7 @@ def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(t
         async def record() -> None:
             controller.session.begin(SETUP)
             await controller.runner.arm()
-            live = controller.runner.live
-            assert live is not None
-
-            def has_ended() -> bool:
-                if live.latest.state == "recording" and live.force:
-                    seen.append((live.cue.step, live.force[-1][1]))
-                return controller.runner.live is None
-
-            await until(has_ended)
+            await until(lambda: controller.runner.live is None)
             await controller.reviewer.process_recordings()
 
         run(record())

@@ -243,7 +243,7 @@ def test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_record
         return recorders[-1]
 
     monkeypatch.setattr(TrialProcess, "start", started)
-    config = load_config(write_config(tmp_path, hold_s=5.0))
+    config = load_config(write_config(tmp_path, hold_s=600.0))  # the test ends both trials
     with SimulatedBench(practice_settings(config), SPEED, 3) as bench:
         controller = SessionController(with_folder(bench.configure(config), tmp_path / "sessions"), SPEED, bench)
 
@@ -258,7 +258,7 @@ def test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_record
             recorders[0]._child.process.kill()
             await until(lambda: not controller.session.has_running_trial)
             await controller.runner.arm()
-            await until(lambda: is_recording() or controller.runner.live is None)
+            await until(is_recording)
             await controller.runner.stop()
             await until(lambda: controller.runner.live is None)
 

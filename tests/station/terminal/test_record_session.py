@@ -44,14 +44,19 @@ SETUP = Setup("P01", "ab", (), 1, has_bounce=False, conditions=("unsuited",))
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
+    return practice_folder(tmp_path)
+
+
+def practice_folder(folder: Path, hold_s: float = 7.0) -> Path:
     """With a configuration that leaves the captures to a person at the (simulated) mocap system."""
-    path = write_config(tmp_path, swing_s=5.0)
+    path = write_config(folder, hold_s=hold_s, swing_s=5.0)
     path.write_text(path.read_text().replace('control = "start"', 'control = "none"'))
-    return tmp_path
+    return folder
 
 
 @pytest.mark.slow
-def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) -> None:
+def test_a_service_reads_lines_and_a_stop_ends_its_trial_cleanly(tmp_path: Path) -> None:
+    bench = practice_folder(tmp_path, hold_s=600.0)
     with Headless(bench, *PRACTICE) as session:
         opened = session.until("session_opened")
         assert opened["is_simulated"] and opened["trials"] == 2
@@ -273,7 +278,7 @@ def test_an_option_of_one_trial_needs_a_test(
 def test_terminal_and_console_resume_each_other_s_session_during_a_trial_and_before_a_decision(tmp_path: Path) -> None:
     """The terminal is killed while it records; its recorder goes on, and the console keeps that trial and records the
     next. It is closed before it decides, and the terminal does."""
-    with simulated_bench(tmp_path / "bench", speed=SPEED) as (bench, _):
+    with simulated_bench(tmp_path / "bench", speed=SPEED, hold_s=40.0) as (bench, _):  # 10 s of the wall
         ports = bench.ready["ports"]
         path = write_config(tmp_path, swing_s=5.0, ni=ports["ni"], qtm=ports["qtm"])
         with path.open("a") as file:
