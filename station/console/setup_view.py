@@ -221,7 +221,7 @@ def show_bench(checker: BenchChecker, actions: Actions) -> None:
     ui.label("Bench").classes("heading")
     verdict = ui.row().classes("items-center no-wrap gap-2").props("role=status")
     asking = ui.column().classes("gap-1 w-full")
-    passed = ui.expansion().classes("w-full text-lg").mark("passed")  # stays unfolded in a new check
+    passed = _Passed()
     with ui.row().classes("items-center gap-3 w-full no-wrap"):
         mass = ui.input("Known mass on the cell [kg]").props("inputmode=decimal").classes("grow").mark("known-mass")
         ui.button("Read it", on_click=lambda: actions.run(lambda: checker.read_mass(_parse_mass(mass.value)))).props(
@@ -265,16 +265,30 @@ def _show_verdict(verdict: ui.row, checker: BenchChecker) -> None:
         ui.label(text[0].upper() + text[1:]).classes(f"text-2xl font-bold {grade or 'quiet'}").mark("bench-verdict")
 
 
-def _show_rows(asking: ui.column, passed: ui.expansion, results: Sequence[CheckResult]) -> None:
+class _Passed:
+    """The checks that passed, folded. The list stays as it is in a new check, and when results arrive with the click
+    that unfolds it: an update of the expansion itself would fold it again.
+    """
+
+    def __init__(self) -> None:
+        self.whole = ui.element("div").classes("w-full")
+        with self.whole, ui.expansion().classes("w-full text-lg").mark("passed") as expansion:
+            expansion.props["toggle-aria-label"] = ""  # the name of the button is its text
+            with expansion.add_slot("header"), ui.item_section():
+                self.count = ui.item_label()
+            self.rows = ui.column().classes("gap-1 w-full")
+
+
+def _show_rows(asking: ui.column, passed: _Passed, results: Sequence[CheckResult]) -> None:
     """The checks that ask for something, and the others folded."""
     good = [result for result in results if result.grade == "good"]
-    passed.text = f"{counted(len(good), 'check')} passed"
-    passed.set_visibility(bool(good))
-    for place in (asking, passed):
+    passed.count.text = f"{counted(len(good), 'check')} passed"
+    passed.whole.set_visibility(bool(good))
+    for place in (asking, passed.rows):
         place.clear()
         with place:
             for result in results:
-                if (result.grade == "good") == (place is passed):
+                if (result.grade == "good") == (place is passed.rows):
                     _row(result)
 
 
