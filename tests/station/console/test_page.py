@@ -16,6 +16,7 @@ from documents.message import Message
 from station.bench.check import CheckResult
 from station.console.actions import _unless_late
 from station.console.charts import DISPLACEMENT_AXIS, ELEVATION_AXIS, force_over_motion
+from station.console.kept_form import keep_form
 from station.console.live_view import best_text, delivery_text, most_active, rest_length_text, share_text
 from station.console.page import _Page
 from station.console.running_view import _over_time
@@ -32,6 +33,39 @@ CHARTS = pytest.mark.parametrize(
     [force_over_motion([]), _over_time(DISPLACEMENT_AXIS), _over_time(ELEVATION_AXIS)],
     ids=["path", "over time", "wearer"],
 )
+
+
+class Field:
+    """An empty field, and what is called when its content changes."""
+
+    def __init__(self) -> None:
+        self.value, self.observers = "", list[Any]()
+
+    def on_value_change(self, observer: Any) -> None:
+        self.observers.append(observer)
+
+
+def test_what_is_entered_before_the_tab_has_answered_stands_and_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    subject, operator = Field(), Field()
+    started: list[Any] = []
+    stored: list[str] = []
+
+    async def kept() -> dict[str, str]:
+        subject.value = "P07"
+        return {"subject": "P01", "operator": "ab"}
+
+    def run_javascript(code: str, **_: Any) -> Awaitable[dict[str, str]] | None:
+        if code.startswith("return"):
+            return kept()
+        stored.append(code)
+        return None
+
+    monkeypatch.setattr(ui, "timer", lambda _, work, **__: started.append(work))
+    monkeypatch.setattr(ui, "run_javascript", run_javascript)
+    keep_form("setup", {"subject": subject, "operator": operator})  # type: ignore[dict-item]
+    asyncio.run(started[0]())
+    assert (subject.value, operator.value) == ("P07", "ab")
+    assert '"subject": "P07"' in stored[-1] and len(subject.observers) == len(operator.observers) == 1
 
 
 @pytest.mark.parametrize("is_deleted_first", [True, False])
