@@ -6,12 +6,12 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
 
 from tests.timeout import scaled_timeout
 
@@ -24,6 +24,17 @@ async () => (await axe.run(document, { resultTypes: ["violations"] })).violation
     .filter(({ impact }) => ["serious", "critical"].includes(impact))
     .flatMap(({ id, nodes }) => nodes.map(({ target, failureSummary }) => `${id}: ${target} ${failureSummary}`))
 """
+PATIENT = """
+(() => {
+    const ask = window.fetch;
+    window.fetch = (url, options) => url === "/beat" ? ask(url, {cache: "no-store"}) : ask(url, options);
+    window.shownTexts = new Set();
+    const note = () => [...document.querySelectorAll(".cue, .rec")].filter(line => line.checkVisibility())
+        .forEach(line => shownTexts.add(line.textContent));
+    new MutationObserver(note).observe(document, {subtree: true, childList: true, characterData: true});
+})()
+"""
+"""No request for the console's heartbeat is given up, and the lines that change during a trial are kept."""
 UNREADABLE = """
 () => {
     const parts = colour => (colour.match(/[\\d.]+/g) || []).map(Number);
@@ -74,37 +85,22 @@ def chromium(path: Path | str | None) -> Iterator[Browser]:
 
 
 def open_page(browser: Browser, address: str, width: int = 1280, height: int = 800) -> Page:
-    """A page whose user presses again what was not executed: a busy machine's console may answer too late."""
+    """A page that waits for its console as long as a busy machine keeps the console from answering.
+
+    Pages whose test is of a console that does not answer are opened without it.
+    """
     page = browser.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(patience_ms())
-    refused = page.get_by_role("alert").filter(has_text=re.compile("not (executed|confirmed)"), visible=True)
-    page.add_locator_handler(refused, press_again, times=3)  # a console that refuses all presses fails the test
+    page.add_init_script(PATIENT)
     page.goto(address)
     return page
 
 
-def press_again(alert: Locator) -> None:
-    """Read, close and press in one step each: a notice goes as soon as its press arrives after all."""
-    notices = alert.evaluate_all(
-        """alerts => alerts.map(alert => {
-            const text = alert.innerText;
-            [...alert.querySelectorAll("button")].find(button => /^close$/i.test(button.innerText.trim())).click();
-            return text;
-        })"""
-    )
-    for notice in notices:
-        names = re.search(r"not (?:executed|confirmed): (.+)\. Press|(.+) was pressed", notice)
-        assert names is not None
-        for name in (names[1] or names[2]).split(", "):
-            button = alert.page.locator("footer [data-keys]").filter(has_text=name, visible=True)
-            button.evaluate_all("buttons => buttons.slice(0, 1).forEach(button => button.click())")
-
-
-def begin(page: Page, subject: str = "P01") -> None:
-    page.get_by_label("Subject code").fill(subject)
+def begin(page: Page, first: str = "next: hand") -> None:
+    page.get_by_label("Subject code").fill("P01")
     page.get_by_label("Operator").fill("ab")
     page.get_by_role("button", name="Begin").click()
-    begun, anyway = page.get_by_text("next: hand"), page.get_by_role("button", name="Begin anyway")
+    begun, anyway = page.get_by_text(first), page.get_by_role("button", name="Begin anyway")
     expect(begun.or_(anyway)).to_be_visible()
     if anyway.is_visible():  # on a busy machine, the simulated devices may answer the check too late
         anyway.click()
@@ -153,8 +149,29 @@ def seen(page: Page, words: str | re.Pattern[str]) -> None:
 
 
 def runs(page: Page) -> None:
-    """What is to be done now changes every few seconds, less than a busy machine needs to look; this lasts a trial."""
+    """Of a trial without an end; was_shown() is for others, which may end before a busy machine has looked."""
     seen(page, re.compile(r"^REC \d"))
+
+
+def was_shown(page: Page, words: str) -> None:
+    """A recording, or an instruction: they change every few seconds, less than a busy machine needs to look.
+
+    words is a regular expression of JavaScript.
+    """
+    page.wait_for_function("words => [...shownTexts].some(text => new RegExp(words).test(text))", arg=words)
+
+
+def pause_clock(page: Page) -> None:
+    """Stop the page's own clock, when its console has just answered and no further request is on its way.
+
+    A time in the past is refused, but the clock then stands: the second attempt cannot be late.
+    """
+    soon_s = "Date.now() / 1000 + 0.01"
+    with suppress(Error):
+        page.clock.pause_at(page.evaluate(soon_s))
+    page.clock.pause_at(page.evaluate(soon_s))
+    page.evaluate("fetch('/beat').then(answer => answer.json())")
+    expect(page.get_by_text("The console does not answer")).to_be_hidden()
 
 
 def picture_updates(page: Page) -> list[float]:

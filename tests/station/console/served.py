@@ -7,9 +7,13 @@ import socket
 import subprocess
 import sys
 from collections.abc import Sequence
+from inspect import getsource
 from pathlib import Path
 from types import TracebackType
 from typing import Self
+
+from station.child import ProcessLink
+from tests.timeout import scaled_timeout
 
 CONFIG = """
 [daq]
@@ -63,6 +67,27 @@ def write_config(
     return path
 
 
+def be_patient() -> None:
+    """In the process of a console: it takes presses however late, and keeps connections to a browser that is held up.
+
+    A busy machine delays both by seconds. A page would be loaded anew, without what was just typed.
+    """
+    from nicegui import app, core
+
+    from station.console import actions
+
+    actions.LATE_S = 600.0
+    app.on_startup(lambda: setattr(core.sio.eio, "ping_timeout", 600.0))
+
+
+def main(parent: ProcessLink, folder: str, port: str) -> None:
+    """The live page alone, as a child of the test."""
+    from station.console import server
+
+    be_patient()
+    server.main(parent, folder, port)
+
+
 class ServedConsole:
     """A context manager; the console ends with it."""
 
@@ -73,7 +98,7 @@ class ServedConsole:
         config: Path,
         *options: str,
         port: int = 0,
-        program: Sequence[str] = ("-c", "from station.cli import main; main()"),
+        program: Sequence[str] = ("-c", f"{getsource(be_patient)}\nbe_patient()\nfrom station.cli import main; main()"),
     ) -> None:
         self._config, self._options, self._program = config, options, program
         self.address, self.port = "", port
@@ -122,7 +147,7 @@ class ServedConsole:
             else:  # a process of Windows takes no signals
                 self._child.kill()
             try:
-                self._child.wait(20)
+                self._child.wait(scaled_timeout(20.0))
             except subprocess.TimeoutExpired:
                 self.kill()
             if self._child.stdout is not None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from station.cli import main
 from station.session import trial_runner
+from tests.station.console.served import be_patient
 
 
 class ShownTrial:
@@ -37,4 +38,5 @@ class ShownTrial:
 if __name__ == "__main__":
     TELEMETRY = json.loads(sys.argv.pop(1))
     trial_runner.Child = ShownTrial  # type: ignore[misc,assignment]
+    be_patient()
     main()

@@ -88,13 +88,12 @@ def test_a_redrawn_view_keeps_the_focus_and_the_rest_of_a_word_is_no_command(bro
         one, other = open_page(browser, console.address), open_page(browser, console.address)
         one.locator("button.session", has_text="P01, session 1").click()
         seen(other, "redo advised")
-        one.clock.set_fixed_time(one.evaluate("Date.now()"))  # all of the word is typed at one moment
+        one.clock.set_fixed_time(one.evaluate("Date.now()"))  # a word is typed, and a view redrawn, at one moment
         one.get_by_label("Note on this trial").focus()
         one.keyboard.type("sli")
         other.keyboard.press("k")
         seen(one, "next: hand, dynamic")
         one.keyboard.type("nnn")  # which skips three trials, where no word was begun
-        one.clock.resume()
         one.get_by_text("next: hand, dynamic, repeat 1").click()  # ends the word
         skip = one.get_by_role("button", name="Skip this trial")
         skip.focus()

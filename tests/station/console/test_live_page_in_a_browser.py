@@ -19,7 +19,7 @@ from recordings.topics import MARKERS
 from station.child import Child
 from station.live.process import warm_up
 from station.live.published import LiveFinding, LiveSubject
-from tests.station.console.browsing import open_page, runs, seen, stop, unreadable, until
+from tests.station.console.browsing import begin, open_page, runs, seen, stop, unreadable, until
 from tests.station.console.live_source import LiveSource, live_setup
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.console.test_wearer_in_a_browser import WEARER
@@ -81,7 +81,7 @@ def test_body_effort_age_and_findings_are_shown_and_readable(browser: Browser, t
             page.screenshot(path=pictures / "live.png")
             for width, height in ((1024, 768), (390, 844)):
                 page.set_viewport_size({"width": width, "height": height})
-                assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+                page.wait_for_function("document.documentElement.scrollWidth <= innerWidth")
                 expect(page.get_by_role("slider")).to_be_visible()
             assert unreadable(page) == []
 
@@ -97,8 +97,8 @@ def test_old_values_are_marked_and_a_scaled_body_is_named(browser: Browser, tmp_
         assert "grayscale" in page.evaluate("getComputedStyle(document.querySelector('.live-grid')).filter")
         seen(page, "body: P07 scaled, scaled to the wearer")
         expect(page.get_by_text("SIMULATED DATA")).to_be_hidden()
-        source.publish(age_s=0.16)
-        expect(page.locator("body")).not_to_have_class(re.compile("old-data"))
+        with publishing(source):
+            expect(page.locator("body")).not_to_have_class(re.compile("old-data"))
 
 
 def test_the_colour_of_a_muscle_is_its_activation_and_the_body_turns(browser: Browser, tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def served_live_page(folder: Path) -> Iterator[str]:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     child = Child(
-        "station.console.server",
+        "tests.station.console.served",
         str(folder),
         str(port),
         stdout=subprocess.PIPE,
@@ -189,10 +189,7 @@ def test_frozen_closed_and_many_pages_do_not_affect_the_recording(polite_browser
     with ServedConsole(config, "--simulated") as console:
         page, live = open_page(polite_browser, console.address), open_page(polite_browser, f"{console.address}live")
         seen(live, "No live values")
-        page.get_by_label("Subject code").fill("P01")
-        page.get_by_label("Operator").fill("ab")
-        page.get_by_role("button", name="Begin").click()
-        seen(page, "next: pose")
+        begin(page, "next: pose")
         frozen, closed = open_page(polite_browser, console.address), open_page(polite_browser, console.address)
         page.keyboard.press("a")
         for each in (page, frozen, closed):
