@@ -25,7 +25,6 @@ from solver.motion import Kinematics, decimate
 from solver.multibody.loads import ExternalForce
 from solver.redundancy.effort import RedundancyOptions, options_for
 from solver.redundancy.motion_solution import LoadedMotion, MotionSolution
-from solver.redundancy.motion_solution import solve_motion as solve
 from solver.stream.frame_muscles import StreamScenario
 from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
@@ -40,14 +39,7 @@ from station.assessment.findings import Finding
 from station.assessment.findings import findings as assessment_findings
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.assessment.people_run import PeopleRun, SourceChoice, assess_people
-from station.assessment.reserves import large_reserves, large_residuals, reserve_findings, reserve_shares
-from station.assessment.rmr import (
-    ensure_distinct_controls,
-    filter_effect,
-    left_out_findings,
-    slack_findings,
-    slack_muscles,
-)
+from station.assessment.rmr import ensure_distinct_controls, left_out_findings, solve_and_check
 from station.defaults import CUTOFF_HZ, LEAST_DRAWS
 from station.sources import BUNDLED, resolve_kinematics, resolve_loads, resolve_model
 
@@ -112,13 +104,9 @@ def solve_motion(
     ensure_distinct_controls(model)
     loads, on_inputs = _loads(external_loads, model, kinematics)
     options = options_for(model, _options(options))
-    solution = solve(model, kinematics, options, loads=loads)
-    shares = reserve_shares(model, kinematics, loads, solution)
-    large, has_loads = large_reserves(model, options, shares), external_loads is not None
-    residuals = large_residuals(model, options, shares, has_external_loads=has_loads)
-    on_model = left_out_findings(model, filter_effect(model, (), kinematics, solution, shares))
-    on_model += slack_findings(slack_muscles(model, kinematics, options.path_mode))
-    return replace(solution, findings=(*on_inputs, *on_model, *reserve_findings(model, large, residuals)))
+    motion = LoadedMotion(model, kinematics, loads, options)
+    solved = solve_and_check(motion, model, has_external_loads=external_loads is not None)
+    return replace(solved.solution, findings=(*on_inputs, *solved.findings))
 
 
 def open_stream(

@@ -37,7 +37,7 @@ from solver.redundancy.mechanics import (
     passive_force_on_coordinates,
     without_forces,
 )
-from solver.redundancy.motion_solution import MotionSolution, solve_motion
+from solver.redundancy.motion_solution import LoadedMotion, MotionSolution, solve_motion
 from solver.redundancy.problem import FrameOutcome
 from solver.time_series_table import write_table
 from station.assessment.assessment_inputs import read_effort
@@ -51,6 +51,7 @@ from station.assessment.reserves import (
     large_reserves,
     large_residuals,
     listed,
+    reserve_findings,
     reserve_shares,
     rms,
     shares_text,
@@ -104,11 +105,17 @@ class SolvedMotion:
     model: Model
     options: RedundancyOptions
     solution: MotionSolution
-    notes: Mapping[str, str]
+    notes: Mapping[str, str] = field(default_factory=dict)
     left_out: LeftOutEffect = NOTHING_LEFT_OUT
     large_reserves: ReserveShares = field(default_factory=dict)
     large_residuals: ReserveShares = field(default_factory=dict)
     slack_muscles: tuple[str, ...] = ()
+
+    @property
+    def findings(self) -> list[Message[AssessmentCode]]:
+        """On forces that were left out, muscles that cannot pull, and large reserves and residuals."""
+        findings = left_out_findings(self.model, self.left_out) + slack_findings(self.slack_muscles)
+        return findings + reserve_findings(self.model, self.large_reserves, self.large_residuals)
 
 
 def solve_muscles(
@@ -134,21 +141,52 @@ def solve_muscles(
         figures = {"options": " and ".join(glenoid_options), "model": model.name}
         raise UnusedOption(Message(InputCode.NO_GLENOID_TO_KEEP, figures))
     ensure_joints_and_markers(model, options)
+    motion = LoadedMotion(model, given.kinematics, given.loads, options)
+    has_loads = inputs.external_loads is not None
+    solved = solve_and_check(motion, given.model, inputs.left_out, progress, has_external_loads=has_loads)
+    return replace(solved, notes=inputs.hashes() | _checked(solved, given.notes) | _notes(solved))
+
+
+def solve_and_check(
+    motion: LoadedMotion,
+    whole: Model,
+    left_out: Sequence[str] = (),
+    progress: Progress = silent,
+    *,
+    has_external_loads: bool,
+) -> SolvedMotion:
+    """Solve every frame, and find what limits the solution; without notes.
+
+    left_out: forces of the whole model that that of the motion lacks
+    """
+    model, kinematics, options = motion.model, motion.kinematics, motion.options
     solution = solve_motion(
-        model, given.kinematics, options, lambda done, total: progress("solving muscles", done, total), given.loads
+        model, kinematics, options, lambda done, total: progress("solving muscles", done, total), motion.loads
     )
-    shares = reserve_shares(model, given.kinematics, given.loads, solution)
-    effect = filter_effect(given.model, inputs.left_out, given.kinematics, solution, shares)
-    large, has_loads = large_reserves(model, options, shares), inputs.external_loads is not None
-    residuals = large_residuals(model, options, shares, has_external_loads=has_loads)
-    left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
-    tendons = {"tendons": describe_tendons(model, solution.fibers)}
-    reserves = {"large_reserves": json.dumps(large) if large else "none"}
-    reserves["large_residuals"] = json.dumps(residuals) if residuals else "none"
-    slack = slack_muscles(model, given.kinematics, options.path_mode)
-    tendons["slack_muscles"] = ", ".join(slack) or "none"
-    notes = inputs.hashes() | left_out | given.notes | tendons | reserves | _notes(model, options, solution)
-    return SolvedMotion(model, options, solution, notes, effect, large, residuals, slack)
+    shares = reserve_shares(model, kinematics, motion.loads, solution)
+    return SolvedMotion(
+        model,
+        options,
+        solution,
+        left_out=filter_effect(whole, left_out, kinematics, solution, shares),
+        large_reserves=large_reserves(model, options, shares),
+        large_residuals=large_residuals(model, options, shares, has_external_loads=has_external_loads),
+        slack_muscles=slack_muscles(model, kinematics, options.path_mode),
+    )
+
+
+def _checked(solved: SolvedMotion, of_motion: Mapping[str, str]) -> dict[str, str]:
+    """Notes on forces left out, on the motion, tendons, and reserves."""
+    names = solved.model.left_out
+    left_out = {"left_out": ", ".join(names), "left_out_effect": solved.left_out.note()} if names else {}
+    return {
+        **left_out,
+        **of_motion,
+        "tendons": describe_tendons(solved.model, solved.solution.fibers),
+        "slack_muscles": ", ".join(solved.slack_muscles) or "none",
+        "large_reserves": json.dumps(solved.large_reserves) if solved.large_reserves else "none",
+        "large_residuals": json.dumps(solved.large_residuals) if solved.large_residuals else "none",
+    }
 
 
 def ensure_joints_and_markers(model: Model, options: RedundancyOptions) -> None:
@@ -186,8 +224,9 @@ def _with_cone_joint(model: Model, options: RedundancyOptions) -> RedundancyOpti
     return options_for(model, options)
 
 
-def _notes(model: Model, options: RedundancyOptions, solution: MotionSolution) -> dict[str, str]:
+def _notes(solved: SolvedMotion) -> dict[str, str]:
     """Single lines without an equals sign, which separates key and value in OpenSim files."""
+    model, options = solved.model, solved.options
     weights = {
         "muscles": options.muscle_weight,
         "reserves": options.reserve_weight,
@@ -213,7 +252,7 @@ def _notes(model: Model, options: RedundancyOptions, solution: MotionSolution) -
         "free_coordinates": ", ".join(options.free_coordinates) or "none",
         "reserve_coordinates": json.dumps(_reserve_coordinates(model)),
         "status_codes": ", ".join(f"{code} {outcome}" for code, outcome in enumerate(STATUS)),
-        "muscle_outcomes": note_unconverged(solution),
+        "muscle_outcomes": note_unconverged(solved.solution),
     }
 
 

@@ -170,17 +170,12 @@ def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
 def _print_conditions(solved: SolvedMotion) -> None:
     """The notes, forces left out, slack muscles, large reserves, and frames and muscles that did not converge."""
     from station.assessment.assessment_json import describe_unconverged, describe_unsolved
-    from station.assessment.reserves import reserve_findings
-    from station.assessment.rmr import left_out_findings, slack_findings
 
     print_motion_notes(solved.notes)
     if solved.solution.fibers is not None:
         print_message(f"tendons: {solved.notes['tendons']}")
-    findings = left_out_findings(solved.model, solved.left_out)
-    findings += slack_findings(solved.slack_muscles)
-    findings += reserve_findings(solved.model, solved.large_reserves, solved.large_residuals)
     for sentence in (
-        *(f"{found} [{found.code}]" for found in findings),
+        *(f"{found} [{found.code}]" for found in solved.findings),
         *describe_unsolved(solved.solution),
         *describe_unconverged(solved.solution),
     ):
