@@ -129,10 +129,10 @@ def _reason(error: ExportRefused | RecordingError) -> Message[ExportCode]:
 
 def _without_clock(path: Path, to: str, output: Path, error: NoCommonClock) -> tuple[list[Path], Message[ExportCode]]:
     """Write the raw samples of a recording without a common clock, if the format is csv. Returns paths and reason."""
-    figures = {"file": path.name, "reason": error.reason}
     if to != "csv":
-        return [], Message(ExportCode.RAW_POSSIBLE, figures)
-    return write_raw(path, output / path.stem, error.reason), Message(ExportCode.RAW_ONLY, figures)
+        return [], Message(ExportCode.RAW_POSSIBLE, error.figures)
+    reason = str(error.figures["reason"])
+    return write_raw(path, output / path.stem, reason), Message(ExportCode.RAW_ONLY, error.figures)
 
 
 def _tables(separator: str, suffix: str, trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:

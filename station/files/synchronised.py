@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from documents.message import Message
+from documents.message import Figures, Message, because
 from fitting.errors import UnusableTrial
 from fitting.trial.analog_signals import AnalogSignals, build_analog_signals
 from fitting.trial.timeline import Timeline, build_timeline
@@ -36,9 +36,9 @@ class WrongExport(ExportRefused):
 class NoCommonClock(ExportRefused):
     """The streams cannot be synchronised; their samples can be exported raw."""
 
-    def __init__(self, file: str, reason: str) -> None:
-        super().__init__(Message(ExportCode.NO_COMMON_CLOCK, {"file": file, "reason": reason}))
-        self.reason = reason
+    def __init__(self, file: str, cause: UnusableTrial) -> None:
+        self.figures: Figures = {"file": file, **because(cause)}
+        super().__init__(Message(ExportCode.NO_COMMON_CLOCK, self.figures))
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def read_synchronised(path: Path) -> SynchronisedRecording:
     try:
         line = build_timeline(recording.manifest, tracks, labels)
     except UnusableTrial as error:
-        raise NoCommonClock(path.name, str(error)) from error
+        raise NoCommonClock(path.name, error) from error
     rate, edge_utc_ns = tracks["/markers"].stream.rate_hz, _edge_utc_ns(recording.manifest, tracks, line)
     signals, notes = _signals(recording.manifest, tracks, line)
     return SynchronisedRecording(path, recording.manifest, labels, rate, line, edge_utc_ns, signals, notes)
