@@ -255,7 +255,7 @@ class RecordingWriter:
             raise _ContentLost(errno.ENOENT, "it was deleted while it was written")
 
     def _ensure_whole(self) -> None:
-        """Raises where the file is shorter than what was written: further writes would leave a hole of zeros."""
+        """Raise _ContentLost if the file was truncated: further writes would leave a hole of zeros."""
         size = os.fstat(self._file.fileno()).st_size
         if size < self._size:
             raise _ContentLost(errno.EIO, f"another program cut it from {self._size} to {size} bytes")

@@ -284,7 +284,7 @@ def read_journal(folder: Path) -> Journal:
         return Journal()
     except (OSError, UnicodeDecodeError) as error:
         raise journal_error(JournalCode.UNREADABLE, path, **because(error)) from error
-    lines = _Lines()
+    lines = _JournalState()
     for number, line in enumerate(text.split("\n")[:-1], 1):
         try:
             lines.add(JournalLine.model_validate(parse_json(line)).root)
@@ -355,7 +355,7 @@ def _place(spec: TrialSpec) -> dict[str, Any]:
     return {**place, "condition": spec.condition}
 
 
-class _Lines:
+class _JournalState:
     """Applies the lines of a journal in order, at a constant cost per line."""
 
     def __init__(self) -> None:

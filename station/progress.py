@@ -48,7 +48,7 @@ def progress_bars(console: Console, clock: Clock = perf_counter) -> Iterator[Pro
     """
     # Colours may be forced in a log by an environment variable; a bar that moves needs a real terminal.
     is_terminal = console.is_interactive and console.file.isatty()
-    shown = _Bars(console, clock) if is_terminal else _Lines(console, clock)
+    shown = _Bars(console, clock) if is_terminal else _PlainProgress(console, clock)
     lock, is_open = threading.Lock(), True  # the compilation reports from a thread of its own
 
     def report(stage: str, done: int, total: int) -> None:
@@ -75,7 +75,7 @@ class _Stage:
     is_printed: bool = False
 
 
-class _Lines:
+class _PlainProgress:
     """A line per finished stage; an unfinished stage has its line at the end, with the time of its last report."""
 
     def __init__(self, console: Console, clock: Clock) -> None:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from documents.message import Figures
 from documents.results import EqualByFields
-from fitting.dynamic.errors_in_variables import TAU, C, K, Solution, Swing
+from fitting.dynamic.errors_in_variables import TAU, C, K, Swing, SwingFit
 from fitting.results.codes import FitOutcome
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import TrialNoteCode
@@ -258,7 +258,7 @@ class Checks(EqualByFields):
         return self.marker_correlation > COLOURED
 
 
-def check(swing: Swing, solution: Solution, frequency: float) -> Checks:
+def check(swing: Swing, solution: SwingFit, frequency: float) -> Checks:
     """Cross-checks of a record whose force oscillates at `frequency` [Hz]."""
     aligned = swing.delayed(float(solution.parameters[TAU]))
     k, c = float(solution.parameters[K]), float(solution.parameters[C])
@@ -285,7 +285,7 @@ def check(swing: Swing, solution: Solution, frequency: float) -> Checks:
     )
 
 
-def without_lag(solution: Solution) -> tuple[Estimate, Estimate]:
+def without_lag(solution: SwingFit) -> tuple[Estimate, Estimate]:
     """k and c of the default method, with their errors for a known lag."""
     k_error, c_error = solution.known_lag_sd
     return (
@@ -326,7 +326,7 @@ def _neighbour_correlation(time: NDArray[np.float64], residual: NDArray[np.float
     return float(before @ after / math.sqrt((before @ before) * (after @ after)))
 
 
-def _residual_amplitudes(swing: Swing, solution: Solution, orders: Sequence[float], frequency: float) -> list[float]:
+def _residual_amplitudes(swing: Swing, solution: SwingFit, orders: Sequence[float], frequency: float) -> list[float]:
     """Amplitudes [N] of the residual at `orders` times the frequency of the swing."""
     straight = np.polyval(np.polyfit(swing.force_time, solution.x, 1), swing.force_time)
     phase = np.unwrap(np.angle(scipy.signal.hilbert(solution.x - straight)))

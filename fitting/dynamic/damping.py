@@ -30,8 +30,8 @@ from fitting.dynamic.errors_in_variables import (
     C,
     K,
     LagPosterior,
-    Solution,
     Swing,
+    SwingFit,
     cut_swing,
     estimate,
     lag_from_magnitude,
@@ -168,7 +168,7 @@ def _sign_notes(pull: Pull, oscillation: Oscillation) -> tuple[Note, ...]:
     return (Note(TrialNoteCode.POLARITY, {"fall_n": falls}),)
 
 
-def _require_amplitude(solution: Solution) -> tuple[Note, ...]:
+def _require_amplitude(solution: SwingFit) -> tuple[Note, ...]:
     """A note if the motion is small compared with its noise. Raises UnusableTrial if it is below the noise."""
     amplitude = math.sqrt(2) * float(np.std(solution.x))
     if amplitude < MIN_AMPLITUDE * solution.marker_noise:
@@ -180,7 +180,7 @@ def _require_amplitude(solution: Solution) -> tuple[Note, ...]:
     return ()
 
 
-def _find_slip(swing: Swing, solution: Solution, oscillation: Oscillation) -> Slip:
+def _find_slip(swing: Swing, solution: SwingFit, oscillation: Oscillation) -> Slip:
     """Slip during the swing. Raises UnusableTrial if it does not end and its apparent damping is large."""
     k, c = float(solution.parameters[K]), float(solution.parameters[C])
     force = np.interp(swing.marker_time, swing.force_time, swing.force)
@@ -197,7 +197,7 @@ def _fit(
     pull: Pull,
     oscillation: Oscillation,
     swing: Swing,
-    solution: Solution,
+    solution: SwingFit,
     apparent_damping: float,
     posterior: LagPosterior | None,
 ) -> DampingFit:
@@ -234,7 +234,7 @@ def _fit(
 
 
 def _estimates(
-    swing: Swing, solution: Solution, checks: Checks, frequency: float, lag_sd: float
+    swing: Swing, solution: SwingFit, checks: Checks, frequency: float, lag_sd: float
 ) -> tuple[Method, Estimate, Estimate, FitOutcome]:
     """The method, k and c with their errors (that of c for a known lag), and the outcome.
 
@@ -251,7 +251,7 @@ def _estimates(
     return "errors in variables", _stiffness(solution, frequency, lag_sd), damping, outcome
 
 
-def _stiffness(solution: Solution, frequency: float, lag_sd: float) -> Estimate:
+def _stiffness(solution: SwingFit, frequency: float, lag_sd: float) -> Estimate:
     """k [N/m] with its uncertainty due to the lag [s], to first order ω² c τ."""
     by_lag = (2 * math.pi * frequency) ** 2 * abs(float(solution.parameters[C])) * lag_sd
     return normal_estimate(float(solution.parameters[K]), math.hypot(float(solution.known_lag_sd[0]), by_lag))
@@ -260,7 +260,7 @@ def _stiffness(solution: Solution, frequency: float, lag_sd: float) -> Estimate:
 def _damping(
     pull: Pull,
     oscillation: Oscillation,
-    solution: Solution,
+    solution: SwingFit,
     k: float,
     free: Estimate,
     apparent_damping: float,

@@ -46,7 +46,7 @@ K, C, F0, F1, TAU = range(5)
 
 
 @dataclass(frozen=True)
-class Solution:
+class SwingFit:
     """parameters (5,): k [N/m], c [N s/m], F0 [N], F1 [N], τ [s], and their (5, 5) covariance.
 
     known_lag_sd   (2,) standard errors of k and c for a known lag
@@ -69,7 +69,7 @@ class Solution:
     outcome: FitOutcome = FitOutcome.CONVERGED
 
 
-def estimate(swing: Swing) -> Solution:
+def estimate(swing: Swing) -> SwingFit:
     """Maximum likelihood estimate. Both noises are estimated from the residuals, and outliers are left out.
 
     Raises UnusableTrial if the motion of the cuff does not determine the parameters.
@@ -80,7 +80,7 @@ def estimate(swing: Swing) -> Solution:
         raise UnusableTrial(RejectionCode.INDISTINCT) from error
 
 
-def _estimate(swing: Swing) -> Solution:
+def _estimate(swing: Swing) -> SwingFit:
     margin = MAX_LAG_SD * swing.lag_sd
     ends = np.concatenate((swing.force_time[[0, -1]], swing.marker_time[[0, -1]]))
     spline = Spline(float(ends.min() - margin), float(ends.max() + margin), KNOT_STEP)
@@ -194,14 +194,14 @@ def _linearise(
     )
 
 
-def _solution(step: _Step, seen: NDArray[np.bool_]) -> Solution:
+def _solution(step: _Step, seen: NDArray[np.bool_]) -> SwingFit:
     covariance = np.asarray(np.linalg.inv(step.information), dtype=np.float64)
     known_lag = np.linalg.inv(step.information[:TAU, :TAU])
     variances = np.concatenate((np.diag(covariance), np.diag(known_lag)))
     if not (np.isfinite(variances).all() and variances.min() > 0):
         raise UnusableTrial(RejectionCode.INDISTINCT)
     x, velocity = step.jacobian[:, K], step.jacobian[:, C]
-    return Solution(
+    return SwingFit(
         parameters=step.parameters,
         covariance=covariance,
         known_lag_sd=np.sqrt(np.diag(known_lag)[:2]),
@@ -252,7 +252,7 @@ class LagPosterior:
 
 
 def lag_from_magnitude(
-    solution: Solution, mass: float, frequency: float, known: Estimate, lag_sd: float
+    solution: SwingFit, mass: float, frequency: float, known: Estimate, lag_sd: float
 ) -> LagPosterior:
     """The lag from the magnitude of the complex stiffness at `frequency` [Hz] and a known stiffness [N/m].
 

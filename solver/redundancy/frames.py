@@ -121,9 +121,9 @@ def solve_activations(
 def _solve_frame(problem: FrameProblem, widest: Array, work: FrameWorkspace, a: Array, v: Array) -> int:
     """Solve within the bounds; if infeasible, within the widest, which stay in lower and upper; else violate least.
 
-    Where the interior-point method stops without a proof, as with distant targets, the multipliers of the least
-    violation are one, but for violations near round-off. A solution beyond LARGEST_EFFORT is infeasible wherever the
-    method started: on its way it may or may not meet the certificate.
+    If the interior-point method finds no certificate of infeasibility, as with distant targets, the multipliers of the
+    least violation are one, except near round-off. A solution beyond LARGEST_EFFORT counts as infeasible, so that the
+    result does not depend on the start.
     """
     for attempt in range(2):
         if attempt:

@@ -320,7 +320,7 @@ def divide_into_blocks(frames: int, size: int) -> list[slice]:
 
 
 class IrregularMotion(SolverError):
-    """A block does not show how all frames have to be solved; caught by solve_motion, which then solves all at once."""
+    """Blocks cannot be solved independently; solve_motion catches it and solves all frames at once."""
 
     def __init__(self) -> None:
         super().__init__("the motion cannot be solved in blocks")
@@ -342,7 +342,7 @@ def keep_freed_memory() -> None:
 
 
 def ensure_balanced(model: Model, matrix: Array, mobility: Array, tracked: NDArray[np.bool_]) -> None:
-    """Raise ModelError that names tracked coordinates out of balance, with A (frames, tracked, controls) and P (frames,
+    """Raise ModelError that names unbalanced tracked coordinates, with A (frames, tracked, controls) and P (frames,
     coordinates, coordinates).
 
     Coordinates in which P has no column beside round-off are held by a constraint and need no actuator. Nothing is

@@ -313,14 +313,14 @@ def _fill_frames(problem: RedundancyProblem, solutions: ScenarioSolutions, part:
     solutions.reaction[:, part] = reaction
     solutions.cone_slack[:, part] = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.inf
     controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
-    outcomes[are_solved(outcomes) & ~is_met(matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
+    outcomes[are_solved(outcomes) & ~meets_accelerations(matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
     greatest = np.abs(residual, out=residual).argmax(axis=-1)
     missed = np.take_along_axis(residual, greatest[..., None], axis=-1)[..., 0]
     solutions.equality_residual[:, part] = missed
     solutions.residual_coordinate[:, part] = np.flatnonzero(problem.tracked)[greatest]
 
 
-def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
+def meets_accelerations(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
     """(scenarios, frames) whether no x reduces the residual A x − b (scenarios, frames, rows); size is |b|."""
     lengths = np.sqrt(column_squares(matrix))
     shares = 1.0 / np.where(lengths > 0, lengths, 1.0)

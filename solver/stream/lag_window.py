@@ -166,7 +166,7 @@ JERK_INTENSITY = 0.07
 """m²/s⁵; of a marker, along each axis. At 100 Hz and 0.4 mm of noise the smoother halves 3 Hz, as the published filter
 does; the frequency goes with the sixth root."""
 LOST_SD = 0.3
-"""rad or m; a coordinate that lost its hold is drawn weakly to its last posture, and neither drifts nor jumps."""
+"""rad or m; a coordinate that lost its hold is held weakly at its last posture, and neither drifts nor jumps."""
 LEAST_SD = 1e-5
 """rad or m; of a posture, for coordinates that constraints or tasks determine exactly."""
 LEAST_SENSITIVITY = 1e-4

@@ -169,9 +169,9 @@ def direction_to_joint(point: SuitPoint) -> Array:
 
 
 def ensure_possible(cuff: CuffParameters, least_damping: float = 0.0) -> None:
-    """Raise SuitError for a cuff that gives energy: a stiffness of 0 or less, or a damping below the least [N s/m].
+    """Raise SuitError for a cuff that would generate energy, or has a figure that is not finite.
 
-    Also for a figure that is not finite.
+    It does with a stiffness of 0 or less, or a damping below the least [N s/m].
     """
     if not (np.isfinite(cuff.figures).all() and cuff.stiffness > 0 and cuff.damping >= least_damping):
         raise SuitError(

@@ -1,4 +1,7 @@
-"""A number with its 95 % interval from draws; an end is a bound only where draws have their optimum at the edge."""
+"""A number with its 95 % interval from draws.
+
+An end is censored if draws have their optimum at the edge of the rest lengths tried.
+"""
 
 from __future__ import annotations
 

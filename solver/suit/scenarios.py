@@ -86,7 +86,7 @@ class SuitedMotion:
     every: int
     mechanics: Mechanics
     problem: RedundancyProblem
-    per_unit_wrench: Response
+    unit_response: Response
 
     @cached_property
     def bare_mechanics(self) -> Mechanics:
@@ -177,7 +177,7 @@ def prepare_suited_motion(motion: LoadedMotion, suit: Suit, every: int = 1) -> S
         every=every,
         mechanics=mechanics,
         problem=build_redundancy(suited, mechanics, options),
-        per_unit_wrench=per_unit_wrench(suited, suit, mechanics),
+        unit_response=per_unit_wrench(suited, suit, mechanics),
     )
 
 
@@ -191,7 +191,7 @@ def solve_scenarios(
 
     Scenarios are divided among workers (threads), by default as many as processors.
     """
-    frames, places = suited.per_unit_wrench.acceleration.shape[:2]
+    frames, places = suited.unit_response.acceleration.shape[:2]
     wrenches, cord_forces = [np.zeros((1, frames, places))], [np.zeros(1)]
     migrated = [scenario.migrated for scenario in scenarios]
     for scenario in (*scenarios, *chain.from_iterable(migrated)):
@@ -199,7 +199,7 @@ def solve_scenarios(
         wrench = wrench_about_origin(forces.points, forces.forces)
         wrenches.append(wrench.reshape(*wrench.shape[:2], places))
         cord_forces.append(forces.largest_tension)
-    loads = response_to_wrenches(suited.per_unit_wrench, np.concatenate(wrenches))
+    loads = response_to_wrenches(suited.unit_response, np.concatenate(wrenches))
     if suited.motion.options.tendons == "elastic":
         solution = _solve_elastic(suited, suited.model, suited.mechanics, loads, progress)
     else:

@@ -26,10 +26,10 @@ from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
     InputError,
+    check_cuffs_file,
     cuff_findings,
     cuff_remarks,
     read_cuffs_to_wear,
-    standing_of_cuffs,
     worn_cuffs,
 )
 from station.assessment.assessment_json import (
@@ -143,7 +143,7 @@ def assess_cuffs(
         progress=progress,
     )
     fits = tuple(cuffs[cuff.name] for cuff in worn)
-    standing = standing_of_cuffs(inputs.cuffs, fits)
+    standing = check_cuffs_file(inputs.cuffs, fits)
     drawn_people = None
     if people is not None:
         spread = None if donning is None else donning.spread

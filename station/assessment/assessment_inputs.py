@@ -165,7 +165,7 @@ class AssessmentInputs:
         return named_hashes(self.model, self.motion, self.external_loads) | named | {"paths": self.paths}
 
 
-def standing_of_cuffs(path: Path, cuffs: Iterable[Cuff]) -> Standing:
+def check_cuffs_file(path: Path, cuffs: Iterable[Cuff]) -> Standing:
     """Check of the file against its recorded hash; of a file without one, whether figures are given by hand."""
     standing = check_hash(path)
     is_by_hand = standing is Standing.UNRECORDED and any(cuff.given for cuff in cuffs)

@@ -168,7 +168,7 @@ class Feeds:
             return []
 
     def finish_requests(self) -> None:
-        """Nothing to do: the devices execute their requests before they close."""
+        """Do nothing: the devices execute their requests before they close."""
 
     def release(self, within_s: float) -> list[str]:
         """Close the devices; return the names of those that did not close within `within_s` wall seconds."""

@@ -135,7 +135,7 @@ class Armed(BeforeRecording, OpenState):
     def __init__(self, context: TrialContext) -> None:
         super().__init__(context)
         self.messages, self.armed_s = (Message(TrialCode.ARMED),), context.clock.station_s()
-        self._pre_roll, self._falls = PreRoll(self._is_of_daq), FallingEdges()
+        self._pre_roll, self._falls = PreRoll(self._is_daq_stream), FallingEdges()
         self.store(context.event("armed", "all devices are open; waiting for the sync edge"))
 
     def store(self, item: Item) -> None:
@@ -184,7 +184,7 @@ class Armed(BeforeRecording, OpenState):
         self.wants_capture_start = rules.start == "pfi0" or is_pre_roll_full
         return self
 
-    def _is_of_daq(self, stream: str) -> bool:
+    def _is_daq_stream(self, stream: str) -> bool:
         find_device = self.context.watchdog.find_device
         return stream != "/markers" and find_device(stream) == find_device("/sync")
 

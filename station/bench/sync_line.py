@@ -148,10 +148,10 @@ LATENESS_S = 1.0
 class PreRoll:
     """The items of the last few seconds, in the order of arrival."""
 
-    def __init__(self, is_of_daq: Callable[[str], bool] = lambda stream: stream != "/markers") -> None:
-        """is_of_daq: whether a stream, by name, is on the clock of the sync line."""
+    def __init__(self, is_daq_stream: Callable[[str], bool] = lambda stream: stream != "/markers") -> None:
+        """is_daq_stream: whether a stream, by name, is on the clock of the sync line."""
         self._items: deque[Item] = deque()
-        self._is_of_daq = is_of_daq
+        self._is_daq_stream = is_daq_stream
 
     def append(self, item: Item) -> None:
         """Keep the item, and drop those that are too old."""
@@ -179,7 +179,7 @@ class PreRoll:
         return kept
 
     def _has_daq_time(self, item: Item) -> TypeGuard[Samples | Loss]:
-        return isinstance(item, Samples | Loss) and self._is_of_daq(item.stream)
+        return isinstance(item, Samples | Loss) and self._is_daq_stream(item.stream)
 
 
 def _from(item: Samples | Loss, device_time_ns: int) -> Item | None:

@@ -61,7 +61,7 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
     stages = _stages(live, controller.session.minutes_left)
     with ui.element("div").classes("slot w-full") as slot:
         cue = ui.label().classes("cue").mark("cue")
-    figures = _Figures(controller, live)
+    figures = _Readouts(controller, live)
     charts = _Charts(controller, live)
     receipt = MarkReceipt(controller, live, actions)
     status = ui.label().classes("status quiet whitespace-pre-line").mark("status")
@@ -215,7 +215,7 @@ def _stages(live: LiveTrial, minutes_left: int) -> list[ui.label]:
     return stages
 
 
-class _Figures:
+class _Readouts:
     """Force with a bar of its limit, displacement or elevation, the time left, and how steady it is."""
 
     def __init__(self, controller: SessionController, live: LiveTrial) -> None:

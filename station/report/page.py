@@ -163,7 +163,7 @@ def read_results(folder: Path, fitted: SessionFit | None = None) -> Results:
         folder,
         cuffs,
         located(document, Source.of(CUFFS_FILE)) if document else None,
-        _beside(folder / TRUTH_FILE, _TRUTH) or {},
+        _read_optional(folder / TRUTH_FILE, _TRUTH) or {},
         located_assessment(assessment) if assessment else None,
         emg,
     )
@@ -189,7 +189,7 @@ def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
     folder, document, assessment, emg = results.folder, results.document, results.assessment, results.emg
     origin, chain = results.origin, trace_chain(folder, is_report_included=False)
     known = located(results.truth, Source.of(TRUTH_FILE))
-    sentences = _beside(folder / MISSING_FILE, _MISSING) or []
+    sentences = _read_optional(folder / MISSING_FILE, _MISSING) or []
     cuffs = reported_cuffs(results.cuffs, document, assessment, known, pictures)
     return {
         "folder": folder.resolve().name,
@@ -268,7 +268,7 @@ def _contradictions(cuffs: Mapping[str, Cuff], assessment: AssessmentDocument | 
     return sentences
 
 
-def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
+def _read_optional(path: Path, kind: TypeAdapter[T]) -> T | None:
     """Content of a file beside the recordings, None without the file. Raises ReportError."""
     with refused_as(ReportError, path, FolderCode.FILE_BESIDE_UNUSABLE):
         return kind.validate_python(read_json(path)) if path.is_file() else None

@@ -43,7 +43,7 @@ from station.messages.session_messages import ReasonCode
 from station.protocol import BODY_TESTS, describe_trial
 from station.report.wearer_section import motion_drawing
 from station.session.guide import Cue, guide_for
-from station.session.judgement import MISSING, Figure, Judgement, Reason, Row, notes_at_the_bench
+from station.session.judgement import MISSING, Judgement, Reason, Row, TrialQuantity, notes_at_the_bench
 
 NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYNAMIC_RESULT}
 GENERAL = (*NO_RESULT.values(), ReasonCode.UNUSABLE)
@@ -208,9 +208,11 @@ def _unusable(cause: object) -> Reason:
     return Message(ReasonCode.UNUSABLE, because(cause))
 
 
-def _figures(estimates: Mapping[str, Estimate | None]) -> tuple[Figure, ...]:
+def _figures(estimates: Mapping[str, Estimate | None]) -> tuple[TrialQuantity, ...]:
     return tuple(
-        Figure(name, estimate.value, *estimate.ci95) for name, estimate in estimates.items() if estimate is not None
+        TrialQuantity(name, estimate.value, *estimate.ci95)
+        for name, estimate in estimates.items()
+        if estimate is not None
     )
 
 

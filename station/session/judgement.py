@@ -70,7 +70,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Figure:
+class TrialQuantity:
     """One quantity of this trial with its 95 % interval [SI]; the unit is the end of its name."""
 
     quantity: str
@@ -97,7 +97,7 @@ class Judgement:
     path: tuple[tuple[float, float], ...] = ()
     drawing: str = ""
     marks: int = 0
-    figures: tuple[Figure, ...] = ()
+    figures: tuple[TrialQuantity, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
     causes: tuple[Note, ...] = ()
 

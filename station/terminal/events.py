@@ -17,7 +17,7 @@ from station.bench.view import TrialTelemetry
 from station.journal import Choice
 from station.messages.bench_messages import CueCode, TrialCode
 from station.messages.session_messages import TerminalCode
-from station.session.judgement import Figure, Grade, Judgement, Reason, Row
+from station.session.judgement import Grade, Judgement, Reason, Row, TrialQuantity
 from station.session.plan_status import PlanState, PlanStatus
 from station.session.trial_runner import LiveTrial
 
@@ -144,7 +144,7 @@ class VerdictGiven:
     title: str
     advice: Choice
     reasons: tuple[str, ...]
-    figures: tuple[Figure, ...]
+    figures: tuple[TrialQuantity, ...]
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
     grade: Grade

@@ -18,7 +18,7 @@ from fitting.dynamic.cross_checks import (
     tapered_lines,
     without_lag,
 )
-from fitting.dynamic.errors_in_variables import C, K, Solution, Swing, estimate
+from fitting.dynamic.errors_in_variables import C, K, Swing, SwingFit, estimate
 from fitting.results.codes import FitOutcome
 from fitting.results.trial_codes import TrialNoteCode
 from fitting.session import fit_session
@@ -30,7 +30,7 @@ TRUE_K, TRUE_C, MOVED_MASS = 5500.0, 120.0, 0.2
 W = 2 * np.pi * 1.1
 
 
-def _checked(record: Swing) -> tuple[Solution, Checks]:
+def _checked(record: Swing) -> tuple[SwingFit, Checks]:
     solution = estimate(record)
     return solution, check(record, solution, 1.0)
 

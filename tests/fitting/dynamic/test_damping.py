@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from fitting.dynamic import errors_in_variables
 from fitting.dynamic.damping import Slip, find_slip, fit_damping
-from fitting.dynamic.errors_in_variables import LagPosterior, Solution, estimate, lag_from_magnitude
+from fitting.dynamic.errors_in_variables import LagPosterior, SwingFit, estimate, lag_from_magnitude
 from fitting.pull.pull import Pull
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
@@ -145,7 +145,7 @@ def _posterior(seed: int, k: float, c: float, lag: float) -> tuple[LagPosterior,
     record = swing(seed, k=k, c=c, rate=100.0, seconds=15.0, lag_error=lag)
     known = normal_estimate(k * (1 + 0.005 * float(np.random.default_rng(seed).standard_normal())), 0.005 * k)
     posterior = lag_from_magnitude(estimate(record), MASS, 1.0, known, SPREAD)
-    at_lag: Solution = estimate(replace(record, force_time=record.force_time + posterior.lag))
+    at_lag: SwingFit = estimate(replace(record, force_time=record.force_time + posterior.lag))
     return posterior, float(at_lag.parameters[errors_in_variables.C])
 
 

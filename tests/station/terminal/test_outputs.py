@@ -12,7 +12,7 @@ import pytest
 from documents.message import Message
 from fitting.results.codes import Verdict
 from station.messages.session_messages import ReasonCode
-from station.session.judgement import Figure, Judgement, Row
+from station.session.judgement import Judgement, Row, TrialQuantity
 from station.terminal.events import Decided, SessionOpened, VerdictGiven, WarningRaised
 from station.terminal.run import KEYS_BETWEEN, KEYS_RECORDING, JsonOutput, SessionConsole, TextOutput
 
@@ -24,7 +24,7 @@ JUDGEMENT = Judgement(
     (Message(ReasonCode.LOST_SAMPLES, {"samples": 12}),),
     (Row("k [N/m]", "8508 (8369 to 8651)", "-", "8508 (8369 to 8651)"), Row("c [N s/m]", "-", "-", "-")),
     ("a note that is longer than the terminal is wide, as notes of the sync line's certificate are now and then",),
-    figures=(Figure("stiffness_n_per_m", 8508.0, 8369.0, math.inf),),
+    figures=(TrialQuantity("stiffness_n_per_m", 8508.0, 8369.0, math.inf),),
     verdicts=(Verdict.NOT_UNLOADED,),
 )
 VERDICT = VerdictGiven.of(JUDGEMENT)
