@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -127,6 +128,7 @@ def test_a_hanging_arm_is_solved_within_the_ranges_of_the_joints() -> None:
         assert abs(found.coordinates[elevation] - truth) < np.radians(20.0)
 
 
+@cache
 def measured(seed: int) -> tuple[MeasuredPerson, WearerMotion]:
     """A simulated person, and the posterior from the pose and the first raise."""
     generic, person = bundled_model(), measure_person(seed)
