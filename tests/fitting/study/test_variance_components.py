@@ -278,17 +278,6 @@ def test_values_without_spread_are_refused(values: list[float]) -> None:
         fit_components(np.array(values), [], _no_noise(len(values)))
 
 
-def test_the_gradient_and_the_information_are_those_of_finite_differences() -> None:
-    model = _one_way(AIAG[0])
-    theta, step = np.array([0.3, 0.8]), 1e-5
-    here = evaluate(model.contrasts, theta)
-    sides = [[evaluate(model.contrasts, theta + sign * step * unit) for sign in (1, -1)] for unit in np.eye(2)]
-    slopes = [(up.deviance - down.deviance) / (2 * step) for up, down in sides]
-    curvature = [(up.gradient - down.gradient) / (2 * step) for up, down in sides]
-    assert here.gradient == pytest.approx(slopes, rel=1e-6)
-    assert here.observed == pytest.approx(np.array(curvature) / 2, rel=1e-6)
-
-
 def test_the_interval_of_one_variance_is_that_of_the_likelihood_ratio() -> None:
     """One stratum: the deviance of σ² is ν (x − 1 − log x) above its least, x = s² / σ²."""
     values = np.array([3.0, 1.0, 4.0, 1.0, 5.0])
