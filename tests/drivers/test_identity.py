@@ -38,38 +38,27 @@ def test_the_simulated_daq_is_identified_by_ni_s_own_property(world: StandInWorl
     assert ask_nidaq(world) == DeviceIdentity("NI Dev1", "USB-6008 serial number 01C0FFEE", True)
 
 
-@pytest.mark.parametrize("said", [True, False])
-def test_a_daq_is_simulated_or_not_by_its_own_property(
-    world: StandInWorld, monkeypatch: pytest.MonkeyPatch, said: bool
+@pytest.mark.parametrize("said", [True, False, None])
+def test_a_daq_is_simulated_or_not_by_its_own_property_and_open_where_its_server_does_not_know_it(
+    world: StandInWorld, monkeypatch: pytest.MonkeyPatch, said: bool | None
 ) -> None:
     """NI's property is DAQmx_Dev_IsSimulated, 0x22CA in NIDAQmx.h, whatever device answers."""
+    import grpc
     from nidaqmx._stubs import nidaqmx_pb2 as wire
 
     from drivers.simulators import daq_rpcs as server
 
     asked: list[int] = []
 
-    def answer(_service: object, request: object, _context: object) -> object:
+    def answer(_service: object, request: object, context: grpc.ServicerContext) -> object:
         asked.append(request.attribute_raw)  # type: ignore[attr-defined]
+        if said is None:
+            return context.abort(grpc.StatusCode.UNIMPLEMENTED, "")
         return wire.GetDeviceAttributeBoolResponse(value=said)
 
     monkeypatch.setattr(server._Service, "GetDeviceAttributeBool", answer)
     assert ask_nidaq(world).is_simulated is said
     assert 0x22CA in asked
-
-
-def test_a_daq_server_that_does_not_know_the_question_leaves_it_open(
-    world: StandInWorld, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import grpc
-
-    from drivers.simulators import daq_rpcs as server
-
-    def answer(_service: object, _request: object, context: grpc.ServicerContext) -> object:
-        return context.abort(grpc.StatusCode.UNIMPLEMENTED, "")
-
-    monkeypatch.setattr(server._Service, "GetDeviceAttributeBool", answer)
-    assert ask_nidaq(world).is_simulated is None
 
 
 def test_the_simulated_qtm_is_identified_by_its_version() -> None:

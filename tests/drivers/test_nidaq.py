@@ -109,6 +109,10 @@ def test_force_and_sync_come_from_one_task_at_the_volts_of_the_world(
     world.edge_s = world.now() + 30
     with opened(driver(server, world)) as device:
         items = read_until(device, lambda items: sum(b.sample_numbers.size for b in blocks(items, "/sync")) > 60_000)
+        one, other = device.streams
+    assert (one.name, other.name, one.unit, other.unit) == ("/force", "/sync", "V", "V")
+    assert one.source == f"NI USB-6008 Dev1/ai0 at {server.target}"
+    assert other.serial_number == "01C0FFEE"
     force_numbers = np.concatenate([block.sample_numbers for block in blocks(items, "/force")])
     assert np.array_equal(force_numbers, np.arange(force_numbers.size))
     for force, sync in zip(blocks(items, "/force"), blocks(items, "/sync"), strict=True):
@@ -124,17 +128,8 @@ def test_force_and_sync_come_from_one_task_at_the_volts_of_the_world(
     assert set(np.round(sync_v)) == {0.0, 5.0}
 
 
-def test_the_streams_name_channel_server_and_serial_number(server: NiDaqSimulator, world: StandInWorld) -> None:
-    with opened(driver(server, world)) as device:
-        force, sync = device.streams
-    assert (force.name, sync.name) == ("/force", "/sync")
-    assert force.source == f"NI USB-6008 Dev1/ai0 at {server.target}"
-    assert sync.serial_number == "01C0FFEE"
-    assert force.unit == sync.unit == "V"
-
-
-def test_without_a_force_channel_only_the_sync_line_is_read(server: NiDaqSimulator, world: StandInWorld) -> None:
-    with opened(driver(server, world, inputs=(SYNC,))) as device:
+def test_a_sync_line_alone_may_take_the_whole_rate(server: NiDaqSimulator, world: StandInWorld) -> None:
+    with opened(driver(server, world, inputs=(SYNC,), sample_rate_hz=10_000)) as device:
         items = read_until(device, lambda items: bool(blocks(items, "/sync")))
         assert [stream.name for stream in device.streams] == ["/sync"]
     assert not blocks(items, "/force")
@@ -275,11 +270,6 @@ def test_a_server_that_cannot_tell_what_is_there_is_asked_for_what_is_due_so_tha
 
 def _unimplemented(_service: Any, _request: Any, context: grpc.ServicerContext) -> None:
     context.abort(grpc.StatusCode.UNIMPLEMENTED, "")
-
-
-def test_a_single_channel_may_take_the_whole_rate(server: NiDaqSimulator, world: StandInWorld) -> None:
-    with opened(driver(server, world, inputs=(SYNC,), sample_rate_hz=10_000)) as device:
-        assert read_until(device, lambda items: bool(blocks(items, "/sync")))
 
 
 def test_without_the_driver_the_message_names_what_to_install(server: NiDaqSimulator, world: StandInWorld) -> None:

@@ -81,33 +81,18 @@ class TestSerialLoadCellKeepsTheContract(DeviceContract):
         )
 
 
-def test_a_usb220_line_is_pounds_force_in_18_bytes() -> None:
+def test_a_usb220_line_is_pounds_force_in_18_bytes_and_a_usb520_line_grams_force() -> None:
     assert decode_usb220(b"-00012.34560  lbs\r\n") == -12.3456
     assert len(encode_usb220(100.0)) == 18
     assert decode_usb220(encode_usb220(-100.0)) == pytest.approx(-22.4809, abs=1e-4)
-
-
-def test_a_usb520_line_is_grams_force() -> None:
     assert decode_usb520(b" 123.5 g\r\n") == 123.5
     assert decode_usb520(encode_usb520(9.80665)) == 1000.0
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        b"",
-        b"\r\n",
-        b"+1.2\r\n",
-        b"+1.2 kg\r\n",
-        b"++1.2 lbs\r\n",
-        b"1.2.3 g\r\n",
-        b"\xff\xfe\n",
-        b"+" + 200 * b"9" + b".0 lbs\r\n",
-    ],
-)
-def test_a_garbled_line_is_no_number(line: bytes) -> None:
-    assert decode_usb220(line) is None
-    assert decode_usb520(line) is None
+def test_a_garbled_line_is_no_number() -> None:
+    garbled = (b"", b"\r\n", b"+1.2\r\n", b"+1.2 kg\r\n", b"++1.2 lbs\r\n", b"1.2.3 g\r\n", b"\xff\xfe\n")
+    for line in (*garbled, b"+" + 200 * b"9" + b".0 lbs\r\n"):
+        assert decode_usb220(line) is decode_usb520(line) is None, line
 
 
 @given(st.binary(max_size=64))
@@ -135,6 +120,8 @@ def test_the_world_s_force_arrives_in_the_unit_of_the_line(
 def test_the_line_under_way_when_the_port_opens_is_not_counted(listener: socket.socket) -> None:
     items = delivered(listener, b".2500  lbs\r\n" + 2 * GOOD, lines=2)
     assert _accounted(items) == 2
+    for block in blocks(items, "/force"):
+        assert all(block.device_time_ns == block.host_time_ns), "the time of its arrival"
     assert not any(isinstance(item, Loss) for item in items)
 
 
@@ -151,11 +138,6 @@ def test_garbled_lines_are_a_loss_and_keep_their_numbers(listener: socket.socket
 def test_endless_rubbish_without_a_line_is_a_loss_and_takes_no_memory(listener: socket.socket) -> None:
     items = delivered(listener, GOOD + 2000 * b"x", lines=2)
     assert any(isinstance(item, Loss) and item.cause == "garbled" for item in items)
-
-
-def test_device_time_is_the_host_s_at_arrival(listener: socket.socket) -> None:
-    for block in blocks(delivered(listener, 5 * GOOD, lines=4), "/force"):
-        assert all(block.device_time_ns == block.host_time_ns)
 
 
 def test_a_port_that_does_not_exist_is_refused_with_its_name() -> None:

@@ -15,20 +15,14 @@ from station.protocol import TrialSpec, published_plan
 from tests.refusals import raises_refusal
 
 HAND = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-TABLE = Path(__file__).parents[2] / "station" / "marker_presets.toml"
 WRONG, UNKNOWN = ConfigCode.WRONG_VALUE, ConfigCode.UNKNOWN_KEY
 BODIES = ["left_arm", "right_arm", "left_forearm", "right_forearm", "torso", "pelvis"]
 
 
 def test_an_empty_configuration_is_the_published_bench() -> None:
-    config = parse_config({}, "test")
+    config = parse_config({}, "t")
     assert (config.daq.force_channel, config.daq.sync_channel, config.daq.sample_rate_hz) == ("ai0", "ai1", 1000)
     assert config.calibration().newtons_per_unit == pytest.approx(50 * 9.80665 / 5)
-
-
-def test_the_published_cuffs_have_a_site() -> None:
-    config = parse_config({"cuffs": {"hand": HAND, "waist": HAND}}, "test")
-    assert (config.cuff_site("hand").site, config.cuff_site("waist").site) == ("arm", "waist")
 
 
 def test_the_subject_of_a_trial_is_a_cuff_or_the_bouncing_weight() -> None:
@@ -130,21 +124,20 @@ def test_one_channel_may_use_the_whole_device() -> None:
     assert parse_config({"daq": {"sample_rate_hz": 10_000}, "load_cell": serial}, "t").daq.sample_rate_hz == 10_000
 
 
-def test_an_unknown_cuff_is_refused() -> None:
+def test_the_published_cuffs_have_a_site_and_an_unknown_one_is_refused() -> None:
+    config = parse_config({"cuffs": {"hand": HAND, "waist": HAND}}, "test")
+    assert (config.cuff_site("hand").site, config.cuff_site("waist").site) == ("arm", "waist")
     with raises_refusal(ConfigCode.UNKNOWN_CUFF, kind=ConfigError):
-        parse_config({"cuffs": {"hand": HAND}}, "t").cuff_site("knee")
+        config.cuff_site("knee")
 
 
 def test_a_missing_or_broken_file_is_refused(tmp_path: Path) -> None:
     with raises_refusal(ConfigCode.MISSING, kind=ConfigError):
         load_config(tmp_path / "none.toml")
-    broken = tmp_path / "broken.toml"
-    broken.write_text("[daq\n")
-    with raises_refusal(ConfigCode.WRONG_SYNTAX, kind=ConfigError):
-        load_config(broken)
-    broken.write_bytes(b"\xff\xfe\x00")
-    with raises_refusal(ConfigCode.WRONG_SYNTAX, kind=ConfigError):
-        load_config(broken)
+    for content in (b"[daq\n", b"\xff\xfe\x00"):
+        (tmp_path / "broken.toml").write_bytes(content)
+        with raises_refusal(ConfigCode.WRONG_SYNTAX, kind=ConfigError):
+            load_config(tmp_path / "broken.toml")
 
 
 def test_the_example_configuration_loads() -> None:
@@ -167,15 +160,13 @@ def test_the_example_s_sections_for_the_wearer_load_once_they_are_uncommented() 
 
 
 def test_every_body_is_made_of_markers_that_qualisys_lists() -> None:
-    preset = tomllib.loads(TABLE.read_text(encoding="utf-8"))["qualisys_sports"]
+    table = Path(__file__).parents[2] / "station" / "marker_presets.toml"
+    preset = tomllib.loads(table.read_text(encoding="utf-8"))["qualisys_sports"]
     assert preset["source"].startswith("https://github.com/qualisys/")
     assert len(preset["markers"]) == len(set(preset["markers"])) == 41
     assert sorted(set(preset) - {"source", "markers"}) == sorted(BODIES)
     for body in BODIES:
         assert set(preset[body]) <= set(preset["markers"]) and len(preset[body]) >= 3
-
-
-def test_left_and_right_mirror_each_other() -> None:
     for body in ("arm", "forearm"):
         left, right = (preset_labels(f"qualisys_sports.{side}_{body}") for side in ("left", "right"))
         assert [label[1:] for label in left] == [label[1:] for label in right]

@@ -150,16 +150,11 @@ def test_a_later_static_trial_is_repeated_in_the_same_donning(run, tmp_path: Pat
     assert read_journal(tmp_path).donnings == {}
 
 
-def test_a_trial_that_fails_twice_is_named_and_the_plan_continues(run) -> None:
-    ran = run(GOOD, "no loads", "no loads again")
-    assert [trial.problem for trial in ran.trials] == [GOOD, "no loads again", GOOD]
-    assert len(ran.bench.attempts) == 4
+def test_a_trial_that_fails_twice_is_named_and_the_plan_continues_on_a_cuff_donned_anew(run, tmp_path: Path) -> None:
+    ran = run(GOOD, "no loads", "no loads again", repeats=2)
+    assert [trial.problem for trial in ran.trials] == [GOOD, "no loads again", GOOD, GOOD, GOOD]
     assert ran.messages[1].startswith("hand, static, repeat 1: no loads again")
     assert "missing" in ran.messages[1]
-
-
-def test_after_two_failed_static_trials_the_cuff_is_donned_anew(run, tmp_path: Path) -> None:
-    ran = run(GOOD, "no loads", "no loads again", repeats=2)
     placed = [(spec.test, spec.repeat, spec.donning, is_new) for spec, is_new in ran.bench.attempts[3:]]
     assert placed == [("dynamic", 1, "3", True), ("static", 2, "3", False), ("dynamic", 2, "3", False)]
     assert read_journal(tmp_path).donnings == {"hand": 2}

@@ -32,6 +32,7 @@ BODY: dict[str, Any] = {
     "suit_markers": ["cord_waist", "cord_shoulder", "cord_arm"],
     "arm": ["ac", "EpL"],
     "trunk": ["c7", "t8"],
+    "pose_s": 2.5,
     "cycles": CYCLES,
     "is_cord_measured": True,
 }

@@ -87,7 +87,7 @@ TARGETS = (
         lambda both: _a_file_is_shown_or_refused(*both),
         0.25,
     ),
-    Target("configuration", _configurations, _data_is_a_configuration_or_a_sentence),
+    Target("configuration", _configurations, _data_is_a_configuration_or_a_sentence, 0.5),
     Target("configuration file", _files, _a_file_is_a_configuration_or_a_sentence),
 )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from datetime import date
 from pathlib import Path
@@ -29,6 +29,7 @@ from tests.station.fake_devices import FakeCapture, FakeDaq
 
 CONFIG = parse_config({"load_cell": {"capacity_kg": 50, "gain_relative_sd": 0.001}}, "t")
 NEWTONS_PER_VOLT = 50 * 9.80665 / 5
+DUE = date(2028, 1, 1)
 CERTIFICATE = {"serial_number": "L7", "calibrated_on": date(2026, 3, 1), "sensitivity_mv_per_v": 2.0}
 
 
@@ -46,16 +47,19 @@ class _Loaded(FakeDaq):
         return items
 
 
-def _check(folder: Path, mass: float, newtons: float) -> tuple[int, CheckCode]:
-    """Exit code, and code of the result."""
-
+def loaded(newtons: float) -> Callable[..., list[_Loaded]]:
     def devices(config: StationConfig, subject: object, clock: Clock, folder: Path) -> list[_Loaded]:
         daq = _Loaded(clock, FakeCapture(clock, 100.0, 1.0))
         daq.newtons = newtons
         return [daq]
 
+    return devices
+
+
+def _check(folder: Path, mass: float, newtons: float) -> tuple[int, CheckCode]:
+    """Exit code, and code of the result."""
     with redirect_stdout(io.StringIO()) as out:
-        code = check_known_mass(CONFIG, folder, mass, None, devices, as_json=True, listen_s=0.3)  # type: ignore[arg-type]
+        code = check_known_mass(CONFIG, folder, mass, None, loaded(newtons), as_json=True, listen_s=0.3)  # type: ignore[arg-type]
     return code, CheckCode(json.loads(out.getvalue())[0]["code"])
 
 
@@ -72,13 +76,10 @@ def test_a_mass_within_the_tolerance_is_stored_without_the_zero(tmp_path: Path) 
     assert (line["kind"], line["mass_kg"]) == ("known_mass", 2)
 
 
-def test_a_mass_outside_the_tolerance_is_wrong(tmp_path: Path) -> None:
+def test_a_mass_outside_the_tolerance_is_wrong_and_without_a_zero_reading_includes_the_zero(tmp_path: Path) -> None:
+    assert _check(tmp_path, 2, 19.61)[1] is CheckCode.MASS_WITHOUT_ZERO
     _check(tmp_path, 0, 0.0)
     assert _check(tmp_path, 2, 39.2) == (1, CheckCode.MASS_WRONG)
-
-
-def test_a_mass_without_a_zero_reading_includes_the_zero(tmp_path: Path) -> None:
-    assert _check(tmp_path, 2, 19.61)[1] is CheckCode.MASS_WITHOUT_ZERO
 
 
 def test_a_cell_without_samples_is_refused(tmp_path: Path) -> None:
@@ -131,13 +132,7 @@ def test_the_fit_of_a_folder_uses_its_readings(tmp_path: Path, monkeypatch: pyte
         (CERTIFICATE, date(2026, 3, 31), CheckCode.CALIBRATION_VALID, 30, "2027-03-01"),
         (CERTIFICATE, date(2027, 3, 1), CheckCode.CALIBRATION_DUE, 365, "2027-03-01"),
         ({**CERTIFICATE, "calibration_valid_days": 10}, date(2026, 3, 20), CheckCode.CALIBRATION_DUE, 19, "2026-03-11"),
-        (
-            {**CERTIFICATE, "calibration_due_on": date(2028, 1, 1)},
-            date(2027, 6, 1),
-            CheckCode.CALIBRATION_VALID,
-            457,
-            "2028-01-01",
-        ),
+        (CERTIFICATE | {"calibration_due_on": DUE}, date(2027, 6, 1), CheckCode.CALIBRATION_VALID, 457, str(DUE)),
         (CERTIFICATE, date(2026, 2, 1), CheckCode.CALIBRATION_IN_FUTURE, -28, "2027-03-01"),
         ({}, date(2026, 2, 1), CheckCode.CALIBRATION_UNKNOWN, None, None),
     ],
@@ -160,12 +155,7 @@ def test_the_calibration_of_a_recording_has_the_figures_of_the_certificate() -> 
 
 
 def test_check_shows_the_force_at_rest_and_refuses_a_saturated_one(tmp_path: Path) -> None:
-    def devices(config: StationConfig, subject: object, clock: Clock, folder: Path) -> list[_Loaded]:
-        daq = _Loaded(clock, FakeCapture(clock, 100.0, 1.0))
-        daq.newtons = 10 * NEWTONS_PER_VOLT
-        return [daq]
-
-    at_rest = result_at_rest(tmp_path, devices)
+    at_rest = result_at_rest(tmp_path, 10 * NEWTONS_PER_VOLT)
     assert not at_rest.is_good
     assert at_rest.message.code is CheckCode.SATURATED
     assert at_rest.message.figures["mean_n"] == pytest.approx(980.7, abs=0.2)
@@ -174,16 +164,11 @@ def test_check_shows_the_force_at_rest_and_refuses_a_saturated_one(tmp_path: Pat
 
 @pytest.mark.parametrize(("newtons", "is_doubtful"), [(3.0, False), (26.0, True), (-26.0, True)])
 def test_a_cell_that_is_loaded_at_rest_is_doubtful(tmp_path: Path, newtons: float, is_doubtful: bool) -> None:
-    def devices(config: StationConfig, subject: object, clock: Clock, folder: Path) -> list[_Loaded]:
-        daq = _Loaded(clock, FakeCapture(clock, 100.0, 1.0))
-        daq.newtons = newtons
-        return [daq]
-
-    at_rest = result_at_rest(tmp_path, devices)
+    at_rest = result_at_rest(tmp_path, newtons)
     assert (at_rest.is_good, at_rest.is_doubtful) == (True, is_doubtful)
     assert at_rest.message.code is (CheckCode.LOADED if is_doubtful else CheckCode.AT_REST)
 
 
-def result_at_rest(folder: Path, devices: object) -> CheckResult:
-    results = inspect_bench(CONFIG, folder, devices)  # type: ignore[arg-type]
+def result_at_rest(folder: Path, newtons: float) -> CheckResult:
+    results = inspect_bench(CONFIG, folder, loaded(newtons))  # type: ignore[arg-type]
     return next(result for result in results if result.subject == "force at rest")

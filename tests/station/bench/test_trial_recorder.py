@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -116,14 +117,18 @@ def test_no_edge_leaves_no_file(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.mcap"))
 
 
-def test_the_operator_s_stop_keeps_what_was_recorded(tmp_path: Path) -> None:
-    def stop(snapshot: Snapshot) -> None:
-        if snapshot.state is TrialState.RECORDING and snapshot.recorded_s > 1.0:
+def test_the_operator_s_mark_is_in_the_file_and_a_stop_keeps_what_was_recorded(tmp_path: Path) -> None:
+    def mark_and_stop(snapshot: Snapshot) -> None:
+        if snapshot.state is TrialState.RECORDING and snapshot.recorded_s > 1.0 and not snapshot.marks:
+            recorder.mark()
+        if snapshot.marks and snapshot.recorded_s > 2.0:
             recorder.stop()
 
-    recorder = Rig().recorder(view(stop))
+    recorder = Rig().recorder(view(mark_and_stop))
     result = recorder.record(tmp_path, SPEC)
-    assert result.accepted and codes(result) == [TrialCode.OPERATOR_STOP]
+    assert result.accepted and codes(result) == [TrialCode.OPERATOR_STOP] and result.path is not None
+    events = [item for item in open_recording(result.path).items() if isinstance(item, Event)]
+    assert next(event.text for event in events if event.kind == "mark") == "mark 1"
 
 
 def test_an_error_of_one_device_closes_the_others(tmp_path: Path) -> None:
@@ -176,13 +181,10 @@ def test_a_second_trial_at_the_same_time_is_refused(tmp_path: Path) -> None:
     assert refusals == [RefusalCode.FOLDER_IN_USE]
 
 
-def test_a_session_that_cannot_be_a_folder_is_refused(tmp_path: Path) -> None:
+def test_a_file_as_the_session_and_a_full_disk_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     with raises_refusal(RefusalCode.FOLDER_NOT_MADE, kind=TrialRefused):
         Rig().recorder().record(tmp_path / "file", SPEC)
-
-
-def test_a_full_disk_is_refused_before_arming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=5e6))
     with raises_refusal(RefusalCode.DISK_FULL, kind=TrialRefused):
         Rig().recorder().record(tmp_path, SPEC)
@@ -256,22 +258,18 @@ def test_a_blocked_view_does_not_affect_the_recording(tmp_path: Path) -> None:
     assert result.accepted and result.lost_samples == 0
 
 
-def test_a_mark_during_a_trial_is_in_the_file(tmp_path: Path) -> None:
-    def mark(snapshot: Snapshot) -> None:
-        if snapshot.state is TrialState.RECORDING and snapshot.recorded_s > 1.0 and not snapshot.marks:
-            recorder.mark()
-
-    recorder = Rig().recorder(view(mark))
-    result = recorder.record(tmp_path, SPEC)
-    assert result.path is not None
-    events = [
-        item.text for item in open_recording(result.path).items() if isinstance(item, Event) and item.kind == "mark"
-    ]
-    assert events[0] == "mark 1"
-
-
 def codes(result: TrialResult) -> list[TrialCode]:
     return [message.code for message in result.messages]
+
+
+def recorded(
+    folder: Path, make: type[FakeCapture], delay_s: float, mocap: Callable[..., FakeMocap], *views: object
+) -> TrialResult:
+    """A capture of 4 s, `delay_s` after its devices were made."""
+    clock = ManualClock()
+    capture = make(clock, delay_s, 4.0)
+    devices = [FakeDaq(clock, capture), mocap(clock, capture)]
+    return TrialRecorder(CONFIG, clock, views, make_devices=lambda *_: devices).record(folder, SPEC)  # type: ignore[arg-type,return-value]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes no open file")
@@ -296,18 +294,13 @@ class TwoPulses(FakeCapture):
 
 
 def test_a_recording_that_the_fit_cannot_align_is_not_accepted(tmp_path: Path) -> None:
-    clock = ManualClock()
-    capture = TwoPulses(clock, 5.0, 2.0)
-    devices = [FakeDaq(clock, capture), FakeMocap(clock, capture)]
-    recorder = TrialRecorder(CONFIG, clock, make_devices=lambda *_: devices)  # type: ignore[arg-type,return-value]
-    result = recorder.record(tmp_path, SPEC)
+    result = recorded(tmp_path, TwoPulses, 5.0, FakeMocap)
     assert not result.accepted and result.path is not None
-    assert [message.code for message in result.messages] == [TrialCode.CAPTURE_ENDED, TrialCode.NOT_ALIGNED]
+    assert codes(result) == [TrialCode.CAPTURE_ENDED, TrialCode.NOT_ALIGNED]
     assert result.messages[1].figures["reason_code"] == RejectionCode.SYNC_RISES_AGAIN
     outcome = open_recording(result.path).outcome
     assert outcome is not None and not outcome.accepted
-    reading = read_alone(result.path)
-    assert isinstance(reading, RejectedTrial)
+    assert isinstance(read_alone(result.path), RejectedTrial)
 
 
 class Renumbered(FakeMocap):
@@ -334,15 +327,11 @@ class Renumbered(FakeMocap):
 
 
 def test_a_capture_without_frame_numbers_is_recorded_to_its_end_and_has_two_lines_on_them(tmp_path: Path) -> None:
-    clock = ManualClock()
-    capture = FakeCapture(clock, 5.0, 4.0)
-    devices = [FakeDaq(clock, capture), Renumbered(clock, capture, np.ones_like)]
     shown: list[Item] = []
     offered = SimpleNamespace(offer=shown.append, show=lambda _: None)
-    recorder = TrialRecorder(CONFIG, clock, [offered], make_devices=lambda *_: devices)  # type: ignore[arg-type,return-value,list-item]
-    result = recorder.record(tmp_path, SPEC)
+    result = recorded(tmp_path, FakeCapture, 5.0, partial(Renumbered, numbering=np.ones_like), offered)
     assert not result.accepted and result.path is not None
-    assert [message.code for message in result.messages] == [TrialCode.CAPTURE_ENDED, TrialCode.FRAMES_RENUMBERED]
+    assert codes(result) == [TrialCode.CAPTURE_ENDED, TrialCode.FRAMES_RENUMBERED]
     collector = TrackCollector(result.path)
     open_recording(result.path, collector.take)
     events = [event.text for event in collector.events() if event.kind == "numbering_restarted"]
@@ -370,11 +359,7 @@ NUMBERINGS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], bool]] = {
 def test_a_numbering_of_frames_is_accepted_exactly_if_the_fit_can_read_it(tmp_path: Path, name: str) -> None:
     """From the assembly of frames through recorder and file to the fit."""
     numbering, is_sound = NUMBERINGS[name]
-    clock = ManualClock()
-    capture = FakeCapture(clock, 3.0, 4.0)
-    devices = [FakeDaq(clock, capture), Renumbered(clock, capture, numbering)]
-    recorder = TrialRecorder(CONFIG, clock, make_devices=lambda *_: devices)  # type: ignore[arg-type,return-value]
-    result = recorder.record(tmp_path, SPEC)
+    result = recorded(tmp_path, FakeCapture, 3.0, partial(Renumbered, numbering=numbering))
     assert result.path is not None and result.accepted == is_sound, result.sentence
     assert isinstance(read_alone(result.path), RejectedTrial) != is_sound
     assert result.lost_samples <= 400, "the rate allows no more in 4 s"
@@ -438,13 +423,11 @@ def test_ctrl_c_a_kill_and_a_closed_terminal_stop_the_trial_and_not_the_process(
         (TrialCode.OPERATOR_STOP, True, 0, 3),
         (TrialCode.CAPTURE_ENDED, True, 7, 3),
         (TrialCode.DEVICE_LOST, False, 0, 3),
+        (TrialCode.CANCELLED, False, 0, 1),
     ],
 )
-def test_a_trial_that_the_operator_stops_is_accepted_and_incomplete(
+def test_a_trial_that_the_operator_stops_is_incomplete_and_one_without_a_capture_has_failed(
     reason: TrialCode, is_accepted: bool, lost: int, exit_code: int
 ) -> None:
-    assert _exit_code(TrialResult(Path("a.mcap"), lost, (Message(reason),), accepted=is_accepted)) == exit_code
-
-
-def test_a_trial_that_is_cancelled_before_its_capture_has_failed() -> None:
-    assert _exit_code(TrialResult(None, 0, (Message(TrialCode.CANCELLED),), accepted=False)) == 1
+    path = None if reason is TrialCode.CANCELLED else Path("a.mcap")
+    assert _exit_code(TrialResult(path, lost, (Message(reason),), accepted=is_accepted)) == exit_code

@@ -322,8 +322,9 @@ def test_a_file_that_another_program_added_is_signed_after_it_was_listed(
 
 
 @pytest.fixture
-def journal(session: Path) -> Path:
-    """Of a session with a plan and decisions."""
+def journal(tmp_path: Path) -> Path:
+    """Of a session with a plan and decisions, without its recordings."""
+    (session := tmp_path / "session").mkdir()
     write_setup(session, Setup("P01", "ab", ("hand",), 3))
     for number in range(1, 5):
         write_mark(session, STATIC, number, f"mark {number}")
@@ -378,11 +379,13 @@ def test_a_reordered_journal_is_found_although_its_hash_was_listed_anew(journal:
     assert found[0]["detail"] == str(Message(ChainCode.JOURNAL_ORDER, {"file": JOURNAL_FILE, "line": 2}))
 
 
-def test_a_report_of_an_edited_journal_says_so(journal: Path, station: Station) -> None:
+def test_a_report_of_an_edited_journal_says_so(session: Path, station: Station) -> None:
+    write_setup(session, Setup("P01", "ab", ("hand",), 3))
+    journal = session / JOURNAL_FILE
     journal.write_bytes(journal.read_bytes().replace(b"P01", b"P77"))
-    ran = station("report", journal.parent)
+    ran = station("report", session)
     assert ran.code == 3 and f"{JOURNAL_FILE}: {CHANGED}" in ran.err
-    assert '<div class="note" id="doubts">' in (journal.parent / "report.html").read_text(encoding="utf-8")
+    assert '<div class="note" id="doubts">' in (session / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_journal_may_be_longer_than_its_hash_in_the_list(journal: Path, station: Station) -> None:

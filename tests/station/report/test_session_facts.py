@@ -30,31 +30,19 @@ MANIFEST = Manifest(
 )
 
 
-@pytest.fixture
-def facts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+def test_subject_devices_protocol_and_times_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_setup(tmp_path, Setup("P01", "MK", ("hand",), 1))
     later = replace(MANIFEST, test="dynamic", start_utc_ns=MANIFEST.start_utc_ns + 600 * 10**9)
-    found = dict(zip(("first.mcap", "second.mcap"), (MANIFEST, later), strict=True))
+    found = {"first.mcap": MANIFEST, "second.mcap": later}
     monkeypatch.setattr(module, "read_manifest", lambda path: found[path.name])
-    return {
-        fact.name: fact.text
-        for fact in session_facts(tmp_path, [tmp_path / name for name in found], None, DataOrigin.MEASURED)
-    }
-
-
-def test_subject_operator_devices_and_serial_numbers_are_listed(facts: dict[str, str]) -> None:
+    listed = session_facts(tmp_path, [tmp_path / name for name in found], None, DataOrigin.MEASURED)
+    facts = {fact.name: fact.text for fact in listed}
     assert facts["Subject"] == "P01"
     assert facts["Operator"] == "MK"
     assert facts["Data"] == "measured"
     assert facts["Devices"] == "USB-6008 serial number 01C0FFEE", "a device of several trials stands once"
     assert "LC-7" in facts["Load cell"] and "2026-01-15" in facts["Load cell"]
-
-
-def test_the_protocol_counts_trials_cuffs_and_weights(facts: dict[str, str]) -> None:
     assert facts["Protocol"].startswith("2 trials of 1 cuff in 1 donning; static: 2 weights, 3 kg together")
-
-
-def test_the_time_is_that_of_the_first_and_the_last_recording(facts: dict[str, str]) -> None:
     assert facts["Recorded"] == "2026-05-28 20:26 to 20:36 UTC"
 
 

@@ -26,6 +26,7 @@ from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.kinematics.marker_checks import PersonError
 from station.messages.kinematics_messages import PersonCode, SubjectCode
+from station.progress import silent
 from station.report.page import write_report
 from station.subject import assessed_subject
 from station.subject.assessed_subject import (
@@ -34,6 +35,7 @@ from station.subject.assessed_subject import (
     compare_cord,
     cuff_on_cord,
     fit_suit,
+    measure_subject,
     worn_arm_cuff,
 )
 from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, SubjectError, read_subject, write_subject
@@ -227,10 +229,10 @@ def test_a_wearer_who_cannot_be_used_is_refused_by_key(
     assert named in str(caught.value)
 
 
-def test_a_mass_that_does_not_go_with_the_arm_is_refused_by_code(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(assessed_subject, "read_subject", lambda _: Subject(mass_kg=250.0))
+def test_a_mass_that_does_not_go_with_the_arm_is_refused_by_code(folder: Path) -> None:
+    pose, *_ = assessed_subject.read_wearer_trials(folder)
     with pytest.raises(PersonError) as caught:
-        build_subject(folder, GENERIC)
+        measure_subject(Subject(mass_kg=250.0), (pose,), GENERIC, silent)
     assert caught.value.args[0].code is PersonCode.MASS_DOES_NOT_FIT
 
 

@@ -31,7 +31,6 @@ from tests.station.console.live_source import LiveSource
 from tests.station.foreign import static_and_dynamic
 from tests.station.wearer import SPECS, WearerSession
 
-EDGE_NS = 1_750_000_000_000_000_000
 FRAMES = 50
 COMPONENTS = "scalars|strips|text|positions"
 UTC_NS = 1_750_000_000_000_000_000
@@ -58,7 +57,7 @@ def write_assessment(folder: Path, inputs: dict[str, str]) -> None:
 def scene_of(recording: Path, file: Path) -> bytes:
     stream = rr.RecordingStream("test")
     stream.save(file)
-    log_scene(stream, recording, EDGE_NS, SceneExtent((0.1, 0.2, 1.2), 0.6))
+    log_scene(stream, recording, UTC_NS, SceneExtent((0.1, 0.2, 1.2), 0.6))
     stream.disconnect()
     return file.read_bytes()
 
@@ -125,12 +124,15 @@ def test_the_rms_of_white_noise_is_its_standard_deviation_in_windows_of_a_tenth_
     assert np.sqrt(np.mean(rms**2, axis=0)) == pytest.approx([20e-6, 80e-6], rel=0.03)
 
 
+def printed(path: Path, detail: str) -> str:
+    words = [sys.executable, "-m", "rerun", "rrd", "print", detail, str(path)]
+    return subprocess.run(words, check=True, capture_output=True, encoding="utf-8").stdout  # noqa: S603  (our own words)
+
+
 def rows_in(file: Path) -> Counter[str]:
     """Rows over time by entity, counted by Rerun's own reader."""
-    words = [sys.executable, "-m", "rerun", "rrd", "print", "-v", str(file)]
-    printed = subprocess.run(words, check=True, capture_output=True, encoding="utf-8").stdout  # noqa: S603  (our own words)
     rows: Counter[str] = Counter()
-    for count, name in re.findall(rf"with (\d+) rows .* - /([\w/]+) - .*:(?:{COMPONENTS})\]", printed):
+    for count, name in re.findall(rf"with (\d+) rows .* - /([\w/]+) - .*:(?:{COMPONENTS})\]", printed(file, "-v")):
         rows[name] += int(count)
     return rows
 
@@ -162,27 +164,14 @@ def test_a_trial_s_force_markers_and_events_are_in_the_file(tmp_path: Path) -> N
     markers = np.ones((100, 3, 4), dtype=np.float32)
     markers[:, 1] = np.nan
     with RerunLog(path) as log:
-        log.offer(Event("armed", "all devices are open", 1_750_000_000_000_000_000, "station"))
-        log.offer(Samples("/force", numbers, times, 1_750_000_001_000_000_000, np.ones((100, 1))))
-        log.offer(Samples("/markers", numbers, times, 1_750_000_001_000_000_000, markers))
+        log.offer(Event("armed", "all devices are open", UTC_NS, "station"))
+        log.offer(Samples("/force", numbers, times, UTC_NS + 10**9, np.ones((100, 1))))
+        log.offer(Samples("/markers", numbers, times, UTC_NS + 10**9, markers))
     content = path.read_bytes()
     assert content[:4] == b"RRF2"
     for name in (b"/force", b"/markers", b"/events"):
         assert name in content
     assert log.dropped == 0
-
-
-def test_the_rope_is_drawn_between_its_markers(tmp_path: Path) -> None:
-    path = tmp_path / "trial.rrd"
-    numbers = np.arange(10, dtype=np.uint64)
-    frames = np.ones((10, 3, 4), dtype=np.float32)
-    stream = Stream("/markers", "mm", ("cuff_1", "rope_1", "rope_2"), 100.0, "QTM")
-    with RerunLog(path, ("rope_1", "rope_2")) as log:
-        log.show(Snapshot(TrialState.RECORDING, streams=(stream,)))
-        log.offer(
-            Samples("/markers", numbers, numbers.astype(np.int64) * 10_000_000, 1_750_000_001_000_000_000, frames)
-        )
-    assert b"/rope" in path.read_bytes()
 
 
 def test_what_is_shown_is_decimated(tmp_path: Path) -> None:
@@ -195,10 +184,9 @@ def test_what_is_shown_is_decimated(tmp_path: Path) -> None:
         for start in range(0, 2000, 50):  # two seconds in the DAQ's blocks
             numbers = np.arange(start, start + 50, dtype=np.uint64)
             times = numbers.astype(np.int64) * 1_000_000
-            log.offer(Samples("/force", numbers, times, 1_750_000_000_000_000_000 + int(times[-1]), np.ones((50, 1))))
+            log.offer(Samples("/force", numbers, times, UTC_NS + int(times[-1]), np.ones((50, 1))))
         numbers = np.arange(200, dtype=np.uint64)
-        times = numbers.astype(np.int64) * 10_000_000
-        log.offer(Samples("/markers", numbers, times, 1_750_000_002_000_000_000, frames))
+        log.offer(Samples("/markers", numbers, numbers.astype(np.int64) * 10_000_000, UTC_NS + 2 * 10**9, frames))
     rows = rows_in(path)
     assert 199 <= rows["force"] <= 202, "a hundred a second"
     assert 49 <= rows["markers"] <= 52, "twenty-five a second"
@@ -228,11 +216,6 @@ def record(path: Path) -> RerunLog:
     return log
 
 
-def printed(path: Path) -> str:
-    words = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(path)]
-    return subprocess.run(words, check=True, capture_output=True, encoding="utf-8").stdout  # noqa: S603  (our own words)
-
-
 def chunks(said: str, entity: str) -> list[str]:
     return [chunk for chunk in said.split("Chunk(")[1:] if f" - {entity} - " in chunk.splitlines()[0]]
 
@@ -252,7 +235,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("rerun") / "trial.rrd"
     log = record(path)
     assert log.edge_ns == UTC_NS + EDGE_DEVICE_NS + DELAY_NS, "by the block that was least delayed"
-    return printed(path)
+    return printed(path, "-vvv")
 
 
 @pytest.mark.parametrize("entity", ["/force", "/sync", "/markers", "/events"])
