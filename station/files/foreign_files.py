@@ -38,10 +38,11 @@ SPELLINGS: Mapping[str, ForceUnit] = {
     "lb": "lbs",
     "lbf": "lbs",
 }
-NAMED_UNIT = re.compile(
-    rf"(?:^|[_ (\[])\s*({'|'.join(SPELLINGS)}|[kmcd]n|[mk]v|mv/v|k?gf?|kp|oz)\s*[)\]]?$", re.IGNORECASE
-)
-"""At the end of a column's title, in brackets or behind a blank or an underscore, or alone; also refused units."""
+_UNIT = rf"{'|'.join(SPELLINGS)}|(?:[kmcd]|da)n|[mk]v|mv/v|k?gf?|kp|oz"
+NAMED_UNIT = re.compile(rf"[(\[{{]\s*({_UNIT})\s*[)\]}}]|(?:^|[_ /:-])\s*({_UNIT})\s*$", re.IGNORECASE)
+"""In brackets in a column's title, or at its end behind a blank, an underscore or one of / : -, or alone; also refused
+units. A quantity divided by its unit (F/kN) is ISO 80000-1's form for the title of a column.
+"""
 SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
 SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 2_000.0
 NARROWEST_MM, WIDEST_MM = 10.0, 20_000.0
@@ -183,7 +184,7 @@ def _unit(source: ForceSource, table: SignalTable, column: str) -> ForceUnit:
     if source.unit:
         return source.unit
     named = NAMED_UNIT.search(column)
-    declared = table.units[column].strip() or (named[1] if named else "")
+    declared = table.units[column].strip() or (named[1] or named[2] if named else "")
     if declared and declared.lower() not in SPELLINGS:
         figures = {"path": str(source.path), "column": column, "unit": repr(declared), "known": ", ".join(UNITS)}
         raise WrongImport(Message(ImportCode.FORCE_UNIT, figures))

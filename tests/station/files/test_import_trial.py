@@ -319,6 +319,11 @@ def test_the_force_is_the_column_of_its_title_whatever_commas_others_hold(
         ("load_on", "V"),
         ("Fz [kN]", None),
         ("load_kg", None),
+        ("F/N", "N"),
+        ("F / lbf", "lbs"),
+        ("F/kN", None),
+        ("Fz [kN] filtered", None),
+        ("Kraft {daN}", None),
     ],
 )
 def test_the_unit_in_a_title_is_that_of_the_force(tmp_path: Path, title: str, unit: str | None) -> None:
