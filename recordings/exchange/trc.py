@@ -195,7 +195,7 @@ def _origin(positions: NDArray[np.float64], labels: Sequence[str], tracked: Coll
 
 def _rate(header: dict[str, str], path: Path) -> float:
     try:
-        return float(header.get("DataRate", "0").replace(",", "."))
+        return float(header.get("DataRate", "").replace(",", ".") or 0)
     except ValueError:
         raise ForeignFile(
             f"{path} has DataRate {header['DataRate']!r}, expected a number of frames a second",

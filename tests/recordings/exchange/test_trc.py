@@ -217,3 +217,7 @@ def test_blanks_separate_columns_with_decimal_commas(tmp_path: Path) -> None:
     header, rows = write_trc(table, "t").split("\n\n")
     read = read_trc(file(tmp_path, f"{header}\n\n{rows.replace('.', ',').replace(chr(9), ' ')}"))
     assert same(read, walk())
+
+
+def test_an_empty_rate_is_that_of_the_times(tmp_path: Path) -> None:
+    assert same(read_trc(file(tmp_path, write_trc(walk(), "t").replace("\n100\t100\t", "\n\t100\t", 1))), walk())
