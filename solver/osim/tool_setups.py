@@ -141,7 +141,6 @@ def parse_ik_setup(tool: Element) -> IkSetup:
     tasks = [task for task in tool.objects("IKTaskSet") if task.tag in kinds and task.flag("apply", "true")]
     if not tasks:
         raise tool.refusal("has no task that is applied; add an IKTaskSet")
-    first, last = tool.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
     markers: dict[str, float] = {}
     coordinates: dict[str, CoordinateTask] = {}
     for task in tasks:
@@ -152,7 +151,7 @@ def parse_ik_setup(tool: Element) -> IkSetup:
         else:
             coordinates[task.name] = _coordinate_task(task)
     return IkSetup(
-        (float(first), float(last)),
+        _time_range(tool),
         markers,
         coordinates,
         tool.named_file("model_file"),
@@ -215,6 +214,12 @@ def add_file(tool: Xml.Element, tag: str, file: Path | None, folder: Path) -> No
         add(tool, tag).text = Path(os.path.relpath(file, folder)).as_posix()
     except ValueError:  # on another drive of Windows
         add(tool, tag).text = file.resolve().as_posix()
+
+
+def _time_range(tool: Element) -> tuple[float, float]:
+    """First and last second; the whole trial without one, or where both are −1, as OpenSim writes an unset range."""
+    first, last = tool.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
+    return (-np.inf, np.inf) if first == last == -1 else (float(first), float(last))
 
 
 def _coordinate_task(task: Element) -> CoordinateTask:
@@ -376,7 +381,6 @@ def read_scale_setup(path: Path) -> ScaleSetup:
     if set(order) - {"measurements", "manualScale"}:
         raise scaler.refusal(f"has scaling_order {' '.join(order)}, expected measurements and manualScale")
     mass = tool.number("mass", "-1")
-    first, last = scaler.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
     placer, maker = tool.find("MarkerPlacer"), tool.find("GenericModelMaker")
     is_placed = placer is not None and _is_applied(placer)
     setup = ScaleSetup(
@@ -387,7 +391,7 @@ def read_scale_setup(path: Path) -> ScaleSetup:
         order if _is_applied(scaler) else (),
         mass if mass > 0 else None,
         scaler.flag("preserve_mass_distribution"),
-        (float(first), float(last)),
+        _time_range(scaler),
         scaler.named_file("marker_file"),
         maker.named_file("model_file") if maker is not None else None,
         parse_ik_setup(placer) if placer is not None and is_placed else None,

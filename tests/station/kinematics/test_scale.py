@@ -15,6 +15,7 @@ from solver.errors import SolverCode
 from solver.forces.passive_forces import PathSpring
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document
+from solver.osim.tool_setups import read_scale_setup
 from station.exit_code import DONE, WRONG_USAGE
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_checks import KinematicsError, mass_findings
@@ -86,6 +87,16 @@ def test_forces_of_the_model_are_scaled_and_written_and_those_left_out_are_named
     assert ratio != 1.0
     assert (band.name, band.stiffness) == ("band", 100.0)
     assert band.resting_length == pytest.approx(0.1 * ratio, rel=1e-12)
+
+
+def test_the_time_range_that_opensim_writes_unset_is_the_whole_trial(tmp_path: Path) -> None:
+    """OpenSim's ScaleTool prints −1 −1 for both of its ranges by default."""
+    placer = PLACER.format(tasks=TASKS, file="trial.trc", range=" -1 -1", more="")
+    text = own_setup(" -1 -1").replace("</ScaleTool>", placer)
+    (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
+    setup = read_scale_setup(tmp_path / "scale.xml")
+    assert setup.placement is not None
+    assert setup.time_range == setup.placement.time_range == (-np.inf, np.inf)
 
 
 @pytest.mark.parametrize(
