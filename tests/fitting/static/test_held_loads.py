@@ -266,6 +266,14 @@ def _trial(*held: tuple[float, float]) -> list[Plateau]:
     return [Plateau(0, 8, force, 0.1, x, 3e-5, (x, 3e-5)) for force, x in held]
 
 
+def test_hooks_without_noise_at_the_end_of_a_range_show_no_drift() -> None:
+    clipped = [Plateau(t, t + 6, force, 0.0, 0.0, 1e-5, (0.0, 1e-5)) for t, force in ((0, 10.0), (8, 40.0), (16, 10.0))]
+    assert _drift([clipped]) is None
+    noisy = [replace(plateau, force=plateau.force + 0.01 * plateau.start, force_sd=0.1) for plateau in clipped]
+    drift = _drift([clipped, noisy])
+    assert drift is not None and drift.value == pytest.approx(0.01)
+
+
 def test_migration_runs_from_the_first_start_to_the_last_end() -> None:
     first = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))
     last = _trial((2.0, 0.0105), (60.0, 0.02), (2.2, 0.012))
